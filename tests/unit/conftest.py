@@ -56,6 +56,7 @@ def raw_manifest(**changes: Any) -> dict[str, Any]:
             "rotor_radius": "23 mm",
             "rotor_spacing": "65 mm",
             "mass": "27 g",
+            "contact": {"ground": "12 mm", "ceiling": "2 mm"},
         },
         "rig": {
             "held": "throttle",

@@ -68,7 +68,7 @@ def write_means(folder: Path, rows: int, lift_sd: float | None = None) -> Path:
         """
 schema = "nearlift.campaign/1"
 name = "means"
-vehicle = { name = "Crazyflie 2.0", rotors = 4, rotor_radius = "23 mm", rotor_spacing = "65 mm", mass = "27 g" }
+vehicle = { name = "Crazyflie 2.0", rotors = 4, rotor_radius = "23 mm", rotor_spacing = "65 mm", mass = "27 g", contact = { ground = "12 mm", ceiling = "2 mm" } }
 rig = { held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", gravity = "9.8 m/s^2" }
 records = { reader = "means" }
 [trials.units]

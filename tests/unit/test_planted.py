@@ -55,7 +55,7 @@ draws = 2
 risks = [0.5]
 maps = false
 presets = ["paper"]
-set_points = { ground = [0.8, 1.2] }
+set_points = { ground = [1.2, 1.6] }
 [detect]
 """
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
+from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.simulation import maps, presets
 from nearlift.flight.simulation.corridor import BASES
 from nearlift.flight.simulation.curve import tabulate
@@ -80,7 +82,10 @@ def test_findings(flown):
     assert content["schema"] == "nearlift.safety/1"
     ground = content["fitted"]["ground"]
     assert ground["convergence"]["converged"]
-    assert ground["bound_z_hat"] == pytest.approx(1.14)
+    assert ground["contact_z_hat"] == pytest.approx(12 / 23)
+    assert ground["contact_m"] == pytest.approx(0.012)
+    assert ground["bound_z_hat"] == ground["contact_z_hat"]
+    assert ground["measured_z_hat"][0] == pytest.approx(1.14)
     (level,) = ground["levels"]
     assert level["lo90"] <= level["value"] <= level["hi90"]
     paper = {
@@ -88,7 +93,7 @@ def test_findings(flown):
         for e in content["presets"]["paper"]["boundaries"]["ground"]["levels"]
     }
     assert paper[0.0, 0.5] == pytest.approx(1.15, abs=0.1)  # 40 flights
-    assert set(ground["front_z_hat"]) <= {0.8, 1.0, 1.2, 1.4}
+    assert set(ground["front_z_hat"]) <= set(job.read(CRASH_RATES)["target_z_hat"].tolist())
     assert [b["price"] for b in ground["best_set_points"]] == [0.1, 1.0, 10.0]
     dear = ground["best_set_points"][-1]
     # 40 flights cannot tell a risk that costs ten flights
@@ -138,6 +143,7 @@ def test_figures_and_chapter(flown):
     )
 
 
+VEHICLE = raw_manifest()["vehicle"]
 ROUTE = {
     "length": "1 m",
     "height": "0.4 m",
@@ -174,10 +180,12 @@ def test_a_route_through_the_manifest_s_corridor(remake):
     simulate.run(job)
     table, entry = job.read(ROUTES), job.read_json(SAFETY)["route"]
     assert entry["lo90"] < entry["risk"] < entry["hi90"] <= 0.2
-    # never below the nearest station measured, though set-points of 0.8 were flown
-    assert entry["lowest_z_hat"]["ground"] == pytest.approx(1.14)
+    # never below the nearest station measured, though set-points of 0.8 were flown, nor where it
+    # matters what lift does below it
+    lowest, ground = entry["lowest_z_hat"]["ground"], job.read_json(SAFETY)["fitted"]["ground"]
+    assert lowest == max(ground["agreed_z_hat"], ground["measured_z_hat"][0]) >= 1.14
     over = (table["x_m"] < 0.3) & (table["chosen"] == 1)
-    assert (table["z_m"][over] >= 1.14 * 0.023).all()
+    assert (table["z_m"][over] >= lowest * 0.023 - 1e-9).all()
     assert set(table["risk_from"]) <= set(BASES)
     assert BASES[2] in set(table["risk_from"])
     assert sum(entry["share_by_basis"].values()) == pytest.approx(1)
@@ -318,6 +326,11 @@ def test_no_executor_changes_what_is_flown(text):
         ({"risks": [0.001]}, UsageError, "cannot be seen in 40 flights\n.*3000"),
         ({"presets": ["printed"]}, ManifestError, "'printed' is not a preset"),
         ({"step": "0.03 s"}, ManifestError, "no whole part"),
+        (
+            {"set_points": {"ground": [0.5, 1.2]}},
+            ManifestError,
+            r"begins at 0.5, where the vehicle touches \(z_hat = 0.522\)",
+        ),
         ({"duration": "0.05 s"}, ManifestError, "0.05 s is shorter than one gust of 0.1 s"),
         ({"bound_z_hat": {"ground": 20.0}}, InputRefused, "20 leaves no range"),
         (
@@ -353,10 +366,7 @@ def test_refusals(remake, changes, error, words):
             r"simulate.set_points.ground: List should have at least 2 items",
         ),
         ({"set_points": {"sidewall": [1.0, 2.0]}}, r"a sidewall turns the vehicle"),
-        (
-            {"set_points": {"ground": [0.8, 1.2]}, "contact_z_hat": {"ground": 1.04}},
-            r"begins at 0.8, where the vehicle touches",
-        ),
+        ({"contact_z_hat": {"ground": 1.04}}, r"simulate.contact_z_hat"),
         (
             {"bound_z_hat": {"ground": -0.5}},
             r"simulate.bound_z_hat.ground: Input should be greater than 0",
@@ -387,16 +397,64 @@ def test_what_cannot_be_flown_is_refused_as_the_manifest_is_read(changes, words)
 
 def test_the_usual_set_points_begin_above_what_the_vehicle_touches(remake):
     """A Crazyflie's feet are 24 mm below its rotors, so it touches at 1.04 radii."""
-    touching = QUICK | {
-        "flights": 20,
-        "presets": [],
-        "set_points": {},
-        "contact_z_hat": {"ground": 1.04},
-    }
-    job = remake("ground", simulate=touching)
+    touching = QUICK | {"flights": 20, "presets": [], "set_points": {}}
+    job = remake("ground", simulate=touching, vehicle=VEHICLE | {"contact": {"ground": "24 mm"}})
     simulate.run(job)
     rates = job.read(CRASH_RATES)
-    assert rates["target_z_hat"].min() == pytest.approx(1.1)
+    assert rates["target_z_hat"].min() == pytest.approx(1.2)
+    assert set(rates["contact_z_hat"]) == {24 / 23}
+
+
+@pytest.mark.parametrize(
+    ("contact", "rig", "words"),
+    [
+        (
+            {},
+            {},
+            r"vehicle.contact.ground: is missing.*what counts as a crash\n.*\[vehicle\] contact",
+        ),
+        ({"ground": "24 mm"}, {"distance_offset": "-30 mm"}, "put the rotors into the ground"),
+    ],
+)
+def test_what_counts_as_a_crash_is_asked_for(remake, contact, rig, words):
+    whole = raw_manifest()["rig"] | rig
+    job = remake("ground", simulate=QUICK, vehicle=VEHICLE | {"contact": contact}, rig=whole)
+    with pytest.raises(ManifestError, match=words):
+        simulate.run(job)
+
+
+def test_contact_is_measured_from_the_datum(remake):
+    """Feet 4 mm above the floor when the datum, 20 mm under the rotors, reads 4 mm."""
+    rig = raw_manifest()["rig"] | {"distance_offset": {"ground": "20 mm"}}
+    job = remake("ground", vehicle=VEHICLE | {"contact": {"ground": "4 mm"}}, rig=rig)
+    assert job.campaign.contact_m("ground") == pytest.approx(0.024)
+
+
+def test_nothing_is_advised_where_lift_nearer_than_measured_decides(remake, monkeypatch):
+    """A ground that pushes at many times the weight below its nearest station saves what lift held
+    there loses: both readings are told, and neither is advised.
+    """
+    job = remake("ground", simulate=QUICK | {"flights": 60, "presets": [], "set_points": {}})
+    wall = replace(fitted_lift(job, "ground", 3), measured_z_hat=(2.4, 11.0))
+    monkeypatch.setattr(
+        FittedLift,
+        "ratio",
+        lambda self, member=-1, **changes: lambda z: 1 + 20 * np.exp(-8 * (z - 0.52)) + 0.01 / z**2,
+    )
+    monkeypatch.setattr(simulate, "fitted_lift", lambda *args: wall)
+    simulate.run(job)
+    ground = job.read_json(SAFETY)["fitted"]["ground"]
+    (level,) = ground["levels"]
+    assert not level["agrees"]
+    assert level["held"] > level["hi90"]
+    assert ground["agreed_z_hat"] > level["value"]
+    assert not any(b["target_z_hat"] for b in ground["best_set_points"] if not b["agrees"])
+    assert not ground["best_set_points"][0]["agrees"]
+    (spec,) = (s for s in FIGURES if s.name == "safety")
+    evidence = gather(job)
+    told = spec.caption(evidence, spec.summarise(evidence))
+    assert "No advice for a price of 0.1" in told
+    assert chapter.facts(evidence)["fitted"][0]["best"][0]["refused"].startswith("no advice")
 
 
 def test_a_gain_without_a_unit_is_refused(remake):

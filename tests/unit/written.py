@@ -211,6 +211,7 @@ ANSWERS = {
     "rotor_radius": '"23 mm"',
     "rotor_spacing": '"65 mm"',
     "mass": '"27 g"',
+    "contact": '{ ground = "24 mm", ceiling = "2 mm" }',
     "held": '"throttle"',
     "distance_datum": '"rotor plane"',
     "distance_offset": '"0 mm"',

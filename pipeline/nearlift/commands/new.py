@@ -31,6 +31,8 @@ rotors        = "FILL IN"            # a number, without quotes; 1 for an isolat
 rotor_radius  = "FILL IN mm"
 rotor_spacing = "FILL IN mm"         # ADJACENT axes; the opposite spacing is sqrt(2) times it unless rotor_diagonal is given; one rotor: delete
 mass          = "FILL IN g"
+contact       = {{ ground = "FILL IN mm", ceiling = "FILL IN mm" }}   # from the datum of `distance` to the boundary where the vehicle first touches it: what counts as a crash; not flown: delete
+# motor_lag = "60 ms"                # of its flights: how thrust follows the command; thrust_limit = "0.55 N", else the largest lift measured
 # throttle_map = {{ points = [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]] }}   # for C_L, where no rpm is logged
 
 [rig]

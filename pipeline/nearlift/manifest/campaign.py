@@ -161,6 +161,32 @@ class Campaign(Section):
         value: float | None = getattr(place, on)
         return value
 
+    def contact_m(self, boundary: Boundary) -> float:
+        """Rotor plane to boundary, m, where the vehicle first touches it.
+
+        Raises
+        ------
+        ManifestError
+            The manifest does not say, or says that a rotor is in the boundary by then.
+        """
+        where, given = f"vehicle.contact.{boundary}", self.vehicle.contact.get(boundary)
+        if given is None:
+            raise ManifestError(
+                where,
+                "is missing, and what the vehicle touches first decides what counts as a crash",
+                "measure from the datum to the boundary as it touches, and write [vehicle]"
+                f' contact = {{ {boundary} = "24 mm" }}',
+            )
+        from_rotors = given + self.rig.offset(boundary)
+        if from_rotors < 0:
+            raise ManifestError(
+                where,
+                f"{1e3 * given:g} mm and a distance_offset of"
+                f" {1e3 * self.rig.offset(boundary):g} mm put the rotors into the {boundary}",
+                "measure it as `distance` is, from the same datum",
+            )
+        return from_rotors
+
     @model_validator(mode="after")
     def _coherent(self) -> Self:
         if not re.fullmatch(r"[a-z0-9][a-z0-9._-]*", self.name):

@@ -124,7 +124,8 @@ class Route(Section):
 
 class Simulate(Section):
     """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's,
-    carried over so that the groups stay.
+    carried over so that the groups stay. What counts as a crash, its motors' lag and its largest
+    thrust stand in [vehicle].
     """
 
     flights: int = Field(default=1000, ge=20, le=1_000_000)
@@ -139,7 +140,6 @@ class Simulate(Section):
         Flown, Annotated[list[Positive], Field(min_length=2), AfterValidator(_ascending)]
     ] = Field(default={})
     bound_z_hat: dict[Flown, Positive] = Field(default={})
-    contact_z_hat: dict[Flown, Annotated[float, Field(ge=0)]] = Field(default={})
     draws: int = Field(default=16, ge=2, le=100_000)
     risks: Annotated[list[Probability], Field(min_length=1), AfterValidator(_unlike)] = Field(
         default=[0.5, 0.01]
@@ -147,22 +147,12 @@ class Simulate(Section):
     crash_prices: Annotated[list[Positive], AfterValidator(_unlike)] = Field(
         default=[0.1, 1.0, 10.0]
     )
+    estimator_delay: Duration = 0.0
     supply_end: Voltage | None = None
     roll_inertia: Inertia | None = None
     roll_inertia_uncertainty: Fraction | None = None
     maps: bool = True
     route: Route | None = None
-
-    @model_validator(mode="after")
-    def _above_contact(self) -> Self:
-        for side, targets in self.set_points.items():
-            touch = self.contact_z_hat.get(side, 0.0)
-            if targets[0] <= touch:
-                raise ValueError(
-                    f"set_points.{side} begins at {targets[0]:g}, where the vehicle touches"
-                    f" (contact_z_hat.{side} = {touch:g})"
-                )
-        return self
 
 
 class Reading(Section):

@@ -9,9 +9,12 @@ from typing import Annotated, Any, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from nearlift.declare import FloatArray
+from nearlift.declare import Boundary, FloatArray
 from nearlift.manifest.quantities import (
+    Duration,
+    Force,
     Fraction,
+    Length,
     Mass,
     Position,
     PositiveLength,
@@ -53,7 +56,12 @@ class ThrottleMap(Section):
 
 
 class Vehicle(Section):
-    """What hangs from the load cell. Lengths in m, mass in kg."""
+    """What hangs from the load cell. Lengths in m, mass in kg.
+
+    `contact` is the distance to each boundary, measured from the datum, at which the vehicle first
+    touches; `motor_lag` (s) and `thrust_limit` (N, all rotors, far from every boundary; the largest
+    lift measured there if not given) are those of its flights.
+    """
 
     name: str
     rotors: int = Field(ge=1, le=100)
@@ -62,6 +70,9 @@ class Vehicle(Section):
     rotor_diagonal: PositiveLength | None = None
     rotor_positions: list[Position] | None = None
     mass: Mass
+    contact: dict[Boundary, Length] = Field(default={})
+    motor_lag: Duration = 0.0
+    thrust_limit: Force | None = None
     throttle_map: ThrottleMap | None = None
 
     @model_validator(mode="after")

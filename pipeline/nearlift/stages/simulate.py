@@ -5,6 +5,7 @@ crash_map.parquet, routes.parquet and safety.json.
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import replace
 
 from nearlift.declare import Boundary
@@ -13,12 +14,7 @@ from nearlift.flight.simulation.claims import CrashLevels, judge
 from nearlift.flight.simulation.corridor import Nearness, nearness
 from nearlift.flight.simulation.craft import Craft
 from nearlift.flight.simulation.crash_rate import refuse_few
-from nearlift.flight.simulation.fitted import (
-    FittedFlights,
-    bound_z_hat,
-    conditions,
-    fitted_flights,
-)
+from nearlift.flight.simulation.fitted import FittedFlights, conditions, fitted_flights
 from nearlift.flight.simulation.monte_carlo import StepTest, Sweep
 from nearlift.flight.simulation.published import Rows, histories, published_flights
 from nearlift.flight.simulation.roll import RollResult, fitted_roll
@@ -28,6 +24,7 @@ from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Simulate
 from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
 from nearlift.randomness import generator
+from nearlift.results.fit import FitResults
 from nearlift.run.job import Job, Outcome, Say, part
 from nearlift.stages.quoted_lift import fitted_lift
 
@@ -44,6 +41,8 @@ def run(job: Job) -> Outcome:
     chosen = job.campaign.simulate or Simulate()
     for risk in chosen.risks:
         refuse_few(risk, chosen.flights)
+    for boundary in _flown(job):
+        job.campaign.contact_m(boundary)
     key = int(generator(job.seed, "simulate").integers(2**63))
     job = replace(job, say=_counting(job, chosen))
     rates: Rows = []
@@ -53,7 +52,7 @@ def run(job: Job) -> Outcome:
     fitted, flown, mapped = _fitted(job, chosen, craft, key, rates, tests)
     route, routes = None, Rows()
     if chosen.route:
-        near = {b: _nearness(job, chosen, craft, b, fitted[b], flown[b]) for b in fitted}
+        near = {b: _nearness(job, craft, b, fitted[b], flown[b]) for b in fitted}
         spacing_m = job.campaign.vehicle.rotor_spacing or 0.0
         route, routes = planned_route(chosen.route, craft, spacing_m, near, chosen.flights)
     job.write(CRASH_RATES, CRASH_RATES.columns_of(rates))
@@ -92,6 +91,10 @@ def _counting(job: Job, chosen: Simulate) -> Say:
 def vehicle(job: Job, chosen: Simulate) -> Craft:
     """The campaign's vehicle as the simulation knows it."""
     v, rig = job.campaign.vehicle, job.campaign.rig
+    fits = job.load(FitResults)
+    most = max(
+        (e.value for b in fits.boundaries for e in fits.of_base(b).L_inf_N.values()), default=0.0
+    )
     return Craft(
         radius_m=v.rotor_radius,
         mass_kg=v.mass,
@@ -99,6 +102,9 @@ def vehicle(job: Job, chosen: Simulate) -> Craft:
         density_kg_m3=rig.air_density or AIR,
         C_L=chosen.lift_coefficient,
         rotors=v.rotors,
+        motor_lag_s=v.motor_lag,
+        # a bench that never carried the weight says nothing of the most
+        most_lift_N=v.thrust_limit or (most if most > v.mass * rig.gravity else math.inf),
     )
 
 
@@ -136,16 +142,19 @@ def _fitted(
     for boundary in _flown(job):
         job.say(f"simulate fitted {boundary}")
         lift = fitted_lift(job, boundary, chosen.draws)
-        groups, how = conditions(chosen, boundary, craft, key, job.executor.map)
+        contact_m = job.campaign.contact_m(boundary)
+        groups, how = conditions(chosen, boundary, craft, contact_m, key, job.executor.map)
         # the command of a flight is its throttle
-        said = job.campaign.rig.held
+        said, radius_m = job.campaign.rig.held, craft.radius_m
         held = "throttle" if said == "command" else said
-        entry, flown[boundary], rows = fitted_flights(lift, chosen, groups, how, held, job.seed)
+        entry, flown[boundary], rows = fitted_flights(
+            lift, chosen, groups, how, held, radius_m, job.seed
+        )
         rates += rows
         tests[f"fitted {boundary}"] = entry.convergence
         if chosen.maps:
             job.say(f"simulate map {boundary}")
-            bound, name = bound_z_hat(lift, chosen), lift.model.name
+            bound, name = entry.bound_z_hat, lift.model.name
             cells, tested = maps.scan(
                 boundary, lift.spaced, name, bound, entry.spacing_hat, groups, how
             )
@@ -157,9 +166,9 @@ def _fitted(
 
 
 def _nearness(
-    job: Job, chosen: Simulate, craft: Craft, boundary: Boundary, entry: FittedFlights, flown: Sweep
+    job: Job, craft: Craft, boundary: Boundary, entry: FittedFlights, flown: Sweep
 ) -> Nearness:
-    lowest = max(entry.measured_z_hat[0], chosen.contact_z_hat.get(boundary, 0.0))
+    lowest = max(entry.measured_z_hat[0], entry.agreed_z_hat)
     rng = generator(job.seed, "route", boundary)
     return nearness(flown, entry.held, entry.groups.duration * craft.time_s, lowest, rng)
 

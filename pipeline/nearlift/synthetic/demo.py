@@ -31,6 +31,8 @@ SUPPLY_REFERENCE_V = 3.9
 #: reading leaves at the ground.
 TAKEN = (0, 2, 4, 6, 8, 10, 12, 14, 16, 18, 19)
 GAP_M = (45e-3, 90e-3)
+#: A Crazyflie's feet are 24 mm below its rotors; above them stand the propellers' hubs.
+CONTACT_M: dict[Boundary, float] = {"ground": 24e-3, "ceiling": 2e-3}
 #: Whole-vehicle thrust of a Crazyflie 2.0 in grams-force by throttle (Bitcraze's bench table; 92 %
 #: between its entries).
 THRUST_GF = {0.25: 10.9, 0.5: 24.4, 0.75: 41.7, 0.92: 56.2}
@@ -174,7 +176,7 @@ def write_demo(folder: Path) -> Path:
 
 def simulated_demo(folder: Path, seed: int = SEED) -> Simulated:
     """Write the demo campaign and return what is true in it, trial by trial."""
-    bench = Bench(rate_Hz=500.0, tare_s=0.5, record_s=2.0, text=UNCERTAINTY)
+    bench = Bench(rate_Hz=500.0, tare_s=0.5, record_s=2.0, contact_m=CONTACT_M, text=UNCERTAINTY)
     true = write_campaign(
         folder, design(seed), truths(), name=NAME, note=NOTE, seed=seed, bench=bench
     )

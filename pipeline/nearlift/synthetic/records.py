@@ -32,7 +32,8 @@ GRAVITY = 9.8
 class Bench:
     """The rig of a synthetic campaign; the paper's, unless said otherwise.
 
-    `offset_m` is what the manifest declares between datum and rotor plane. `text` is appended to
+    `offset_m` is what the manifest declares between datum and rotor plane, `contact_m` where the
+    vehicle first touches. `text` is appended to
     the manifest as it stands (an ``[[uncertainty]]`` table, say).
     """
 
@@ -41,6 +42,7 @@ class Bench:
     radius_m: float = 0.023
     spacing_m: float = 0.065
     mass_kg: float = 0.027
+    contact_m: Mapping[Boundary, float] | None = None
     arena_m: float = 1.5
     rate_Hz: float = 1000.0
     tare_s: float = 2.0
@@ -285,6 +287,8 @@ def manifest(
     )
     offset = ", ".join(f'{side} = "{1e3 * value:g} mm"' for side, value in offsets.items())
     spacing = f'rotor_spacing = "{1e3 * bench.spacing_m:g} mm"\n' if bench.rotors > 1 else ""
+    touches = ", ".join(f'{s} = "{1e3 * v:g} mm"' for s, v in (bench.contact_m or {}).items())
+    contact = f"contact       = {{ {touches} }}\n" if touches else ""
     if form == "parquet":
         force = (
             '{ column = "force", unit = "count", sign = 1, calibration = { gain ='
@@ -317,7 +321,7 @@ name          = "{bench.vehicle}"
 rotors        = {bench.rotors}
 rotor_radius  = "{1e3 * bench.radius_m:g} mm"
 {spacing}mass          = "{1e3 * bench.mass_kg:g} g"
-
+{contact}
 [rig]
 held            = "throttle"
 distance_datum  = {{ {datum} }}

@@ -79,8 +79,8 @@ class Nearness:
         Draws of the hazard, (m, n) for n heights: the 5 % point of the one and the 95 % point of
         the other bound it.
     lowest_z_hat : float
-        The lowest height flown: no set-point below was flown, nothing below was measured, and the
-        vehicle does not touch.
+        The lowest height flown: no set-point below was flown, nothing below was measured, or the
+        readings of what lift does there lead to different crash rates.
     seen_z_hat, flown_z_hat : float
         Highest set-point at which a flight crashed, and highest flown.
     """
@@ -128,9 +128,9 @@ def nearness(
     rng: np.random.Generator,
 ) -> Nearness:
     """Power and hazard near one boundary, from what was flown with the best estimate (row 1 of the
-    sweep) and with the model's draws.
+    sweep), with lift held below the nearest station (row 2) and with the model's draws.
 
-    `lowest_z_hat` is the lowest height measured at which the vehicle does not touch.
+    `lowest_z_hat` is the lowest height measured at which both readings of what is nearer agree.
     """
     z_hat = flown.target_z_hat
     cost = energy.cost(flown.ratio[1], held)[1]

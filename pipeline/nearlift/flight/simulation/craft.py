@@ -15,7 +15,8 @@ class Craft:
 
     The paper's C_L = 1.6 makes a Crazyflie hover at 351 Hz, where it is measured to hover at 278 Hz
     (C_L = 2.55). No crash depends on it: C_L enters Eq. 6 only through the groups, and the gains
-    were chosen with it.
+    were chosen with it. Thrust follows the command with `motor_lag_s`, and lift far away never
+    exceeds `most_lift_N`; the paper's vehicle has neither.
     """
 
     radius_m: float
@@ -24,6 +25,8 @@ class Craft:
     density_kg_m3: float
     C_L: float
     rotors: int = 4
+    motor_lag_s: float = 0.0
+    most_lift_N: float = math.inf
 
     @property
     def weight_N(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -93,14 +95,16 @@ def rate_draws(
     return falling(drawn)
 
 
-def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> float:
+def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> FloatArray:
     """The lowest set-point from which upwards the crash rate stays at or below `risk`; between
     set-points the logit of the rate is linear.
 
     Parameters
     ----------
-    target_z_hat, rate : array (n,)
-        Set-points, ascending, and crash rates.
+    target_z_hat : array (n,)
+        Set-points, ascending.
+    rate : array (..., n)
+        Crash rates.
     risk : float
     least : float
         What a rate of zero is taken for, half a crash among the flights (and a rate of one for all
@@ -108,21 +112,25 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
 
     Returns
     -------
-    float
+    array (...)
         nan where even the highest set-point is riskier; the lowest set-point itself (an upper
         bound) where all are safer.
     """
     safe = np.clip(np.asarray(rate, dtype=float), least, 1 - least)
-    above = np.flatnonzero(safe > risk)
-    if not len(above):
-        return float(target_z_hat[0])
-    last = int(above[-1])
-    if last == len(safe) - 1:
-        return float("nan")
-    a, b, asked = (np.log(p / (1 - p)) for p in (safe[last], safe[last + 1], risk))
-    return float(
-        target_z_hat[last] + (target_z_hat[last + 1] - target_z_hat[last]) * (a - asked) / (a - b)
+    above, n = safe > risk, len(target_z_hat)
+    # the highest that is riskier; -1 where none is
+    last = np.where(above.any(axis=-1), n - 1 - above[..., ::-1].argmax(axis=-1), -1)
+    i = np.clip(last, 0, n - 2)
+    a, b = (
+        np.log(p / (1 - p))
+        for p in (np.take_along_axis(safe, at[..., None], -1)[..., 0] for at in (i, i + 1))
     )
+    share = (a - math.log(risk / (1 - risk))) / np.where(a == b, 1.0, a - b)
+    between = target_z_hat[i] + (target_z_hat[i + 1] - target_z_hat[i]) * share
+    found: FloatArray = np.where(
+        last < 0, target_z_hat[0], np.where(last == n - 1, np.nan, between)
+    )
+    return found
 
 
 def refuse_few(risk: float, flights: int) -> None:
@@ -156,7 +164,33 @@ def levels(
     shape (number,), the first as flown.
     """
     least = 0.5 / crashed.shape[1]
-    return np.array([level(target_z_hat, r, risk, least) for r in weights @ crashed.T])
+    return level(target_z_hat, weights @ crashed.T, risk, least)
+
+
+#: Set-points nearer to each other than this, in radii, are told apart by no vehicle.
+FINEST = 0.005
+
+
+def wide_gaps(target_z_hat: FloatArray, levels_by_curve: Sequence[FloatArray]) -> set[float]:
+    """Set-points to fly next, so that a level is not read across a gap wider than half of its
+    stated interval.
+
+    `levels_by_curve` are one curve's levels under resampling, the first as flown, or those of
+    several whose spread is stated together. Empty where every level, and the ends of the interval,
+    lie between set-points near enough.
+    """
+    low, high = spread90(np.concatenate(levels_by_curve))
+    width = high - low
+    allowed = max(FINEST, 0.5 * width) if np.isfinite(width) else FINEST
+    wanted = [low, high, *(values[0] for values in levels_by_curve)]
+    found = set()
+    for at in wanted:
+        if np.isfinite(at) and at > target_z_hat[0]:
+            i = int(np.searchsorted(target_z_hat, at))
+            below, above = float(target_z_hat[i - 1]), float(target_z_hat[i])
+            if above - below > allowed:
+                found.add(round(0.5 * (below + above), 6))
+    return found
 
 
 def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:

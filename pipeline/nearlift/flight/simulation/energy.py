@@ -38,6 +38,8 @@ EXPONENTS: dict[Held, tuple[float, float, float]] = {
     "voltage": (1.0, 1.5, 1 / 0.60),
 }
 
+#: Crash rate beyond which no set-point is advised.
+MOST_CRASHES = 0.5
 #: Nobody is told to fly more than this.
 MOST_FLIGHTS = 10_000_000
 
@@ -58,8 +60,12 @@ def cost(ratio: Any, held: Held) -> tuple[Any, Any, Any]:
 def best_set_point(relative_cost: FloatArray, rate: FloatArray, price: float) -> tuple[int, float]:
     """Index of the set-point of least expected cost (the highest of equals), and that cost: in
     energies of a hover far away of the same duration, with `price` for each crash.
+
+    Where more than half of the flights crash none is advised, however cheap a crash, unless the
+    highest set-point is such a one.
     """
-    total = relative_cost + price * rate
+    total = np.where(rate > MOST_CRASHES, np.inf, relative_cost + price * rate)
+    total[-1] = relative_cost[-1] + price * rate[-1]
     best = int(len(total) - 1 - np.argmin(total[::-1]))
     return best, float(total[best])
 
@@ -73,7 +79,7 @@ class BestSetPoint:
     price : float
         Of a crash, in energies of a hover far away of the same duration.
     target_z_hat, lo90, hi90 : float or None
-        None where not resolved; the interval is over draws of the model and the flights.
+        None where there is no advice; the interval is over draws of the model and the flights.
     farthest : bool
         It is the farthest set-point flown.
     expected_cost, relative_cost : float
@@ -87,6 +93,9 @@ class BestSetPoint:
     flights_needed : int or None
         So many would resolve it if as few of them crashed; None where it is resolved, or where no
         number would do.
+    agrees : bool
+        The two readings of lift below the nearest station lead to the same; where they do not,
+        `target_z_hat` is None and the interval is that of the model's own form.
     """
 
     price: float
@@ -101,6 +110,7 @@ class BestSetPoint:
     rate_hi95: float
     resolved: bool
     flights_needed: int | None
+    agrees: bool = True
 
 
 def choose(

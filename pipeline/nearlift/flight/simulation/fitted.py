@@ -1,9 +1,13 @@
 """The campaign's own vehicle in flight: its fitted lift, best estimate and draws, under the
 manifest's controller and gusts or the paper's carried over to it.
+
+Below the nearest station nothing was measured. The model's own form is one reading of what lift
+does there, its value at the station the other; advice is given where both lead to the same.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -26,21 +30,35 @@ from nearlift.flight.simulation.groups import (
     disturbance_for,
     gains_for,
 )
-from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, Sweep, sweep
+from nearlift.flight.simulation.monte_carlo import (
+    MonteCarlo,
+    Statements,
+    StepTest,
+    Sweep,
+    sweep,
+)
 from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
-from nearlift.results.serial import optional
+from nearlift.results.serial import Unbounded, optional
 
 Rows = list[dict[str, object]]
+#: Two readings whose set-points differ by less than this many radii lead to the same.
+ALIKE = 0.05
+#: Curves of the sweep: without a boundary, the best estimate by its own form and held below the
+#: nearest station, and from then on the draws.
+NONE, FORM, HELD, FIRST_DRAW = range(4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedLevel(CrashLevel):
-    """With the model's uncertainty and the flights' together; the model's alone; and the level
-    without a model.
+    """By the model's own form, with its uncertainty and the flights' together; the model's alone;
+    by lift held below the nearest station, and whether that leads to the same (the interval then
+    holds both); and the level without a model.
     """
 
     model_only: tuple[float, float]
+    held: float
+    agrees: bool
     without_model: float
 
 
@@ -56,9 +74,14 @@ class FittedFlights:
     draws_from : str
         The product that the draws come from.
     draws : int
+    contact_z_hat, contact_m : float
+        What counts as a crash: the rotor plane this near to the boundary.
     bound_z_hat : float
-        Below it L / L_inf is held constant.
+        The model's own form is carried down to it; below L / L_inf is constant.
     measured_z_hat : (float, float)
+        Nearest and farthest station. The second reading holds L / L_inf below the nearest.
+    agreed_z_hat : float
+        The two readings' crash rates agree within their intervals at this set-point and above.
     droop : float
         Change of lift by the end of a flight.
     held : str
@@ -82,8 +105,11 @@ class FittedFlights:
     left_on_the_bench: tuple[str, ...]
     draws_from: str
     draws: int
+    contact_z_hat: float
+    contact_m: float
     bound_z_hat: float
     measured_z_hat: tuple[float, float]
+    agreed_z_hat: Unbounded
     droop: float
     held: energy.Held
     flights: int
@@ -97,10 +123,10 @@ class FittedFlights:
 
 
 def conditions(
-    chosen: Simulate, boundary: Boundary, craft: Craft, key: int, spread: Spread
+    chosen: Simulate, boundary: Boundary, craft: Craft, contact_m: float, key: int, spread: Spread
 ) -> tuple[Groups, MonteCarlo]:
     """Groups, scheme and step of a campaign's flights: the manifest's, else the paper's carried
-    over to the vehicle.
+    over to the vehicle. `contact_m` is how near its rotor plane comes before it touches.
 
     Raises
     ------
@@ -128,9 +154,13 @@ def conditions(
             f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s",
             "fly at least so long",
         )
-    step_s = chosen.step or gusts.hold_s / like.steps_per_hold
-    contact = chosen.contact_z_hat.get(boundary, 0.0)
-    return dimensionless(craft, gains, gusts, duration_s, contact), MonteCarlo(
+    # two steps within what is quickest
+    delays = [t for t in (craft.motor_lag_s, chosen.estimator_delay) if t > 0]
+    parts = max([like.steps_per_hold, *(math.ceil(2 * gusts.hold_s / t) for t in delays)])
+    step_s = chosen.step or gusts.hold_s / parts
+    contact = contact_m / craft.radius_m
+    groups = dimensionless(craft, gains, gusts, duration_s, contact, chosen.estimator_delay)
+    return groups, MonteCarlo(
         scheme=chosen.scheme,
         step_s=step_s,
         steps_per_hold=steps_per_hold(gusts.hold_s, step_s),
@@ -140,37 +170,60 @@ def conditions(
     )
 
 
-def bound_z_hat(lift: FittedLift, chosen: Simulate) -> float:
-    """The height below which L / L_inf is held constant: the manifest's, else that of the nearest
-    station, since nothing is known below.
-    """
-    return chosen.bound_z_hat.get(lift.boundary, lift.measured_z_hat[0])
-
-
 def fitted_flights(
     lift: FittedLift,
     chosen: Simulate,
     groups: Groups,
     how: MonteCarlo,
     held: energy.Held,
+    radius_m: float,
     seed: int,
 ) -> tuple[FittedFlights, Sweep, Rows]:
-    """The campaign's model, its best estimate and every draw of it, and no model at all for
-    comparison; the sweep and the rows of crash_rates.parquet.
+    """The campaign's model: its best estimate by its own form and held below the nearest station,
+    and every draw of it; and no model at all for comparison. The sweep (none, form, held, draws)
+    and the rows of crash_rates.parquet.
+
+    Raises
+    ------
+    ManifestError
+        A set-point lies where the vehicle touches.
     """
-    boundary = lift.boundary
-    usual = presets.TARGETS[boundary]
-    targets = chosen.set_points.get(boundary, usual[usual > groups.contact].tolist())
-    curves = tabulate([np.ones_like, *lift.ratios], bound_z_hat(lift, chosen))
-    members = range(-1, lift.number)
-    droops = [0.0, *(lift.droop(chosen.supply_end, m) for m in members)]
-    flown = sweep(boundary, curves, np.array(targets), groups, how, droops=droops, checked=(0, 1))
-    labels = {"preset": "fitted", "boundary": boundary}
-    none = labels | {"model": "none", "exponent": 0.0, "member": -1}
-    rows = list(flown.rows(0, held, none))
-    for i, member in enumerate(members, start=1):
-        fitted = {"model": lift.model.name, "exponent": 1.0, "member": member}
-        rows += flown.rows(i, held, labels | fitted)
+    boundary, nearest = lift.boundary, lift.measured_z_hat[0]
+    usual = presets.set_points(boundary, groups.contact)
+    targets = np.array(chosen.set_points.get(boundary, usual))
+    if targets[0] <= groups.contact:
+        raise ManifestError(
+            f"simulate.set_points.{boundary}",
+            f"begins at {targets[0]:g}, where the vehicle touches (z_hat = {groups.contact:.3g})",
+            "begin above",
+        )
+    form, *drawn = lift.ratios
+    held_below = lambda z_hat: form(np.maximum(z_hat, nearest))  # noqa: E731
+    # the own form is carried to where the vehicle touches, or to the nearest station
+    bound = chosen.bound_z_hat.get(boundary, min(groups.contact, nearest))
+    curves = tabulate([np.ones_like, form, held_below, *drawn], bound)
+    droop = lift.droop(chosen.supply_end)
+    droops = [0.0, droop, droop, *(lift.droop(chosen.supply_end, m) for m in range(lift.number))]
+    together = list(range(FIRST_DRAW, FIRST_DRAW + lift.number))
+    stated = Statements(curves=[[NONE], [FORM], [HELD], together], risks=chosen.risks)
+    flown = sweep(boundary, curves, targets, groups, how, droops=droops, stated=stated)
+    rows = [
+        row
+        for i in range(len(droops))
+        for row in flown.rows(
+            i,
+            held,
+            {
+                "preset": "fitted",
+                "boundary": boundary,
+                "model": lift.model.name if i else "none",
+                "exponent": float(i > 0),
+                "member": max(i - FIRST_DRAW, -1),
+                "below_nearest": ("", "form", "held")[i] if i < FIRST_DRAW else "form",
+                "contact_z_hat": groups.contact,
+            },
+        )
+    ]
     rng = generator(seed, "levels", "fitted", boundary)
     costs = [energy.cost(r, held)[1] for r in flown.ratio]
     entry = FittedFlights(
@@ -181,16 +234,21 @@ def fitted_flights(
         left_on_the_bench=lift.left,
         draws_from=lift.source,
         draws=lift.number,
+        contact_z_hat=groups.contact,
+        contact_m=groups.contact * radius_m,
         bound_z_hat=curves.low,
         measured_z_hat=lift.measured_z_hat,
-        droop=droops[1],
+        agreed_z_hat=agreed_z_hat(flown),
+        droop=droop,
         held=held,
         flights=flown.flights,
         groups=groups,
         spacing_hat=lift.arguments.get("spacing_hat"),
         convergence=flown.step_test,
         levels=tuple(_level(flown, risk, rng) for risk in chosen.risks),
-        front_z_hat=flown.target_z_hat[energy.front(costs[1], flown.crashes[1] / flown.flights)],
+        front_z_hat=flown.target_z_hat[
+            energy.front(costs[FORM], flown.crashes[FORM] / flown.flights)
+        ],
         best_set_points=_best(flown, costs, chosen.crash_prices, rng),
     )
     return entry, flown, rows
@@ -199,36 +257,71 @@ def fitted_flights(
 def _level(flown: Sweep, risk: float, rng: np.random.Generator) -> FittedLevel:
     z_hat, weights = flown.target_z_hat, crash_rate.resamples(flown.flights, rng)
     per_draw = [
-        crash_rate.levels(z_hat, c, risk, weights[: crash_rate.PER_DRAW]) for c in flown.crashed[2:]
+        crash_rate.levels(z_hat, c, risk, weights[: crash_rate.PER_DRAW])
+        for c in flown.crashed[FIRST_DRAW:]
     ]
-    best, none = (crash_rate.levels(z_hat, flown.crashed[i], risk, weights) for i in (1, 0))
+    none, best, held = (
+        crash_rate.levels(z_hat, flown.crashed[i], risk, weights) for i in (NONE, FORM, HELD)
+    )
     lo90, hi90 = crash_rate.spread90(np.concatenate(per_draw))
+    agrees, lo90, hi90 = _both(float(held[0]), lo90, hi90)
     level = replace(CrashLevel.resampled(z_hat, best, risk), lo90=lo90, hi90=hi90)
     return FittedLevel(
         **asdict(level),
         model_only=crash_rate.spread90(np.array([v[0] for v in per_draw])),
+        held=float(held[0]),
+        agrees=agrees,
         without_model=float(none[0]),
     )
+
+
+def _both(held: float, lo90: float, hi90: float) -> tuple[bool, float, float]:
+    """Whether lift held below the nearest station leads to what the interval by the model's own
+    form holds, or nearly; and the interval, which then holds both.
+    """
+    if lo90 - ALIKE <= held <= hi90 + ALIKE:
+        return True, min(lo90, held), max(hi90, held)
+    return False, lo90, hi90
+
+
+def agreed_z_hat(flown: Sweep) -> float:
+    """The lowest set-point from which upwards the two readings' crash rates have intervals (90 %)
+    that meet; infinite where they part at the highest.
+    """
+    low, high = crash_rate.binomial90(flown.crashes[[FORM, HELD]], flown.flights)
+    apart = np.flatnonzero(low.max(axis=0) > high.min(axis=0))
+    at = int(apart[-1]) + 1 if len(apart) else 0
+    return float(flown.target_z_hat[at]) if at < len(flown.target_z_hat) else math.inf
 
 
 def _best(
     flown: Sweep, costs: list[FloatArray], prices: Sequence[float], rng: np.random.Generator
 ) -> tuple[BestSetPoint, ...]:
     """For each price of a crash the set-point of least expected cost, over draws of the model and
-    resamples of the flights.
+    resamples of the flights; none where lift held below the nearest station leads elsewhere.
     """
     z_hat = flown.target_z_hat
     drawn = [
         (cost, rate)
-        for cost, crashed in zip(costs[2:], flown.crashed[2:], strict=True)
+        for cost, crashed in zip(costs[FIRST_DRAW:], flown.crashed[FIRST_DRAW:], strict=True)
         for rate in crash_rate.rate_draws(crashed, crash_rate.PER_DRAW, rng)
     ]
     best = []
     for price in prices:
-        choice = energy.choose(z_hat, costs[1], flown.crashes[1], flown.flights, price)
-        if choice.resolved:
+        choice, held = (
+            energy.choose(z_hat, costs[i], flown.crashes[i], flown.flights, price)
+            for i in (FORM, HELD)
+        )
+        if choice.target_z_hat is not None:
             each = [z_hat[energy.best_set_point(cost, rate, price)[0]] for cost, rate in drawn]
             lo90, hi90 = crash_rate.spread90(np.array(each))
-            choice = replace(choice, lo90=lo90, hi90=hi90)
+            agrees, lo90, hi90 = _both(held.target_z_hat or math.nan, lo90, hi90)
+            choice = replace(
+                choice,
+                target_z_hat=choice.target_z_hat if agrees else None,
+                lo90=lo90,
+                hi90=hi90,
+                agrees=agrees,
+            )
         best.append(choice)
     return tuple(best)

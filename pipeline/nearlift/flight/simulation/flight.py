@@ -62,7 +62,7 @@ class FlightPlan:
 
     @property
     def weather(self) -> Groups:
-        """Whose hold, correlation and duration all settings share."""
+        """Whose hold, correlation, duration, lag and delay all settings share."""
         return self.settings[0].groups
 
     @property
@@ -82,11 +82,14 @@ class FlightPlan:
 
     def columns(self) -> tuple[FloatArray, IntArray]:
         """Settings as the loop reads them: (WIDTH, n), and where each one's table begins."""
-        times = {(s.groups.hold, s.groups.correlation, s.groups.duration) for s in self.settings}
+        times = {
+            (g.hold, g.correlation, g.duration, g.motor_lag, g.delay)
+            for g in (s.groups for s in self.settings)
+        }
         if len(times) > 1:
             raise ManifestError(
                 "simulate",
-                "settings of one plan differ in hold, correlation or duration",
+                "settings of one plan differ in hold, correlation, duration, lag or delay",
                 "fly them as plans of their own",
             )
         side = AWAY[self.boundary]
@@ -95,9 +98,9 @@ class FlightPlan:
         for i, s in enumerate(self.settings):
             g = s.groups
             delta = g.delta / np.sqrt(near[s.curve, i]) if s.adjusted else g.delta
-            rows.append(
-                (s.target_z_hat, g.alpha, g.beta, g.gamma, delta, g.noise, side, s.droop, g.contact)
-            )
+            most = np.sqrt(g.most_lift)
+            gains = (g.alpha, g.beta, g.gamma, delta)
+            rows.append((s.target_z_hat, *gains, g.noise, side, s.droop, g.contact, most))
         which = np.array([2 * kernel.NODES * s.curve for s in self.settings], dtype=np.int64)
         return np.ascontiguousarray(np.array(rows, dtype=float).T), which
 
@@ -145,6 +148,8 @@ def _integrated(
         plan.curves.packed(),
         plan.curves.low,
         plan.curves.per_radius,
+        weather.motor_lag,
+        weather.delay / plan.step,
         ended,
         track,
     )

@@ -5,23 +5,27 @@ Scales: length r, time sqrt(r/g), force m g, frequency hover_Hz. With K = rotors
     alpha = kP r sqrt(K / (m g)), beta = kD sqrt(r g) sqrt(K / (m g)) , gamma = kI r sqrt(r/g)
     sqrt(K / (m g)), delta = f0 sqrt(K / (m g)),
 which are the paper's expressions. Left out there: the disturbance over weight, its hold and
-correlation time, step and duration, the height at which the vehicle touches, and (in L / L_inf)
-spacing over radius and the bound on the ratio.
+correlation time, step and duration, the height at which the vehicle touches, the lag of its motors,
+the delay of its estimator and its largest thrust, and (in L / L_inf) spacing over radius and the
+bound on the ratio.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from nearlift.flight.simulation.control import Gains
 from nearlift.flight.simulation.craft import Craft
 from nearlift.flight.simulation.disturbance import Disturbance
+from nearlift.results.serial import Unbounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Groups:
     """A flight without units. Gains carry the sign of Eq. 5; `delta` is 1 where f0 balances the
-    weight far from the boundary.
+    weight far from the boundary; the controller sees the state of `delay` ago, rotor frequency
+    follows its command with `motor_lag`, and `most_lift` is the largest lift far away over weight.
     """
 
     alpha: float
@@ -33,6 +37,9 @@ class Groups:
     correlation: float
     duration: float
     contact: float = 0.0
+    motor_lag: float = 0.0
+    delay: float = 0.0
+    most_lift: Unbounded = math.inf
 
 
 def dimensionless(
@@ -41,6 +48,7 @@ def dimensionless(
     disturbance: Disturbance,
     duration_s: float,
     contact_z_hat: float = 0.0,
+    delay_s: float = 0.0,
 ) -> Groups:
     """The groups of a vehicle, its controller and its weather; f0 is that of hover far away."""
     per_Hz = 1.0 / craft.hover_Hz
@@ -55,6 +63,9 @@ def dimensionless(
         correlation=disturbance.correlation_s / t,
         duration=duration_s / t,
         contact=contact_z_hat,
+        motor_lag=craft.motor_lag_s / t,
+        delay=delay_s / t,
+        most_lift=craft.most_lift_N / craft.weight_N,
     )
 
 

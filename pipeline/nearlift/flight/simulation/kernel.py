@@ -6,7 +6,9 @@ many settings at once.
 
 Lengths in rotor radii, times in sqrt(r/g), forces in weights. s is +1 above a ground and -1 below a
 ceiling, where z is measured downwards; R(z) is L / L_inf by table; w is held for `hold`, of which
-the step is a whole part. A flight ends when z <= contact.
+the step is a whole part. A flight ends when z <= contact, by Runge-Kutta also between steps. u is
+bounded by what the motors can; with a lag they follow it, f' = (u - f) / lag in place of u, and
+with a delay the controller sees z, z' and I of that long ago (linear between steps).
 
 One flight's gusts are made once and serve every setting, unless each is to have its own; the
 settings are advanced side by side, so that the processor works on several while each waits for its
@@ -24,8 +26,8 @@ from nearlift.compiler import compiled
 from nearlift.flight.simulation.stream import GOLDEN, U, begin, fill, normal
 
 #: Columns of a setting.
-Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT = range(9)
-WIDTH = 9
+Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT, MOST = range(10)
+WIDTH = 10
 #: Explicit Euler (position takes the old velocity, as the paper does), semi-implicit Euler (the new
 #: one), Runge-Kutta of order 4.
 SCHEMES = {"euler": 0, "semi-implicit": 1, "rk4": 2}
@@ -35,11 +37,12 @@ def _push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
     """Acceleration away from the boundary, in g.
 
     `x` is height in steps of the table from its lower end, `lag` is z - z0. `law` holds alpha,
-    beta, gamma and delta, lift and load with the boundary's sign, and where the table begins. The
-    table holds value and slope of each step; beyond either end L / L_inf is constant.
+    beta, gamma and delta, the largest u, lift and load with the boundary's sign, and where the
+    table begins. The table holds value and slope of each step; beyond either end L / L_inf is
+    constant.
     """
-    alpha, beta, gamma, delta, lift, load, base = law
-    u = max(alpha * lag + beta * v + gamma * total + delta, 0.0)
+    alpha, beta, gamma, delta, most, lift, load, base = law
+    u = min(max(alpha * lag + beta * v + gamma * total + delta, 0.0), most)
     x = min(max(x, 0.0), float(NODES - 1))
     i = int(x)
     at = base + 2 * i
@@ -51,22 +54,68 @@ NODES = 2049
 push = compiled(_push, inline="always")
 
 
+def _behind(
+    x: Any, w: Any, i: Any, f: Any, here: Any, seen: Any, late: Any, rate: Any,
+    dt: Any, low: Any, per: Any, law: Any, curve: Any,
+) -> Any:  # fmt: skip
+    """A step of Runge-Kutta for motors and an estimator that lag behind: height, speed, integral
+    and rotor frequency.
+
+    `seen` is what the delayed controller commands at the step's beginning and end (read where
+    `late`), `rate` 1 / lag, 0 where the motors follow at once.
+    """
+    alpha, beta, gamma, delta, most, lift, load, base = law
+    dx = dw = di = df = 0.0
+    sx, sw, si, sf = x, w, i, f
+    for stage in range(4):
+        if late:
+            command = seen[0] + 0.5 * ((stage + 1) // 2) * (seen[1] - seen[0])
+        else:
+            command = alpha * (sx - here) + beta * sw + gamma * si + delta
+        command = min(max(command, 0.0), most)
+        turning = sf if rate > 0.0 else command
+        q = min(max((sx - low) * per, 0.0), float(NODES - 1))
+        node = int(q)
+        at = base + 2 * node
+        push = turning * turning * lift * (curve[at] + (q - node) * curve[at + 1]) + load
+        kx, kw, ki, kf = sw, push, sx - here, (command - sf) * rate
+        weight = dt / 6.0 if stage in (0, 3) else dt / 3.0
+        dx, dw, di, df = dx + weight * kx, dw + weight * kw, di + weight * ki, df + weight * kf
+        ahead = 0.5 * dt if stage < 2 else dt
+        sx, sw, si, sf = x + ahead * kx, w + ahead * kw, i + ahead * ki, f + ahead * kf
+    return x + dx, w + dw, i + di, f + df
+
+
+behind = compiled(_behind)
+
+
 def _fly(
     key: Any, first: Any, holds: Any, per_hold: Any, dt: Any, scheme: Any, memory: Any,
-    settings: Any, which: Any, salts: Any, curves: Any, low: Any, per: Any, ended: Any, track: Any,
+    settings: Any, which: Any, salts: Any, curves: Any, low: Any, per: Any, motor_lag: Any,
+    delay: Any, ended: Any, track: Any,
 ) -> None:  # fmt: skip
     """Fly a block of flights, the first of them number `first`, through all settings.
 
     `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the
     gusts' correlation from hold to hold (0: white). `settings` is (WIDTH, n), `which` the table of
     each, `salts` what tells its gusts from the others' (empty: all meet the same), `curves` all
-    tables in one row. Where `track` (n, holds + 1) is not empty, it takes the heights of the last
-    flight flown, at the end of every hold.
+    tables in one row, `delay` in steps. Where `track` (n, holds + 1) is not empty, it takes the
+    heights of the last flight flown, at the end of every hold. Lag and delay are flown by
+    Runge-Kutta whatever the scheme.
     """
     n = settings.shape[1]
     z0, alpha, beta, gamma = settings[Z0], settings[ALPHA], settings[BETA], settings[GAMMA]
     delta, noise, sign = settings[DELTA], settings[NOISE], settings[SIGN]
-    droop, contact = settings[DROOP], settings[CONTACT]
+    droop, contact, most = settings[DROOP], settings[CONTACT], settings[MOST]
+    lags = motor_lag > 0.0 or delay > 0.0
+    dips = lags or scheme == 2
+    rate = 1.0 / motor_lag if motor_lag > 0.0 else 0.0
+    whole = int(delay)
+    part = delay - whole
+    # what the controller would command at the last whole + 2 steps, were it not late
+    ring = whole + 2
+    told = np.empty((n if lags else 0, ring))
+    turn = np.empty(n)
     keep_track = track.shape[0] > 0
     own = salts.size > 0
     gusts = np.zeros(holds)
@@ -86,6 +135,10 @@ def _fly(
                     gusts[k] = memory * gusts[k - 1] + fresh * gusts[k]
         for s in range(n):
             z[s], v[s], total[s], active[s], ended[s, f] = z0[s], 0.0, 0.0, s, -1
+            turn[s] = min(max(delta[s], 0.0), most[s])
+            if lags:
+                for slot in range(ring):
+                    told[s, slot] = delta[s]
             if keep_track:
                 track[s, 0] = z0[s]
         left = n
@@ -103,12 +156,26 @@ def _fly(
                 here, floor, side = z0[s], contact[s], sign[s]
                 lift = side * (1.0 + droop[s] * passed)
                 load = side * (noise[s] * gust - 1.0)
-                law = (alpha[s], beta[s], gamma[s], delta[s], lift, load, which[s])
+                law = (alpha[s], beta[s], gamma[s], delta[s], most[s], lift, load, which[s])
                 crashed = False
-                for _ in range(per_hold):
+                for step in range(per_hold):
                     q = (x - low) * per
                     g = x - here
-                    if scheme == 2:
+                    from_x, before = x, w
+                    if lags:
+                        now = k * per_hold + step + ring
+                        told[s, now % ring] = alpha[s] * g + beta[s] * w + gamma[s] * i + delta[s]
+                        middle = told[s, (now - whole) % ring]
+                        begun = middle + part * (told[s, (now - whole - 1) % ring] - middle)
+                        ended_at = begun
+                        if whole > 0:
+                            newer = told[s, (now - whole + 1) % ring]
+                            ended_at = newer + part * (middle - newer)
+                        x, w, i, turn[s] = behind(
+                            x, w, i, turn[s], here, (begun, ended_at), delay > 0.0, rate, dt, low,
+                            per, law, curves,
+                        )  # fmt: skip
+                    elif scheme == 2:
                         a1 = push(q, w, g, i, law, curves)
                         v2 = w + half * a1
                         g2 = g + half * w
@@ -131,7 +198,14 @@ def _fly(
                         else:
                             x += dt * w
                             w += dt * a1
-                    if x <= floor:
+                    # a dip within the step, on the cubic through its ends
+                    dip = x
+                    if dips and before < 0.0 < w:
+                        p = before / (before - w)
+                        r = 1.0 - p
+                        dip = r * r * (from_x * (1.0 + 2.0 * p) + p * dt * before)
+                        dip += p * p * (x * (3.0 - 2.0 * p) - r * dt * w)
+                    if min(x, dip) <= floor:
                         crashed = True
                         break
                 if keep_track:

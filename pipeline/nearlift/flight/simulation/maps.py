@@ -130,7 +130,8 @@ def scan(
             undecided = np.flatnonzero(np.abs(crashed.mean(axis=1) - 0.5) < UNDECIDED)[::2]
             again = sorted({*(n for n, c in enumerate(mine) if c.corner), *undecided.tolist()})
             if again:
-                tested.append(few.step_test(boundary, settings, curves, crashed, again))
+                picked = [settings[n] for n in again]
+                tested.append(few.step_test(boundary, picked, curves, crashed[again]))
             crashes = crashed.sum(axis=1)
             low, high = binomial90(crashes, few.flights)
             rows += [

@@ -12,10 +12,17 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.flight.simulation import energy
-from nearlift.flight.simulation.crash_rate import binomial90
+from nearlift.flight.simulation.crash_rate import (
+    PER_DRAW,
+    binomial90,
+    levels,
+    resamples,
+    wide_gaps,
+)
 from nearlift.flight.simulation.curve import Curves
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, Scheme, Spread, fly
 from nearlift.flight.simulation.groups import Groups
+from nearlift.randomness import generator
 from nearlift.results import IntArray
 
 #: Share of the flights, and least number of them, that are flown again with half the step.
@@ -29,7 +36,7 @@ class StepTest:
     Attributes
     ----------
     converged : bool
-        No crash rate leaves its own binomial interval.
+        No two crash rates lie outside of each other's binomial intervals.
     worst : float
         Largest change of a crash rate.
     worst_target_z_hat : float
@@ -111,26 +118,25 @@ class MonteCarlo:
         settings: Sequence[FlightSetting],
         curves: Curves,
         crashed: NDArray[np.bool_],
-        again: Sequence[int],
     ) -> StepTest:
-        """A share of the flights of the settings `again` with half the step, beside how they
-        `crashed` (settings, flights).
+        """A share of the flights of the settings with half the step, beside how they `crashed`
+        (settings, flights).
         """
         few = self.at_most(max(round(CHECKED * self.flights), LEAST_CHECKED))
-        chosen = [settings[i] for i in again]
-        coarse = crashed[list(again)][:, : few.flights].sum(axis=1)
-        fine = few.finer(2).crashed(boundary, chosen, curves).sum(axis=1)
-        low, high = binomial90(coarse, few.flights)
-        rate = fine / few.flights
-        outside = (rate < low) | (rate > high)
-        change = np.abs(fine - coarse) / few.flights
+        coarse = crashed[:, : few.flights].sum(axis=1)
+        fine = few.finer(2).crashed(boundary, settings, curves).sum(axis=1)
+        rates = np.stack([coarse, fine]) / few.flights
+        low, high = binomial90(np.stack([fine, coarse]), few.flights)
+        # each outside of the other's interval: one flight among few makes no difference
+        outside = ((rates < low) | (rates > high)).all(axis=0)
+        change = np.abs(rates[1] - rates[0])
         worst = int(change.argmax())
         return StepTest(
             converged=not bool(outside.any()),
             worst=float(change[worst]),
-            worst_target_z_hat=float(chosen[worst].target_z_hat),
+            worst_target_z_hat=float(settings[worst].target_z_hat),
             beyond=int(outside.sum()),
-            settings=len(chosen),
+            settings=len(settings),
             flights=few.flights,
             step_s=self.step_s,
             halved_s=self.step_s / 2,
@@ -191,6 +197,30 @@ class Sweep:
             }
 
 
+#: Times that set-points are added between those flown.
+ROUNDS = 8
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Statements:
+    """What is to be stated of a sweep: levels for `risks`, each of the `curves` alone, or of
+    several whose spread is one interval. The first of each has its step tested.
+    """
+
+    curves: Sequence[Sequence[int]]
+    risks: Sequence[float] = ()
+
+    def missing(self, z_hat: FloatArray, crashed: NDArray[np.bool_], key: int) -> FloatArray:
+        """Set-points without which a level would be read across too wide a gap."""
+        weights = resamples(crashed.shape[2], generator(key % 2**32, "refine"))
+        wanted: set[float] = set()
+        for risk in self.risks:
+            for members in self.curves:
+                rows = weights if len(members) == 1 else weights[:PER_DRAW]
+                wanted |= wide_gaps(z_hat, [levels(z_hat, crashed[c], risk, rows) for c in members])
+        return np.array(sorted(wanted - set(z_hat.tolist())))
+
+
 def sweep(
     boundary: Boundary,
     curves: Curves,
@@ -199,29 +229,49 @@ def sweep(
     how: MonteCarlo,
     *,
     droops: Sequence[float] = (),
-    checked: Sequence[int] | None = None,
+    stated: Statements | None = None,
 ) -> Sweep:
-    """Fly every curve at every set-point, and some of it again with half the step.
+    """Fly every curve at every set-point, between them until levels are known, and some of it again
+    with half the step.
 
-    `droops` gives each curve's loss of lift over the flight (none by default), `checked` the curves
-    whose step is tested (all).
+    `droops` gives each curve's loss of lift over the flight (none by default), `stated` which
+    levels are wanted (none: nothing is added, and the step of every curve is tested).
     """
-    n, t = len(curves.values), len(target_z_hat)
-    settings = [
-        FlightSetting(
-            target_z_hat=float(z),
-            groups=groups,
-            curve=c,
-            droop=float(droops[c]) if len(droops) else 0.0,
-        )
-        for c in range(n)
-        for z in target_z_hat
-    ]
-    crashed = how.crashed(boundary, settings, curves)
-    again = [c * t + i for c in (range(n) if checked is None else checked) for i in range(t)]
+    n = len(curves.values)
+    stated = stated or Statements(curves=[[c] for c in range(n)])
+
+    def settings(targets: FloatArray, which: Sequence[int]) -> list[FlightSetting]:
+        return [
+            FlightSetting(
+                target_z_hat=float(z),
+                groups=groups,
+                curve=c,
+                droop=float(droops[c]) if len(droops) else 0.0,
+            )
+            for c in which
+            for z in targets
+        ]
+
+    z_hat, new = np.empty(0), np.asarray(target_z_hat, dtype=float)
+    crashed = np.empty((n, 0, how.flights), dtype=bool)
+    for _ in range(ROUNDS):
+        flown = how.crashed(boundary, settings(new, range(n)), curves)
+        order = np.argsort(np.concatenate([z_hat, new]))
+        z_hat = np.concatenate([z_hat, new])[order]
+        both = [crashed, flown.reshape(n, len(new), how.flights)]
+        crashed = np.concatenate(both, axis=1)[:, order]
+        new = stated.missing(z_hat, crashed, how.key)
+        if not len(new):
+            break
+    # the step at what was asked for: what is added stands where flights graze
+    tested = [members[0] for members in stated.curves]
+    asked = np.isin(z_hat, target_z_hat)
+    again = settings(z_hat[asked], tested)
     return Sweep(
-        target_z_hat=np.asarray(target_z_hat, dtype=float),
-        crashed=crashed.reshape(n, t, how.flights),
-        ratio=curves.at(np.asarray(target_z_hat, dtype=float)),
-        step_test=how.step_test(boundary, settings, curves, crashed, again),
+        target_z_hat=z_hat,
+        crashed=crashed,
+        ratio=curves.at(z_hat),
+        step_test=how.step_test(
+            boundary, again, curves, crashed[tested][:, asked].reshape(len(again), -1)
+        ),
     )

@@ -29,6 +29,8 @@ TARGETS: dict[Boundary, FloatArray] = {
     "ground": np.round(np.arange(4, 21) * 0.1, 10),
     "ceiling": np.round(np.arange(8, 29) * 0.1, 10),
 }
+#: Set-points of a vehicle that touches: so far above that, and every tenth of a radius.
+ABOVE_CONTACT: dict[Boundary, tuple[float, float]] = {"ground": (0.1, 2.0), "ceiling": (0.5, 2.8)}
 MODELS: dict[Boundary, str] = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon"}
 #: 90 mm between adjacent rotors, as the paper takes it (a Crazyflie's are 65 mm apart).
 GEOMETRY = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
@@ -69,16 +71,19 @@ class FlightPreset:
         )
 
 
+#: What counts as a crash of the paper's vehicle.
+POINT = "; a point without feet that crashes at z_hat = 0"
+
 PRESETS = (
     FlightPreset(
         name="paper",
-        meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step",
+        meaning="as printed: explicit Euler, a step of 0.1 s, one gust a step" + POINT,
         scheme="euler",
         step_s=0.1,
     ),
     FlightPreset(
         name="converged",
-        meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s",
+        meaning="the same gusts, each held 0.1 s; Runge-Kutta of order 4, a step of 0.05 s" + POINT,
         scheme="rk4",
         step_s=0.05,
     ),
@@ -95,6 +100,14 @@ def preset(name: str) -> FlightPreset:
         f"{name!r} is not a preset",
         f"presets are {', '.join(p.name for p in PRESETS)}",
     )
+
+
+def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
+    """The usual set-points of a vehicle that touches at that height, whole tenths of a radius."""
+    tenths = np.arange(1000)
+    low, high = (10 * (contact_z_hat + above) for above in ABOVE_CONTACT[boundary])
+    found: list[float] = np.round(0.1 * tenths[(tenths >= low) & (tenths < high + 1)], 10).tolist()
+    return found
 
 
 def scaled_curves(boundary: Boundary, exponents: Sequence[float] = EXPONENTS) -> Curves:

@@ -14,10 +14,15 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.flight.simulation import crash_rate, presets
 from nearlift.flight.simulation.claims import CrashLevels
 from nearlift.flight.simulation.crash_rate import CrashLevel
-from nearlift.flight.simulation.curve import Curves
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly, trace
 from nearlift.flight.simulation.groups import Groups
-from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, sweep
+from nearlift.flight.simulation.monte_carlo import (
+    MonteCarlo,
+    Statements,
+    StepTest,
+    combined,
+    sweep,
+)
 from nearlift.randomness import generator
 
 Rows = list[dict[str, object]]
@@ -38,8 +43,8 @@ VARIED_TARGETS: dict[Boundary, FloatArray] = {
     "ceiling": np.round(np.arange(3, 20) * 0.2, 10),
 }
 VARIED_SHARE, LEAST_VARIED = 0.25, 50
-#: Powers of the variants whose step is tested, at every so many set-points.
-TESTED_EXPONENTS, EVERY = (0.0, 1.0), 2
+#: Powers of the variants whose step is judged.
+TESTED_EXPONENTS = (0.0, 1.0)
 #: Set-points of Fig. 6a and b: near the middle of what the model changes.
 SHOWN: dict[Boundary, float] = {"ground": 1.0, "ceiling": 1.75}
 #: So many flights are looked through for time histories, and so many shown.
@@ -79,14 +84,17 @@ def published_flights(
     """All powers over all set-points, with the rows of crash_rates.parquet; `levels` takes what the
     claims are judged by.
     """
-    curves, groups = presets.scaled_curves(boundary), preset.groups(boundary)
-    flown = sweep(boundary, curves, presets.TARGETS[boundary], groups, how)
+    groups, stated = preset.groups(boundary), Statements(curves=[[0]], risks=risks)
     # one resampling for all curves: they met the same gusts
     rng = generator(how.key % 2**32, "levels", preset.name, boundary)
-    weights = crash_rate.resamples(flown.flights, rng)
+    weights = crash_rate.resamples(how.flights, rng)
     rows: Rows = []
-    listed = []
-    for i, k in enumerate(presets.EXPONENTS):
+    listed, tests = [], []
+    for k in presets.EXPONENTS:
+        curves = presets.scaled_curves(boundary, (k,))
+        targets = presets.TARGETS[boundary]
+        flown = sweep(boundary, curves, targets, groups, how, stated=stated)
+        tests.append(flown.step_test)
         model = presets.MODELS[boundary] if k else "none"
         labels = {
             "preset": preset.name,
@@ -94,20 +102,22 @@ def published_flights(
             "model": model,
             "exponent": k,
             "member": -1,
+            "below_nearest": "",
+            "contact_z_hat": groups.contact,
         }
-        rows += flown.rows(i, "thrust", labels)
+        rows += flown.rows(0, "thrust", labels)
         for risk in risks:
-            values = crash_rate.levels(flown.target_z_hat, flown.crashed[i], risk, weights)
+            values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], risk, weights)
             levels.flown[boundary, k, risk] = crash_rate.levels_held(flown.target_z_hat, values)
             level = CrashLevel.resampled(flown.target_z_hat, values, risk)
             listed.append(PublishedLevel(exponent=k, **asdict(level)))
     rng = generator(how.key % 2**32, "variants", preset.name, boundary)
-    varied, tested = varied_levels(boundary, curves, presets.EXPONENTS, groups, how, rng)
+    varied, tested = varied_levels(boundary, groups, how, rng)
     levels.varied.update(varied)
     found = PublishedFlights(
-        convergence=flown.step_test,
+        convergence=combined(tests),
         groups=groups,
-        flights=flown.flights,
+        flights=how.flights,
         levels=tuple(listed),
         variants=tested,
     )
@@ -115,23 +125,19 @@ def published_flights(
 
 
 def varied_levels(
-    boundary: Boundary,
-    curves: Curves,
-    exponents: Sequence[float],
-    groups: Groups,
-    how: MonteCarlo,
-    rng: np.random.Generator,
+    boundary: Boundary, groups: Groups, how: MonteCarlo, rng: np.random.Generator
 ) -> tuple[dict[tuple[str, float, str], FloatArray], StepTest]:
     """Levels of half of the flights under one resampling, by (boundary, power, variant): arrays
     (m,), the first as flown.
 
-    `exponents` says which power each of the `curves` is. A quarter of the flights are flown; a
-    level that the set-points do not hold is nan. With them comes what half the step changes, for
-    some powers and set-points of every variant.
+    A quarter of the flights are flown; a level that the set-points do not hold is nan. With them
+    comes what half the step changes.
     """
     few = how.at_most(max(round(VARIED_SHARE * how.flights), LEAST_VARIED))
-    targets = VARIED_TARGETS[boundary]
-    keys, settings = [], []
+    weights = crash_rate.resamples(few.flights, rng)
+    stated = Statements(curves=[[0]], risks=(0.5,))
+    found: dict[tuple[str, float, str], FloatArray] = {}
+    tests = []
     for name, gain, noise in VARIANTS:
         g = replace(
             groups,
@@ -141,25 +147,13 @@ def varied_levels(
             noise=noise * groups.noise,
         )
         for k in VARIED_EXPONENTS:
-            keys.append((boundary, k, name))
-            curve = list(exponents).index(k)
-            settings += [
-                FlightSetting(target_z_hat=float(z), groups=g, curve=curve) for z in targets
-            ]
-    crashed = few.crashed(boundary, settings, curves)
-    again = [
-        i * len(targets) + j
-        for i, (_, k, _) in enumerate(keys)
-        if k in TESTED_EXPONENTS
-        for j in range(0, len(targets), EVERY)
-    ]
-    weights = crash_rate.resamples(few.flights, rng)
-    each = zip(keys, crashed.reshape(len(keys), len(targets), few.flights), strict=True)
-    levels: dict[tuple[str, float, str], FloatArray] = {
-        k: crash_rate.levels_held(targets, crash_rate.levels(targets, c, 0.5, weights))
-        for k, c in each
-    }
-    return levels, few.step_test(boundary, settings, curves, crashed, again)
+            curves = presets.scaled_curves(boundary, (k,))
+            flown = sweep(boundary, curves, VARIED_TARGETS[boundary], g, few, stated=stated)
+            z_hat = flown.target_z_hat
+            values = crash_rate.levels(z_hat, flown.crashed[0], 0.5, weights)
+            found[boundary, k, name] = crash_rate.levels_held(z_hat, values)
+            tests += [flown.step_test] if k in TESTED_EXPONENTS else []
+    return found, combined(tests)
 
 
 def histories(preset: presets.FlightPreset, boundary: Boundary, key: int) -> Rows:

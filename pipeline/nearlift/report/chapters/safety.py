@@ -70,7 +70,9 @@ def _fitted(place: Place, boundary: str) -> dict[str, object]:
         "left": own["left_on_the_bench"],
         "draws": own["draws"],
         "source": own["draws_from"],
-        "bound": place.number("bound_z_hat", places=2),
+        "contact": place.number("contact_z_hat", places=2),
+        "contact_mm": place.number("contact_m", scale=1e3, digits=3, how="in mm"),
+        "nearest": place.number("measured_z_hat", 0, places=2),
         "droop": place.percent("droop", digits=2) if own["droop"] else None,
         "converged": own["convergence"]["converged"],
         "levels": [
@@ -81,6 +83,8 @@ def _fitted(place: Place, boundary: str) -> dict[str, object]:
                 "hi90": place.number("levels", i, "hi90", places=2),
                 "without": place.number("levels", i, "without_model", places=2),
                 "least": e["value"] == e["lowest_flown"],
+                "held": place.number("levels", i, "held", places=2),
+                "agrees": e["agrees"],
             }
             for i, e in enumerate(own["levels"])
         ],
@@ -100,14 +104,18 @@ def _best(place: Place, flights: int) -> dict[str, object]:
         "hi90": place.number("hi90", places=2),
         "cost": place.number("relative_cost", places=3),
         "farthest": own["farthest"],
-        "refused": "" if own["resolved"] else unresolved(own, flights),
+        "refused": refusal(own, flights),
         "rate": place.percent("rate", digits=2),
         "rate_hi95": place.percent("rate_hi95", digits=2),
     }
 
 
-def unresolved(found: dict[str, Any], flights: int) -> str:
-    """Why no set-point is named for a price, and what would do."""
+def refusal(found: dict[str, Any], flights: int) -> str:
+    """Why no set-point is named for a price, and what would do; empty where one is."""
+    if not found["agrees"]:
+        return "no advice: it depends on lift nearer than measured; measure nearer"
+    if found["resolved"]:
+        return ""
     enough = (
         f"about {plain(found['flights_needed'], 2)} would"
         if found["flights_needed"]

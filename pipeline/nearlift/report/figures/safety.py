@@ -23,6 +23,8 @@ from nearlift.rounding import plain
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
 FLOOR = 0.5
 COST = SERIES[1][0]
+#: Where the vehicle touches, and nearer.
+NEARER, TOUCHED = "#000000", "#D9D9D9"
 PAPER = (0, (4, 1.5))
 PAPER_COLOUR = "#5C2400"
 
@@ -33,9 +35,11 @@ def summarise(evidence: Evidence) -> Columns:
     Returns
     -------
     dict of arrays
-        `row` (crash, front), `panel` (boundary), `kind` (none, model, cost, best), `label`, `x`,
-        `y`, `lo90`, `hi90`. In the row `crash`, x is the set-point and y a crash rate (90 % over
-        model and flights) or a relative cost (over what is not known of the held quantity); in
+        `row` (crash, front), `panel` (boundary), `kind` (none, model, held, contact, cost, best),
+        `label`, `x`, `y`, `lo90`, `hi90`. In the row `crash`, x is the set-point and y a crash rate
+        (90 % over model and flights; `held`: with lift held below the nearest station) or a
+        relative cost (over what is not known of the held quantity), and `contact` is where the
+        vehicle touches; in
         `front`, x is the relative cost, y the crash rate, and `best` the set-points of least
         expected cost.
     """
@@ -45,9 +49,10 @@ def summarise(evidence: Evidence) -> Columns:
         own = (rates["preset"] == "fitted") & (rates["boundary"] == side)
         if side not in content or not own.any():
             continue
-        none, best = (
-            own & (rates["exponent"] == 0),
-            own & (rates["exponent"] != 0) & (rates["member"] == -1),
+        none = own & (rates["exponent"] == 0)
+        best, held = (
+            own & (rates["member"] == -1) & (rates["below_nearest"] == reading)
+            for reading in ("form", "held")
         )
         x = rates["target_z_hat"][best]
         draws = own & (rates["member"] >= 0)
@@ -69,6 +74,9 @@ def summarise(evidence: Evidence) -> Columns:
         parts.append(
             curve_rows("crash", side, "model", label, x, rates["rate"][best], lo90=lo90, hi90=hi90)
         )
+        parts.append(curve_rows("crash", side, "held", label, x, rates["rate"][held]))
+        touches = content[side]["contact_z_hat"]
+        parts.append(curve_rows("crash", side, "contact", "touches", [touches], [0.0]))
         costs = {"lo90": rates["cost_lo"][best], "hi90": rates["cost_hi"][best]}
         parts.append(
             curve_rows(
@@ -94,7 +102,7 @@ def summarise(evidence: Evidence) -> Columns:
             )
         )
         for found in content[side]["best_set_points"]:
-            if found["resolved"]:
+            if found["target_z_hat"] is not None:
                 name = f"{found['price']:g}: z_hat {found['target_z_hat']:g}"
                 at = max(found["crashes"] / content[side]["flights"], floor)
                 parts.append(
@@ -118,9 +126,11 @@ def caption(evidence: Evidence, table: Columns) -> str:
             " this vehicle (same dimensionless groups) unless the manifest gives its own."
         ),
         (
-            "Above: crash rate against set-point, with the 90 % band of model and flights together,"
-            " and the relative power to hover (right axis), by what the trials held (band: what is"
-            " not known of it) and as the paper has it (dashed)."
+            "Above: crash rate against set-point, with the 90 % band of model and flights together"
+            " (dotted: L/L∞ held below the nearest station, where else the model's own form is"
+            " carried on), where the vehicle touches (line and shade), and the relative power to"
+            " hover (right axis), by what the trials held (band: what is not known of it) and as"
+            " the paper has it (dashed)."
         ),
         (
             "Below: power against risk, a rate without a crash standing at half a crash. Symbols"
@@ -141,6 +151,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
             for e in own["best_set_points"]
             if not e["resolved"]
         ]
+        parted = [f"a price of {e['price']:g}" for e in own["best_set_points"] if not e["agrees"]]
+        parted += [f"a risk of {e['risk']:g}" for e in own["levels"] if not e["agrees"]]
         left = (
             f" Not resolved by {own['flights']} flights: prices of {', '.join(refused)}."
             if refused
@@ -148,17 +160,28 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
         parts.append(
             f"{side.capitalize()}: {own['title']}, {own['draws']} draws from {own['draws_from']},"
-            f" {own['flights']} flights a point; L/L∞ is held below ẑ = {own['bound_z_hat']:.2g},"
-            " where nothing was measured; halving the step changes a rate by up to"
-            f" {c['worst']:.2g}.{left}"
+            f" {own['flights']} flights a point; a crash is ẑ ≤ {own['contact_z_hat']:.3g}"
+            f" ({1e3 * own['contact_m']:.3g} mm from the rotor plane), and nothing was measured"
+            f" below ẑ = {own['measured_z_hat'][0]:.3g}; halving the step changes a rate by up to"
+            f" {c['worst']:.2g}.{left}{_parted(parted)}"
         )
     return " ".join(parts)
+
+
+def _parted(what: list[str]) -> str:
+    """What is not advised since the two readings below the nearest station lead apart."""
+    return (
+        f" No advice for {', '.join(what)}: there it matters what lift does nearer than measured."
+        if what
+        else ""
+    )
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = [
-        f"{side}: a risk of {e['risk']:g} at z_hat {e['value']:.2f}"
+        f"{side}, touched at z_hat {own['contact_z_hat']:.2f}: a risk of {e['risk']:g} at z_hat"
+        f" {e['value']:.2f}"
         for side, own in evidence.document(SAFETY)["fitted"].items()
         for e in own["levels"]
         if e["value"] is not None
@@ -185,6 +208,8 @@ def draw(table: Rows, look: Style) -> Figure:
         (Patch(color=BAND), Line2D([], [], color=FITTED)),
     ]
     legend += [
+        Line2D([], [], color=FITTED, linestyle=":"),
+        (Patch(color=TOUCHED, linewidth=0), Line2D([], [], color=NEARER)),
         (Patch(color=COST, alpha=0.2, linewidth=0), Line2D([], [], color=COST)),
         Line2D([], [], color=PAPER_COLOUR, linestyle=PAPER),
     ]
@@ -192,10 +217,12 @@ def draw(table: Rows, look: Style) -> Figure:
     names = [
         "no boundary effect",
         "fitted model",
+        "held below the nearest station",
+        "the vehicle touches",
         f"power, {held} held",
         "power, $(L/L_\\infty)^{-3/2}$",
     ]
-    figure.legend(legend, names, loc="outside lower center", ncols=4 if len(sides) > 1 else 2)
+    figure.legend(legend, names, loc="outside lower center", ncols=3 if len(sides) > 1 else 2)
     return figure
 
 
@@ -212,6 +239,12 @@ def _crash(ax: Axes, own: Rows) -> None:
             zorder=1,
         )
         ax.plot(own["x"][mine], 100 * own["y"][mine], color=shade, linestyle=style, zorder=3)
+    held, contact = own["kind"] == "held", own["x"][own["kind"] == "contact"][0]
+    ax.plot(own["x"][held], 100 * own["y"][held], color=FITTED, linestyle=":", zorder=3)
+    left = max(0.0, contact - 0.1)
+    ax.axvspan(left, contact, color=TOUCHED, linewidth=0, zorder=0)
+    ax.axvline(contact, color=NEARER, zorder=2)
+    ax.set_xlim(left=left)
     ax.set_ylim(-2, 102)
     ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")

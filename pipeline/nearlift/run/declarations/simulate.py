@@ -20,6 +20,16 @@ CRASH_RATES = Product(
         text("model", "name of the lift model; none: no boundary effect in the flight"),
         real("exponent", "1", "power to which L / L_inf is raised; 0 where there is no model"),
         integer("member", "which posterior draw of the model flies; -1 the best estimate"),
+        text(
+            "below_nearest",
+            "what lift does nearer than the nearest station: form (the model's own), held (its"
+            " value there); empty where neither flies",
+        ),
+        real(
+            "contact_z_hat",
+            "1",
+            "what counts as a crash: the rotor plane so near, over rotor radius",
+        ),
         real("target_z_hat", "1", "set-point over rotor radius"),
         integer("flights", "simulated flights; all settings meet the same gusts"),
         integer("crashes", "flights that touched the boundary"),

@@ -1,0 +1,204 @@
+"""Flights from the equations alone, in SI units with gusts of their own, beside the product: levels
+lie where it states them, and what it advises is survived at the rate that it states.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.simulation import presets
+from nearlift.flight.simulation.claims import CrashLevels
+from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED
+from nearlift.flight.simulation.crash_rate import binomial90
+from nearlift.flight.simulation.fitted import conditions, fitted_flights
+from nearlift.flight.simulation.published import published_flights
+from nearlift.manifest.flight import Simulate
+
+KEY = 20210401
+R, MASS, G = 0.023, 0.027, 9.8
+#: Lift over frequency squared: four rotors, C_L = 1.6, 1.2 kg/m^3.
+K = 4 * 1.6 * 1.2 * R**4
+
+
+def ground(z_hat, spacing_m=0.090, K_b=2.0):
+    """Sanchez-Cuevas 2017, eq. 4; four rotors in a square."""
+    d2 = (spacing_m / R) ** 2
+    adjacent, opposite = d2 + 4 * z_hat**2, 2 * d2 + 4 * z_hat**2
+    images = 1 / (16 * z_hat**2) + z_hat / (adjacent * np.sqrt(adjacent))
+    return 1 / (1 - images - (0.5 + 2 * K_b) * z_hat / (opposite * np.sqrt(opposite)))
+
+
+def ceiling(z_hat, alpha=0.125):
+    """Hsiao and Chirarattananon 2019."""
+    return 0.5 + 0.5 * np.sqrt(1 + alpha / z_hat**2)
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """What flies; `contact` and the bound on its ratio in radii."""
+
+    ratio: Callable[[np.ndarray], np.ndarray]
+    side: float = 1.0
+    contact: float = 0.0
+    bound: float = 0.5
+    lag_s: float = 0.0
+    delay_s: float = 0.0
+    most_N: float = np.inf
+
+
+def rate_at(vehicle, z_hat, flights, step_s, seed, order=1):
+    """Share of flights of 120 s that touch: a force of 0.015 N held for 0.1 s, the PID of Eq. 5; by
+    Euler's scheme or (order 2) by Heun's.
+    """
+    rng = np.random.default_rng(seed)
+    s, z0, most = vehicle.side, z_hat * R, np.sqrt(vehicle.most_N / K)
+    f0 = np.sqrt(MASS * G / (K * float(vehicle.ratio(np.array(z_hat)))))
+    late = round(vehicle.delay_s / step_s)
+    # height, speed, integral of the error, rotor frequency: a row each
+    state = np.stack([np.full(flights, x) for x in (z0, 0.0, 0.0, f0)])
+    past = [state] * (late + 1)
+
+    def slope(now, seen, gust):
+        error = 316.0 * (seen[0] - z0) + 316.0 * seen[1] + 31.6 * seen[2]
+        asked = np.clip(f0 - s * error, 0.0, most)
+        turning = now[3] if vehicle.lag_s else asked
+        lift = K * turning**2 * vehicle.ratio(np.maximum(now[0] / R, vehicle.bound))
+        spin = (asked - now[3]) / vehicle.lag_s if vehicle.lag_s else np.zeros_like(asked)
+        return np.stack([now[1], s * (lift + gust - MASS * G) / MASS, now[0] - z0, spin])
+
+    for _ in range(1200):
+        gust = 0.015 * rng.standard_normal(state.shape[1])
+        alive = np.ones(state.shape[1], dtype=bool)
+        for _ in range(round(0.1 / step_s)):
+            past = [*past[1:], state]
+            k = slope(state, past[0], gust)
+            if order == 2:
+                ahead = state + step_s * k
+                k = 0.5 * (k + slope(ahead, past[1] if late else ahead, gust))
+            state = state + step_s * k
+            alive &= state[0] > vehicle.contact * R
+        if not alive.all():
+            # the others fly on
+            state, past = state[:, alive], [p[:, alive] for p in past]
+    return 1 - state.shape[1] / flights
+
+
+def lies_within(level, rate):
+    """Whether the level that `rate` (a function of height) has lies in the stated interval, widened
+    by half of itself on either side: a true statement is denied once in a thousand.
+    """
+    more = max(0.5 * (level.hi90 - level.lo90), 0.003)
+    return rate(level.lo90 - more) > level.risk > rate(level.hi90 + more)
+
+
+@pytest.mark.parametrize(
+    ("boundary", "formula", "side"), [("ground", ground, 1.0), ("ceiling", ceiling, -1.0)]
+)
+def test_levels_of_the_paper_s_vehicle(boundary, formula, side):
+    """Explicit Euler at 0.1 s, 4000 flights against the product's 400."""
+    preset = presets.preset("paper")
+    found, _ = published_flights(
+        preset, boundary, preset.monte_carlo(400, KEY), (0.5, 0.01), CrashLevels()
+    )
+    vehicle = Vehicle(formula, side)
+    told = [level for level in found.levels if level.exponent == 1.0]
+    assert [level.risk for level in told] == [0.5, 0.01]
+    for level in told:
+        assert lies_within(level, lambda z: rate_at(vehicle, z, 4000, 0.1, 5))
+
+
+LIFT = {
+    "ground": (
+        "sanchez_cuevas",
+        {"spacing_hat": 65 / 23, "diagonal_hat": np.sqrt(2) * 65 / 23},
+        "K_b",
+        2.0,
+        1.14,
+    ),
+    "ceiling": ("hsiao_chirarattananon", {}, "alpha", 0.125, 0.1),
+}
+
+
+def fitted(boundary, contact_m, flights, craft=CRAZYFLIE_AS_PRINTED, **chosen):
+    """A vehicle whose fit is known to 1 %, flown."""
+    name, arguments, parameter, value, nearest = LIFT[boundary]
+    rng = np.random.default_rng(2)
+    lift = FittedLift(
+        boundary=boundary,
+        model=catalogue.model(name),
+        arguments=arguments,
+        best={parameter: value},
+        intervals={},
+        number=4,
+        draws={parameter: value * (1 + 0.01 * rng.standard_normal(4))},
+        source="draws",
+        measured_z_hat=(nearest, 11.5),
+    )
+    asked = Simulate(flights=flights, **chosen)
+    groups, how = conditions(asked, boundary, craft, contact_m, KEY, map)
+    return fitted_flights(lift, asked, groups, how, "throttle", R, 3)[0]
+
+
+@pytest.mark.parametrize(("boundary", "contact_m"), [("ground", 0.024), ("ceiling", 0.002)])
+def test_levels_and_advice_of_a_fitted_vehicle_that_touches(boundary, contact_m):
+    """The demo's: levels by Heun's scheme with half the product's step; and whatever price has
+    a set-point, flights touch there at a rate within its interval.
+    """
+    found = fitted(boundary, contact_m, 200, risks=[0.5, 0.05], crash_prices=[0.1, 1.0])
+    z = contact_m / R
+    formula = (lambda x: ground(x, 0.065)) if boundary == "ground" else ceiling
+    vehicle = Vehicle(formula, 1.0 if boundary == "ground" else -1.0, contact=z, bound=z)
+    for level in found.levels:
+        assert level.agrees
+        assert lies_within(level, lambda z: rate_at(vehicle, z, 1000, 0.025, 6, order=2))
+    advised = [b for b in found.best_set_points if b.target_z_hat and not b.farthest]
+    assert advised
+    for best in advised:
+        flown = rate_at(vehicle, best.target_z_hat, 1000, 0.025, 7, order=2)
+        low, _ = binomial90(round(1000 * flown), 1000)
+        assert low <= best.rate_hi95
+
+
+@pytest.mark.calibration
+def test_the_advice_is_survived_in_ten_thousand_flights():
+    found = fitted("ground", 0.024, 60, risks=[0.5, 0.05], crash_prices=[0.1])
+    (best,) = found.best_set_points
+    vehicle = Vehicle(lambda x: ground(x, 0.065), contact=24 / 23, bound=24 / 23)
+    assert rate_at(vehicle, best.target_z_hat, 10_000, 0.02, 8, order=2) <= best.rate_hi95
+
+
+def test_motors_estimator_and_thrust_limit():
+    """Each makes flying near the ground worse, and all together as the equations alone have it."""
+    at = {"risks": [0.5], "set_points": {"ground": [1.2, 1.6, 2.0, 2.4, 2.8, 3.2]}}
+    levels = []
+    for lag_s, delay_s, most in ((0, 0, 9), (0.06, 0, 9), (0, 0.04, 9), (0.06, 0.04, 1.1)):
+        craft = replace(CRAZYFLIE_AS_PRINTED, motor_lag_s=lag_s, most_lift_N=most * MASS * G)
+        found = fitted("ground", 0.024, 100, craft, estimator_delay=f"{delay_s} s", **at)
+        assert found.convergence.converged
+        levels += found.levels
+    at_once, lag, delay, everything = levels
+    assert at_once.hi90 < min(lag.value, delay.value)
+    assert max(lag.hi90, delay.hi90) < everything.value
+    vehicle = Vehicle(
+        lambda x: ground(x, 0.065),
+        contact=24 / 23,
+        bound=24 / 23,
+        lag_s=0.06,
+        delay_s=0.04,
+        most_N=1.1 * MASS * G,
+    )
+    assert lies_within(everything, lambda z: rate_at(vehicle, z, 400, 0.01, 9, order=2))
+
+
+def test_a_vehicle_that_cannot_lift_itself_comes_down():
+    """Lift limited to 99 % of the weight holds no vehicle up where the ground adds less."""
+    weak = replace(CRAZYFLIE_AS_PRINTED, most_lift_N=0.99 * MASS * G)
+    at = {"risks": [0.5], "set_points": {"ground": [3.0, 12.0]}}
+    (level,) = fitted("ground", 0.024, 20, weak, **at).levels
+    assert np.isnan(level.value) or level.value > 3.0
