@@ -27,6 +27,8 @@ NAME = "small"
 STATIONS = 0.023 * np.array([1.14, 1.4, 1.8, 2.5, 4.0, 7.0, 12.0])
 FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": np.sqrt(2) * 65 / 23}
+#: Where the vehicle touches.
+CONTACT_M = {"ground": 0.012, "ceiling": 0.002}
 UNCERTAINTY = """
 [[uncertainty]]
 name  = "distance datum"
@@ -44,7 +46,7 @@ def write(folder: Path, form: Form = "csv", visits: int = 4) -> Path:
         lift_inf_N=FAR,
         geometry=GEOMETRY,
     )
-    bench = Bench(rate_Hz=500.0, tare_s=0.1, record_s=0.3, text=UNCERTAINTY)
+    bench = Bench(rate_Hz=500.0, tare_s=0.1, record_s=0.3, contact_m=CONTACT_M, text=UNCERTAINTY)
     design = randomised({"ground": STATIONS}, seed=4, visits=visits, sessions=3)
     write_campaign(
         folder,
@@ -68,7 +70,7 @@ def write_means(folder: Path, rows: int, lift_sd: float | None = None) -> Path:
         """
 schema = "nearlift.campaign/1"
 name = "means"
-vehicle = { name = "Crazyflie 2.0", rotors = 4, rotor_radius = "23 mm", rotor_spacing = "65 mm", mass = "27 g", contact = { ground = "12 mm", ceiling = "2 mm" } }
+vehicle = { name = "Crazyflie 2.0", rotors = 4, rotor_radius = "23 mm", rotor_spacing = "65 mm", mass = "27 g" }
 rig = { held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", gravity = "9.8 m/s^2" }
 records = { reader = "means" }
 [trials.units]
