@@ -17,7 +17,7 @@ from nearlift.results.levels import LevelCurve
 #: The highest degree that is tried, and that a manifest may ask for.
 MOST_DEGREE = 4
 #: Where throttles are more than this, so many stand for them: medians of equal shares of trials.
-MOST_SHOWN, SHOWN = 12, 6
+MOST_SHOWN, SHOWN = 12, 5
 #: What varies by less than this part of itself cannot carry a curve.
 LEAST_RANGE = 0.005
 #: Cosines of nearness that stand for any curve of distance, and parts of a campaign where visits
