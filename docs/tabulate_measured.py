@@ -44,6 +44,7 @@ the verdict is the same and, where there is a name, the loop names it again, alo
 """
 #: Of more trials, the one that moves the coefficient most is left out; of more visits, distances.
 MOST = 24
+LOST = "Another verdict without"
 SWEEPS = """\
 schema = "nearlift.campaign/1"
 name   = "{name}"
@@ -159,13 +160,13 @@ CAMPAIGNS = (
         name="garofano-soldado",
         source="Garofano-Soldado et al., 15 configurations, vertical force",
         make=garofano(False),
-        remark="the geometry of a tilted force is found; what tilt does to the curve is left",
+        remark="tilt accounts for the greater part, and leaves what it does to the curve; k is not told",
     ),
     Measured(
         name="garofano-soldado-axes",
         source="the same along the rotors' axes",
         make=garofano(True),
-        remark="no effect of the library changes the curve with tilt as these rotors do",
+        remark="no effect of the library changes the curve with tilt as these rotors do; k ends at its bound, and is not told",
     ),
     *(
         Measured(
@@ -288,7 +289,10 @@ def row(one: Measured, out: Path) -> tuple[str, str]:
     told = f"- **{one.name}** ({one.source}): {one.remark}."
     if held["lost"]:
         more = "" if len(held["lost"]) <= 4 else f" and {len(held['lost']) - 4} more"
-        told += f" Another verdict without {', '.join(held['lost'][:4])}{more}."
+        told += f" {LOST} {', '.join(held['lost'][:4])}{more}."
+    if partial := d.get("partial"):
+        shares = [f"`{x['name']}` {100 * x['share']:.0f} %" for x in partial[:2]]
+        told += f" In part, and not to be named: {', '.join(shares)}."
     wanted = [n["measure"] for n in d["next_experiment"]][:2]
     logs = list(
         dict.fromkeys(w for u in d["untestable"] for w in u.get("log_next_time", u["needs"]))
@@ -320,6 +324,8 @@ if __name__ == "__main__":
             print(rows[-1][0], flush=True)
     if not only:
         lines, told = zip(*rows, strict=True)
+        firm = [c.name for c, text in zip(CAMPAIGNS, told, strict=True) if LOST not in text]
+        stand = f"\nThe verdict stands whatever is left out in {len(firm)} of {len(told)}: {', '.join(firm)}.\n"
         Path(__file__).with_name("measured.md").write_text(
-            HEAD + "\n".join(lines) + "\n" + TAIL + "\n".join(told) + "\n"
+            HEAD + "\n".join(lines) + "\n" + stand + TAIL + "\n".join(told) + "\n"
         )
