@@ -97,7 +97,7 @@ def test_a_coefficient_is_quoted_where_the_log_tells_it_and_refused_elsewhere(
     folder: Path, tmp_path: Path, with_setpoint: Any
 ) -> None:
     from nearlift import catalogue
-    from nearlift.results.quotation import CoefficientResult
+    from nearlift.results.quotation import CoefficientResult, LargestShifts
 
     model = catalogue.model("sanchez_cuevas")
     plain = CoefficientResult(
@@ -113,6 +113,7 @@ def test_a_coefficient_is_quoted_where_the_log_tells_it_and_refused_elsewhere(
     bare = given.model_copy(update={"uncertainty": []})
     without = at_truth(bare, trials).coefficients(model, {name: plain})[name]
     assert without.u == np.inf
+    assert without.influence == LargestShifts()
     assert (without.lo90, without.hi90) == model.parameters[0].bounds
     assert 'add [[uncertainty]] on = "height"' in without.holds
     flight = {k: v for k, v in FLIGHT.items() if k != "setpoint"}

@@ -27,6 +27,7 @@ from nearlift.results.quotation import (
     BudgetLine,
     CoefficientResult,
     Doubt,
+    LargestShifts,
     ends,
 )
 from nearlift.rounding import plus_minus
@@ -301,5 +302,6 @@ def _refused(given: CoefficientResult, bounds: tuple[float, float], why: str) ->
         hi95=high,
         holds=why,
         budget=(),
+        influence=LargestShifts(),
         doubts=(*given.doubts, _plain(given)),
     )
