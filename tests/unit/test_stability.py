@@ -10,6 +10,7 @@ import pytest
 from nearlift import catalogue
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
+from nearlift.loop.setting import derive
 from nearlift.loop.stability import LOOK, Without, told
 
 from .simulated import campaign
@@ -90,3 +91,11 @@ def test_where_no_trial_matters_nothing_is_made_again(quoted):
     assert told(quiet, pytest.fail) is quiet
     unknown = replace(quoted, coefficients={"K_b": replace(headline, u=np.inf)})
     assert told(unknown, pytest.fail) is unknown
+
+
+def test_no_single_trial_decides_at_which_throttle_coefficients_hold():
+    data = campaign(4, visits=4)
+    whole = float(np.median(np.unique(data.throttle)))
+    for i in range(8):
+        rest = derive(data.take(np.arange(data.n) != i), np.ones(data.n - 1))
+        assert rest.geometry["throttle_ref"] == whole

@@ -6,8 +6,9 @@ Mechanism: blades of 6 mm chord work at a Reynolds number near 13 000, where lif
 change with speed; so does the viscous share of what happens in the gap. The gain is then not the
 same at every throttle.
 
-Convention: reynolds_slope > 0 where the gain grows with throttle; throttle_ref is the campaign's
-median. L_inf at each throttle is free, so nothing is said about lift far away.
+Convention: reynolds_slope > 0 where the gain grows with throttle; throttle_ref is the median of the
+campaign's throttles, at which the base model's coefficients hold. L_inf at each throttle is free,
+so nothing is said about lift far away.
 
 Size on a Crazyflie: C_L rises by 10 % from 25 to 92 % throttle; in the *ratio* that is second
 order, 0 to 1 % of lift, so a slope of 0.05.

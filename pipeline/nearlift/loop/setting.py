@@ -33,8 +33,8 @@ def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
     the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
     throttle, or over its curve), `drift_hat` (relative change of lift within a record),
     `lift_inf_N` (as given, in N, (n,)); and, as geometry, the medians `supply_ref_V`,
-    `temperature_ref_K`, `pressure_ref_Pa`, `throttle_ref`, and `radius_m`. Where the order of the
-    trials is unknown, all that follows from it is constant.
+    `temperature_ref_K`, `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`.
+    Where the order of the trials is unknown, all that follows from it is constant.
     """
     known = dict(data.covariates)
     n = data.n
@@ -80,7 +80,8 @@ def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
     geometry: dict[str, object] = {
         **data.geometry,
         "radius_m": data.radius_m,
-        "throttle_ref": float(np.median(data.throttle)),
+        # not of the trials: between two middle throttles a single one would decide
+        "throttle_ref": float(np.median(np.unique(data.throttle))),
     }
     for name, reference in (
         ("supply_V", "supply_ref_V"),
