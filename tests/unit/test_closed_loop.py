@@ -135,3 +135,32 @@ def test_windows_far_from_the_ground_tell_nothing() -> None:
     )
     with pytest.raises(NotConverged, match="not told by these windows"):
         closed_loop.solve(windows, closed_loop.decaying(windows.z_hat, np.inf), np.zeros(2))
+
+
+def test_what_flights_determine_stands_first_and_what_they_cannot_is_refused() -> None:
+    from nearlift.results.quotation import BoundaryResult, CoefficientResult
+
+    gain, k_b = (
+        CoefficientResult(
+            value=v,
+            u=u,
+            dof=9.0,
+            unit="1",
+            lo68=v,
+            hi68=v,
+            lo90=v,
+            hi90=v,
+            lo95=v,
+            hi95=v,
+            holds=holds,
+        )
+        for v, u, holds in ((0.17, 0.05, ""), (1.5, np.inf, "refused: no set-point"))
+    )
+    found = BoundaryResult(
+        verdict="adequate",
+        base_model="sanchez_cuevas",
+        coefficients={"K_b": k_b},
+        in_flight={"gain_at_2": gain},
+    )
+    assert found.quotable == {"gain_at_2": gain}
+    assert found.refused == {"K_b": "refused: no set-point"}

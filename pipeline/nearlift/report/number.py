@@ -196,7 +196,11 @@ def count(product: Product, value: int, how: str) -> Number:
 
 
 def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
-    """A coefficient as it is to be quoted: without u where ± would not say the interval."""
-    found = Place(evidence, RESULTS).quote("boundaries", boundary, "coefficients", name)
-    own = evidence.quoted(boundary).coefficients[name]
+    """A coefficient, or what a flight determines, as it is to be quoted: without u where ± would
+    not say the interval.
+    """
+    flown = evidence.quoted(boundary).in_flight or {}
+    kind = "in_flight" if name in flown else "coefficients"
+    found = Place(evidence, RESULTS).quote("boundaries", boundary, kind, name)
+    own = {**evidence.quoted(boundary).coefficients, **flown}[name]
     return found if own.even else replace(found, u=None)

@@ -231,6 +231,17 @@ class BoundaryResult:
         return next(iter(self.coefficients), "")
 
     @property
+    def quotable(self) -> dict[str, CoefficientResult]:
+        """What the trials tell, what flights determine first: all but what was refused."""
+        known = {n: c for n, c in self.coefficients.items() if math.isfinite(c.u)}
+        return {**(self.in_flight or {}), **known}
+
+    @property
+    def refused(self) -> dict[str, str]:
+        """Coefficients that the trials cannot tell, and why."""
+        return {n: c.holds for n, c in self.coefficients.items() if n not in self.quotable}
+
+    @property
     def claim(self) -> str:
         """The named effects, or else the verdict."""
         return " and ".join(self.effects) or self.verdict.replace("_", " ")

@@ -4,6 +4,7 @@ gravest doubt, and what to measure next.
 
 from __future__ import annotations
 
+from nearlift.nomenclature import letter
 from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
@@ -21,7 +22,7 @@ def facts(evidence: Evidence) -> dict[str, object]:
 def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
     """What the first screen says of one boundary."""
     boundary, quoted = brief.boundary, brief.quoted
-    coefficients = [headline(evidence, boundary, name) for name in quoted.coefficients]
+    coefficients = [headline(evidence, boundary, name) for name in quoted.quotable]
     strays, _ = doubts.goodness(evidence, boundary)
     return {
         "boundary": boundary,
@@ -30,7 +31,8 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         "verdict": brief.verdict,
         "headline": coefficients[0] if coefficients else None,
         "others": coefficients[1:],
-        "holds": next((c.holds for c in quoted.coefficients.values()), ""),
+        "holds": next((c.holds for c in quoted.quotable.values()), ""),
+        "refused": {letter(name): why for name, why in quoted.refused.items()},
         "omits": brief.omits,
         # the residual is drawn in the chapter of the loop, not on the card
         "seen": quoted.verdict in ("effect", "unexplained"),

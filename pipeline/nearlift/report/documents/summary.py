@@ -37,17 +37,25 @@ def summary(evidence: Evidence) -> bytes:
 
 
 def _block(brief: Brief) -> list[str]:
-    coefficients = brief.quoted.coefficients
-    names = {name: letter(name) for name in coefficients}
+    coefficients = brief.quoted.quotable
+    names = {
+        name: letter(name) if name in brief.quoted.coefficients else name.replace("_", " ")
+        for name in coefficients
+    }
     lines = _wrapped(f"[[{brief.boundary.capitalize()}]] {brief.verdict}", "    ")
-    if not coefficients:
+    if not brief.quoted.coefficients:
         lines.append("    its model has no coefficient that is free")
     values = {name: _value(c) for name, c in coefficients.items()}
     width = max((len(v) for v in values.values()), default=0)
+    wide = max(6, *map(len, names.values())) if names else 6
     for name, c in coefficients.items():
         bound = ", at a bound" if c.at_bound else ""
-        lines.append(f"    {names[name]:<6} {values[name]:<{width}}   90 %: {c.interval}{bound}")
+        lines.append(
+            f"    {names[name]:<{wide}} {values[name]:<{width}}   90 %: {c.interval}{bound}"
+        )
+    refused = [(letter(name), why) for name, why in brief.quoted.refused.items()]
     for label, text in (
+        *refused,
         ("omits", brief.omits),
         ("error", brief.error),
         ("budget", brief.sources),
