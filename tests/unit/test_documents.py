@@ -76,7 +76,7 @@ def test_the_screen_has_the_numbers_of_the_products(evidence, quoted):
 def test_the_screen_is_one(evidence):
     lines = summary.summary(evidence).decode().splitlines()
     assert max(map(len, lines)) <= summary.WIDTH
-    assert len(lines) <= 18
+    assert len(lines) <= 20
     assert not re.search("|".join(e.name for e in catalogue.effects() if "_" in e.name), str(lines))
 
 

@@ -156,14 +156,15 @@ STATES: dict[str, list[Callable[[Path], tuple[list[object], Stands]]]] = {
         a_velocity_grid,
     ],
 }
-#: Those that are no remedies but stand in a comment of a manifest; what a fit alone and a history
-#: say, which have tests of their own.
+#: Those that are no remedies but stand in a comment of a manifest; what a fit alone, a history
+#: and a sweep say, which have tests of their own.
 ELSEWHERE = {
     "nearlift design",
     "nearlift diagnose",
     "nearlift ingest",
     "nearlift history",
     "nearlift run FILE",
+    "nearlift segments CAMPAIGN",
     "nearlift undo",
 }
 
