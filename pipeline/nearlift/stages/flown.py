@@ -30,7 +30,6 @@ from nearlift.results.quotation import (
     LargestShifts,
     ends,
 )
-from nearlift.rounding import plus_minus
 from nearlift.run.job import Job
 from nearlift.run.store import Table
 from nearlift.stages.observe import observe
@@ -84,10 +83,8 @@ def quoted(
         if told is not None:
             gain, decay = (told[name] for name, _ in DETERMINED)
             notes.append(
-                f"{boundary}: lift gains {plus_minus(100 * gain.value, 100 * gain.u)} % at two"
-                f" radii, 90 % from {100 * gain.lo90:.3g} to {100 * gain.hi90:.3g}; the gain decays"
-                f" over {plus_minus(decay.value, decay.u)} radii, 90 % from {decay.lo90:.3g} to"
-                f" {decay.hi90:.3g}"
+                f"{boundary}: the gain at two radii is {gain.estimate} of lift (90 %:"
+                f" {gain.interval}); it decays over {decay.estimate} radii (90 %: {decay.interval})"
             )
     return found, notes
 
