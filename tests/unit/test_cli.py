@@ -435,7 +435,7 @@ def test_describe_knows_models_effects_products_and_symbols(name, text):
 
 def commands() -> list[tuple[str, click.Command, About]]:
     """Every command by its whole name."""
-    context, found = click.Context(main), []
+    context, found = click.Context(main, **main.context_settings), []
     for name, about in everything().items():
         command = main.get_command(context, name)
         found.append((name, command, about))
@@ -463,11 +463,11 @@ def test_every_command_has_a_page_with_an_example_that_can_be_said():
         assert "For example:" in page.stdout
         for line in about.example.splitlines():
             assert f"  nearlift {line}" in page.stdout
-            context, words = click.Context(main), shlex.split(line)
+            context, words = click.Context(main, **main.context_settings), shlex.split(line)
             command = main
             while isinstance(command, click.Group):
                 _, command, words = command.resolve_command(context, words)
-            command.make_context(command.name, words)
+            command.make_context(command.name, words, parent=context)
 
 
 def test_options_stand_where_they_do_something():

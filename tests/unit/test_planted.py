@@ -148,7 +148,7 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
         "data": ["list"],
         "completion": ["bash"],
     }
-    assert sorted(given) == sorted(main.list_commands(click.Context(main)))
+    assert sorted(given) == sorted(main.list_commands(click.Context(main, **main.context_settings)))
     return [[name, *map(str, words)] for name, words in given.items()]
 
 
@@ -176,7 +176,9 @@ def test_no_command_runs_or_changes_what_is_planted(tmp_path, monkeypatch, execu
     commands = every_command(raw, out)
     for words in commands:
         options = {
-            o for p in main.get_command(click.Context(main), words[0]).params for o in p.opts
+            o
+            for p in main.get_command(click.Context(main, **main.context_settings), words[0]).params
+            for o in p.opts
         }
         words += ["--out", str(out)] if "--out" in options else []
         words += ["--executor", executor] if "--executor" in options else []
