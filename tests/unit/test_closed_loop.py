@@ -152,9 +152,10 @@ def test_what_flights_determine_stands_first_and_what_they_cannot_is_refused() -
             hi90=v,
             lo95=v,
             hi95=v,
-            holds=holds,
+            holds="",
+            refused=refused,
         )
-        for v, u, holds in ((0.17, 0.05, ""), (1.5, np.inf, "refused: no set-point"))
+        for v, u, refused in ((0.17, 0.05, None), (1.5, np.inf, "refused: no set-point"))
     )
     found = BoundaryResult(
         verdict="adequate",

@@ -14,7 +14,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.manifest.flight_log import STANDARD_G
 from nearlift.readers.channel import Channel, Contents
-from nearlift.readers.flight_log import sibling
+from nearlift.readers.flight_log import siblings
 from nearlift.reduction.airborne import starts_and_contacts
 from nearlift.reduction.specific_force import faults
 
@@ -166,8 +166,7 @@ def conventions(found: Channels, contents: Contents) -> tuple[str, str, str]:
 
 def _three(channel: Channel, contents: Contents) -> FloatArray:
     """A channel with its siblings along x and y before it, where there are such."""
-    names = [sibling(channel.name, axis) for axis in ("x", "y")]
-    others = [c.values for name in names for c in contents.channels if c.name == name]
+    others = [c.values for c in siblings(channel, contents.channels)]
     return np.stack([*others, channel.values], axis=1) if len(others) == 2 else channel.values
 
 

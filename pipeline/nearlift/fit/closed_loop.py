@@ -64,16 +64,19 @@ class Windows:
     @property
     def stretch(self) -> NDArray[np.int64]:
         """Which stretch each window belongs to, from 0."""
-        first = np.flatnonzero(np.diff(self.start, prepend=self.start[0] - 1))
-        since = np.arange(len(self.start)) - np.repeat(
-            first, np.diff([*first.tolist(), len(self.start)])
-        )
-        both = np.stack([self.start, since // STRETCH])
+        both = np.stack([self.start, since_start(self.start) // STRETCH])
         return np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
 
     def moved(self, log_lift: FloatArray | float = 0.0, z_hat: float = 0.0) -> Windows:
         """The same, were log lift or every height other by so much."""
         return replace(self, log_lift=self.log_lift + log_lift, z_hat=self.z_hat + z_hat)
+
+
+def since_start(start: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many windows into its start each one is, from 0."""
+    first = np.flatnonzero(np.diff(start, prepend=start[0] - 1))
+    begun = np.repeat(first, np.diff([*first.tolist(), len(start)]))
+    return np.asarray(np.arange(len(start)) - begun, dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

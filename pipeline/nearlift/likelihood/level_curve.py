@@ -119,7 +119,7 @@ def at_shown(data: Observations) -> FloatArray:
 
 def _shapes(data: Observations) -> FloatArray:
     """Cosines of nearness, as many as the distances can carry, (n, s)."""
-    near = np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
+    near = data.nearness
     orders = np.arange(1, min(SHAPES, len(np.unique(near)) - 1) + 1)
     return np.cos(np.pi * np.outer(near / max(near.max(), 1e-300), orders))
 

@@ -228,7 +228,7 @@ def curves(data: Observations) -> tuple[list[FloatArray], str]:
     few = [x.max() + 1 <= min(data.n / REPEATED, MOST_MEANS) for x in (distance, label)]
     if len(np.unique(data.visit)) - len(np.unique(distance)) >= ENOUGH and all(few):
         return [np.eye(x.max() + 1)[x] for x in (distance, label)], f"{REPEATS} about cell means"
-    near = np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
+    near = data.nearness
     shapes = np.cos(np.pi * np.outer(near / max(near.max(), 1e-300), np.arange(1, SHAPES + 1)))
     columns = (np.eye(distance.max() + 1)[distance] if few[1] else shapes)[:, :, None] * level[
         :, None, :

@@ -87,7 +87,7 @@ def families(data: Observations) -> tuple[Family, ...]:
     """
     known = data.covariates
     n = data.n
-    near = _nearness(data)
+    near = data.nearness
     # L_inf and not the trial's own lift: that carries its noise, which would then seem explained
     additive = (np.median(known["lift_inf_N"]) / known["lift_inf_N"])[:, None]
     few_levels = data.curve is None and len(data.levels) <= 8
@@ -229,14 +229,9 @@ def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
     ]
 
 
-def _nearness(data: Observations) -> FloatArray:
-    """1 / z_hat; 0 far from any boundary."""
-    return np.where(np.isfinite(data.z_hat), 1 / np.maximum(data.z_hat, 1e-3), 0.0)
-
-
 def _log_distance(data: Observations) -> FloatArray:
     """Log z_hat; far from any boundary that of the farthest station."""
-    near = _nearness(data)
+    near = data.nearness
     return np.asarray(-np.log(np.maximum(near, near[near > 0].min() if (near > 0).any() else 1.0)))
 
 

@@ -59,7 +59,7 @@ def planned(
     """
     kept = data.take(usable(base, data))
     admit(f"design of the {data.boundary}", kept, base)
-    levels = kept.level_medians()
+    levels = kept.level_medians(kept.lift_N)
     kept = derive(kept, levels[kept.level])
     known, untestable = could_act(kept, base, effects)
     between = tuple(e for e in known if not e.within_trial)

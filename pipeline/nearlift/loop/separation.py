@@ -80,15 +80,14 @@ def session(data: Observations, places: tuple[float, ...], trials: int = SESSION
     z = np.repeat(np.resize(np.asarray(places), visits), len(levels))
     throttle = np.tile(levels, visits)
     n = len(z)
-    at = [data.level == k for k in np.searchsorted(data.levels, levels)]
-    lift = np.array([np.median(data.lift_N[here]) for here in at])
+    which = np.searchsorted(data.levels, levels)
+    lift = data.level_medians(data.lift_N)[which]
     middle = {
         k: np.full(n, np.nanmedian(v) if np.isfinite(v).any() else np.nan)
         for k, v in data.covariates.items()
     }
-    middle["lift_inf_N"] = np.tile(
-        [np.median(data.covariates["lift_inf_N"][here]) for here in at], visits
-    )
+    far = data.level_medians(data.covariates["lift_inf_N"])[which]
+    middle["lift_inf_N"] = np.tile(far, visits)
     return Observations(
         boundary=data.boundary,
         trial=np.array([f"proposed-{i}" for i in range(n)], dtype=object),

@@ -101,9 +101,7 @@ def _usual(data: Observations, speed_Hz: FloatArray) -> FloatArray:
     if data.curve is not None:
         x, y = data.level_columns, np.log(speed_Hz)
         return np.asarray(np.exp(x @ np.linalg.lstsq(x, y, rcond=None)[0]), dtype=np.float64)
-    level = data.level
-    each = [np.median(speed_Hz[level == k]) for k in range(len(data.levels))]
-    return np.array(each)[level]
+    return data.level_medians(speed_Hz)[data.level]
 
 
 def _scaled(x: FloatArray) -> FloatArray:

@@ -152,10 +152,12 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
     )
 
 
-def wanted(name: str, names: Sequence[str]) -> bool:
+def wanted(name: str, names: Names) -> bool:
     """Whether `pick` may choose this channel for one of these names, so that a reader need not read
-    others.
+    others; without names every channel is wanted.
     """
+    if names is None:
+        return True
     own = {fold(name), fold(split_unit(name)[0])}
     return any(fold(n) in own or _in_a_group(name, fold(n)) for n in names)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,7 +14,7 @@ from nearlift import units
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.flight_log import Flight, LoggedColumn
-from nearlift.readers.channel import Channel, Contents, Malformed, pick
+from nearlift.readers.channel import Channel, Contents, pick
 from nearlift.readers.files import source_of
 from nearlift.readers.seam import Reader
 
@@ -162,13 +163,7 @@ class _Aligned:
     def _three(self, column: LoggedColumn, dimension: str, key: str) -> FloatArray:
         """The column that points up, with its siblings x and y before it where the log has them."""
         up, channel = self._one(column, dimension, key), self._pick(column.column, f"{key}.column")
-        others = [
-            c
-            for axis in ("x", "y")
-            if (name := sibling(channel.name, axis)) is not None
-            for c in self.found.channels
-            if c.name == name
-        ]
+        others = siblings(channel, self.found.channels)
         if len(others) < 2:
             return up
         factor = abs(column.factor(dimension, key))
@@ -293,6 +288,12 @@ class _Aligned:
         return Clock(time_s=time_s[kept], kept=kept)
 
 
+def siblings(channel: Channel, channels: Sequence[Channel]) -> list[Channel]:
+    """The channels of the same quantity along x and y, as far as there are such."""
+    names = [sibling(channel.name, axis) for axis in ("x", "y")]
+    return [c for name in names for c in channels if c.name == name]
+
+
 def sibling(name: str, axis: str) -> str | None:
     """The name of the same quantity along x or y: that of a column ``az``, ``acc.z``, ``a[2]``;
     None where it names no axis.
@@ -304,6 +305,3 @@ def sibling(name: str, axis: str) -> str | None:
         return None
     letter = axis.upper() if name[place] == "Z" else axis
     return name[:place] + letter + name[place + 1 :]
-
-
-__all__ = ["FlightLog", "Malformed", "read", "sibling", "upwards"]

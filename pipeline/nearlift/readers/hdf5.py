@@ -102,7 +102,7 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
         ]
     elif dtype.kind in "iuf" and len(shape) in (1, 2):
         chosen = list(columns(name, shape))
-    chosen = [(own, part) for own, part in chosen if names is None or wanted(own, names)]
+    chosen = [(own, part) for own, part in chosen if wanted(own, names)]
     if not chosen:
         return
     # most have none, and to look for them takes as long as to open a dataset

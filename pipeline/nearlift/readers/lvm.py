@@ -251,9 +251,7 @@ class _Parser:
             channels.append(
                 Channel(name=name, unit=series.unit, rate_Hz=rate, values=np.array(series.values))
             )
-        chosen = tuple(
-            c for c in channels if self.names is None or wanted(c.name, self.names) or not channels
-        )
+        chosen = tuple(c for c in channels if wanted(c.name, self.names) or not channels)
         codes = [*(["truncated"] if self.cut else []), *([] if channels else ["NO_DATA"])]
         return Contents(
             channels=chosen or tuple(channels),

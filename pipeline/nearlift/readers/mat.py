@@ -35,7 +35,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         found, objects = _v5(path)
     for name in objects:
         found += list(_table(path, name))
-    chosen = tuple(c for c in found if names is None or wanted(c.name, names))
+    chosen = tuple(c for c in found if wanted(c.name, names))
     return Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
 
 

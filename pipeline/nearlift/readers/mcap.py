@@ -74,7 +74,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         rate = rate_of(clock) if len(clock) > 2 else None
         for field, values in columns.items():
             whole = f"{name}.{field}"
-            if field != "time" and names is not None and not wanted(whole, names):
+            if field != "time" and not wanted(whole, names):
                 continue
             unit = "s" if field == "time" else ""
             channels.append(Channel(name=whole, unit=unit, rate_Hz=rate, values=np.array(values)))

@@ -173,14 +173,16 @@ def _time(key: str, seconds: float) -> str:
 
 def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
     """The column that the force follows: one that is called a command before others."""
-    ranked, found = _ranks(np.abs(_means(force.values))), []
+    from scipy.stats import rankdata
+
+    ranked, found = rankdata(np.abs(_means(force.values))), []
     for c in channels:
         if c.name == force.name or len(c.values) != len(force.values):
             continue
         own = _means(c.values)
         if not np.isfinite(own).all() or np.ptp(own) == 0:
             continue
-        together = float(np.corrcoef(ranked, _ranks(own))[0, 1])
+        together = float(np.corrcoef(ranked, rankdata(own))[0, 1])
         said = any(word in fold(c.name) for word in COMMANDS)
         if together > FOLLOWS[said] and (said or _holds(c.values)):
             found.append((said, together, c))
@@ -190,12 +192,6 @@ def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
 def _holds(values: FloatArray) -> bool:
     """Whether most samples repeat the one before: a setting, and no measurement."""
     return bool(np.mean(values[1:] == values[:-1]) > 0.5)
-
-
-def _ranks(values: FloatArray) -> FloatArray:
-    _, index, count = np.unique(values, return_inverse=True, return_counts=True)
-    middle = np.cumsum(count) - (count - 1) / 2
-    return np.asarray(middle[index], dtype=np.float64)
 
 
 def _meaning(command: Channel) -> list[str]:

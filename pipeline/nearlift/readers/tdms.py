@@ -51,9 +51,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         for group in tdms.groups():
             for channel in group.channels():
                 name = f"{group.name}/{channel.name}"
-                if channel.dtype.kind not in "iuf" or (
-                    names is not None and not wanted(name, names)
-                ):
+                if channel.dtype.kind not in "iuf" or not wanted(name, names):
                     continue
                 # an unequal number of read and promised samples is nptdms's to see; here it becomes
                 # floats

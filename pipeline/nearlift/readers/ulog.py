@@ -57,7 +57,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         channels.append(Channel(name=f"{group}.time", unit="s", rate_Hz=rate, values=stamps))
         for field, values in topic.data.items():
             name = f"{group}.{field}"
-            if field == "timestamp" or (names is not None and not wanted(name, names)):
+            if field == "timestamp" or not wanted(name, names):
                 continue
             if len(values) != len(stamps):
                 raise Malformed(f"has {len(values)} of {name} for {len(stamps)} stamps")

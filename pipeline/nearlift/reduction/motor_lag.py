@@ -122,10 +122,10 @@ def estimate(stretches: Sequence[Moments], given_s: float | None = None) -> Lag 
     if len(stretches) < 2:
         return None
     each = np.stack([s.products for s in stretches])
-    best, power, powers = _best(each.sum(axis=0))
+    whole = each.sum(axis=0)
+    best, power, powers = _best(whole)
     if given_s is not None:
         return Lag(value_s=given_s, u_s=0.0, power=float(np.interp(given_s, GRID, powers)))
-    whole = each.sum(axis=0)
     without = np.array([_best(whole - one)[0] for one in each])
     n = len(without)
     # jackknife (Efron & Stein 1981, Ann. Stat. 9, 586)

@@ -129,9 +129,15 @@ class Observations:
             return np.exp(coefficients)[self.level]
         return np.exp(self.of_trials(coefficients))
 
-    def level_medians(self) -> FloatArray:
-        """Median lift of the trials at each of `levels`, N."""
-        return np.array([np.median(self.lift_N[self.level == k]) for k in range(len(self.levels))])
+    def level_medians(self, values: FloatArray) -> FloatArray:
+        """Median of trials' values (n,) at each of `levels`."""
+        level = self.level
+        return np.array([np.median(values[level == k]) for k in range(len(self.levels))])
+
+    @property
+    def nearness(self) -> FloatArray:
+        """1 / z_hat, (n,); 0 far from any boundary."""
+        return np.where(np.isfinite(self.z_hat), 1 / np.maximum(self.z_hat, 1e-3), 0.0)
 
     def foretold_by(self, train: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Trials whose L_inf the trials `train` tell: those at one of their throttles; of a curve,

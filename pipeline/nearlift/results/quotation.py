@@ -118,6 +118,8 @@ class CoefficientResult:
         What the interval allows for, in a sentence.
     answers : int
         How many explanations that the design cannot tell apart the interval is over.
+    refused : str or None
+        Why these trials cannot tell it; it is then known to no more than its declared range.
     budget : tuple of BudgetLine
     influence : LargestShifts
     doubts : tuple of Doubt
@@ -139,6 +141,7 @@ class CoefficientResult:
     doubts: tuple[Doubt, ...] = ()
     at_bound: bool = False
     answers: int = 1
+    refused: str | None = optional()
 
     @property
     def even(self) -> bool:
@@ -233,13 +236,13 @@ class BoundaryResult:
     @property
     def quotable(self) -> dict[str, CoefficientResult]:
         """What the trials tell, what flights determine first: all but what was refused."""
-        known = {n: c for n, c in self.coefficients.items() if math.isfinite(c.u)}
+        known = {n: c for n, c in self.coefficients.items() if c.refused is None}
         return {**(self.in_flight or {}), **known}
 
     @property
     def refused(self) -> dict[str, str]:
         """Coefficients that the trials cannot tell, and why."""
-        return {n: c.holds for n, c in self.coefficients.items() if n not in self.quotable}
+        return {n: c.refused for n, c in self.coefficients.items() if c.refused is not None}
 
     @property
     def claim(self) -> str:

@@ -92,7 +92,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
             for text, table in _otherwise(job.campaign, made, job.seed).items():
                 other = observe(table, job.campaign, boundary)
                 other = other.take(usable(base, other))
-                variants[text] = derive(other, other.level_medians()[other.level])
+                variants[text] = derive(other, other.level_medians(other.lift_N)[other.level])
         result = outlook(foresight, library, variants)
         expected = {k: getattr(noise, k) for k in ("relative", "force_N", "height_m", "source")}
         found["boundaries"][boundary] = result | {

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -26,8 +25,8 @@ from nearlift.reduction import motor_lag, quality
 from nearlift.reduction.motor_lag import GRID, Lag, Moments
 from nearlift.reduction.record import Reduced
 from nearlift.run.job import Job
-from nearlift.stages.rows import Rows, Task, digest_of, is_of_the_record, malformed
-from nearlift.stages.segments import Answer, answers_of, rows_of
+from nearlift.stages.rows import Rows, Task, digest_of
+from nearlift.stages.segments import Answer, answers_of, each_record, rows_of
 
 #: What a trial's log lift changes by per second of lag: the covariate by which a lag left over, and
 #: the estimate's own uncertainty, act.
@@ -74,22 +73,14 @@ def cut_logs(task: Task) -> list[Flown]:
     OSError, MemoryError
         The machine is at fault.
     """
-    found, digests = [], dict(task.inputs)
-    for i, record in enumerate(task.piece.trials):
-        try:
-            # damaged numbers may be anything
-            with np.errstate(all="ignore"):
-                found.append(_answer(task, record, task.piece.paths[i], digests))
-        except Exception as fault:
-            if not is_of_the_record(fault):
-                raise
-            row = malformed(task, i, fault, digests)
-            found.append(Flown(record=record, rows=(row,), counts=Counter()))
-    return found
+    return each_record(task, _answer, Flown)
 
 
-def _answer(task: Task, record: str, path: Path, digests: dict[str, str]) -> Flown:
-    campaign, source = task.campaign, source_of(task.root, path)
+# damaged numbers may be anything
+@np.errstate(all="ignore")
+def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
+    campaign, record, path = task.campaign, task.piece.trials[i], task.piece.paths[i]
+    source = source_of(task.root, path)
     fault = ""
     try:
         whole = flights.read(campaign, task.root, readers.reader(campaign.records.reader), path)

@@ -14,7 +14,7 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import closed_loop
-from nearlift.fit.closed_loop import POWERS, Solved, Windows
+from nearlift.fit.closed_loop import POWERS, Solved, Windows, since_start
 from nearlift.likelihood import student
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.problem import Problem
@@ -75,11 +75,7 @@ def quoted(
         model = catalogue.model(result.base_model)
         coefficients = one.coefficients(model, result.coefficients)
         found[boundary] = replace(result, coefficients=coefficients, in_flight=told)
-        notes += [
-            f"{boundary}: {name} is {c.holds}"
-            for name, c in coefficients.items()
-            if c.holds.startswith("refused")
-        ]
+        notes += [f"{boundary}: {name} is {why}" for name, why in found[boundary].refused.items()]
         if told is not None:
             gain, decay = (told[name] for name, _ in DETERMINED)
             notes.append(
@@ -120,7 +116,8 @@ class _Boundary:
             shapes = closed_loop.instruments_of(
                 history, campaign.rig.offset(data.boundary), vehicle.rotor_radius
             )
-            since = _since(label)
+            count = since_start(label)
+            since = count / max(int(count.max()), 1)
             instruments = np.hstack([shapes, np.stack([since, since**2], axis=1)])
         beside = [known["climb_m_s"]]
         beside += [np.log(known["supply_V"])] if "supply_V" in known else []
@@ -196,13 +193,6 @@ class _Boundary:
             other = closed_loop.solve(windows, of(windows), found.theta, power, believed)
             sources[name] = np.abs(other.theta - found.theta)
         return _Answer(theta=found.theta, dof=found.dof, sources=sources)
-
-
-def _since(start: np.ndarray) -> FloatArray:
-    """How many windows into its start each one is, scaled to about 1."""
-    first = np.flatnonzero(np.diff(start, prepend=start[0] - 1))
-    since = np.arange(len(start)) - np.repeat(first, np.diff([*first.tolist(), len(start)]))
-    return since / max(float(since.max()), 1.0)
 
 
 def _of_form(form: float) -> Callable[[Windows], closed_loop.Ratio]:
@@ -298,6 +288,7 @@ def _refused(given: CoefficientResult, bounds: tuple[float, float], why: str) ->
         lo95=low,
         hi95=high,
         holds=why,
+        refused=why,
         budget=(),
         influence=LargestShifts(),
         doubts=(*given.doubts, _plain(given)),

@@ -123,23 +123,30 @@ def cut_records(task: Task) -> list[Answer]:
     OSError, MemoryError
         The machine is at fault.
     """
-    found = []
-    digests = dict(task.inputs)
+    return each_record(task, _answer, Answer)
+
+
+def each_record(
+    task: Task, answer: Callable[[Task, int, dict[str, str]], Found], kind: type[Found]
+) -> list[Found]:
+    """What `answer` makes of each record of a task, from its place and the digests known so far; of
+    one over which something is raised, a `kind` whose row is MALFORMED.
+    """
+    found, digests = list[Found](), dict(task.inputs)
     for i, record in enumerate(task.piece.trials):
         try:
-            with np.errstate(over="ignore", invalid="ignore"):
-                found.append(_answer(task, record, i, digests))
+            found.append(answer(task, i, digests))
         except Exception as fault:
             if not is_of_the_record(fault):
                 raise
-            found.append(
-                Answer(record=record, rows=(malformed(task, i, fault, digests),), counts=Counter())
-            )
+            row = malformed(task, i, fault, digests)
+            found.append(kind(record=record, rows=(row,), counts=Counter()))
     return found
 
 
-def _answer(task: Task, record: str, i: int, digests: dict[str, str]) -> Answer:
-    campaign = task.campaign
+@np.errstate(over="ignore", invalid="ignore")
+def _answer(task: Task, i: int, digests: dict[str, str]) -> Answer:
+    campaign, record = task.campaign, task.piece.trials[i]
     reader = readers.reader(campaign.records.reader)
     whole = segments.read(campaign, task.root, reader, record, task.piece.paths[i])
     source, sha = whole.record.source, digest_of(task, whole.record.source, digests)
