@@ -4,7 +4,6 @@ whole range.
 
 from __future__ import annotations
 
-import ctypes
 import importlib.util
 import json
 import math
@@ -20,10 +19,10 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.declare import compose
+from nearlift.declare import Check, compose
 from nearlift.errors import InputRefused
+from nearlift.flight.export import c_header, json_document
 from nearlift.flight.export import closed_form as closed
-from nearlift.flight.export import json_document
 from nearlift.flight.export.hermite import hermite_table
 from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.products import DIAGNOSIS, TRIALS
@@ -36,8 +35,8 @@ SIDES = ("ground", "ceiling", "sidewall")
 GCC = shutil.which("gcc") or shutil.which("cc")
 needs_compiler = pytest.mark.skipif(GCC is None, reason="no C compiler on this machine")
 #: A float carries 6e-8; the table is within 1.5e-7 of the model, and either form takes some ten
-#: roundings.
-FLOAT = 1e-6
+#: roundings. A slope, relative to the largest, is a difference of them.
+FLOAT, SLOPE = 2e-6, 2e-4
 
 
 @pytest.fixture(scope="module")
@@ -73,120 +72,290 @@ def heights(belief):
     return np.geomspace(*belief.measured_z_hat, 4001)
 
 
+def whole(*lifts):
+    """A campaign's export of these."""
+    return ModelExport(
+        campaign="c",
+        nearlift="0",
+        digest="0",
+        date="unknown",
+        source="results.json",
+        radius_m=0.023,
+        held="throttle",
+        lifts=lifts,
+    )
+
+
 # ---- C
 
 
-class Found(ctypes.Structure):
-    _fields_ = (("ratio", ctypes.c_float), ("flag", ctypes.c_int))
-
-
-SOURCE = """
-#include "lift_model.h"
-#define EXPORT(name) nearlift_ratio call_##name(float z) { return nearlift_##name(z); }
-EXPORT(ground) EXPORT(ceiling) EXPORT(sidewall)
-#ifdef NEARLIFT_CLOSED_FORM
-EXPORT(ground_closed) EXPORT(ceiling_closed) EXPORT(sidewall_closed)
-#endif
-"""
+COMPILERS = [c for c in ("gcc", "clang", "clang-19") if shutil.which(c)]
 STRICT = (
     "-std=c99",
     "-pedantic",
     "-Wall",
     "-Wextra",
-    "-Werror",
+    "-Wconversion",
     "-Wdouble-promotion",
-    "-Wfloat-conversion",
-    "-Wno-unused-function",
-    "-O2",
+    "-Werror",
 )
+FLAGS = [
+    (level, *fast)
+    for level in ("-O0", "-O1", "-O2", "-O3", "-Os")
+    for fast in ((), ("-ffast-math",))
+]
+#: Reads numbers, writes what each function makes of them, so that no compiler sees a NaN coming.
+PROGRAM = """
+#include "lift_model.h"
+#include <stdio.h>
+#include <string.h>
+static int put(double a, double b, double c, double d, int flag)
+{
+    const double row[5] = {a, b, c, d, (double)flag};
+    return fwrite(row, sizeof row, 1, stdout) != 1;
+}
+#define LIFT(name) \\
+    if (!strcmp(argv[1], #name)) { \\
+        while (fread(z, sizeof *z, 1, stdin) == 1) { \\
+            const nearlift_lift f = CAMPAIGN(name)(*z); \\
+            if (put((double)f.ratio, (double)f.slope, (double)f.u_ratio, (double)f.u_slope, f.flag)) return 1; \\
+        } \\
+    }
+#define HEIGHT(name) \\
+    if (!strcmp(argv[1], #name)) { \\
+        while (fread(z, sizeof *z, 2, stdin) == 2) { \\
+            const nearlift_height f = CAMPAIGN(name)(z[0], z[1]); \\
+            if (put((double)f.z_m, (double)f.u_m, 0.0, 0.0, f.flag)) return 1; \\
+        } \\
+    }
+int main(int argc, char **argv)
+{
+    nearlift_real z[2];
+    if (argc != 2) return 1;
+    LIFT(ground) LIFT(ceiling) LIFT(sidewall)
+    LIFT(ground_closed) LIFT(ceiling_closed) LIFT(sidewall_closed)
+    HEIGHT(ground_height) HEIGHT(ceiling_height) HEIGHT(sidewall_height)
+    return 0;
+}
+"""
 
 
-@pytest.fixture(
-    scope="module", params=[(), ("-ffast-math", "-Wno-div-by-zero")], ids=["strict", "fast-math"]
-)
-def library(request, job, tmp_path_factory):
-    """With -ffast-math too, under which no comparison sees a NaN."""
-    folder = tmp_path_factory.mktemp("c")
-    shutil.copy(controller.write_c(job), folder)
-    (folder / "calls.c").write_text(SOURCE)
-    compiled = [GCC, *STRICT, *request.param, "-DNEARLIFT_CLOSED_FORM", "-fPIC", "-c", "calls.c"]
-    subprocess.run(compiled, cwd=folder, check=True)
-    # linked without -ffast-math, whose start-up code would flush this process's subnormals to zero
-    command = [GCC, "-shared", "-o", "calls.so", "calls.o", "-lm"]
-    subprocess.run(command, cwd=folder, check=True, capture_output=True)
-    return ctypes.CDLL(str(folder / "calls.so"))
+def named(job):
+    """The campaign's name in C, and the header."""
+    header = Path(controller.write_c(job))
+    return re.search(r"nearlift_lift nearlift_(\w+)_ground\(", header.read_text())[1], header
+
+
+def build(folder, job, compiler, *flags):
+    """A program that calls every function of the header."""
+    name, header = named(job)
+    shutil.copy(header, folder)
+    (folder / "calls.c").write_text(f"#define CAMPAIGN(name) nearlift_{name}_##name\n{PROGRAM}")
+    options = (*STRICT, *flags, "-DNEARLIFT_CLOSED_FORM")
+    subprocess.run([compiler, *options, "calls.c", "-o", "calls", "-lm"], cwd=folder, check=True)
+    real = np.float64 if "-DNEARLIFT_DOUBLE" in flags else np.float32
+
+    def call(function, values):
+        done = subprocess.run(
+            [folder / "calls", function],
+            input=np.asarray(values, dtype=real).tobytes(),
+            capture_output=True,
+            check=True,
+        )
+        return np.frombuffer(done.stdout).reshape(-1, 5)
+
+    return call, real
 
 
 @needs_compiler
-@pytest.mark.parametrize("form", ["", "_closed"])
+@pytest.mark.parametrize("precision", ["float", "double"])
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_the_compiled_header_is_the_model(job, beliefs, tmp_path, compiler, precision):
+    """Whatever the compiler, the optimisation, -ffast-math and the precision."""
+    doubles = precision == "double"
+    for flags in FLAGS[4:8] if doubles else FLAGS:
+        call, real = build(
+            tmp_path, job, compiler, *flags, *(("-DNEARLIFT_DOUBLE",) if doubles else ())
+        )
+        for side in SIDES:
+            lift, radius = beliefs[side], job.campaign.vehicle.rotor_radius
+            z_m = (radius * heights(lift)[1:-1]).astype(real)
+            # the model at the very number that C was given
+            z_hat = z_m.astype(float) / (radius if doubles else float(np.float32(radius)))
+            truth = lift.ratio()(z_hat)
+            slope = (lift.ratio()(z_hat + 1e-6) - lift.ratio()(z_hat - 1e-6)) / (2e-6 * radius)
+            where = f"{compiler} {flags} {side}"
+            for form, allowed in (("", 2e-7), ("_closed", 1e-12)):
+                found = call(side + form, z_m)
+                assert not found[:, 4].any(), where
+                error = np.max(np.abs(found[:, 0] / truth - 1))
+                assert error < (allowed if doubles else FLOAT), where
+                error = np.abs(found[:, 1] - slope) / np.max(np.abs(slope))
+                assert np.max(error) < SLOPE, where
+            back = call(f"{side}_height", np.stack([found[:, 0], 0 * found[:, 0]], axis=1))
+            steep = np.abs(slope) > 0.05 * np.max(np.abs(slope))
+            assert back[steep, 0] == pytest.approx(z_m[steep], rel=1e-4), where
+            outside(call, lift, side, radius, where)
+
+
+def outside(call, lift, side, radius, where):
+    """NaN and what lies out of range are flagged; beyond, the ratio goes smoothly to 1."""
+    (low, high), inf = lift.measured_z_hat, math.inf
+    near, far = (float(r) for r in lift.ratio()(np.array([low, high])))
+    z_hat = np.array([0, -3, -inf, math.nan, -math.nan, 2 * high, inf, 1e30])
+    for form in ("", "_closed"):
+        found = call(side + form, radius * z_hat)
+        assert found[:, 4].tolist() == [-1, -1, -1, 2, 2, 1, 1, 1], where
+        assert np.isfinite(found).all(), where
+        assert found[:3, 0] == pytest.approx(near, rel=FLOAT)
+        assert found[3:5, 0].tolist() == [1.0, 1.0]
+        assert 0 <= (found[5, 0] - 1) / (far - 1) < 0.5
+        assert found[6:, 0] == pytest.approx(1.0, rel=FLOAT)
+        assert (found[[0, 1, 2, 3, 4], 1] == 0).all()
+        # no step and no kink at the last station
+        inner, outer = call(side + form, radius * high * np.array([1 - 1e-5, 1 + 1e-5]))
+        assert (inner[4], outer[4]) == (0, 1)
+        assert outer[0] == pytest.approx(inner[0], rel=FLOAT)
+        assert outer[1] == pytest.approx(inner[1], rel=2e-3, abs=1e-9)
+    beyond, width = near + (near - far), radius * (high - low)
+    asked = [[beyond, 0.01], [far - (near - far), 0.01], [math.nan, 0.01], [near, math.nan]]
+    found = call(f"{side}_height", asked)
+    assert found[:, 4].tolist() == [-1, 1, 2, 2], where
+    assert found[:, 0] == pytest.approx(radius * np.array([low, high, high, high]), rel=1e-6)
+    assert found[:, 1] == pytest.approx(width, rel=1e-5)
+
+
+@needs_compiler
 @pytest.mark.parametrize("side", SIDES)
-def test_the_compiled_header_is_the_model_to_float_precision(library, beliefs, side, form):
-    call = getattr(library, f"call_{side}{form}")
-    call.restype, call.argtypes = Found, (ctypes.c_float,)
-    z_hat = heights(beliefs[side]).astype(np.float32)[1:-1]
-    found = [call(float(z)) for z in z_hat]
-    assert {f.flag for f in found} == {0}
-    # the model at the very float that C was given
-    truth = beliefs[side].ratio()(z_hat.astype(float))
-    assert np.max(np.abs(np.array([f.ratio for f in found]) / truth - 1)) < FLOAT
+def test_standard_uncertainties_are_those_of_the_draws(job, tmp_path, side):
+    call, _ = build(tmp_path, job, GCC, "-DNEARLIFT_DOUBLE", "-O1")
+    lift, radius = fitted_lift(job, side, controller.DRAWS), job.campaign.vehicle.rotor_radius
+    z_hat = np.geomspace(*lift.measured_z_hat, 41)[1:-1]
+    ratios, steps = lift.ratios[1:], 1e-5 * z_hat
+    u_ratio = np.std([f(z_hat) for f in ratios], axis=0)
+    slopes = [(f(z_hat + steps) - f(z_hat - steps)) / (2 * steps * radius) for f in ratios]
+    found = call(side, radius * z_hat)
+    for column, expected in ((2, u_ratio), (3, np.std(slopes, axis=0))):
+        assert found[:, column] == pytest.approx(expected, rel=0.06, abs=0.012 * expected.max())
+    # of a distance: both uncertainties over the slope
+    back = call(f"{side}_height", np.stack([found[:, 0], np.full(len(z_hat), 0.004)], axis=1))
+    told = np.hypot(found[:, 2], 0.004) / np.abs(found[:, 1])
+    span = radius * np.diff(lift.measured_z_hat)[0]
+    assert back[:, 1] == pytest.approx(np.minimum(told, span), rel=1e-3)
 
 
 @needs_compiler
-@pytest.mark.parametrize("form", ["", "_closed"])
-def test_outside_its_validity_c_clamps_and_flags(library, beliefs, form):
-    call = getattr(library, f"call_ceiling{form}")
-    call.restype, call.argtypes = Found, (ctypes.c_float,)
-    far = beliefs["ceiling"].measured_z_hat[1]
-    low, high = (
-        float(r) for r in beliefs["ceiling"].ratio()(np.array(beliefs["ceiling"].measured_z_hat))
-    )
-    for z, flag, ratio in (
-        (0.0, -1, low),
-        (-3.0, -1, low),
-        (math.nan, 2, 1.0),
-        (-math.inf, -1, low),
-        (2 * far, 1, 1 + (high - 1) / 4),
-        (math.inf, 1, 1.0),
-    ):
-        found = call(z)
-        assert found.flag == flag
-        assert found.ratio == pytest.approx(ratio, rel=FLOAT)
-
-
-@needs_compiler
-def test_headers_of_two_campaigns_stand_in_one_file(job, tmp_path):
-    text = Path(controller.write_c(job)).read_text()
-    name = re.search(r"nearlift_ratio nearlift_(\w+)_ground\(", text)[1]
+@pytest.mark.parametrize("compiler", COMPILERS)
+def test_headers_of_two_campaigns_stand_in_one_file(job, tmp_path, compiler):
+    name, header = named(job)
+    text = header.read_text()
     other = text.replace(f"nearlift_{name}", "nearlift_other").replace(
         f"NEARLIFT_{name.upper()}", "NEARLIFT_OTHER"
     )
     (tmp_path / "one.h").write_text(text)
     (tmp_path / "other.h").write_text(other)
-    calls = f"float f(float z) {{ return nearlift_{name}_ground(z).ratio + nearlift_other_ceiling(z).ratio; }}"
+    calls = (
+        f"nearlift_real f(nearlift_real z) {{ return nearlift_{name}_ground(z).ratio"
+        " + nearlift_other_ceiling(z).ratio * NEARLIFT_OTHER_CEILING_LOW_M; }"
+    )
     (tmp_path / "both.c").write_text(f'#include "one.h"\n#include "other.h"\n{calls}\n')
-    build = [GCC, *STRICT, "-c", "both.c"]
-    subprocess.run([*build, "-DNEARLIFT_LONG_NAMES"], cwd=tmp_path, check=True, capture_output=True)
-    refused = subprocess.run(build, cwd=tmp_path, check=False, capture_output=True, text=True)
-    assert refused.returncode
-    assert "two lift models: define NEARLIFT_LONG_NAMES" in refused.stderr
+    subprocess.run(
+        [compiler, *STRICT, "-c", "both.c"],
+        cwd=tmp_path,
+        check=True,
+    )
 
 
 @needs_compiler
 def test_the_table_form_calls_no_library(job, tmp_path):
-    shutil.copy(controller.write_c(job), tmp_path)
-    (tmp_path / "calls.c").write_text(SOURCE)
+    name, header = named(job)
+    shutil.copy(header, tmp_path)
+    calls = "".join(
+        f"nearlift_lift {side}(nearlift_real z) {{ return nearlift_{name}_{side}(z); }}\n"
+        f"nearlift_height {side}_height(nearlift_real r, nearlift_real u)"
+        f" {{ return nearlift_{name}_{side}_height(r, u); }}\n"
+        for side in SIDES
+    )
+    (tmp_path / "calls.c").write_text(f'#include "lift_model.h"\n{calls}')
     subprocess.run(
-        [GCC, *STRICT, "-ffreestanding", "-c", "calls.c"],
-        cwd=tmp_path,
-        check=True,
-        capture_output=True,
+        [GCC, *STRICT, "-O2", "-ffreestanding", "-c", "calls.c"], cwd=tmp_path, check=True
     )
     undefined = subprocess.run(
         ["nm", "-u", "calls.o"], cwd=tmp_path, check=True, capture_output=True, text=True
     ).stdout
     assert [name for name in undefined.split() if name not in ("U", "_GLOBAL_OFFSET_TABLE_")] == []
-    text = (tmp_path / "lift_model.h").read_text()
-    assert not re.search(r"\bdouble\b|\bmalloc\b", text)
+    assert "malloc" not in header.read_text()
+
+
+def test_a_model_of_each_rotor_is_exported_rotor_by_rotor(beliefs):
+    """A row of three: the middle rotor has two neighbours near, so it gains most."""
+    images = catalogue.model("images")
+    layout = np.array([[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]])
+    row = exported(
+        replace(
+            beliefs["ground"],
+            model=images,
+            arguments={"layout_hat": layout},
+            best={},
+            intervals={},
+            draws={},
+            number=1,
+            effects=(),
+            left=("height_offset",),
+        )
+    )
+    z_hat = np.geomspace(1.2, 10, 50)
+    each = np.stack([rotor(z_hat) for rotor in row.rotors])
+    assert each.mean(axis=0) == pytest.approx(images(z_hat, layout_hat=layout), rel=1e-6)
+    assert (each[1] > each[0]).all()
+    text = c_header.header(whole(row))
+    assert "nearlift_c_ground_rotor2(nearlift_real z_m)" in text
+    assert "height_offset was found too and is left out: it belongs to the bench" in text
+    (boundary,) = json_document.document(whole(row))["boundaries"].values()
+    assert len(boundary["rotors"]) == 3
+    assert boundary["omitted"] == ["height_offset"]
+
+
+def test_a_ratio_that_stands_for_two_heights_has_no_inverse(beliefs):
+    turning = replace(
+        catalogue.model("images"),
+        evaluate=lambda z, /, *, layout_hat: 1 + 0.1 * z * np.exp(-z / 3),
+        per_rotor=None,
+        checks=(
+            Check(
+                x=1.0,
+                expected=1 + 0.1 * math.exp(-1 / 3),
+                arguments={"layout_hat": 0},
+                quoted_by="own",
+            ),
+        ),
+    )
+    folds = replace(
+        beliefs["ground"],
+        model=turning,
+        arguments={"layout_hat": 0},
+        best={},
+        intervals={},
+        draws={},
+        number=1,
+        effects=(),
+    )
+    text = c_header.header(whole(exported(folds)))
+    assert "no inverse: the model folds at z_hat = 3" in text
+    assert "nearlift_c_ground(nearlift_real z_m)" in text
+    assert "nearlift_c_ground_height" not in text
+
+
+def test_covariance_in_the_document_is_that_of_the_intervals(job):
+    content = content_of(job)
+    for side in SIDES:
+        own = content["boundaries"][side]
+        assert list(own["covariance"]) == list(own["parameters"])
+        matrix = np.array(list(own["covariance"].values()))
+        assert matrix == pytest.approx(matrix.T)
+        for (name, p), variance in zip(own["parameters"].items(), np.diag(matrix), strict=True):
+            width = (p["hi90"] - p["lo90"]) / (2 * 1.6449)
+            assert math.sqrt(variance) == pytest.approx(width, rel=0.08, abs=1e-12), name
 
 
 def test_the_header_says_where_it_comes_from(job):
@@ -204,19 +373,9 @@ def test_the_header_says_where_it_comes_from(job):
 
 def test_an_effect_in_time_is_not_said_to_be_in_the_function(beliefs):
     sagging = exported(replace(beliefs["ground"], effects=("supply_sag",)))
-    made = ModelExport(
-        campaign="c",
-        nearlift="0",
-        digest="0",
-        date="unknown",
-        source="results.json",
-        radius_m=0.023,
-        held="throttle",
-        lifts=(sagging,),
-    )
-    about = "\n".join(made.about())
+    about = "\n".join(whole(sagging).about())
     assert "with supply_sag" not in about
-    assert "supply_sag acts in time and not on this ratio" in about
+    assert "supply_sag was found too and is left out: it acts in time" in about
 
 
 def test_twice_gives_the_same_bytes(job):
@@ -231,6 +390,10 @@ def test_twice_gives_the_same_bytes(job):
 
 
 # ---- Python and CasADi
+
+
+def content_of(job):
+    return json.loads(Path(controller.write_json(job)).read_text())
 
 
 def module_of(path):
@@ -250,7 +413,8 @@ def test_the_python_module_is_the_model(job, beliefs, side):
     assert module.ratio(side, z_hat[9])[1] == 0
     low, high = (float(v) for v in beliefs[side].ratio()(np.array(beliefs[side].measured_z_hat)))
     far = beliefs[side].measured_z_hat[1]
-    beyond = (2 * far, 1, 1 + (high - 1) / 4)
+    power = content_of(job)["boundaries"][side]["beyond"]["power"]
+    beyond = (2 * far, 1, 1 + (high - 1) / (2 + power))
     for z, flag, ratio in ((-1.0, -1, low), (math.nan, 2, 1.0), beyond, (math.inf, 1, 1.0)):
         for form in (module.ratio, module.closed):
             assert form(side, z) == (pytest.approx(ratio, rel=2e-7), flag)

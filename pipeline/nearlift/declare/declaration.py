@@ -134,6 +134,7 @@ class LiftModel(Declaration):
 
     `evaluate(z_hat, /, *, ...)` is the ratio L / L_inf (1 far away). `downwash`, where a model has
     one, is the induced velocity at the disk over its value far away, with the same signature.
+    `per_rotor`, where a model has one, is the ratio of each rotor, with a last axis of rotors.
     `rotors` says whether the model describes an isolated rotor (``"one"``), a vehicle of several
     (``"several"``), or either.
 
@@ -145,6 +146,7 @@ class LiftModel(Declaration):
     boundary: Boundary
     rotors: Literal["one", "several", "any"] = "any"
     downwash: Evaluate | None = None
+    per_rotor: Evaluate | None = None
     gradient: Evaluate | None = None
     tends_to_one: bool = True
 
@@ -155,7 +157,11 @@ class LiftModel(Declaration):
                 f"{self.boundary!r} is not a boundary",
                 f"boundaries are {', '.join(BOUNDARIES)}",
             )
-        for role, other in (("downwash", self.downwash), ("gradient", self.gradient)):
+        for role, other in (
+            ("downwash", self.downwash),
+            ("per_rotor", self.per_rotor),
+            ("gradient", self.gradient),
+        ):
             if other is not None and set(keywords(other)) != set(keywords(self.evaluate)):
                 raise self.refusal(
                     f"{role} takes {sorted(keywords(other))} but evaluate takes"

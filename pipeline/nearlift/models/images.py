@@ -85,11 +85,16 @@ def covered_by_half_plane(layout_hat: Any, edge_hat: float) -> FloatArray:
     return result
 
 
+def each_level(z_hat: Any, /, *, layout_hat: Any) -> Any:
+    """L / L_inf of each rotor over a boundary without end, parallel to the vehicle."""
+    return gain_per_rotor(z_hat, layout_hat=layout_hat)
+
+
 def evaluate(z_hat: Any, /, *, layout_hat: Any) -> Any:
     """L / L_inf of the whole vehicle over a boundary without end, parallel to it. Shapes
     broadcast.
     """
-    return gain_per_rotor(z_hat, layout_hat=layout_hat).mean(axis=-1)
+    return each_level(z_hat, layout_hat=layout_hat).mean(axis=-1)
 
 
 def tilted(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
@@ -117,6 +122,7 @@ MODEL = LiftModel(
     ),
     evaluate=evaluate,
     downwash=downwash,
+    per_rotor=each_level,
     boundary="ground",
     rotors="several",
     needs=("layout_hat",),

@@ -21,7 +21,7 @@ from nearlift.run.job import Job
 from nearlift.stages import netcdf
 from nearlift.stages.quoted_lift import fitted_lift
 
-DRAWS = 400
+DRAWS = 2000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +91,7 @@ FORMATS = (
     ),
     ExportFormat(
         name="c",
-        meaning="export/lift_model.h: a C99 header for firmware, floats only",
+        meaning="export/lift_model.h: a C99 header for firmware, metres in",
         write=write_c,
     ),
     ExportFormat(

@@ -7,7 +7,7 @@ smooth; it is made fine enough for float precision.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,6 +40,17 @@ class HermiteTable:
     def pieces(self) -> int:
         """Number of pieces."""
         return len(self.value) - 1
+
+    @property
+    def power(self) -> float:
+        """Of z_hat, with which L / L_inf - 1 falls at `high`, at least -1.
+
+        Farther, it falls as 1 / (1 + power s + s^2) with s = z_hat / high - 1: smooth at `high`,
+        of one sign, and as the inverse square of distance in the end.
+        """
+        above = float(self.value[0]) - 1.0
+        fall = self.high * float(self.slope[0]) * self.per_w * self.w_low**2
+        return max(fall / above, -1.0) if above else 0.0
 
     def __call__(self, z_hat: FloatArray) -> FloatArray:
         """L / L_inf by the table; clamped to its range."""
@@ -106,3 +117,42 @@ def hermite_table(
         f"the model is too steep near z_hat = {low:.3g}: {MOST} pieces leave {error:.1g}",
         "begin the range farther away",
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UncertaintyTable:
+    """Standard uncertainty of L / L_inf and of its slope in z_hat, at nodes of w equally spaced as
+    those of a `HermiteTable`, `per_w` to a unit; straight between them.
+    """
+
+    per_w: float
+    ratio: FloatArray
+    slope: FloatArray
+
+
+def uncertainty_table(
+    ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float, high: float
+) -> UncertaintyTable:
+    """Standard deviations over draws of the model, between nodes within 5 % of their own value or
+    1 % of the largest.
+    """
+    w_low, w_high = 1 / (1 + high), 1 / (1 + low)
+
+    def spread(w: FloatArray) -> FloatArray:
+        up, down = np.minimum(w + STEP, w_high), np.maximum(w - STEP, w_low)
+        at = np.concatenate([w, up, down])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            draws = np.stack([np.broadcast_to(f(1 / at - 1), at.shape) for f in ratios])
+        value, above, below = np.split(draws[np.isfinite(draws).all(axis=1)], 3, axis=1)
+        slope = (above - below) / (up - down) * -(w**2)
+        return np.stack([value.std(axis=0), slope.std(axis=0)])
+
+    pieces = 8
+    while True:
+        found = spread(np.linspace(w_low, w_high, 2 * pieces + 1))
+        nodes, middle = found[:, ::2], found[:, 1::2]
+        apart = np.abs(middle - (nodes[:, 1:] + nodes[:, :-1]) / 2)
+        allowed = np.maximum(0.05 * middle, 0.01 * found.max(axis=1, keepdims=True))
+        if (apart <= allowed).all() or pieces >= MOST:
+            return UncertaintyTable(per_w=pieces / (w_high - w_low), ratio=nodes[0], slope=nodes[1])
+        pieces *= 2

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from nearlift.flight.export.closed_form import write
+from nearlift.flight.export.hermite import HermiteTable
 from nearlift.flight.export.model_export import ModelExport
 
 SCHEMA_NAME = "nearlift.lift_model/1"
@@ -19,6 +20,21 @@ _INTERVAL = {
     },
 }
 _NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2}
+_TABLE = {
+    "type": "object",
+    "description": (
+        "cubic Hermite pieces in w = 1 / (1 + z_hat) from w_low on, per_w to a unit; slope per"
+        " piece"
+    ),
+    "required": ["w_low", "per_w", "value", "slope", "relative_error"],
+    "properties": {
+        "w_low": {"type": "number"},
+        "per_w": {"type": "number"},
+        "value": _NUMBERS,
+        "slope": _NUMBERS,
+        "relative_error": {"type": "number"},
+    },
+}
 SCHEMA: dict[str, object] = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": SCHEMA_NAME,
@@ -49,18 +65,36 @@ SCHEMA: dict[str, object] = {
                     "model",
                     "formula",
                     "effects",
+                    "omitted",
                     "parameters",
+                    "covariance",
                     "known",
                     "valid_z_hat",
                     "ratio",
                     "table",
+                    "uncertainty",
+                    "rotors",
+                    "beyond",
                     "closed_form",
                 ],
                 "properties": {
                     "model": {"type": "string"},
                     "formula": {"type": "string", "description": "LaTeX of the base model"},
                     "effects": {"type": "array", "items": {"type": "string"}},
+                    "omitted": {
+                        "type": "array",
+                        "description": (
+                            "effects that were found and are not in the ratio: they act in time, or"
+                            " belong to the bench"
+                        ),
+                        "items": {"type": "string"},
+                    },
                     "parameters": {"type": "object", "additionalProperties": _INTERVAL},
+                    "covariance": {
+                        "type": "object",
+                        "description": "a row to each parameter, in the same order",
+                        "additionalProperties": {"type": "array", "items": {"type": "number"}},
+                    },
                     "known": {"type": "object", "additionalProperties": {"type": "number"}},
                     "valid_z_hat": {**_NUMBERS, "maxItems": 2},
                     "ratio": {
@@ -68,20 +102,34 @@ SCHEMA: dict[str, object] = {
                         "description": "L / L_inf with its 90 % interval at some heights",
                         "items": {**_INTERVAL, "required": ["z_hat", "value", "lo90", "hi90"]},
                     },
-                    "table": {
+                    "table": _TABLE,
+                    "uncertainty": {
                         "type": "object",
                         "description": (
-                            "cubic Hermite pieces in w = 1 / (1 + z_hat) from w_low on, per_w to a"
-                            " unit; slope per piece"
+                            "standard uncertainty, by the parameters, of the ratio and of its slope"
+                            " in z_hat, at nodes of w from the table's w_low on, per_w to a unit;"
+                            " straight between them"
                         ),
-                        "required": ["w_low", "per_w", "value", "slope", "relative_error"],
+                        "required": ["per_w", "ratio", "slope"],
                         "properties": {
-                            "w_low": {"type": "number"},
                             "per_w": {"type": "number"},
-                            "value": _NUMBERS,
+                            "ratio": _NUMBERS,
                             "slope": _NUMBERS,
-                            "relative_error": {"type": "number"},
                         },
+                    },
+                    "rotors": {
+                        "type": "array",
+                        "description": "the table of each rotor, where the model has them",
+                        "items": _TABLE,
+                    },
+                    "beyond": {
+                        "type": "object",
+                        "description": (
+                            "farther than valid_z_hat the ratio less 1 falls as"
+                            " 1 / (1 + power s + s^2), s = z_hat / valid_z_hat[1] - 1"
+                        ),
+                        "required": ["power"],
+                        "properties": {"power": {"type": "number"}},
                     },
                     "closed_form": {
                         "type": ["string", "null"],
@@ -92,6 +140,16 @@ SCHEMA: dict[str, object] = {
         },
     },
 }
+
+
+def _table(table: HermiteTable) -> dict[str, object]:
+    return {
+        "w_low": table.w_low,
+        "per_w": table.per_w,
+        "value": table.value.tolist(),
+        "slope": table.slope.tolist(),
+        "relative_error": table.error,
+    }
 
 
 def document(export: ModelExport) -> dict[str, object]:
@@ -109,17 +167,20 @@ def document(export: ModelExport) -> dict[str, object]:
                 "model": lift.model,
                 "formula": lift.formula,
                 "effects": list(lift.effects),
+                "omitted": list(lift.omitted),
                 "parameters": {n: asdict(p) for n, p in lift.parameters.items()},
+                "covariance": {n: list(row) for n, row in lift.covariance.items()},
                 "known": dict(lift.known),
                 "valid_z_hat": [lift.table.low, lift.table.high],
                 "ratio": [{"z_hat": z, **asdict(r)} for z, r in lift.at.items()],
-                "table": {
-                    "w_low": lift.table.w_low,
-                    "per_w": lift.table.per_w,
-                    "value": lift.table.value.tolist(),
-                    "slope": lift.table.slope.tolist(),
-                    "relative_error": lift.table.error,
+                "table": _table(lift.table),
+                "uncertainty": {
+                    "per_w": lift.uncertainty.per_w,
+                    "ratio": lift.uncertainty.ratio.tolist(),
+                    "slope": lift.uncertainty.slope.tolist(),
                 },
+                "rotors": [_table(rotor) for rotor in lift.rotors],
+                "beyond": {"power": lift.table.power},
                 "closed_form": (
                     None if lift.closed is None else write(lift.closed, number="{}", call="{}")
                 ),

@@ -11,8 +11,14 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.errors import InputRefused
 from nearlift.flight.export.closed_form import closed_form, evaluate, fold
-from nearlift.flight.export.hermite import HermiteTable, hermite_table
+from nearlift.flight.export.hermite import (
+    HermiteTable,
+    UncertaintyTable,
+    hermite_table,
+    uncertainty_table,
+)
 from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.proximity.inverse import refuse_folds
 
 #: Number of heights at which the ratio's interval is told.
 TOLD = 5
@@ -40,14 +46,22 @@ class ExportedLift:
     boundary, model, title : str
     formula : str
         LaTeX of the base model.
-    effects : tuple of str
-        Effects that are in it.
+    effects, omitted : tuple of str
+        Effects that are in it; and those that the loop named and it leaves out, as they act in
+        time or belong to the bench.
     parameters : mapping of str to ExportedNumber
+    covariance : mapping of str to tuple of float
+        Covariance matrix of the parameters, a row to each, over the draws.
     known : mapping of str to float
         Geometry that the model needs.
     at : mapping of float to ExportedNumber
         L / L_inf with its interval at some heights.
     table : HermiteTable
+    uncertainty : UncertaintyTable
+    rotors : tuple of HermiteTable
+        Ratio of each rotor of a level vehicle, where the model has it.
+    inverse : str or None
+        Why no inverse is exported; None where one is.
     closed : ast.expr or None
         Expression in `z` with numbers put in; None where the model has no closed form.
     closed_error : float
@@ -59,10 +73,15 @@ class ExportedLift:
     title: str
     formula: str
     effects: tuple[str, ...]
+    omitted: tuple[str, ...]
     parameters: Mapping[str, ExportedNumber]
+    covariance: Mapping[str, tuple[float, ...]]
     known: Mapping[str, float]
     at: Mapping[float, ExportedNumber]
     table: HermiteTable
+    uncertainty: UncertaintyTable
+    rotors: tuple[HermiteTable, ...]
+    inverse: str | None
     closed: ast.expr | None
     closed_error: float
 
@@ -90,24 +109,53 @@ def exported(lift: FittedLift) -> ExportedLift:
                 f"the closed form strays {error:.1g} from the model",
                 "this is a defect of nearlift",
             )
+    ratio = lift.ratio()
+    inverse = None
+    try:
+        refuse_folds(ratio, low, high, "export")
+    except InputRefused as refusal:
+        inverse = refusal.what
+    within = tuple(e for e in lift.effects if catalogue.effect(e).closed_form != "r")
+    spread = np.atleast_2d(np.cov([lift.draws[n] for n in lift.best])) if lift.draws else None
     return ExportedLift(
         boundary=lift.boundary,
         model=lift.model.name,
-        title=lift.model.title,
+        title=lift.model.title.partition(" + ")[0],
         formula=lift.model.formula,
-        effects=lift.effects,
+        effects=within,
+        omitted=(*(e for e in lift.effects if e not in within), *lift.left),
         parameters={
             n: ExportedNumber(
                 value=x.value, lo90=x.lo90, hi90=x.hi90, unit=lift.model.parameter(n).unit
             )
             for n, x in lift.intervals.items()
         },
+        covariance=(
+            {}
+            if spread is None
+            else {n: tuple(row) for n, row in zip(lift.best, spread.tolist(), strict=True)}
+        ),
         known={n: v for n, v in known.items() if not n.startswith("supply")},
         at={z: _ratio(lift, z) for z in np.geomspace(low, high, TOLD).tolist()} if low > 0 else {},
-        table=hermite_table(lift.ratio(), low, high),
+        table=hermite_table(ratio, low, high),
+        uncertainty=uncertainty_table(lift.ratios[1:], low, high),
+        rotors=_rotors(lift, low, high),
+        inverse=inverse,
         closed=closed,
         closed_error=error,
     )
+
+
+def _rotors(lift: FittedLift, low: float, high: float) -> tuple[HermiteTable, ...]:
+    per_rotor = lift.model.per_rotor
+    if per_rotor is None:
+        return ()
+    values = {**lift.arguments, **lift.best}
+
+    def rotor(i: int) -> HermiteTable:
+        return hermite_table(lambda z_hat: per_rotor(z_hat, **values)[..., i], low, high)
+
+    return tuple(rotor(i) for i in range(len(per_rotor(low, **values))))
 
 
 def _ratio(lift: FittedLift, z_hat: float) -> ExportedNumber:
@@ -147,13 +195,16 @@ class ModelExport:
             ),
             (
                 "Nearer than measured, a ratio is that of the nearest station (flag -1); farther,"
-                " what the boundary adds falls as the square of distance (+1); of what is no"
-                " number it is 1 (2)."
+                " what the boundary adds falls smoothly, in the end as the square of distance (+1);"
+                " of what is no number it is 1 (2)."
+            ),
+            (
+                "Standard uncertainties are of the parameters alone; beyond the range they are"
+                " those at its ends."
             ),
         ]
         for lift in self.lifts:
-            within = [e for e in lift.effects if catalogue.effect(e).closed_form != "r"]
-            effects = f" with {', '.join(within)}" if within else ""
+            effects = f" with {', '.join(lift.effects)}" if lift.effects else ""
             lines += [
                 "",
                 (
@@ -171,10 +222,16 @@ class ModelExport:
                 for z, r in lift.at.items()
             ]
             lines += [
-                f"  {effect} acts in time and not on this ratio, which holds at its reference"
-                for effect in lift.effects
-                if effect not in within
+                f"  {effect} was found too and is left out: it"
+                + (
+                    " acts in time, and this ratio holds at its reference"
+                    if catalogue.effect(effect).belongs_to == "vehicle"
+                    else " belongs to the bench"
+                )
+                for effect in lift.omitted
             ]
+            if lift.inverse is not None:
+                lines.append(f"  no inverse: {lift.inverse}")
             if lift.closed is None:
                 lines.append("  table only: this model has no closed form on record")
         return [
