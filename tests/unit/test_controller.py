@@ -140,15 +140,16 @@ int main(int argc, char **argv)
 """
 
 
+@pytest.fixture(scope="module")
 def named(job):
     """The campaign's name in C, and the header."""
     header = Path(controller.write_c(job))
     return re.search(r"nearlift_lift nearlift_(\w+)_ground\(", header.read_text())[1], header
 
 
-def build(folder, job, compiler, *flags):
+def build(folder, named, compiler, *flags):
     """A program that calls every function of the header."""
-    name, header = named(job)
+    name, header = named
     shutil.copy(header, folder)
     (folder / "calls.c").write_text(f"#define CAMPAIGN(name) nearlift_{name}_##name\n{PROGRAM}")
     options = (*STRICT, *flags, "-DNEARLIFT_CLOSED_FORM")
@@ -170,12 +171,12 @@ def build(folder, job, compiler, *flags):
 @needs_compiler
 @pytest.mark.parametrize("precision", ["float", "double"])
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_the_compiled_header_is_the_model(job, beliefs, tmp_path, compiler, precision):
+def test_the_compiled_header_is_the_model(job, named, beliefs, tmp_path, compiler, precision):
     """Whatever the compiler, the optimisation, -ffast-math and the precision."""
     doubles = precision == "double"
     for flags in FLAGS[4:8] if doubles else FLAGS:
         call, real = build(
-            tmp_path, job, compiler, *flags, *(("-DNEARLIFT_DOUBLE",) if doubles else ())
+            tmp_path, named, compiler, *flags, *(("-DNEARLIFT_DOUBLE",) if doubles else ())
         )
         for side in SIDES:
             lift, radius = beliefs[side], job.campaign.vehicle.rotor_radius
@@ -227,8 +228,8 @@ def outside(call, lift, side, radius, where):
 
 @needs_compiler
 @pytest.mark.parametrize("side", SIDES)
-def test_standard_uncertainties_are_those_of_the_draws(job, tmp_path, side):
-    call, _ = build(tmp_path, job, GCC, "-DNEARLIFT_DOUBLE", "-O1")
+def test_standard_uncertainties_are_those_of_the_draws(job, named, tmp_path, side):
+    call, _ = build(tmp_path, named, GCC, "-DNEARLIFT_DOUBLE", "-O1")
     lift, radius = fitted_lift(job, side, controller.DRAWS), job.campaign.vehicle.rotor_radius
     z_hat = np.geomspace(*lift.measured_z_hat, 41)[1:-1]
     ratios, steps = lift.ratios[1:], 1e-5 * z_hat
@@ -246,8 +247,8 @@ def test_standard_uncertainties_are_those_of_the_draws(job, tmp_path, side):
 
 @needs_compiler
 @pytest.mark.parametrize("compiler", COMPILERS)
-def test_headers_of_two_campaigns_stand_in_one_file(job, tmp_path, compiler):
-    name, header = named(job)
+def test_headers_of_two_campaigns_stand_in_one_file(named, tmp_path, compiler):
+    name, header = named
     text = header.read_text()
     other = text.replace(f"nearlift_{name}", "nearlift_other").replace(
         f"NEARLIFT_{name.upper()}", "NEARLIFT_OTHER"
@@ -267,8 +268,8 @@ def test_headers_of_two_campaigns_stand_in_one_file(job, tmp_path, compiler):
 
 
 @needs_compiler
-def test_the_table_form_calls_no_library(job, tmp_path):
-    name, header = named(job)
+def test_the_table_form_calls_no_library(named, tmp_path):
+    name, header = named
     shutil.copy(header, tmp_path)
     calls = "".join(
         f"nearlift_lift {side}(nearlift_real z) {{ return nearlift_{name}_{side}(z); }}\n"

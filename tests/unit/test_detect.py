@@ -4,6 +4,7 @@ and chapter.
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 
@@ -12,11 +13,12 @@ import pytest
 
 from nearlift.errors import ManifestError
 from nearlift.manifest.flight import Reading
-from nearlift.products import DETECTION, FIT, PROXIMITY, RESULTS
+from nearlift.products import DETECTION, PROXIMITY, RESULTS
 from nearlift.report.chapters import proximity as chapter
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import style
 from nearlift.report.registry import FIGURES
+from nearlift.results.fit import FitResults
 from nearlift.stages import detect
 from nearlift.stages.detect import read
 from nearlift.stages.quoted_lift import fitted_lift
@@ -202,8 +204,60 @@ def test_the_command_line_takes_a_reading(tmp_path):
 def test_without_a_sensor_the_bench_s_own_noise_counts(remake):
     job = remake("ground", detect={})
     detect.run(job)
-    own = job.read_json(PROXIMITY)["boundaries"]["ground"]
-    assert own["floor"] == pytest.approx(job.read_json(FIT)["noise"]["ground"]["relative"])
+    own, fitted = job.read_json(PROXIMITY)["boundaries"]["ground"], job.load(FitResults)
+    far = fitted.of_base("ground").L_inf_N.values()
+    floor = math.hypot(fitted.noise["ground"].relative, np.median([e.u / e.value for e in far]))
+    assert own["floor"] == pytest.approx(floor)
+    # a sensor in the vehicle reads against the same bench's model and L_inf
+    flown = remake("ground", detect=SENSOR)
+    detect.run(flown)
+    assert flown.read_json(PROXIMITY)["boundaries"]["ground"]["floor"] == pytest.approx(floor)
+
+
+def test_when_a_running_test_notices(done):
+    job, _ = done
+    content = job.read_json(PROXIMITY)
+    assert content["false_alarms_per_hour"] == 1.0
+    own = content["boundaries"]["ground"]
+    assert own["every_s"] == 0.01  # independent readings of a sensor white up to 50 Hz
+    delays = [math.inf if n["delay_s"] is None else n["delay_s"] for n in own["noticed"]]
+    assert all(a <= b for a, b in itertools.pairwise(delays))
+    assert delays[0] < 1
+    assert delays[-1] == math.inf
+    table = job.read(DETECTION)
+    second = table["averaging_s"] == 1.0
+    assert table["false_alarms_per_hour"][second] == pytest.approx(36.0)
+    assert table["false_alarms_per_hour"][table["averaging_s"] == 0.01] == pytest.approx(3600.0)
+
+
+def test_distances_of_significance(remake, done):
+    """From how near lift changes by more than 2 %, and by what the manifest asks."""
+    job, _ = done
+    for side in ("ground", "ceiling", "sidewall"):
+        own = job.read_json(PROXIMITY)["boundaries"][side]
+        found, lift = own["significant"], fitted_lift(job, side, 2)
+        assert abs(float(lift.ratio()(np.array([found["z_hat"]]))[0]) - 1) == pytest.approx(
+            0.02, abs=1e-4
+        )
+        assert found["lo90"] <= found["z_hat"] <= found["hi90"]
+    never = remake("sidewall", detect=SENSOR | {"significant": "20 percent"})
+    detect.run(never)
+    assert never.read_json(PROXIMITY)["boundaries"]["sidewall"]["significant"]["z_hat"] is None
+    told = chapter.facts(gather(never))["rows"][0]
+    assert told["significant"] is None
+
+
+def test_one_reading_does_not_tell_ground_from_ceiling(done):
+    job, _ = done
+    asked = {"boundary": "ground", "ratio": 1.08, "u": "0.5 percent"}
+    found = read(job, Reading.model_validate(asked))
+    (at,) = found.alike.values()
+    assert set(found.alike) == {"ceiling"}
+    ceiling = fitted_lift(job, "ceiling", 2)
+    assert float(ceiling.ratio()(np.array([at]))[0]) == pytest.approx(1.08, abs=1e-4)
+    assert "one reading does not tell them apart" in found.text
+    lower = Reading.model_validate(asked | {"boundary": "sidewall", "ratio": 0.98})
+    assert read(job, lower).alike == {}
 
 
 def test_a_model_that_folds_is_not_inverted_and_said_so(remake):

@@ -93,6 +93,11 @@ class FittedLift:
         return lambda z_hat: np.asarray(self.model(z_hat, **values), dtype=float)
 
     @property
+    def largest_change(self) -> float:
+        """Change of lift at the nearest station, as a fraction."""
+        return float(self.ratio()(np.array(self.measured_z_hat[:1]))[0] - 1.0)
+
+    @property
     def ratios(self) -> list[Ratio]:
         """The best estimate and every draw after it."""
         return [self.ratio(m) for m in range(-1, self.number)]

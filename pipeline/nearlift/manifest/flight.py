@@ -188,11 +188,14 @@ def _listed(value: object) -> object:
 
 class Detect(Section):
     """Knowing a boundary from lift, or from the throttle needed to hover. Uncertainties are
-    standard ones, as fractions.
+    standard ones, as fractions. `false_alarm_rate` is one decision's, `false_alarms_per_hour` the
+    sequential test's; `significant` the change of lift from which a boundary matters.
     """
 
     false_alarm_rate: float = Field(default=0.01, gt=0, lt=0.5)
     miss_rate: float = Field(default=0.1, gt=0, lt=0.5)
+    false_alarms_per_hour: float = Field(default=1.0, gt=0)
+    significant: Share = 0.02
     averaging: list[Duration] = Field(default=[0.01, 0.1, 1.0, 10.0, 100.0])
     force_noise: Force | None = None
     force_bandwidth: Rate | None = None

@@ -42,7 +42,10 @@ def run(job: Job) -> Outcome:
     for boundary in boundaries_of(fitted.boundaries):
         job.say(f"detect {boundary}")
         lift = lifts[boundary] = fitted_lift(job, boundary, DRAWS)
-        device = sensor(job, boundary, chosen, fitted.noise[boundary].relative)
+        far = fitted.of_base(boundary).L_inf_N.values()
+        u_far = float(np.median([e.u / e.value for e in far]))
+        floor = float(np.hypot(fitted.noise[boundary].relative, u_far))
+        device = sensor(job, boundary, chosen, floor)
         rows += range_rows(lift, device, chosen, job.campaign.vehicle.rotor_radius)
         entry = boundaries[boundary] = boundary_proximity(lift, device, chosen)
         if entry.refused:
@@ -59,6 +62,7 @@ def run(job: Job) -> Outcome:
         schema=PROXIMITY.schema,
         false_alarm_rate=chosen.false_alarm_rate,
         miss_rate=chosen.miss_rate,
+        false_alarms_per_hour=chosen.false_alarms_per_hour,
         averaging_s=INVERTED_S,
         boundaries=boundaries,
         readings=tuple(readings),
@@ -79,6 +83,7 @@ def read(job: Job, reading: Reading, lift: FittedLift | None = None) -> HeightRe
         As `read_height` says.
     """
     fitted = job.load(FitResults)
+    others = [b for b in fitted.boundaries if b != reading.boundary]
     if reading.boundary not in fitted.boundaries:
         raise UsageError(
             "boundary",
@@ -93,25 +98,28 @@ def read(job: Job, reading: Reading, lift: FittedLift | None = None) -> HeightRe
         job.campaign.detect or Detect(),
         vehicle.rotor_radius,
         (vehicle.mass if reading.mass is None else reading.mass) * job.campaign.rig.gravity,
+        [fitted_lift(job, b, 2) for b in others],
     )
 
 
 def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
-    """The manifest's sensor; else the bench's load cell, whose records say what averaging does and
-    whose trials what it does not.
+    """The manifest's sensor; else the bench's load cell, whose records say what averaging does.
+    What it does not take away is the bench's for either, since the model and L_inf are: the scatter
+    of its trials and the uncertainty of L_inf.
     """
+    every_s = min(chosen.averaging, default=INVERTED_S)
     weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
     if chosen.force_noise is not None and chosen.force_bandwidth is not None:
         # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
         white = chosen.force_noise / weight / float(np.sqrt(2 * chosen.force_bandwidth))
-        return Sensor(short_per_sqrt_Hz=white, floor=0.0)
+        return Sensor(short_per_sqrt_Hz=white, floor=floor, every_s=0.5 / chosen.force_bandwidth)
     trials = job.read(TRIALS)
     mine = (
         (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
     )
     rate = job.campaign.load_cell.sample_rate
     if not mine.any() or rate is None:
-        return Sensor(short_per_sqrt_Hz=0.0, floor=floor)
+        return Sensor(short_per_sqrt_Hz=0.0, floor=floor, every_s=every_s)
     length_s = trials["n"][mine] / rate
     noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
-    return Sensor(short_per_sqrt_Hz=noise, floor=floor)
+    return Sensor(short_per_sqrt_Hz=noise, floor=floor, every_s=every_s)

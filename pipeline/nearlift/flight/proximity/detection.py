@@ -5,6 +5,7 @@ detection.parquet.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -21,8 +22,9 @@ from nearlift.flight.proximity.reading import (
     refuse_folds,
     supply_sensitivity,
 )
+from nearlift.flight.proximity.sequential import HOUR_S, sequential_test
 from nearlift.manifest.flight import Detect
-from nearlift.results.serial import optional
+from nearlift.results.serial import Unbounded, optional
 
 #: Distances at which the inversion is tried, and the time averaged then, s.
 TRIED = 25
@@ -42,8 +44,34 @@ class HeightTrial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SignificantHeight:
+    """From how near the boundary changes lift by more than `change` (a fraction), with its 90 %
+    interval over the model; null where it does so nowhere that was measured.
+    """
+
+    change: float
+    z_hat: float
+    lo90: float
+    hi90: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Noticed:
+    """Mean time until the sequential test notices the boundary at a height, and its threshold in
+    standard deviations of a reading; both null where what averaging does not take away hides it.
+    """
+
+    z_hat: float
+    change: float
+    threshold: Unbounded
+    delay_s: Unbounded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryProximity:
-    """One boundary: its model and sensor, and heights told from lift, or why none are."""
+    """One boundary: its model and sensor, from how near it matters, when it is noticed, and heights
+    told from lift, or why none are.
+    """
 
     model: str
     title: str
@@ -51,8 +79,11 @@ class BoundaryProximity:
     effects: tuple[str, ...]
     measured_z_hat: tuple[float, float]
     largest_change: float
+    significant: SignificantHeight
+    noticed: tuple[Noticed, ...]
     short_per_sqrt_Hz: float
     floor: float
+    every_s: float
     lift_per_voltage: float
     located: tuple[HeightTrial, ...] | None = optional()
     refused: str | None = optional()
@@ -60,11 +91,14 @@ class BoundaryProximity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProximityResult:
-    """What proximity.json holds; `averaging_s` is the time averaged where heights are told."""
+    """What proximity.json holds; `false_alarms_per_hour` are those of the sequential tests,
+    `averaging_s` is the time averaged where heights are told.
+    """
 
     schema: str
     false_alarm_rate: float
     miss_rate: float
+    false_alarms_per_hour: float
     averaging_s: float
     boundaries: Mapping[Boundary, BoundaryProximity]
     readings: tuple[HeightReading | RefusedReading, ...]
@@ -86,13 +120,37 @@ def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> Boun
         draws_from=lift.source,
         effects=lift.effects,
         measured_z_hat=lift.measured_z_hat,
-        largest_change=float(lift.ratio()(np.array(lift.measured_z_hat[:1]))[0] - 1.0),
+        largest_change=lift.largest_change,
+        significant=_significant(lift, chosen.significant),
+        noticed=_noticed(lift, device, chosen),
         short_per_sqrt_Hz=device.short_per_sqrt_Hz,
         floor=device.floor,
+        every_s=device.every_s,
         lift_per_voltage=sensitivity,
         located=located,
         refused=refused,
     )
+
+
+def _significant(lift: FittedLift, change: float) -> SignificantHeight:
+    best, lo90, hi90 = reaches(lift.ratios, change, *lift.measured_z_hat)
+    return SignificantHeight(change=change, z_hat=best, lo90=lo90, hi90=hi90)
+
+
+def _noticed(lift: FittedLift, device: Sensor, chosen: Detect) -> tuple[Noticed, ...]:
+    """The sequential test at several heights, weight and supply known best."""
+    heights = np.geomspace(*lift.measured_z_hat, TRIED)
+    stays = (device.floor, chosen.payload[0], supply_sensitivity(lift) * chosen.supply[0])
+    sigma = max(device.short_per_sqrt_Hz / math.sqrt(device.every_s), 1e-9)
+    found = []
+    for z_hat, change in zip(heights.tolist(), (lift.ratio()(heights) - 1.0).tolist(), strict=True):
+        test = sequential_test(
+            change, sigma, math.hypot(*stays), device.every_s, chosen.false_alarms_per_hour
+        )
+        found.append(
+            Noticed(z_hat=z_hat, change=change, threshold=test.threshold, delay_s=test.delay_s)
+        )
+    return tuple(found)
 
 
 def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:
@@ -136,6 +194,7 @@ def range_rows(
                 "voltage": voltage,
                 "supply": supply,
                 "sigma": sigma,
+                "false_alarms_per_hour": chosen.false_alarm_rate * HOUR_S / averaging_s,
                 "needed": change,
                 "range_z_hat": best,
                 "lo90": lo90,

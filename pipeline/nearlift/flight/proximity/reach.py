@@ -33,10 +33,13 @@ class Sensor:
         Standard deviation of the average over one second, relative to lift.
     floor : float
         What averaging does not take away.
+    every_s : float
+        Time between readings that are independent.
     """
 
     short_per_sqrt_Hz: float
     floor: float
+    every_s: float = 0.01
 
     def sigma(self, averaging_s: float, payload: float = 0.0, supply: float = 0.0) -> float:
         """Standard deviation of the ratio's estimate; `payload` and `supply` are relative standard

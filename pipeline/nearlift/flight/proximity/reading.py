@@ -4,14 +4,15 @@ against the fitted lift.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.proximity import inverse
+from nearlift.flight.proximity.reach import reach
 from nearlift.manifest.flight import Detect, Reading
 
 #: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.
@@ -30,7 +31,8 @@ class HeightInterval:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightReading:
     """A reading and what it says; `beyond` is the probability of no boundary within
-    `within_z_hat`.
+    `within_z_hat`. `alike` are heights at which other boundaries give the same ratio: one reading
+    cannot tell them apart.
     """
 
     boundary: Boundary
@@ -42,6 +44,7 @@ class HeightReading:
     z_m: HeightInterval
     beyond: float
     within_z_hat: tuple[float, float]
+    alike: Mapping[Boundary, float] = field(default_factory=dict)
 
     @property
     def text(self) -> str:
@@ -55,6 +58,11 @@ class HeightReading:
             f"z_hat = {z.median:.3g} (90 %: {z.lo90:.3g} to {z.hi90:.3g}), {1e3 * m.median:.3g} mm"
             f" ({1e3 * m.lo90:.3g} to {1e3 * m.hi90:.3g}), if there is a boundary\n"
             f"none between z_hat {low:.3g} and {high:.3g}: {share} % (50 % before the reading)"
+            + "".join(
+                f"\na {side} at z_hat {at:.3g} reads the same: one reading does not tell them"
+                " apart; lift that rises in descent does (ground), or in climb (ceiling)"
+                for side, at in self.alike.items()
+            )
         )
 
 
@@ -85,11 +93,12 @@ def read_height(
     chosen: Detect,
     radius_m: float,
     weight_N: float,
+    others: Sequence[FittedLift] = (),
 ) -> HeightReading:
     """The posterior of z_hat from one reading.
 
     `lift_inf_N` has lift far away and its standard uncertainty by throttle, `weight_N` is that of
-    the vehicle with the reading's payload.
+    the vehicle with the reading's payload, `others` lift near the other boundaries.
 
     Raises
     ------
@@ -136,4 +145,11 @@ def read_height(
         z_m=z_m,
         beyond=height.beyond,
         within_z_hat=lift.measured_z_hat,
+        alike={
+            other.boundary: at
+            for other in others
+            if (other.largest_change > 0) == (ratio > 1)
+            and np.isfinite(at := reach(other.ratio(), abs(ratio - 1.0), *other.measured_z_hat))
+            and at < other.measured_z_hat[1]
+        },
     )

@@ -42,6 +42,14 @@ def facts(evidence: Evidence) -> dict[str, object]:
                 "largest": root.percent("boundaries", side, "largest_change", digits=2),
                 "nearest": root.number("boundaries", side, "measured_z_hat", 0, digits=2),
                 "cells": cells,
+                "change": root.percent("boundaries", side, "significant", "change", digits=2),
+                "significant": [
+                    root.number("boundaries", side, "significant", k, digits=2)
+                    for k in ("z_hat", "lo90", "hi90")
+                ]
+                if own["significant"]["z_hat"] is not None
+                else None,
+                "noticed": _noticed(root, side, content["averaging_s"]),
                 "refused": own.get("refused", ""),
             }
         )
@@ -51,8 +59,23 @@ def facts(evidence: Evidence) -> dict[str, object]:
         "rows": rows,
         "readings": [_reading(root.at("readings", i)) for i in range(len(content["readings"]))],
         "longest": f"{longest:g}",
+        "delay": f"{content['averaging_s']:g}",
+        "alarms": root.number("false_alarms_per_hour", digits=2),
         **rates,
     }
+
+
+def _noticed(root: Place, side: str, within_s: float) -> Number | None:
+    """The farthest height at which the sequential test takes no longer than that."""
+    found = root.content["boundaries"][side]["noticed"]
+    in_time = [
+        i for i, n in enumerate(found) if n["delay_s"] is not None and n["delay_s"] <= within_s
+    ]
+    return (
+        root.number("boundaries", side, "noticed", in_time[-1], "z_hat", digits=2)
+        if in_time
+        else None
+    )
 
 
 def cases(table: Any, mine: Any) -> list[tuple[str, float, float]]:

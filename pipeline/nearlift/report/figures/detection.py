@@ -110,8 +110,10 @@ def caption(evidence: Evidence, table: Columns) -> str:
             f" {100 * content['false_alarm_rate']:g} % false alarms and"
             f" {100 * content['miss_rate']:g} % misses, against averaging time, by the standard"
             " uncertainty of weight or supply voltage; bands: 90 % over the model's uncertainty."
-            " An alarm is one-sided: more lift near ground and ceiling, less near a wall. Where"
-            " there is no curve, no distance that was measured would do."
+            " An alarm is one-sided: more lift near ground and ceiling, less near a wall; one"
+            f" decision after each averaging time of {content['averaging_s']:g} s raises"
+            f" {3600 * content['false_alarm_rate'] / content['averaging_s']:g} false ones an hour."
+            " Where there is no curve, no distance that was measured would do."
         ),
         (
             f"Below: what a reading averaged over {content['averaging_s']:g} s says of the distance"

@@ -22,6 +22,11 @@ DETECTION = Product(
             "supply", "1", "relative standard uncertainty of lift from that of the supply voltage"
         ),
         real("sigma", "1", "standard deviation of the ratio's estimate"),
+        real(
+            "false_alarms_per_hour",
+            "1/h",
+            "of decisions at the rate of false alarms, one after each averaging time",
+        ),
         real("needed", "1", "change of lift noticed at the rates of false alarms and misses"),
         real(
             "range_z_hat",
