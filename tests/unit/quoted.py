@@ -7,7 +7,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS
+from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS
 from nearlift.report.evidence import Evidence
 from nearlift.run.job import Job
 
@@ -40,18 +40,39 @@ EMPTY_BLOCK: Mapping[str, Any] = {
 }
 
 
+#: And what stands in its parts.
+EMPTY_PARTS: Mapping[str, Mapping[str, Any]] = {
+    "effects": {"rivals": [], "parameters": {}},
+    "structure": {"family": "", "significant": False},
+    "untestable": {"needs": [], "log_next_time": []},
+    "silent": {"share_visible": 0.0, "in_units_of": "", "u": None, "u_of": "", "hidden": False},
+    "next_experiment": {"trials_to_separate": None},
+    "error": {"held_out_trials": 0, "chosen_in_folds": []},
+    "coefficients": {"before": {}, "after": {}, "carried": []},
+    "look": {"trials": 0, "scheduled": 0, "p_value_needed": 0.0},
+}
+EMPTY_CANDIDATE = {
+    **dict.fromkeys(("accepted", "at_bound"), False),
+    **dict.fromkeys(("log_evidence", "plausibility", "left_in")),
+    "sizes": {},
+}
+
+
 def diagnosis(boundaries: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
     """diagnosis.json with these blocks, of which a test says only what it is about."""
     blocks = {}
     for boundary, block in boundaries.items():
-        coefficients = {"before": {}, "after": {}, "carried": [], **block.get("coefficients", {})}
-        effects = [{"rivals": [], **e} for e in block.get("effects", [])]
-        blocks[boundary] = {
-            **EMPTY_BLOCK,
-            **block,
-            "coefficients": coefficients,
-            "effects": effects,
-        }
+        whole = {**EMPTY_BLOCK, "coefficients": {}, **block}
+        for key, empty in EMPTY_PARTS.items():
+            if isinstance(whole.get(key), Mapping):
+                whole[key] = {**empty, **whole[key]}
+            elif key in whole:
+                whole[key] = [{**empty, **part} for part in whole[key]]
+        whole["rounds"] = [
+            {**r, "candidates": [{**EMPTY_CANDIDATE, **c} for c in r["candidates"]]}
+            for r in whole["rounds"]
+        ]
+        blocks[boundary] = whole
     return {"schema": DIAGNOSIS.schema, "false_alarm_rate": 0.05, "boundaries": blocks}
 
 
@@ -104,12 +125,21 @@ def write(job: Job, boundaries: Mapping[str, Any]) -> None:
     job.write_json(RESULTS, content(job.read_json(RESULTS), boundaries))
 
 
-def known(evidence: Evidence, diagnosis: Mapping[str, Any]) -> Evidence:
+def fitted(evidence: Evidence, boundary: str) -> tuple[Evidence, dict[str, Any]]:
+    """The same with a fit.json of its own, and the block of the base fit in it: to be changed
+    before it is read.
+    """
+    whole = copy.deepcopy(evidence.document(FIT))
+    other = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: whole})
+    return other, whole["boundaries"][boundary][whole["base"][boundary]]
+
+
+def known(evidence: Evidence, told: Mapping[str, Any]) -> Evidence:
     """Evidence with this diagnosis.json, and what is then quoted."""
-    told = content(evidence.document(RESULTS), diagnosis["boundaries"])
+    blocks = diagnosis(told["boundaries"])
+    quoted = content(evidence.document(RESULTS), blocks["boundaries"])
     return dataclasses.replace(
-        evidence,
-        documents={**evidence.documents, DIAGNOSIS.file: dict(diagnosis), RESULTS.file: told},
+        evidence, documents={**evidence.documents, DIAGNOSIS.file: blocks, RESULTS.file: quoted}
     )
 
 

@@ -19,6 +19,8 @@ from nearlift.report.figures.diagnosis import drawing as draw_loop
 from nearlift.report.figures.diagnosis import table as loop
 from nearlift.report.figures.encoding import PAGE_WIDTH, render
 from nearlift.report.registry import FIGURES
+from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.results.serial import decode
 from nearlift.stages import diagnose, report
 
 from . import quoted
@@ -163,9 +165,7 @@ def diagnosed(job, found):
         LOOP_RESIDUALS,
         {name: np.concatenate([p[i] for p in parts]) for i, name in enumerate(names)},
     )
-    job.write_json(
-        DIAGNOSIS, {"schema": DIAGNOSIS.schema, "false_alarm_rate": 0.05, "boundaries": found}
-    )
+    job.write_json(DIAGNOSIS, quoted.diagnosis(found))
     quoted.write(job, found)
     return job
 
@@ -350,6 +350,11 @@ def test_candidates_stand_by_evidence_and_say_what_they_leave(table):
     ]
 
 
+def stand_ins(block):
+    found = decode(BoundaryDiagnosis, quoted.diagnosis({"ground": block})["boundaries"]["ground"])
+    return found.stand_ins(found.effects[0])
+
+
 def test_two_effects_that_may_be_there_stand_beside_the_one_that_is_named(make_job):
     def pair(found):
         own = found["ground"]
@@ -372,10 +377,10 @@ def test_two_effects_that_may_be_there_stand_beside_the_one_that_is_named(make_j
     }
     own = copy.deepcopy(FOUND["ground"])
     pair({"ground": own})
-    assert loop.stand_ins(own, own["effects"][0]) == ["warm_up", "supply_sag + tilt"]
+    assert stand_ins(own) == ["warm_up", "supply_sag + tilt"]
     # written before there was a list of explanations: the rivals as they stand
     del own["explanations"]
-    assert loop.stand_ins(own, own["effects"][0]) == ["warm_up", "tilt"]
+    assert stand_ins(own) == ["warm_up", "tilt"]
 
 
 def test_accepted_candidates_are_filled_and_rejected_hollow(table):

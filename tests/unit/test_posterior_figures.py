@@ -1,5 +1,7 @@
 """Corner plot, prior against posterior, bands and words, from draws made up here."""
 
+import dataclasses
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -16,8 +18,16 @@ from nearlift.report.figures import corner as draw_corner
 from nearlift.report.figures import prior_posterior as draw_prior_posterior
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import style
+from nearlift.results.posterior import PosteriorSummary, SamplerCheck
 
 N = 4000
+#: What a block of fit.json has besides, where a test says nothing of it.
+NOT_ASKED = {
+    **dict.fromkeys(("chi2", "dof", "n_trials", "rmse", "r2", "log_likelihood", "aic", "bic")),
+    **dict.fromkeys(("degeneracies", "excluded", "undeclared", "heights"), ()),
+    **{key: {} for key in ("L_inf_N", "profiles", "would_halve")},
+    "covariance": {"names": ["K_b"], "values": [[0.01]]},
+}
 
 
 def evidence(K_b, levels=0.5):
@@ -44,11 +54,18 @@ def evidence(K_b, levels=0.5):
         "tau": 1.0,
     }
     entry |= {
-        "prior": {"text": "normal, mean 2, sd 4", "lo90": -4.5, "hi90": 8.5},
+        "prior": {"text": "normal, mean 2, sd 4", "lo90": -4.5, "hi90": 8.5, "bounds": [0, 9]},
+        **dict.fromkeys(("ess_tail", "at_low", "at_high", "width_over_fit")),
+        "unlike_fit": "",
         "width_ratio": (high - low) / 13,
         "words": "",
     }
     said = {
+        **dict.fromkeys(("ess", "r_hat", "tau", "acceptance", "noise_dof")),
+        "model": "sanchez_cuevas",
+        "data_sha256": "",
+        "steps": 0,
+        "L_inf_N": {},
         "sampler": "importance",
         "chains": 4,
         "draws": N // 4,
@@ -57,8 +74,11 @@ def evidence(K_b, levels=0.5):
         "parameters": {"K_b": entry},
     }
     fitted = {
+        **NOT_ASKED,
         "title": "Sanchez-Cuevas",
-        "parameters": {"K_b": {k: entry[k] for k in ("value", "u", "lo90", "hi90")}},
+        "parameters": {
+            "K_b": {k: entry[k] for k in ("value", "u", "lo90", "hi90")} | {"dof": None}
+        },
         "posterior": said,
     }
     content = {
@@ -141,25 +161,31 @@ def test_a_band_holds_the_share_of_curves_that_it_says():
 
 
 def test_how_it_was_sampled_is_said_in_words():
-    done = {
-        "chains": 100,
-        "draws": 200,
-        "steps": 600,
-        "acceptance": 0.42,
-        "tau": 8.3,
-        "ess": 5012.3,
-        "sampler": "emcee",
-    }
-    done["checks"] = [
-        {"by": "importance sampling", "apart": 1.23, "where": "", "unfit": ""},
-        {"by": "grid", "apart": 9.0, "where": "", "unfit": "too coarse for this shape"},
-    ]
+    done = PosteriorSummary(
+        model="a",
+        data_sha256="",
+        sampler="emcee",
+        chains=100,
+        draws=200,
+        ess=5012.3,
+        r_hat=1.0,
+        tau=8.3,
+        acceptance=0.42,
+        steps=600,
+        pareto_k=0.1,
+        noise_dof=math.inf,
+        checks=(
+            SamplerCheck(by="importance sampling", apart=1.23, where=""),
+            SamplerCheck(by="grid", apart=9.0, where="", unfit="too coarse for this shape"),
+        ),
+        parameters={},
+        L_inf_N={},
+    )
     told = page.how(done)
     assert "emcee took 600 steps of 100 walkers" in told
     assert "42 % accepted, τ = 8.3); 20000 draws are kept, worth 5012 independent ones" in told
     assert "the importance sampling agrees, within 1.2 Monte Carlo standard errors" in told
     assert "the grid could not judge (too coarse for this shape)" in told
-    assert (
-        page.how({"sampler": "none"}) == "it has no free parameter, and nothing had to be sampled"
-    )
-    assert page.how({}) == "it has no posterior"
+    without = dataclasses.replace(done, sampler="none")
+    assert page.how(without) == "it has no free parameter, and nothing had to be sampled"
+    assert page.how(None) == "it has no posterior"

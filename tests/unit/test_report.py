@@ -361,7 +361,8 @@ DIAGNOSED = {
 
 def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     job = make_job(boundaries=("ground",))
-    job.write_json(DIAGNOSIS, DIAGNOSED)
+    content = quoted.diagnosis(DIAGNOSED["boundaries"])
+    job.write_json(DIAGNOSIS, content)
     quoted.write(job, DIAGNOSED["boundaries"])
     report.run(job)
     text = (job.reports / "index.html").read_text()
@@ -385,7 +386,7 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     for attributes, _ in Elements(text).numbers:
         file, _, pointer = attributes["data-source"].partition("#")
         if file == DIAGNOSIS.file:
-            assert float(attributes["value"]) == follow(DIAGNOSED, pointer)
+            assert float(attributes["value"]) == follow(content, pointer)
 
 
 def said(make_job, change=None):
@@ -396,6 +397,7 @@ def said(make_job, change=None):
     if change is not None:
         change(content["boundaries"]["ground"])
     job = make_job(boundaries=("ground",))
+    content = quoted.diagnosis(content["boundaries"])
     job.write_json(DIAGNOSIS, content)
     quoted.write(job, content["boundaries"])
     report.run(job)

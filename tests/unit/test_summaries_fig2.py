@@ -16,7 +16,6 @@ from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, POSTERIOR, RESULTS
 from nearlift.report import curves, relative_lift
-from nearlift.report.evidence import values
 from nearlift.report.figures.fig2 import caption as fig2_words
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.residuals import table as residuals
@@ -24,6 +23,8 @@ from nearlift.report.tidy import to_csv
 from nearlift.results.quotation import LargestShifts, Shift
 from nearlift.rounding import decimals, plus_minus, siunitx
 from nearlift.stages.report import gather
+
+from . import quoted
 
 
 @pytest.fixture(scope="module")
@@ -64,8 +65,8 @@ def test_data_are_lift_over_the_fitted_level(evidence, table):
     cells = evidence.table(LIFT)
     for boundary in ("ground", "ceiling", "sidewall"):
         drawn, mine = rows(table, panel=boundary, kind="data"), cells["boundary"] == boundary
-        levels = evidence.base(boundary)[1]["posterior"]["L_inf_N"]
-        level = np.array([levels[f"{t:g}"]["median"] for t in cells["throttle"][mine]])
+        levels = evidence.base(boundary)[1].posterior.L_inf_N
+        level = np.array([levels[t].median for t in cells["throttle"][mine]])
         # the mean of logs is below the log of the mean by half the scatter squared
         np.testing.assert_allclose(
             1 + drawn["delta_L_percent"] / 100, cells["lift_N"][mine] / level, rtol=1e-4
@@ -84,8 +85,7 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     """
     rng = np.random.default_rng(4)
     n, throttles, noise = 240, np.array([0.25, 0.5, 0.75, 0.92]), 0.01
-    made = copy.deepcopy(evidence)
-    entry = made.base("ground")[1]
+    made, entry = quoted.fitted(copy.deepcopy(evidence), "ground")
     data = made.observations["ground"]
     z = np.exp(rng.uniform(np.log(1.1), np.log(12.0), n))
     line = relative_lift.line(made, "ground", z).middle
@@ -118,10 +118,11 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
             "before": error + other,
             "after": error,
         }
-        quoted = made.document(RESULTS)["boundaries"]["ground"]
-        quoted["effects"] = list(effects)
-        quoted["correlation"] = {"parameters": ["K_b"], "values": [[1.0]]}
-        diagnosis = {"boundaries": {"ground": {"verdict": "effect", "noise_floor": scatter}}}
+        own = made.document(RESULTS)["boundaries"]["ground"]
+        own["effects"] = list(effects)
+        own["correlation"] = {"parameters": ["K_b"], "values": [[1.0]]}
+        floor = {**quoted.EMPTY_BLOCK["noise_floor"], **scatter}
+        diagnosis = quoted.diagnosis({"ground": {"verdict": "effect", "noise_floor": floor}})
         made = dataclasses.replace(
             made,
             tables={**made.tables, LOOP_RESIDUALS.file: residuals},
@@ -154,16 +155,16 @@ def test_theory_curves_take_the_published_values(table):
 
 
 def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
-    moved = copy.deepcopy(evidence)
-    moved.base("ceiling")[1]["height_error"] = {"value": 2e-4, "u": 1e-4, "unit": "m"}
-    still = copy.deepcopy(evidence)
-    still.base("ceiling")[1].pop("height_error", None)
+    moved, entry = quoted.fitted(evidence, "ceiling")
+    entry["height_error"] = {"value": 2e-4, "u": 1e-4, "unit": "m"}
+    still, entry = quoted.fitted(evidence, "ceiling")
+    entry.pop("height_error", None)
     again = fig2.summarise(moved)
     plain, shifted = (rows(t, panel="ceiling", kind="band") for t in (fig2.summarise(still), again))
     np.testing.assert_array_equal(shifted["z_hat"], plain["z_hat"])
-    model, entry = moved.base("ceiling")
+    model, fit = moved.base("ceiling")
     stood = shifted["z_hat"] + 2e-4 / moved.observations["ceiling"].radius_m
-    arguments = {**moved.known("ceiling", model), **values(entry)}
+    arguments = {**moved.known("ceiling", model), **fit.values}
     # the posterior's median is within a thousandth of the fit here; the shift in height takes a
     # twentieth
     np.testing.assert_allclose(
@@ -178,11 +179,9 @@ def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
 
 
 def test_band_holds_90_percent_of_draws_from_the_parameters(evidence, table):
-    _, entry = evidence.base("sidewall")
+    _, fit = evidence.base("sidewall")
     rng = np.random.default_rng(3)
-    draws = rng.multivariate_normal(
-        [e["value"] for e in entry["parameters"].values()], entry["covariance"]["values"], 4000
-    )
+    draws = rng.multivariate_normal([*fit.values.values()], fit.covariance.values, 4000)
     band = rows(table, panel="sidewall", kind="band")
     curve = 100 * (
         catalogue.model("sidewall_decay").evaluate(
@@ -199,7 +198,7 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     """A prior moves the posterior off the least squares: each is drawn under its own name, and the
     caption has what is quoted.
     """
-    model, entry = evidence.base("ground")
+    model, fit = evidence.base("ground")
     draws = evidence.table(POSTERIOR)
     mine = (
         (draws["boundary"] == "ground")
@@ -209,7 +208,8 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     moved = copy.deepcopy(evidence)
     value = moved.table(POSTERIOR)["value"]
     value[mine] = 1.0 + 0.5 * (value[mine] - value[mine].mean())
-    told = moved.base("ground")[1]["posterior"]["parameters"]["K_b"]
+    moved, entry = quoted.fitted(moved, "ground")
+    told = entry["posterior"]["parameters"]["K_b"]
     told |= {"median": float(np.median(value[mine])), "lo90": 0.9, "hi90": 1.1, "u": 0.06}
     table = fig2.summarise(moved)
     line, fitted = (rows(table, panel="ground", kind=kind) for kind in ("band", fig2.LEAST_SQUARES))
@@ -218,7 +218,7 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     np.testing.assert_allclose(line["delta_L_percent"], at_median, rtol=1e-6)
     np.testing.assert_allclose(
         fitted["delta_L_percent"],
-        100 * (model(fitted["z_hat"], **known, **values(entry)) - 1),
+        100 * (model(fitted["z_hat"], **known, **fit.values) - 1),
         rtol=1e-9,
     )
     assert (
@@ -233,7 +233,8 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     assert "thin line: least squares, which parts from it visibly (ground)" in text
     own = moved.quoted("ground").coefficients["K_b"]
     assert f"(K_b = {plus_minus(own.value, own.u)}, k = 1)" in text
-    told["lo90"], moved.base("ground")[1]["parameters"]["K_b"]["lo90"] = None, None
+    moved, entry = quoted.fitted(moved, "ground")
+    entry["posterior"]["parameters"]["K_b"]["lo90"] = entry["parameters"]["K_b"]["lo90"] = None
     endless = rows(fig2.summarise(moved), panel="ground", kind="band")
     assert np.isnan(endless["lo90_percent"]).all()
     assert "No band (ground)" in fig2_words.caption(moved, fig2.summarise(moved))
@@ -304,13 +305,13 @@ def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_
     table = fig2.summarise(by_farthest)
     text = fig2_words.caption(by_farthest, table)
     assert "farthest station" in text
-    model, entry = evidence.base("ground")
+    model, fit = evidence.base("ground")
     far = float(rows(table, panel="ground", kind="data")["z_hat"].max())
     there = 100 * float(
         curves.ratio(
             model,
             np.array([far]),
-            {**evidence.known("ground", model), "K_b": entry["parameters"]["K_b"]["value"]},
+            {**evidence.known("ground", model), **fit.values},
         )[0]
         - 1
     )
@@ -377,9 +378,9 @@ def test_csv_holds_what_is_drawn_and_no_formula(table):
 
 def test_residuals_are_those_of_the_fit(evidence):
     for boundary in ("ground", "ceiling", "sidewall"):
-        _, entry = evidence.base(boundary)
+        _, fit = evidence.base(boundary)
         _, residual, sigma = residuals.residuals(evidence, boundary)
-        assert np.sqrt(np.mean(residual**2)) == pytest.approx(entry["rmse"], rel=1e-6)
+        assert np.sqrt(np.mean(residual**2)) == pytest.approx(fit.rmse, rel=1e-6)
         assert 0.7 < np.mean((residual / sigma) ** 2) < 1.3
 
 

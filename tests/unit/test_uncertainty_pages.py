@@ -24,6 +24,7 @@ from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import coefficient, style
 from nearlift.report.number import Place
 from nearlift.report.tidy import to_csv
+from nearlift.results.fit import CoefficientEstimate, Degeneracy, ModelScore
 from nearlift.results.quotation import BudgetLine
 from nearlift.stages.report import gather
 
@@ -60,13 +61,9 @@ def test_the_document_says_what_the_fit_knows(evidence):
 def test_the_ceilings_datum_is_integrated_over_for_every_model(evidence):
     """0.2 mm at 2.8 mm under a ceiling: the slope does not carry it, and rivals follow the base."""
     fits = evidence.document(FIT)["boundaries"]["ceiling"]
-    (datum,) = [
-        m for m in base(evidence, "ceiling")["heights"] if m["component"] == "distance datum"
-    ]
-    assert (datum["treatment"] == "exact") == (datum["shift"] > 0.1)
-    assert all(
-        ("height_error" in entry) == (datum["treatment"] == "exact") for entry in fits.values()
-    )
+    (datum,) = [m for m in base(evidence, "ceiling").heights if m.component == "distance datum"]
+    assert (datum.treatment == "exact") == (datum.shift > 0.1)
+    assert all(("height_error" in entry) == (datum.treatment == "exact") for entry in fits.values())
 
 
 def test_profiles_are_stored(evidence):
@@ -80,7 +77,7 @@ def test_profiles_are_stored(evidence):
     x, rise = table["value"][mine], table["rise"][mine]
     assert (np.diff(x) > 0).all()
     assert rise.min() == 0
-    assert np.interp(entry["profiles"]["K_b"]["hi95"], x, rise) == pytest.approx(3.9, abs=0.2)
+    assert np.interp(entry.profiles["K_b"].hi95, x, rise) == pytest.approx(3.9, abs=0.2)
 
 
 def test_bars_are_what_knowing_a_source_would_save(evidence):
@@ -119,8 +116,8 @@ def test_of_repeats_only_what_matters_somewhere_is_drawn_and_what_was_declared_a
 def test_profiles_are_drawn_with_their_intervals(evidence):
     rows = profiles.summarise(evidence)
     mine = (rows["parameter"] == "K_b") & (rows["kind"] == "90")
-    own = base(evidence, "ground")["profiles"]["K_b"]
-    assert rows["x"][mine].tolist() == [own["lo90"], own["hi90"]]
+    own = base(evidence, "ground").profiles["K_b"]
+    assert rows["x"][mine].tolist() == [own.lo90, own.hi90]
     assert rows["rise"][mine] == pytest.approx([2.74, 2.74], abs=0.1)
     text = profiles.caption(evidence, rows)
     assert re.search(r"[TU](he parabola serves for|pper over lower half)", text)
@@ -240,18 +237,18 @@ def test_the_comparison_as_csv_and_latex(evidence):
 
 
 def test_evidence_is_shown_where_it_was_computed(evidence):
-    content = copy.deepcopy(evidence.document(FIT))
-    known = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: content})
-    fits = content["boundaries"]["ground"]
-
-    def ground():
+    def ground(known):
         return next(t for t in uncertainty.held_out(known)["tables"] if t["boundary"] == "ground")
 
-    assert ground()["evidence"]
+    assert ground(evidence)["evidence"]
+    known, _ = quoted.fitted(evidence, "ground")
+    fits = known.document(FIT)["boundaries"]["ground"]
     fits["sanchez_cuevas"]["log_evidence"] = {"value": 10.0, "u": 0.1}
     fits["power_law"]["log_evidence"] = {"value": 7.5, "u": 0.1}
     del fits["exponential"]["log_evidence"]
-    found = {r["title"]: r["evidence"].text if r["evidence"] else None for r in ground()["rows"]}
+    found = {
+        r["title"]: r["evidence"].text if r["evidence"] else None for r in ground(known)["rows"]
+    }
     assert found[fits["power_law"]["title"]] == "−2.5"
     assert found[fits["exponential"]["title"]] is None
     assert r"\num{-2.5}" in tables.comparison_table(known)
@@ -261,8 +258,9 @@ def test_evidence_is_shown_where_it_was_computed(evidence):
         ]
         == "7.5"
     )
-    del fits["sanchez_cuevas"]["log_evidence"]
-    assert not ground()["evidence"]
+    known, base = quoted.fitted(known, "ground")
+    del base["log_evidence"]
+    assert not ground(known)["evidence"]
 
 
 def test_chapters_say_it_in_words(evidence):
@@ -274,12 +272,17 @@ def test_chapters_say_it_in_words(evidence):
     assert any("would halve u(K_b)" in t or "no lower" in t for t in texts)
 
 
+def score(visits=50, **known):
+    said_nothing = dict.fromkeys(("elpd", "rmse", "d_rmse", "u_d_rmse"), math.nan)
+    return ModelScore(visits=visits, skipped=0, **said_nothing, **known)
+
+
 MODELS = {
-    "base": {"visits": 50, "d_elpd": 0.0, "u_d_elpd": 0.0, "r2": 0.98},
-    "close": {"visits": 50, "d_elpd": -1.0, "u_d_elpd": 0.2, "r2": 0.95},
-    "wrong": {"visits": 50, "d_elpd": -30.0, "u_d_elpd": 6.0, "r2": 0.97},
-    "right": {"visits": 50, "d_elpd": 20.0, "u_d_elpd": 5.0, "r2": 0.96},
-    "short": {"visits": 40, "d_elpd": -30.0, "u_d_elpd": 6.0, "r2": 0.5},
+    "base": score(d_elpd=0.0, u_d_elpd=0.0, r2=0.98),
+    "close": score(d_elpd=-1.0, u_d_elpd=0.2, r2=0.95),
+    "wrong": score(d_elpd=-30.0, u_d_elpd=6.0, r2=0.97),
+    "right": score(d_elpd=20.0, u_d_elpd=5.0, r2=0.96),
+    "short": score(visits=40, d_elpd=-30.0, u_d_elpd=6.0, r2=0.5),
 }
 
 
@@ -311,10 +314,12 @@ def test_what_prediction_says_in_words():
         "R² parts Close from the base although prediction does not"
     )
     assert words("base", "short") == []
-    close = {n: MODELS[n] | {"aic": aic} for n, aic in (("base", 100.0), ("close", 146.0))}
+    close = {
+        n: dataclasses.replace(MODELS[n], aic=aic) for n, aic in (("base", 100.0), ("close", 146.0))
+    }
     told = uncertainty.verdicts(close, "base", {n: n.title() for n in close})
     assert told[1].startswith("AIC sees it otherwise: Close 46 behind the base.")
-    close["close"]["aic"] = 108.0
+    close["close"] = dataclasses.replace(MODELS["close"], aic=108.0)
     assert not any(
         "AIC" in t for t in uncertainty.verdicts(close, "base", {n: n.title() for n in close})
     )
@@ -346,33 +351,36 @@ def test_few_degrees_of_freedom_are_not_rounded_away(evidence):
 
 
 def test_degeneracies_of_a_group_are_one_sentence():
-    parameters = {"a": {"u": 0.033}, "p": {"u": 0.19}}
+    parameters = {
+        n: CoefficientEstimate(value=1.0, u=u, lo90=0.0, hi90=2.0, dof=math.inf)
+        for n, u in (("a", 0.033), ("p", 0.19))
+    }
     levels = [
-        {"pair": [n, f"L_inf at {t}%"], "r": r, "text": "", "u_if_free": None}
+        Degeneracy(pair=(n, f"L_inf at {t}%"), r=r, text="")
         for t in (25, 50, 92)
         for n, r in (("a", -0.984), ("p", 0.96))
     ]
     free = [
-        {"pair": [n, "height offset"], "r": r, "text": "", "u_if_free": u, "known_to": "43 mm"}
+        Degeneracy(pair=(n, "height offset"), r=r, text="", u_if_free=u, known_to="43 mm")
         for n, r, u in (("a", 0.963, 0.12), ("p", 0.987, 1.1))
     ]
-    own = {"pair": ["a", "p"], "r": 0.99, "text": "a and p trade places: r = +0.990"}
-    blind = {
-        "pair": ["a", "exponent n"],
-        "r": 1.0,
-        "text": "a and the exponent n cannot be told apart at all by these trials",
-    }
+    own = Degeneracy(pair=("a", "p"), r=0.99, text="a and p trade places: r = +0.990")
+    blind = Degeneracy(
+        pair=("a", "exponent n"),
+        r=1.0,
+        text="a and the exponent n cannot be told apart at all by these trials",
+    )
     would = "would trade places with an unknown height offset, which would itself"
     assert models.grouped([own, *levels, *free, blind], parameters) == [
-        own["text"],
+        own.text,
         "a (r = −0.984) and p (r = +0.960) trade places with L_inf at 25%, 50%, 92% throttle",
         (
             f"a (r = +0.963, u from 0.033 to 0.12) and p (r = +0.987, u from 0.19 to 1.1) {would}"
             " be known to 43 mm"
         ),
-        blind["text"],
+        blind.text,
     ]
-    assert models.grouped([{**free[0], "text": "alone"}], parameters) == ["alone"]
+    assert models.grouped([dataclasses.replace(free[0], text="alone")], parameters) == ["alone"]
 
 
 @pytest.mark.skipif(not shutil.which("pdflatex"), reason="pdflatex is not installed")

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.products import POSTERIOR
-from nearlift.report.evidence import Evidence, values
+from nearlift.report.evidence import Evidence
+from nearlift.results.fit import ModelFit, ParameterCovariance
 
 #: Normal quantile of a two-sided 90 % interval, for a fit that quotes none of its own.
 NORMAL_90 = 1.6448536269514722
@@ -29,16 +30,19 @@ def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, object]) 
 
 
 def uncertainty(
-    model: LiftModel, z_hat: FloatArray, known: Mapping[str, object], entry: Mapping[str, Any]
+    model: LiftModel,
+    z_hat: FloatArray,
+    arguments: Mapping[str, object],
+    values: Mapping[str, float],
+    among: ParameterCovariance,
 ) -> FloatArray:
     """Standard uncertainty of L / L_inf at `z_hat` from the covariance of the fitted parameters, to
-    first order.
+    first order; nan where that has no end.
     """
-    names = entry["covariance"]["names"]
-    covariance = np.asarray(entry["covariance"]["values"], dtype=float).reshape(
-        len(names), len(names)
-    )
-    centre = {n: float(entry["parameters"][n]["value"]) for n in names}
+    names = among.names
+    covariance = np.array(among.values, dtype=float).reshape(len(names), len(names))
+    covariance[~np.isfinite(covariance)] = np.nan
+    centre = {n: values[n] for n in names}
     jacobian = np.zeros((len(names), len(z_hat)))
     for i, name in enumerate(names):
         low, high = model.parameter(name).bounds
@@ -47,8 +51,8 @@ def uncertainty(
         step = max(0.01 * float(np.sqrt(covariance[i, i])), 1e-7 * max(abs(centre[name]), 1.0))
         up, down = min(centre[name] + step, high), max(centre[name] - step, low)
         jacobian[i] = (
-            ratio(model, z_hat, {**known, **centre, name: up})
-            - ratio(model, z_hat, {**known, **centre, name: down})
+            ratio(model, z_hat, {**arguments, **centre, name: up})
+            - ratio(model, z_hat, {**arguments, **centre, name: down})
         ) / (up - down)
     variance = np.einsum("iz,ij,jz->z", jacobian, covariance, jacobian)
     result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
@@ -126,39 +130,39 @@ def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatA
     `z_hat` is as recorded; the model is taken where the rotor stood, by the height error that the
     fit found.
     """
-    entry = evidence.base(boundary)[1]
-    z_hat = z_hat + height_found_m(entry) / evidence.observations[boundary].radius_m
+    fit = evidence.base(boundary)[1]
+    z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
     known = evidence.known(boundary, model)
-    fitted = ratio(model, z_hat, {**known, **values(entry)}) - 1
+    fitted = ratio(model, z_hat, {**known, **fit.values}) - 1
     drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
     if drawn is None:
-        reach = quantile90(entry) * uncertainty(model, z_hat, known, entry)
+        reach = quantile90(fit) * uncertainty(model, z_hat, known, fit.values, fit.covariance)
         drawn = fitted - reach, fitted, fitted + reach
     low, middle, high = drawn
-    if endless(entry):
+    if endless(fit):
         low, high = np.full_like(middle, np.nan), np.full_like(middle, np.nan)
     return Curve(
         middle=middle, low=low, high=high, least_squares=fitted, sampled=middle is not fitted
     )
 
 
-def endless(entry: Mapping[str, Any]) -> bool:
+def endless(fit: ModelFit) -> bool:
     """Whether a determined coefficient's 90 % interval has no end, because no repeats tell what the
     trials of a visit share.
     """
-    return any(e["u"] is not None and e["lo90"] is None for e in entry["parameters"].values())
+    return any(math.isfinite(e.u) and math.isinf(e.lo90) for e in fit.parameters.values())
 
 
-def height_found_m(entry: Mapping[str, Any]) -> float:
+def height_found_m(fit: ModelFit) -> float:
     """What a fit adds to every recorded distance, m; 0 where it found no height error that all
     trials share.
     """
-    return float(entry.get("height_error", {"value": 0.0})["value"])
+    return fit.height_error.value if fit.height_error else 0.0
 
 
-def quantile90(entry: Mapping[str, Any]) -> float:
+def quantile90(fit: ModelFit) -> float:
     """How many standard uncertainties the fit's own 90 % intervals reach to either side."""
-    for e in entry["parameters"].values():
-        if e["u"] and e["hi90"] is not None:
-            return float((e["hi90"] - e["value"]) / e["u"])
+    for e in fit.parameters.values():
+        if 0 < e.u < math.inf and math.isfinite(e.hi90):
+            return (e.hi90 - e.value) / e.u
     return NORMAL_90

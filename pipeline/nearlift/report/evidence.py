@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,10 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ProductError
 from nearlift.manifest.campaign import Campaign, Overlay, boundaries_of
-from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, Product
+from nearlift.products import DIAGNOSIS, FIT, RESULTS, Product
 from nearlift.results import Observations
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
+from nearlift.results.fit import FitResults, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.results.serial import decode
 
@@ -24,7 +27,7 @@ Columns = dict[str, NDArray[Any]]
 Rows = Mapping[str, NDArray[Any]]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Evidence:
     """The products that exist, and what is needed to read them.
 
@@ -87,36 +90,42 @@ class Evidence:
         """The boundaries that were fitted, in the order ground, ceiling, sidewall."""
         return boundaries_of(self.document(FIT)["boundaries"])
 
-    def base(self, boundary: Boundary) -> tuple[LiftModel, dict[str, Any]]:
-        """The base model of a boundary and its entry in fit.json."""
-        content = self.document(FIT)
-        name = content["base"][boundary]
-        return catalogue.model(name), content["boundaries"][boundary][name]
+    @cached_property
+    def fits(self) -> FitResults:
+        """fit.json."""
+        return decode(FitResults, self.document(FIT), FIT.file)
+
+    @cached_property
+    def results(self) -> Results:
+        """results.json."""
+        return decode(Results, self.document(RESULTS), RESULTS.file)
+
+    @cached_property
+    def diagnosis(self) -> Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]:
+        """What diagnosis.json says of each boundary; nothing where nobody asked."""
+        if not self.has(DIAGNOSIS):
+            return {}
+        return decode(DiagnosisResults, self.document(DIAGNOSIS), DIAGNOSIS.file).boundaries
+
+    def base(self, boundary: Boundary) -> tuple[LiftModel, ModelFit]:
+        """The base model of a boundary and its fit."""
+        fit = self.fits.of_base(boundary)
+        return catalogue.model(fit.model), fit
 
     def quoted(self, boundary: Boundary) -> BoundaryResult:
         """What is to be quoted of a boundary."""
-        return decode(Results, self.document(RESULTS)).boundaries[boundary]
+        return self.results.boundaries[boundary]
 
-    def diagnosed(self, boundary: str) -> dict[str, Any]:
-        """The loop's findings at a boundary; empty where there are none, as where it could not be
+    def diagnosed(self, boundary: Boundary) -> BoundaryDiagnosis | None:
+        """The loop's findings at a boundary; None where there are none, as where it could not be
         diagnosed.
         """
-        entry = self._block(boundary)
-        return {} if entry.get("verdict") == NOT_DIAGNOSED else entry
+        found = self.diagnosis.get(boundary)
+        return found if isinstance(found, BoundaryDiagnosis) else None
 
-    def not_diagnosed(self, boundary: str) -> str:
+    def not_diagnosed(self, boundary: Boundary) -> str:
         """Why a boundary could not be diagnosed; empty where it was, or where nobody tried."""
-        entry = self._block(boundary)
-        return str(entry["reason"]) if entry.get("verdict") == NOT_DIAGNOSED else ""
-
-    def _block(self, boundary: str) -> dict[str, object]:
-        """A boundary's block of diagnosis.json; empty where there is none."""
-        entry: dict[str, object] = (
-            self.document(DIAGNOSIS).get("boundaries", {}).get(boundary, {})
-            if self.has(DIAGNOSIS)
-            else {}
-        )
-        return entry
+        return self.diagnosis[boundary].reason if boundary in self.diagnosis else ""
 
     def known(self, boundary: Boundary, model: LiftModel) -> dict[str, Any]:
         """What `model` needs besides its parameters, one value for a whole curve: geometry, else
@@ -130,19 +139,22 @@ class Evidence:
         }
 
 
-def lift_inf_N(entry: dict[str, Any], data: Observations) -> FloatArray:
-    """L_inf of each trial in N, by one entry of fit.json; nan at a throttle of which the fit took
-    no trial.
+def levels_N(fit: ModelFit, drawn: bool = False) -> dict[float, float]:
+    """L_inf in N by throttle, of one model's fit; medians of its posterior where it was `drawn` and
+    there is one.
     """
-    if data.curve is not None:
-        return data.lift_inf_N(np.array(entry["levels"]["coefficients"]))
-    known = [entry["L_inf_N"].get(f"{t:g}", {"value": np.nan}) for t in data.levels]
-    return np.array([e["value"] for e in known], dtype=float)[data.level]
+    if drawn and fit.posterior and fit.posterior.L_inf_N:
+        return {throttle: e.median for throttle, e in fit.posterior.L_inf_N.items()}
+    return {throttle: e.value for throttle, e in fit.L_inf_N.items()}
 
 
-def values(entry: dict[str, Any]) -> dict[str, float]:
-    """The fitted parameters of one entry of fit.json."""
-    return {name: float(e["value"]) for name, e in entry["parameters"].items()}
+def lift_inf_N(fit: ModelFit, data: Observations, drawn: bool = False) -> FloatArray:
+    """The same of each trial; nan at a throttle of which the fit took no trial."""
+    if data.curve is not None and fit.levels is not None:
+        return data.lift_inf_N(np.array(fit.levels.coefficients))
+    known = levels_N(fit, drawn)
+    # keys of the file are rounded
+    return np.array([known.get(float(f"{t:g}"), np.nan) for t in data.levels])[data.level]
 
 
 def stack(rows: list[Columns]) -> Columns:

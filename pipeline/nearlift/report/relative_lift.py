@@ -12,9 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray
-from nearlift.products import FIT, LOOP_RESIDUALS
+from nearlift.products import LOOP_RESIDUALS
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, lift_inf_N
+from nearlift.results.fit import ParameterCovariance
 
 #: Relative step of a distance by which a curve's slope is taken.
 STEP = 1e-4
@@ -50,7 +51,7 @@ def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
     """The quoted model's L / L_inf - 1 over distance, its effects aside, and its 90 % band."""
-    model, entry = evidence.base(boundary)
+    model, fit = evidence.base(boundary)
     if not named(evidence, boundary):
         return curves.band(evidence, boundary, model, z_hat)
     quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
@@ -59,20 +60,14 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     rows = [among.parameters.index(n) for n in free]
     u = np.array([quoted.coefficients[n].u for n in free])
     covariance = np.outer(u, u) * np.array(among.values)[np.ix_(rows, rows)]
-    parameters = entry["parameters"] | {
-        n: {"value": c.value} for n, c in quoted.coefficients.items()
-    }
-    middle = (
-        curves.ratio(
-            model, z_hat, {**known, **{n: float(e["value"]) for n, e in parameters.items()}}
-        )
-        - 1
-    )
+    values = fit.values | {n: c.value for n, c in quoted.coefficients.items()}
+    middle = curves.ratio(model, z_hat, {**known, **values}) - 1
     if not np.isfinite(covariance).all() or not free:
         none = np.full_like(middle, np.nan)
         return curves.Curve(middle=middle, low=none, high=none, least_squares=middle, sampled=False)
-    fitted = {"parameters": parameters, "covariance": {"names": free, "values": covariance}}
-    reach = curves.NORMAL_90 * curves.uncertainty(model, z_hat, known, fitted)
+    reach = curves.NORMAL_90 * curves.uncertainty(
+        model, z_hat, known, values, ParameterCovariance.of(free, covariance)
+    )
     return curves.Curve(
         middle=middle, low=middle - reach, high=middle + reach, least_squares=middle, sampled=False
     )
@@ -80,7 +75,6 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
 
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     """Every cell's lift over the fitted L_inf."""
-    entry = evidence.base(boundary)[1]
     data = evidence.observations[boundary]
     data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
     if named(evidence, boundary):
@@ -89,14 +83,11 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
         left = dict(zip(table["trial"][mine].tolist(), table["after"][mine].tolist(), strict=True))
         residual = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
         log_ratio = np.log1p(line(evidence, boundary, data.z_hat).middle) + residual
-        noise = evidence.diagnosed(boundary)["noise_floor"]
     else:
-        drawn = (entry.get("posterior") or {}).get("L_inf_N", {})
-        medians = {t: {"value": e["median"]} for t, e in drawn.items()}
-        log_ratio = np.log(
-            data.lift_N / lift_inf_N({**entry, "L_inf_N": medians or entry["L_inf_N"]}, data)
-        )
-        noise = evidence.document(FIT)["noise"][boundary]
+        level = lift_inf_N(evidence.base(boundary)[1], data, drawn=True)
+        log_ratio = np.log(data.lift_N / level)
+    diagnosed = evidence.diagnosed(boundary) if named(evidence, boundary) else None
+    noise = diagnosed.noise if diagnosed else evidence.fits.noise[boundary]
     keep = np.isfinite(log_ratio)
     data, log_ratio = data.take(keep), log_ratio[keep]
     both = np.stack([data.levels[data.level], data.z_hat])
@@ -104,15 +95,13 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     index = index.ravel()
     n = np.bincount(index).astype(float)
     own = (
-        (data.u_lift_N / data.lift_N) ** 2
-        + noise["relative"] ** 2
-        + (noise["force_N"] / data.lift_N) ** 2
+        (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2
     )
     curve = line(evidence, boundary, cell[1])
     beyond = line(evidence, boundary, cell[1] * (1 + STEP))
     slope = np.nan_to_num((np.log1p(beyond.middle) - np.log1p(curve.middle)) / (STEP * cell[1]))
     visits = np.bincount(np.unique(np.stack([index, data.visit]), axis=1)[0], minlength=len(n))
-    shared = ((slope * noise["height_m"] / data.radius_m) ** 2 + noise["common"] ** 2) / visits
+    shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
     variance = np.bincount(index, own) / n**2 + shared
     ratio = np.exp(np.bincount(index, log_ratio) / n)
     return RelativeLift(
@@ -133,12 +122,9 @@ def _u_of_levels(
     variance: FloatArray,
 ) -> float:
     """Least squares over the cells for every throttle's log L_inf beside the coefficients."""
-    model, entry = evidence.base(boundary)
+    model, fit = evidence.base(boundary)
     levels, level = np.unique(throttle, return_inverse=True)
-    known = {
-        **evidence.known(boundary, model),
-        **{n: float(e["value"]) for n, e in entry["parameters"].items()},
-    }
+    known = {**evidence.known(boundary, model), **fit.values}
     columns = [level == i for i in range(len(levels))]
     for name in (p.name for p in model.parameters):
         step = STEP * max(abs(known[name]), STEP)

@@ -4,6 +4,7 @@ of the base models' assumptions.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -239,6 +240,11 @@ class ModelFit:
         from scipy.special import chdtrc
 
         return float(chdtrc(self.dof, self.chi2))
+
+    @property
+    def log_evidence_value(self) -> float:
+        """Log of the marginal likelihood; nan where it was not asked."""
+        return self.log_evidence.value if self.log_evidence else math.nan
 
     @property
     def content(self) -> dict[str, Any]:

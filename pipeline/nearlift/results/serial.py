@@ -111,7 +111,7 @@ def decode(kind: type[Typed], content: Json, where: str = "") -> Typed:
 
 @cache
 def _decoder(kind: Any) -> Callable[[Json], Any]:
-    if kind in (Any, object, str, bool, int) or get_origin(kind) is Literal:
+    if kind in (Any, object, str, bool, int, types.NoneType) or get_origin(kind) is Literal:
         return lambda content: content
     if kind is float:
         return lambda content: math.nan if content is None else float(content)
@@ -129,8 +129,9 @@ def _decoder(kind: Any) -> Callable[[Json], Any]:
         return lambda content: tuple(p(c) for p, c in zip(parts, content, strict=True))
     if origin is not None and issubclass(origin, Mapping):
         return _of_mapping(*inner)
-    recorded: Callable[[Json], Any] | None = getattr(kind, "recorded", None)
-    return recorded or _of_record(kind)
+    # a field may have this name too
+    recorded: object = getattr(kind, "recorded", None)
+    return recorded if isinstance(recorded, types.MethodType) else _of_record(kind)
 
 
 def _of_union(members: tuple[Any, ...]) -> Callable[[Json], Any]:

@@ -4,15 +4,18 @@ chapter says.
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Sequence
 
 from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.products import DIAGNOSIS
 from nearlift.report.chapters import loop_words
 from nearlift.report.documents import brief
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import could_have_seen, to_log
+from nearlift.report.findings import to_log
 from nearlift.report.number import Number, Place
+from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.results.outlook import SilentEffect
 
 #: So many lines of structure, and of silent effects, are shown.
 LINES = 12
@@ -30,76 +33,67 @@ def facts(evidence: Evidence) -> dict[str, object]:
     }
 
 
-def _section(evidence: Evidence, boundary: Boundary, found: dict[str, Any]) -> dict[str, object]:
+def _section(evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis) -> dict[str, object]:
     place = Place(evidence, DIAGNOSIS, ("boundaries", boundary))
-    coefficients = found.get("coefficients", {})
+    tried = [c for r in found.rounds for c in r.candidates]
     structure = [
         {
-            "covariate": s["covariate"],
+            "covariate": s.covariate,
             "p": place.chance("structure", i, "p_value"),
-            "significant": s.get("significant"),
+            "significant": s.significant,
         }
-        for i, s in enumerate(found.get("structure", [])[:LINES])
+        for i, s in enumerate(found.structure[:LINES])
     ]
     return {
         "boundary": boundary,
-        "kind": found["verdict"],
-        "carried": coefficients.get("carried", []),
+        "kind": found.verdict,
+        "carried": found.coefficients.carried,
         "verdict": brief.verdict(evidence, boundary),
         "largest": loop_words.largest(place),
-        "look": found.get("look", {}).get("text", ""),
-        "effects": loop_words.effects(place),
-        "not_confirmed": [" + ".join(names) for names in found.get("not_confirmed", [])],
+        "look": found.look.text if found.look else "",
+        "effects": loop_words.effects(place, found),
+        "not_confirmed": [" + ".join(names) for names in found.not_confirmed or ()],
         "partial": [
-            {"name": p["name"], "share": place.percent("partial", i, "share", digits=2)}
-            for i, p in enumerate(found.get("partial", []))
+            {"name": p.name, "share": place.percent("partial", i, "share", digits=2)}
+            for i, p in enumerate(found.partial or ())
         ],
         "structure": structure,
         "along": [s for s in structure if s["significant"]] or structure[:1],
         "error": _error(place),
-        "outcome": loop_words.outcome(place.at("error").content),
-        "folds": loop_words.folds(place),
-        "within": loop_words.within(place),
-        "candidates": loop_words.candidates(place),
+        "outcome": loop_words.outcome(found.error),
+        "folds": loop_words.folds(place, found),
+        "within": loop_words.within(place, found.within_trial),
+        "candidates": loop_words.candidates(place, found),
         "nearly_all": next(
-            (
-                r["reason"]
-                for r in found.get("rounds", [])
-                if r["reason"].startswith("accounts for")
-            ),
-            "",
+            (r.reason for r in found.rounds if r.reason.startswith("accounts for")), ""
         ),
-        "by_visits": any(
-            c.get("judged_by") for r in found.get("rounds", []) for c in r.get("candidates", [])
-        ),
-        "rounds": found.get("rounds", []),
+        "by_visits": any(c.judged_by for c in tried),
+        "rounds": found.rounds,
         "limits": [
-            line["text"]
-            for key in ("shifts", "limits")
-            for line in found.get(key, [])
-            if "text" in line
+            *(s.text for s in found.shifts if s.text is not None),
+            *(limit.text for limit in found.limits),
         ],
-        "sensitivity": found.get("sensitivity", {}),
-        "could_have_seen": could_have_seen(found),
-        "untestable": found.get("untestable", []),
+        "sensitivity": found.sensitivity,
+        "could_have_seen": str(found.sensitivity or ""),
+        "untestable": found.not_testable,
         "log": to_log(found),
-        "silent": _silent(place),
-        "next_experiment": loop_words.proposals(place),
+        "silent": _silent(place, found.silent),
+        "next_experiment": loop_words.proposals(place, found.next_experiment),
     }
 
 
-def _silent(place: Place) -> list[dict[str, object]]:
+def _silent(place: Place, effects: Sequence[SilentEffect]) -> list[dict[str, object]]:
     place = place.at("silent")
     return [
         {
-            "effect": s["effect"],
-            "absorbed_by": s.get("absorbed_by", ""),
+            "effect": s.effect,
+            "absorbed_by": s.absorbed_by,
             "bias": place.number(i, "bias_at_detection_limit", digits=2),
-            "coefficient": s.get("in_units_of", "").removeprefix("u(").removesuffix(")"),
-            "u": place.number(i, "u", digits=2) if s.get("u") is not None else None,
-            "hidden": bool(s.get("hidden")),
+            "coefficient": s.in_units_of.removeprefix("u(").removesuffix(")"),
+            "u": place.number(i, "u", digits=2) if math.isfinite(s.u) else None,
+            "hidden": s.hidden,
         }
-        for i, s in enumerate((place.content or [])[:LINES])
+        for i, s in enumerate(effects[:LINES])
     ]
 
 

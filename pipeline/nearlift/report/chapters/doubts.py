@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 from nearlift import catalogue
 from nearlift.declare import Boundary
@@ -17,11 +16,10 @@ from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.chapters.uncertainty import SCALES
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import along, listed, stand_ins
+from nearlift.report.findings import along, listed
 from nearlift.report.number import LEAST_CHANCE, Number, Place
-from nearlift.results.diagnosis import wandering
-from nearlift.results.fit import ModelFit, UndeclaredInput
-from nearlift.results.serial import decode
+from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect, wandering
+from nearlift.results.fit import UndeclaredInput
 from nearlift.rounding import plain
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
@@ -41,7 +39,7 @@ class Reservation:
     text: str
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, object]:
     """Every doubt, every condition on which a coefficient would be another, and chi2."""
     return {
         "doubts": doubts(evidence),
@@ -87,31 +85,32 @@ def doubts(evidence: Evidence) -> list[Reservation]:
 
 def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     """The doubts about one boundary, the gravest first."""
-    model, entry = evidence.base(boundary)
+    model, fit = evidence.base(boundary)
     found, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
     said = [quoted.leaning] if quoted.leaning else []
     if evidence.not_diagnosed(boundary):
         said.append("not diagnosed, so an effect of any size may be in the coefficient")
-    if look := found.get("look"):
-        said.append(f"the campaign is still growing: {look['text']}")
-    if goodness(evidence, boundary)[0] and not found.get("effects"):
+    if found and found.look:
+        said.append(f"the campaign is still growing: {found.look.text}")
+    if goodness(evidence, boundary)[0] and not (found and found.effects):
         # where an effect is named, it is the base model's cells that stray, not the quoted one's
         said.append(
             f"means at one distance and throttle stray from {model.title} by more than chance"
             " allows, so the interval belongs to a curve that the data do not follow"
         )
-    said += found.get("contradicted", [])
-    said += [wandering(found["wander"])] if "wander" in found else []
+    if found:
+        said += found.contradicted or ()
+        said += [wandering(found.wander)] if found.wander is not None else []
     told = [Reservation(boundaries=(boundary,), text=text) for text in said]
-    if found.get("verdict") == "unexplained" and not found.get("contradicted"):
-        where = [f" along {along(str(line['covariate']))}" for line in found["structure"][:1]]
+    if found and found.verdict == "unexplained" and not found.contradicted:
+        where = [f" along {along(line.covariate)}" for line in found.structure[:1]]
         text = (
             f"what the base model leaves{''.join(where)} is unexplained, and may be in the"
             " coefficient too"
         )
         told.append(Reservation(boundaries=(boundary,), text=text))
-    further = [text for effect in found.get("effects", []) for text in _alike(found, effect)]
-    further += [str(s["text"]) for s in evidence.document(FIT)["influence"][boundary]["suspects"]]
+    further = [text for e in found.effects for text in _alike(found, e)] if found else []
+    further += [s.text for s in evidence.fits.influence[boundary].suspects]
     further += [
         f"{name} ends at a bound of its range"
         for name, c in quoted.coefficients.items()
@@ -119,29 +118,29 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     ]
     if quoted.verdict == NOT_DIAGNOSED:
         # by the noise of the fit; after the loop the conditions say it by the loop's
-        further += [str(d["text"]) for d in entry["degeneracies"][:1]]
+        further += [d.text for d in fit.degeneracies[:1]]
     told += [Reservation(boundaries=(boundary,), text=text) for text in further]
     told += _undeclared(evidence, boundary)
-    unseen = [catalogue.titled(str(u["effect"])) for u in found.get("untestable", [])]
+    unseen = [catalogue.titled(name) for name in found.untestable] if found else []
     if unseen:
         text = f"nothing was logged that could tell of {listed(unseen)}"
         told.append(Reservation(boundaries=(boundary,), text=text))
     return told
 
 
-def _alike(found: dict[str, Any], effect: dict[str, Any]) -> list[str]:
+def _alike(found: BoundaryDiagnosis, effect: NamedEffect) -> list[str]:
     """That a named effect has rivals: alone, and two together."""
-    others = stand_ins(found, effect)
+    others = found.stand_ins(effect)
     alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
     said = []
     if alone:
         said.append(
-            f"{effect['name']} and {listed(alone)} look alike in this design; the one that is more"
+            f"{effect.name} and {listed(alone)} look alike in this design; the one that is more"
             " plausible beforehand is named"
         )
     if together:
         said.append(
-            f"{effect['name']} alone would do, but {listed(together, 'or')} is likelier, if not"
+            f"{effect.name} alone would do, but {listed(together, 'or')} is likelier, if not"
             " plainly"
         )
     return said
@@ -155,7 +154,7 @@ def undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Unde
     u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
     if not (u > 0 and math.isfinite(u)):
         return []
-    listed = decode(ModelFit, evidence.base(boundary)[1]).undeclared
+    listed = evidence.base(boundary)[1].undeclared
     worth = [(abs(a.shift[quoted.headline]) / u, a) for a in listed]
     return sorted((pair for pair in worth if pair[0] > 0), key=lambda pair: -pair[0])
 
@@ -173,7 +172,7 @@ def _undeclared(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     return [Reservation(boundaries=(boundary,), text=text)] if told else []
 
 
-def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
     """What each coefficient would be, and what it takes to believe that."""
     rows = []
     for name, c in evidence.quoted(boundary).coefficients.items():
@@ -200,11 +199,10 @@ def reduced(evidence: Evidence, boundary: Boundary, model: str) -> Number:
 
 def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
     """Whether chi2 rejects the base model, and what that means in words."""
-    _, entry = evidence.base(boundary)
-    source = str(evidence.document(FIT)["noise"][boundary]["source"])
+    source = evidence.fits.noise[boundary].source
     if not source.startswith(REPEATS):
         return False, f"chi² says nothing here: the noise is the {source}"
-    p = decode(ModelFit, entry).p_value
+    p = evidence.base(boundary)[1].p_value
     if p < REJECTED:
         chance = f"p = {plain(p, 1)}" if p > LEAST_CHANCE else "p < 10⁻¹²"
         return (

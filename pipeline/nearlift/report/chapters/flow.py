@@ -11,10 +11,12 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, LiftModel
 from nearlift.flow.downwash import WARNINGS
 from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY, JOINT
-from nearlift.report.evidence import Evidence, values
+from nearlift.report.evidence import Evidence
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import cut, manifest
 from nearlift.report.number import Number, Place, pointer
+from nearlift.results.joint import JointResults
+from nearlift.results.serial import decode
 from nearlift.rounding import fixed, like, plain
 
 #: What the paper says, and what of it stands; tests recompute every number.
@@ -139,7 +141,7 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
         return None
     vehicle, geometry = evidence.campaign.vehicle, evidence.campaign.vehicle.geometry()
     z_hat = np.array([c.z_hat for c in cases], dtype=float)
-    fitted = evidence.document(FIT)["boundaries"].get(boundary, {})
+    fitted = evidence.fits.boundaries.get(boundary, {})
     rows = []
     for model in catalogue.models(boundary):
         classic = model.name in ("cheeseman_bennett_fixed", "cheeseman_bennett")
@@ -150,7 +152,7 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
         )
         entry = fitted.get(model.name)
         ours = (
-            reduction_percent(model, z_hat, values(entry), geometry)
+            reduction_percent(model, z_hat, entry.values, geometry)
             if entry and model.parameters
             else None
         )
@@ -212,17 +214,18 @@ def _joint(evidence: Evidence) -> list[dict[str, object]]:
     if not evidence.has(JOINT):
         return []
     rows = []
-    for boundary, entry in evidence.document(JOINT)["boundaries"].items():
+    joint = decode(JointResults, evidence.document(JOINT), JOINT.file)
+    for boundary, entry in joint.boundaries.items():
         place = Place(evidence, JOINT, ("boundaries", boundary))
         rows.append(
             {
                 "boundary": boundary,
-                "title": entry["title"],
-                "alone": [place.quote("lift_alone", n) for n in entry["parameters"]],
-                "both": [place.quote("parameters", n) for n in entry["parameters"]],
+                "title": entry.title,
+                "alone": [place.quote("lift_alone", n) for n in entry.parameters],
+                "both": [place.quote("parameters", n) for n in entry.parameters],
                 "p_value": place.chance("p_value"),
-                "used": entry["used"],
-                "left_out": entry["left_out"],
+                "used": entry.used,
+                "left_out": entry.left_out,
             }
         )
     return rows

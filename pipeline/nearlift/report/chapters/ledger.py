@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
 
+from nearlift.declare import Boundary
 from nearlift.products import QUALITY
 from nearlift.reduction.quality import code
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, pointer
+from nearlift.results.quality import (
+    Exclusions,
+    HeadlineWithout,
+    NotPutBack,
+    PutBack,
+    QualityLedger,
+    TrialRecord,
+)
+from nearlift.results.serial import decode, encode
 from nearlift.rounding import plain
 from nearlift.run.lock import size
 
@@ -20,26 +30,21 @@ def facts(evidence: Evidence) -> dict[str, object]:
     """How much went in and came out at each step, the coefficient with exclusions put back, and a
     row for every trial.
     """
-    content = evidence.document(QUALITY)
-    files = content["files"]
+    ledger = decode(QualityLedger, evidence.document(QUALITY), QUALITY.file)
     bytes_read = Number(
-        text=size(files["bytes"]),
-        value=float(files["bytes"]),
+        text=size(ledger.files.bytes),
+        value=float(ledger.files.bytes),
         source=pointer(QUALITY, "files", "bytes"),
     )
     return {
         "bytes": bytes_read,
         "files": _whole(evidence, "files", "number"),
-        "read": _whole(evidence, "samples", "read")
-        if content["samples"]["read"] is not None
-        else None,
+        "read": _whole(evidence, "samples", "read") if ledger.samples.read is not None else None,
         "averaged": _whole(evidence, "samples", "averaged"),
-        "counts": {name: _whole(evidence, "counts", name) for name in content["counts"]},
-        "back": [
-            _back(evidence, boundary, entry) for boundary, entry in content["put_back"].items()
-        ],
-        "trials": [_row(entry) for entry in content["trials"][:MOST_ROWS]],
-        "further": max(len(content["trials"]) - MOST_ROWS, 0),
+        "counts": {name: _whole(evidence, "counts", name) for name in encode(ledger.counts)},
+        "back": [_back(evidence, boundary, entry) for boundary, entry in ledger.put_back.items()],
+        "trials": [_row(trial) for trial in ledger.trials[:MOST_ROWS]],
+        "further": max(len(ledger.trials) - MOST_ROWS, 0),
     }
 
 
@@ -47,21 +52,21 @@ def _whole(evidence: Evidence, *place: str) -> Number:
     return Place(evidence, QUALITY, place).number(places=0)
 
 
-def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str, object]:
+def _back(evidence: Evidence, boundary: Boundary, entry: Exclusions) -> dict[str, object]:
     """One boundary's table: by how much the base fit's coefficient changes with exclusions put
     back.
     """
     place = Place(evidence, QUALITY, ("put_back", boundary))
     rows = []
-    if entry["all"]:
+    if entry.all:
         rows.append(
             {
                 "what": "all that can be",
                 "code": False,
-                **_change(entry["all"], place.at("all")),
+                **_change(entry.all, place.at("all")),
             }
         )
-    for name, found in entry["codes"].items():
+    for name, found in entry.codes.items():
         rows.append(
             {
                 "what": name,
@@ -70,19 +75,19 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
                 **_change(found, place.at("codes", name)),
             }
         )
-    for i, without in enumerate(entry["left_out"]):
+    for i, without in enumerate(entry.left_out):
         rows.append(
             {
-                "what": f"{without['what']} left out",
+                "what": f"{without.what} left out",
                 "code": False,
                 **_change(without, place.at("left_out", i)),
             }
         )
     single = [
         {"what": name, "code": False, **_change(found, place.at("trials", name))}
-        for name, found in entry["trials"].items()
+        for name, found in entry.trials.items()
     ]
-    head, _, sub = entry["parameter"].partition("_")
+    head, _, sub = entry.parameter.partition("_")
     return {
         "boundary": boundary,
         "excluded": place.number("excluded", places=0),
@@ -90,15 +95,15 @@ def _back(evidence: Evidence, boundary: str, entry: dict[str, Any]) -> dict[str,
         "sub": sub,
         "rows": rows,
         "single": single,
-        "never": list(entry["cannot_be_put_back"].items()),
+        "never": list(entry.cannot_be_put_back.items()),
     }
 
 
-def _change(found: dict[str, object], place: Place) -> dict[str, object]:
-    if found["value"] is None:
+def _change(found: PutBack | NotPutBack | HeadlineWithout, place: Place) -> dict[str, object]:
+    if not isinstance(found, PutBack) and found.value is None:
         return {
             "trials": place.number("trials", places=0),
-            "why_not": found["why_not"],
+            "why_not": found.why_not,
         }
     return {
         "trials": place.number("trials", places=0),
@@ -108,21 +113,20 @@ def _change(found: dict[str, object], place: Place) -> dict[str, object]:
     }
 
 
-def _row(entry: dict[str, Any]) -> dict[str, object]:
+def _row(trial: TrialRecord) -> dict[str, object]:
     """One trial as printed."""
-    lift = entry["lift_N"]
     return {
-        "trial": entry["trial"],
-        "boundary": NAMES.get(entry["boundary"], entry["boundary"]),
-        "source": entry["source"],
-        "sha": entry["sha256"][:8],
-        "completeness": entry["completeness"],
-        "samples": entry["samples"],
-        "averaged": entry["averaged"],
-        "lift": "\u2013" if lift is None else plain(1e3 * lift, 5),
-        "codes": " ".join(entry["codes"]),
+        "trial": trial.trial,
+        "boundary": NAMES.get(trial.boundary, trial.boundary),
+        "source": trial.source,
+        "sha": trial.sha256[:8],
+        "completeness": trial.completeness,
+        "samples": trial.samples,
+        "averaged": trial.averaged,
+        "lift": "\u2013" if math.isnan(trial.lift_N) else plain(1e3 * trial.lift_N, 5),
+        "codes": " ".join(trial.codes),
         "figures": ", ".join(
-            {"fig2": "Figure 2", "residuals": "residuals"}[name] for name in entry["figures"]
+            {"fig2": "Figure 2", "residuals": "residuals"}[name] for name in trial.figures
         )
         or "none",
     }

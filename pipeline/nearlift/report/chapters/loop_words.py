@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+import math
+from collections.abc import Sequence
 
 from nearlift import catalogue
-from nearlift.report.findings import stand_ins, tried
+from nearlift.declare import Effect
+from nearlift.report.findings import ranked
 from nearlift.report.number import Number, Place, Quoted
+from nearlift.results.diagnosis import BoundaryDiagnosis, LoopError, WithinTrial
+from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.rounding import plain
 
 #: Chances below this are not told in percent.
@@ -32,27 +36,28 @@ def largest(place: Place) -> dict[str, object] | None:
     }
 
 
-def effects(place: Place) -> list[dict[str, object]]:
+def effects(place: Place, found: BoundaryDiagnosis) -> list[dict[str, object]]:
     """The named effects with mechanism, parameters and rivals."""
-    known, found = {e.name: e for e in catalogue.effects()}, place.content
-    listed = []
-    for i, effect in enumerate(found.get("effects", [])):
+    known = {e.name: e for e in catalogue.effects()}
+    listed: list[dict[str, object]] = []
+    for i, effect in enumerate(found.effects):
         sizes = (
-            {p.name for p in known[effect["name"]].parameters if not p.grid}
-            if effect["name"] in known
+            {p.name for p in known[effect.name].parameters if not p.grid}
+            if effect.name in known
             else set()
         )
         quoted = [
-            _marked(place.quote("effects", i, "parameters", name), known.get(effect["name"]))
-            for name in effect.get("parameters", {})
+            _marked(place.quote("effects", i, "parameters", name), known.get(effect.name))
+            for name in effect.parameters
         ]
+        others = found.stand_ins(effect)
         ends = sorted(quoted, key=lambda q: q.value.value)
         listed.append(
             {
-                "name": effect["name"],
-                "mechanism": effect.get("mechanism", ""),
-                "rivals": [o for o in stand_ins(found, effect) if " + " not in o],
-                "together": [o for o in stand_ins(found, effect) if " + " in o],
+                "name": effect.name,
+                "mechanism": effect.mechanism,
+                "rivals": [o for o in others if " + " not in o],
+                "together": [o for o in others if " + " in o],
                 "parameters": quoted if len(quoted) <= PARAMETERS else [],
                 "many": (
                     {"number": len(quoted), "least": ends[0], "most": ends[-1], "all": quoted}
@@ -67,7 +72,7 @@ def effects(place: Place) -> list[dict[str, object]]:
     return listed
 
 
-def _marked(quoted: Quoted, effect: Any) -> Quoted:
+def _marked(quoted: Quoted, effect: Effect | None) -> Quoted:
     """With the mark of a parameter that the fit left at an end of its allowed range."""
     for p in effect.parameters if effect is not None else ():
         low, high = p.bounds
@@ -78,7 +83,7 @@ def _marked(quoted: Quoted, effect: Any) -> Quoted:
     return quoted
 
 
-def outcome(error: dict[str, Any] | None) -> dict[str, object]:
+def outcome(error: LoopError | None) -> dict[str, object]:
     """How the held-out error moved: `falls`, `rises`, or `same` where the interval of its change,
     visits in pairs, holds none.
 
@@ -87,32 +92,27 @@ def outcome(error: dict[str, Any] | None) -> dict[str, object]:
     """
     if not error:
         return {}
-    before, after = error["before"], error["after"]
-    known = all(e[k] is not None for e in (before, after) for k in ("lo90", "hi90"))
-    low, high = (error.get("change", {}).get(k) for k in ("lo90", "hi90"))
-    if low is None or high is None:
-        low, high = (
-            (after["lo90"] - before["hi90"], after["hi90"] - before["lo90"])
-            if known
-            else (-1.0, 1.0)
-        )
+    before, after = error.before, error.after
+    known = all(math.isfinite(x) for e in (before, after) for x in (e.lo90, e.hi90))
+    low, high = (error.change.lo90, error.change.hi90) if error.change else (math.nan, math.nan)
+    if not (math.isfinite(low) and math.isfinite(high)):
+        low, high = (after.lo90 - before.hi90, after.hi90 - before.lo90) if known else (-1.0, 1.0)
     word = "falls" if high < 0 else "rises" if low > 0 else "same"
     return {
         "word": word,
-        "at_floor": known and after["lo90"] <= error["noise_floor"],
-        "lower": after["held_out_rmse"] < before["held_out_rmse"],
+        "at_floor": known and after.lo90 <= error.noise_floor,
+        "lower": after.held_out_rmse < before.held_out_rmse,
     }
 
 
-def folds(place: Place) -> dict[str, Number] | None:
+def folds(place: Place, found: BoundaryDiagnosis) -> dict[str, Number] | None:
     """In how many folds the search, repeated without the visits held out, came to the
     same answer.
     """
-    found = place.content
-    chosen = found.get("error", {}).get("chosen_in_folds")
-    if not chosen or found["verdict"] != "effect":
+    chosen = found.error.chosen_in_folds if found.error else ()
+    if not chosen or found.verdict != "effect":
         return None
-    own = {e["name"] for e in found.get("effects", [])}
+    own = {e.name for e in found.effects}
     same = sum({part.strip() for part in c.split("+")} == own for c in chosen)
     source = place.source("error", "chosen_in_folds")
     return {
@@ -123,67 +123,65 @@ def folds(place: Place) -> dict[str, Number] | None:
     }
 
 
-def within(place: Place) -> dict[str, object] | None:
+def within(place: Place, own: WithinTrial | None) -> dict[str, object] | None:
     """The change of lift over a record, in percent."""
-    place = place.at("within_trial")
-    if not (own := place.content):
+    if own is None:
         return None
+    place = place.at("within_trial")
     return {
         k: place.percent("change_over_record", k, digits=2, how="in percent of lift")
         for k in ("value", "lo90", "hi90")
     } | {
         "p": place.chance("p_value"),
-        "significant": own["significant"],
-        "candidates": own.get("candidates", []),
+        "significant": own.significant,
+        "candidates": own.candidates,
     }
 
 
-def candidates(place: Place) -> list[dict[str, object]]:
+def candidates(place: Place, found: BoundaryDiagnosis) -> list[dict[str, object]]:
     """Every candidate with its gain, how far its evidence lies behind, and why not."""
-    places = {
-        c["name"]: place.at("rounds", i, "candidates", j)
-        for i, r in enumerate(place.content.get("rounds", []))
-        for j, c in enumerate(r.get("candidates", []))
-    }
     rows = []
-    for c in tried(place.content):
-        own = places[c["name"]]
+    for c in ranked(found):
+        i, j = c.place
+        own = place.at("rounds", i, "candidates", j)
         behind = Number(
-            text=plain(c["behind"], 3),
-            value=float(c["behind"]),
+            text=plain(c.behind, 3),
+            value=c.behind,
             source=own.source("log_evidence"),
             how="less that of the best, times −2",
         )
         rows.append(
             {
-                "name": c["name"],
+                "name": c.tried.name,
                 "gain": own.number("gain", places=1),
                 "behind": behind,
-                "accepted": c.get("accepted"),
-                "left_in": c.get("left_in"),
+                "accepted": c.tried.accepted,
+                "left_in": c.tried.left_in,
             }
         )
     return rows
 
 
-def proposals(place: Place) -> list[dict[str, object]]:
+def proposals(place: Place, experiments: Sequence[NextExperiment]) -> list[dict[str, object]]:
     """What to measure next, with the trials it takes and the evidence expected of them."""
-    listed = []
-    for i, n in enumerate(place.content.get("next_experiment", [])):
+    listed: list[dict[str, object]] = []
+    for i, n in enumerate(experiments):
         own = place.at("next_experiment", i)
         digits = {"trials": 6, "expected_evidence": 2}
-        known = {k: own.number(k, digits=d) if n.get(k) else None for k, d in digits.items()}
+        known = {
+            k: own.number(k, digits=d) if getattr(n, k, None) else None for k, d in digits.items()
+        }
         others = [
             {
-                "measure": a["measure"],
+                "measure": a.measure,
                 "gain": own.number("alternatives", j, "expected_evidence", digits=2),
             }
-            for j, a in enumerate(n.get("alternatives", []))
+            for j, a in enumerate(n.alternatives if isinstance(n, NextSession) else ())
         ]
         listed.append(
             {
-                "measure": n["measure"],
-                "separates": n.get("separates", []),
+                "measure": n.measure,
+                "separates": n.separates,
                 "others": others,
                 **known,
             }

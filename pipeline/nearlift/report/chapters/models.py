@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Mapping, Sequence
 
 from nearlift.declare import Boundary
 from nearlift.fit.remedies import SCALES
@@ -13,6 +14,8 @@ from nearlift.report.chapters.doubts import reduced
 from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, Quoted, headline
+from nearlift.results.fit import CoefficientEstimate, Degeneracy
+from nearlift.results.levels import LevelFit
 from nearlift.rounding import plain, signed
 
 #: How a degeneracy names L_inf, before the throttle.
@@ -25,16 +28,18 @@ def comparison(evidence: Evidence) -> dict[str, object]:
 
 
 def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
-    content = evidence.document(FIT)
-    fits = content["boundaries"][boundary]
-    base = content["base"][boundary]
-    trials = fits[base]["n_trials"]
-    comparable = [n for n in fits if fits[n]["n_trials"] == trials]
-    smallest = {key: min(fits[n][key] for n in comparable) for key in ("aic", "bic")}
-    names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n]["aic"]))
-    near = any(fits[n].get("r2_near") is not None for n in fits)
+    fits, base = evidence.fits.boundaries[boundary], evidence.fits.base[boundary]
+    trials = fits[base].n_trials
+    comparable = [n for n in fits if fits[n].n_trials == trials]
+    smallest = {
+        "aic": min(fits[n].aic for n in comparable),
+        "bic": min(fits[n].bic for n in comparable),
+    }
+    names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n].aic))
+    near = any(math.isfinite(f.r2_near) for f in fits.values() if f.r2_near is not None)
     rows = []
     for name in names:
+        fit = fits[name]
         place = Place(evidence, FIT, ("boundaries", boundary, name))
         over = {
             key: place.excess(key, over=least, how="less the smallest of this boundary")
@@ -44,12 +49,10 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
         }
         rows.append(
             {
-                "title": fits[name]["title"],
+                "title": fit.title,
                 "name": name,
                 "base": name == base,
-                "parameters": [
-                    _coefficient(evidence, boundary, name, p) for p in fits[name]["parameters"]
-                ],
+                "parameters": [_coefficient(evidence, boundary, name, p) for p in fit.parameters],
                 "reduced": reduced(evidence, boundary, name),
                 "rmse": place.percent("rmse", places=2),
                 "r2": place.number("r2", places=4),
@@ -58,14 +61,14 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
                 "dbic": over["bic"],
                 "n": place.number("n_trials", digits=6),
                 "fewer": name not in comparable,
-                "degeneracies": grouped(fits[name]["degeneracies"], fits[name]["parameters"]),
+                "degeneracies": grouped(fit.degeneracies, fit.parameters),
             }
         )
     return {
         "boundary": boundary,
         "rows": rows,
         "near": near,
-        "failed": sorted(content.get("failed", {}).get(boundary, {}).items()),
+        "failed": sorted(evidence.fits.failed.get(boundary, {}).items()),
     }
 
 
@@ -76,46 +79,48 @@ def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) 
     return Place(evidence, FIT).quote("boundaries", boundary, model, "parameters", name)
 
 
-def grouped(found: list[dict[str, Any]], parameters: dict[str, object]) -> list[str]:
+def grouped(
+    found: Sequence[Degeneracy], parameters: Mapping[str, CoefficientEstimate]
+) -> list[str]:
     """Degeneracies in words, one sentence for all coefficients that trade places with the same
     thing.
     """
-    together: dict[str, list[dict[str, object]]] = {}
+    together: dict[str, list[Degeneracy]] = {}
     for d in found:
-        first, second = d["pair"]
+        first, second = d.pair
         # pairs of the model's own coefficients, and what cannot be told apart at all, stand alone
-        alone = second in parameters or (
-            d.get("u_if_free") is None and not second.startswith(LEVEL)
-        )
+        alone = second in parameters or (d.u_if_free is None and not second.startswith(LEVEL))
         together.setdefault(
             f"{first} {second}" if alone else LEVEL if second.startswith(LEVEL) else second, []
         ).append(d)
     return [_sentence(second, group, parameters) for second, group in together.items()]
 
 
-def _sentence(second: str, group: list[dict[str, Any]], parameters: dict[str, Any]) -> str:
+def _sentence(
+    second: str, group: list[Degeneracy], parameters: Mapping[str, CoefficientEstimate]
+) -> str:
     if len(group) == 1:
-        return str(group[0]["text"])
-    each: dict[str, list[dict[str, Any]]] = {}
+        return group[0].text
+    each: dict[str, list[Degeneracy]] = {}
     for d in group:
-        each.setdefault(d["pair"][0], []).append(d)
+        each.setdefault(d.pair[0], []).append(d)
     if second == LEVEL:
-        throttles = list(dict.fromkeys(d["pair"][1].removeprefix(LEVEL) for d in group))
+        throttles = list(dict.fromkeys(d.pair[1].removeprefix(LEVEL) for d in group))
         told = " and ".join(
-            f"{letter(name)} ({_range([d['r'] for d in own])})" for name, own in each.items()
+            f"{letter(name)} ({_range([d.r for d in own])})" for name, own in each.items()
         )
         return (
             f"{told} {'trade' if len(each) > 1 else 'trades'} places with L_inf at"
             f" {', '.join(throttles)} throttle"
         )
     told = " and ".join(
-        f"{letter(name)} ({_range([own[0]['r']])}, u from {plain(parameters[name]['u'], 2)} to"
-        f" {plain(own[0]['u_if_free'], 2)})"
+        f"{letter(name)} ({_range([own[0].r])}, u from {plain(parameters[name].u, 2)} to"
+        f" {plain(own[0].u_if_free or math.nan, 2)})"
         for name, own in each.items()
     )
     return (
         f"{told} would trade places with an unknown {second}, which would itself be known to"
-        f" {group[0]['known_to']}"
+        f" {group[0].known_to}"
     )
 
 
@@ -130,12 +135,12 @@ def levels(evidence: Evidence) -> dict[str, object]:
     rows: dict[float, dict[str, object]] = {}
     curves = []
     for boundary in evidence.boundaries:
-        model, entry = evidence.base(boundary)
+        model, fit = evidence.base(boundary)
         place = Place(evidence, FIT, ("boundaries", boundary, model.name, "L_inf_N"))
-        for key in entry["L_inf_N"]:
-            rows.setdefault(float(key), {})[boundary] = place.quote(key)
-        if curve := entry.get("levels"):
-            curves.append(f"{boundary.capitalize()}: {_curve(curve)}")
+        for throttle in fit.L_inf_N:
+            rows.setdefault(throttle, {})[boundary] = place.quote(f"{throttle:g}")
+        if fit.levels:
+            curves.append(f"{boundary.capitalize()}: {_curve(fit.levels)}")
     return {
         "curves": curves,
         "boundaries": evidence.boundaries,
@@ -143,21 +148,21 @@ def levels(evidence: Evidence) -> dict[str, object]:
     }
 
 
-def _curve(entry: dict[str, Any]) -> str:
+def _curve(fit: LevelFit) -> str:
     """What L_inf is a curve of, its degree, and how well each degree foretells visits left out."""
-    curve, errors = entry["curve"], entry["held_out"]
+    curve = fit.curve
     # columns of trials end with their unit
-    parts = [(name, *name.rpartition("_")[::2]) for name in curve["of"]]
+    parts = [(name, *name.rpartition("_")[::2]) for name in curve.of]
     of = [word or name for name, word, _ in parts]
     rest = [
         f"{word or name} {plain(typical, 3)}{' ' if word else ''}{unit if word else ''}"
-        for (name, word, unit), typical in zip(parts, curve["typical"], strict=True)
+        for (name, word, unit), typical in zip(parts, curve.typical, strict=True)
         if name != "throttle"
     ]
-    told = ", ".join(f"{100 * float(e):.2f} % (degree {d})" for d, e in errors.items())
+    told = ", ".join(f"{100 * e:.2f} % (degree {d})" for d, e in fit.held_out.items())
     at = f" The table is at {' and '.join(rest)}, the median." if rest else ""
     return (
-        f"log L∞ is a polynomial of degree {curve['degree']} in the logarithms of"
+        f"log L∞ is a polynomial of degree {curve.degree} in the logarithms of"
         f" {' and '.join(of)}. Beside any smooth curve of distance, visits left out are foretold to"
         f" {told}; beyond the range of the trials it is not told.{at}"
     )
@@ -168,7 +173,7 @@ def noise(evidence: Evidence) -> dict[str, object]:
     rows = []
     for boundary in evidence.boundaries:
         place = Place(evidence, FIT, ("noise", boundary))
-        own, quoted = place.content, evidence.quoted(boundary).coefficients.values()
+        own, quoted = evidence.fits.noise[boundary], evidence.quoted(boundary).coefficients.values()
         rows.append(
             {
                 "boundary": boundary,
@@ -177,9 +182,9 @@ def noise(evidence: Evidence) -> dict[str, object]:
                 "height": place.number("height_m", digits=3, scale=1000, how="in mm"),
                 "common": place.percent("common", digits=3),
                 "drift": place.percent("drift", digits=3),
-                "source": own["source"],
+                "source": own.source,
                 "untold": sorted({source for c in quoted for source in untold(c)}),
-                "dof": place.number("dof", digits=6) if own["dof"] is not None else None,
+                "dof": place.number("dof", digits=6) if math.isfinite(own.dof) else None,
             }
         )
     declared = [c for c in budget.components(evidence.campaign) if not c.is_measured]

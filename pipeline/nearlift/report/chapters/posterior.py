@@ -4,12 +4,12 @@ say.
 
 from __future__ import annotations
 
-from typing import Any
-
 from nearlift.declare import Boundary
 from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
+from nearlift.results.fit import ModelFit
+from nearlift.results.posterior import PosteriorSummary
 from nearlift.rounding import plain
 
 
@@ -19,74 +19,74 @@ def facts(evidence: Evidence) -> dict[str, object]:
 
 
 def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
-    content = evidence.document(FIT)
-    base, fits = content["base"][boundary], content["boundaries"][boundary]
-    sampled = [m for m in sorted(fits, key=lambda m: m != base) if fits[m].get("posterior")]
+    base = evidence.base(boundary)[1]
+    fits = sorted(evidence.fits.boundaries[boundary].values(), key=lambda f: f.model != base.model)
+    sampled = [(f, f.posterior) for f in fits if f.posterior]
     rows = [
-        _row(evidence, boundary, m, p, m == base)
-        for m in sampled
-        for p in fits[m]["posterior"]["parameters"]
+        _row(evidence, boundary, f, drawn, name, f.model == base.model)
+        for f, drawn in sampled
+        for name in drawn.parameters
     ]
     words = [
-        (fits[m]["title"], p["words"])
-        for m in sampled
-        for p in fits[m]["posterior"]["parameters"].values()
-        if p["words"]
+        (f.title, p.words) for f, drawn in sampled for p in drawn.parameters.values() if p.words
     ]
     return {
         "boundary": boundary,
         "rows": rows,
         "words": words,
-        "how": how(fits[base].get("posterior") or {}),
-        "base": fits[base]["title"],
+        "how": how(base.posterior),
+        "base": base.title,
         "chains": any(r["r_hat"] for r in rows),
     }
 
 
 def _row(
-    evidence: Evidence, boundary: str, model: str, parameter: str, base: bool
+    evidence: Evidence,
+    boundary: Boundary,
+    fit: ModelFit,
+    drawn: PosteriorSummary,
+    parameter: str,
+    base: bool,
 ) -> dict[str, object]:
-    place = Place(evidence, FIT, ("boundaries", boundary, model))
-    entry = evidence.document(FIT)["boundaries"][boundary][model]
-    after = place.at("posterior", "parameters", parameter)
+    after = Place(
+        evidence, FIT, ("boundaries", boundary, fit.model, "posterior", "parameters", parameter)
+    )
     return {
-        "model": entry["title"],
+        "model": fit.title,
         "base": base,
         "of": after.quote(),
-        "prior": entry["posterior"]["parameters"][parameter]["prior"]["text"],
+        "prior": drawn.parameters[parameter].prior.text,
         "prior_low": after.number("prior", "lo90", digits=3),
         "prior_high": after.number("prior", "hi90", digits=3),
         "ratio": after.percent("width_ratio", digits=2),
         "ess": after.number("ess", places=0),
-        "r_hat": (
-            after.number("r_hat", places=3) if entry["posterior"]["sampler"] == "emcee" else None
-        ),
+        "r_hat": (after.number("r_hat", places=3) if drawn.sampler == "emcee" else None),
     }
 
 
-def how(entry: dict[str, Any]) -> str:
+def how(drawn: PosteriorSummary | None) -> str:
     """How a posterior was sampled and what its judges said, in words."""
-    if not entry:
+    if drawn is None:
         return "it has no posterior"
-    if entry["sampler"] == "none":
+    if drawn.sampler == "none":
         return "it has no free parameter, and nothing had to be sampled"
-    n = entry["chains"] * entry["draws"]
-    if entry["sampler"] == "emcee":
+    n = drawn.chains * drawn.draws
+    if drawn.sampler == "emcee":
         told = (
-            f"emcee took {entry['steps']} steps of {entry['chains']} walkers (differential"
-            f" evolution and snooker moves, {100 * entry['acceptance']:.0f} % accepted, τ ="
-            f" {plain(entry['tau'], 3)}); {n} draws are kept, worth {entry['ess']:.0f} independent"
-            " ones"
+            f"emcee took {drawn.steps} steps of {drawn.chains} walkers (differential"
+            f" evolution and snooker moves, {100 * drawn.acceptance:.0f} % accepted, τ ="
+            f" {plain(drawn.tau or 0.0, 3)}); {n} draws are kept, worth {drawn.ess or 0.0:.0f}"
+            " independent ones"
         )
     else:
         told = (
             f"{n} independent draws by importance sampling from the peak (Pareto k ="
-            f" {plain(entry['pareto_k'], 2)}; below 0.7 it can be used)"
+            f" {plain(drawn.pareto_k, 2)}; below 0.7 it can be used)"
         )
     judged = [
-        f"the {c['by']} agrees, within {plain(c['apart'], 2)} Monte Carlo standard errors"
-        for c in entry["checks"]
-        if not c["unfit"]
+        f"the {c.by} agrees, within {plain(c.apart, 2)} Monte Carlo standard errors"
+        for c in drawn.checks
+        if not c.unfit
     ]
-    unfit = [f"the {c['by']} could not judge ({c['unfit']})" for c in entry["checks"] if c["unfit"]]
+    unfit = [f"the {c.by} could not judge ({c.unfit})" for c in drawn.checks if c.unfit]
     return "; ".join([told, *judged, *unfit])

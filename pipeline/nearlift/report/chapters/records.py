@@ -75,9 +75,9 @@ def ledger(evidence: Evidence) -> dict[str, object]:
             for i in np.flatnonzero(out)
         ],
         "excluded": [
-            {"boundary": b, "model": m.title, "trials": e["excluded"]}
+            {"boundary": b, "model": m.title, "trials": e.excluded}
             for b, (m, e) in bases.items()
-            if e["excluded"]
+            if e.excluded
         ],
     }
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Mapping
+
+import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.products import FIT, RESULTS
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import Place, headline
+from nearlift.results.fit import ModelComparison, ModelScore
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain
 
@@ -102,24 +106,23 @@ def untold(own: CoefficientResult) -> list[str]:
 
 
 def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
-    model, entry = evidence.base(boundary)
+    model, fit = evidence.base(boundary)
     place = Place(evidence, FIT, ("boundaries", boundary, model.name))
     lines = [
         {
-            "component": own["component"],
-            "words": TREATMENTS[own["treatment"]],
-            "coefficient": headline(evidence, boundary, own["coefficient"]),
+            "component": own.component,
+            "words": TREATMENTS[own.treatment],
+            "coefficient": headline(evidence, boundary, own.coefficient),
             "size": place.number("heights", i, "standard_m", digits=2, scale=1e3, how="in mm"),
             "shift": place.number("heights", i, "shift", digits=2),
             "ratio": place.percent("heights", i, "ratio", digits=2),
         }
-        for i, own in enumerate(entry.get("heights", []))
+        for i, own in enumerate(fit.heights)
     ]
     error = None
-    if "height_error" in entry:
-        u = float(entry["height_error"]["u"])
+    if fit.height_error:
         error = {
-            k: place.number("height_error", k, like_u=u, scale=1e3, how="in mm")
+            k: place.number("height_error", k, like_u=fit.height_error.u, scale=1e3, how="in mm")
             for k in ("value", "u")
         }
     return {"boundary": boundary, "lines": lines, "error": error}
@@ -129,13 +132,12 @@ def limits(evidence: Evidence) -> dict[str, object]:
     """What would halve each uncertainty, and coefficients at a bound."""
     sections = []
     for boundary in evidence.boundaries:
-        _, entry = evidence.base(boundary)
         halves = [
             {
-                "texts": [k["text"] for k in own["knowledge"]] + [own["repeats"]["text"]],
+                "texts": [k.text for k in own.knowledge] + [own.repeats.text],
                 "coefficient": name,
             }
-            for name, own in entry.get("would_halve", {}).items()
+            for name, own in evidence.base(boundary)[1].would_halve.items()
         ]
         bound = [name for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
         sections.append({"boundary": boundary, "halves": halves, "bound": bound})
@@ -146,30 +148,28 @@ def held_out(evidence: Evidence) -> dict[str, object]:
     """Each boundary's models by what they foretell of a visit left out, beside the criteria that
     count parameters, and R².
     """
-    found = evidence.document(FIT).get("comparison", {})
+    found = evidence.fits.comparison
     return {"tables": [_held_out(evidence, b, found[b]) for b in evidence.boundaries if b in found]}
 
 
-def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> dict[str, object]:
-    fits = evidence.document(FIT)["boundaries"][boundary]
-    models, base = own["models"], own["reference"]
+def _held_out(evidence: Evidence, boundary: Boundary, own: ModelComparison) -> dict[str, object]:
+    fits = evidence.fits.boundaries[boundary]
+    models, base = own.models, own.reference
     scores = Place(evidence, FIT, ("comparison", boundary, "models"))
-    visits = models[base]["visits"]
+    visits = models[base].visits
     weighed = Place(evidence, FIT, ("boundaries", boundary))
-    reference = weighed.at(base, "log_evidence", "value").content
+    reference = fits[base].log_evidence_value
     rows = []
     for name in sorted(
-        models, key=lambda n: (models[n]["visits"] != visits, -(models[n]["d_elpd"] or 0.0))
+        models, key=lambda n: (models[n].visits != visits, -np.nan_to_num(models[n].d_elpd))
     ):
-        place, whole = scores.at(name), models[name]["visits"] == visits
-        known = (
-            reference is not None and weighed.at(name, "log_evidence", "value").content is not None
-        )
+        place, whole = scores.at(name), models[name].visits == visits
+        known = math.isfinite(reference + fits[name].log_evidence_value)
         rows.append(
             {
-                "title": fits[name]["title"],
+                "title": fits[name].title,
                 "base": name == base,
-                "free": len(fits[name]["parameters"]),
+                "free": len(fits[name].parameters),
                 "d_elpd": place.number("d_elpd", places=1),
                 "u_d_elpd": (None if name == base else place.number("u_d_elpd", places=1)),
                 "rmse": place.percent("rmse", places=3),
@@ -178,8 +178,8 @@ def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> di
                 "evidence": weighed.excess(name, "log_evidence", "value", over=reference, how=LESS)
                 if known
                 else None,
-                "aic": place.excess("aic", over=models[base]["aic"], how=LESS) if whole else None,
-                "bic": place.excess("bic", over=models[base]["bic"], how=LESS) if whole else None,
+                "aic": place.excess("aic", over=models[base].aic, how=LESS) if whole else None,
+                "bic": place.excess("bic", over=models[base].bic, how=LESS) if whole else None,
                 "r2": place.number("r2", places=4),
                 "visits": None if whole else place.number("visits", digits=6),
             }
@@ -188,35 +188,28 @@ def _held_out(evidence: Evidence, boundary: Boundary, own: dict[str, Any]) -> di
         "boundary": boundary,
         "rows": rows,
         "visits": scores.number(base, "visits", digits=6),
-        "evidence": reference is not None,
-        "words": verdicts(models, base, {n: str(f["title"]) for n, f in fits.items()}),
+        "evidence": math.isfinite(reference),
+        "words": verdicts(models, base, {n: f.title for n, f in fits.items()}),
     }
 
 
-def _half(own: dict[str, Any]) -> float:
+def _half(own: ModelScore) -> float:
     """Half of the 95 % interval of a difference of scores, over visits."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(own["visits"] - 1, 1), 0.975)) * float(own["u_d_elpd"])
+    return float(stdtrit(max(own.visits - 1, 1), 0.975)) * own.u_d_elpd
 
 
-def _difference(own: dict[str, Any]) -> str:
+def _difference(own: ModelScore) -> str:
     """Difference of scores with its 95 % interval."""
     half = _half(own)
     return (
-        f"{fixed(own['d_elpd'], 1)}, 95 %: {fixed(own['d_elpd'] - half, 1)} to"
-        f" {fixed(own['d_elpd'] + half, 1)}"
+        f"{fixed(own.d_elpd, 1)}, 95 %: {fixed(own.d_elpd - half, 1)} to"
+        f" {fixed(own.d_elpd + half, 1)}"
     )
 
 
-def _aic(models: dict[str, Any], base: str, name: str) -> float | None:
-    """AIC less the base model's, where both are known."""
-    if models[name].get("aic") is None or models[base].get("aic") is None:
-        return None
-    return float(models[name]["aic"] - models[base]["aic"])
-
-
-def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[str]:
+def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, str]) -> list[str]:
     """Which models foretell worse than the base, which as well, which better; and what R² would
     have said.
     """
@@ -224,10 +217,10 @@ def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[
     same: list[str] = []
     better: list[str] = []
     for name, own in models.items():
-        if name == base or own["u_d_elpd"] is None or own["visits"] < models[base]["visits"]:
+        if name == base or not own.u_d_elpd >= 0 or own.visits < models[base].visits:
             continue
         size = max(_half(own), LEAST_SCORE)
-        (worse if own["d_elpd"] < -size else better if own["d_elpd"] > size else same).append(name)
+        (worse if own.d_elpd < -size else better if own.d_elpd > size else same).append(name)
 
     def listed(names: list[str]) -> str:
         return ", ".join(titles[n] for n in names)
@@ -248,15 +241,11 @@ def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[
             f"Worse: {told(worse)}. The 95 % interval of the score difference over visits excludes"
             " zero."
         )
-    torn = [
-        n
-        for n in same
-        if _aic(models, base, n) is not None and abs(_aic(models, base, n) or 0.0) > AIC_APART
-    ]
+    behind = {n: models[n].aic - models[base].aic for n in same}
+    torn = [n for n in same if abs(behind[n]) > AIC_APART]
     if torn:
         listing = "; ".join(
-            f"{titles[n]} {abs(_aic(models, base, n) or 0.0):.0f}"
-            f" {'behind' if (_aic(models, base, n) or 0.0) > 0 else 'ahead of'} the base"
+            f"{titles[n]} {abs(behind[n]):.0f} {'behind' if behind[n] > 0 else 'ahead of'} the base"
             for n in torn
         )
         words.append(
@@ -268,7 +257,7 @@ def verdicts(models: dict[str, Any], base: str, titles: dict[str, str]) -> list[
         )
     if not better and not same and worse:
         words.append("No other model foretells as well as the base.")
-    known = {n: m["r2"] for n, m in models.items() if m["r2"] is not None}
+    known = {n: m.r2 for n, m in models.items() if math.isfinite(m.r2)}
     fooled = [n for n in worse if n in known and known[n] > 0.9]
     if fooled:
         words.append(

@@ -15,7 +15,7 @@ from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared
 from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
-from nearlift.report.findings import along, listed, stand_ins, to_log
+from nearlift.report.findings import along, listed, others, to_log
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, plain, signed
 
@@ -79,21 +79,17 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
     quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
     model = catalogue.model(quoted.base_model).title
     if quoted.verdict == "adequate":
-        few = found.get("sensitivity")
+        few = found.sensitivity if found else None
         return f"{model} describes the data: nothing is left beyond the noise" + (
-            f" that {few['trials']} trials could show." if few else "."
+            f" that {few.trials} trials could show." if few else "."
         )
     if quoted.verdict == "effect":
         named = listed([titled(e) for e in quoted.effects])
-        others = dict.fromkeys(
-            titled(r.replace(" + ", " with "))
-            for e in found.get("effects", [])
-            for r in stand_ins(found, e)
-        )
-        apart = f"; this design cannot tell it from {listed([*others], 'or')}" if others else ""
+        rivals = others(found)
+        apart = f"; this design cannot tell it from {rivals}" if rivals else ""
         return f"{model} alone does not describe the data: the rest is explained by {named}{apart}."
     if quoted.verdict == "unexplained":
-        found_in = [s["covariate"] for s in found.get("structure", []) if s.get("significant")]
+        found_in = [s.covariate for s in found.structure if s.significant] if found else []
         where = f" along {along(found_in[0])}" if found_in else ""
         return f"{model} leaves structure{where} that no known effect explains."
     return f"Not diagnosed: {quoted.reason.removesuffix(f'; {quoted.wanted}')}."
@@ -160,14 +156,14 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     or what matters most in the budget, and what to log.
     """
     found = evidence.diagnosed(boundary)
-    if proposed := found.get("next_experiment"):
-        return titled(str(proposed[0]["measure"]))
+    if found and found.next_experiment:
+        return titled(found.next_experiment[0].measure)
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
     words = to_log(found)
     if quoted.verdict == "unexplained":
         # what has no name is looked for first; a better input does not find it
-        where = [str(s["covariate"]) for s in found.get("structure", [])[:1]]
-        words += [f"whatever else changes along {along(w)}" for w in where]
+        where = found.structure[:1] if found else ()
+        words += [f"whatever else changes along {along(s.covariate)}" for s in where]
     elif grave := [INPUT_WORDS[a.on] for by, a in undeclared(evidence, boundary) if by > 1]:
         each = " each" if len(grave) > 1 else ""
         said.append(f"measure the {listed(grave)}, and declare how well{each or ' it'} is known")

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -16,13 +15,15 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, latex
-from nearlift.products import DIAGNOSIS, FIT, POSTERIOR, TRIALS
+from nearlift.products import DIAGNOSIS, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
 from nearlift.report.chapters.uncertainty import SCALES, untold
 from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import could_have_seen, listed, stand_ins
+from nearlift.report.findings import listed, others
+from nearlift.report.number import Place
+from nearlift.results.posterior import PosteriorSummary
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain
 
@@ -54,7 +55,7 @@ def paragraphs(evidence: Evidence) -> list[str]:
     ]
 
 
-def facts(evidence: Evidence) -> dict[str, Any]:
+def facts(evidence: Evidence) -> dict[str, list[str]]:
     """The paragraphs as plain text, for the page."""
     return {"paragraphs": [_read(p) for p in paragraphs(evidence)]}
 
@@ -153,7 +154,7 @@ def _reduction(evidence: Evidence) -> str:
         )
     else:
         text += f"None of the {_plural(len(out), 'trial')} was left out. "
-    excluded = sum(len(evidence.base(b)[1]["excluded"]) for b in evidence.boundaries)
+    excluded = sum(len(evidence.base(b)[1].excluded) for b in evidence.boundaries)
     if excluded:
         text += (
             f"{_plural(excluded, 'accepted trial')} outside the range of a base model took no part"
@@ -163,11 +164,11 @@ def _reduction(evidence: Evidence) -> str:
 
 
 def _fits(evidence: Evidence) -> str:
-    content = evidence.document(FIT)
+    fits = evidence.fits
     parts = []
     for boundary in evidence.boundaries:
-        model, entry = evidence.base(boundary)
-        rivals = [catalogue.model(n) for n in content["boundaries"][boundary] if n != model.name]
+        model, fit = evidence.base(boundary)
+        rivals = [catalogue.model(n) for n in fits.boundaries[boundary] if n != model.name]
         beside = (
             f", beside {_plural(len(rivals), 'rival')}"
             f" {_cite(*(k for r in rivals for k in keys(r)))}"
@@ -176,7 +177,7 @@ def _fits(evidence: Evidence) -> str:
         )
         parts.append(
             f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to"
-            f" {_plural(int(entry['n_trials']), 'trial')}"
+            f" {_plural(fit.n_trials, 'trial')}"
         )
     declared = [
         f"{_safe(c.name)} (shared by {c.scope})"
@@ -192,9 +193,7 @@ def _fits(evidence: Evidence) -> str:
         if curve is None or curve.by == "throttle"
         else f"a curve (its logarithm a polynomial of those of {_safe(listed(curve.of))})"
     )
-    sources = dict.fromkeys(
-        str(content["noise"][b]["source"]).partition(" (")[0] for b in evidence.boundaries
-    )
+    sources = dict.fromkeys(fits.noise[b].source.partition(" (")[0] for b in evidence.boundaries)
     text = (
         r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with"
         rf" $L_\infty$ {levels}: "
@@ -203,31 +202,28 @@ def _fits(evidence: Evidence) -> str:
         f"Uncertainties are standard ones, by the GUM {_cite('gum2008')}."
     )
     if evidence.has(POSTERIOR):
-        fits = (
-            content["boundaries"][b][content["base"][b]].get("posterior")
-            for b in evidence.boundaries
-        )
-        text += _posteriors([p for p in fits if p])
+        drawn = [evidence.base(b)[1].posterior for b in evidence.boundaries]
+        text += _posteriors([p for p in drawn if p])
     return text
 
 
-def _posteriors(fits: Sequence[Mapping[str, Any]]) -> str:
+def _posteriors(fits: Sequence[PosteriorSummary]) -> str:
     """How the base models' posteriors were drawn, and who judged them."""
     drawn = {"importance": "importance sampling", "emcee": f"ensemble sampling {_cite('emcee')}"}
     judges = {
         "importance": f"the Pareto k of their weights {_cite('vehtari2024')}",
         "emcee": f"R-hat {_cite('vehtari2021')}",
     }
-    samplers = [s for s in dict.fromkeys(str(p["sampler"]) for p in fits) if s in drawn]
+    samplers = [s for s in dict.fromkeys(p.sampler for p in fits) if s in drawn]
     if not samplers:
         return ""
-    others = dict.fromkeys(
-        f"a {check['by']}" if check["by"] == "grid" else f"the {check['by']}"
+    second = dict.fromkeys(
+        f"a {check.by}" if check.by == "grid" else f"the {check.by}"
         for p in fits
-        for check in p["checks"]
-        if not check["unfit"]
+        for check in p.checks
+        if not check.unfit
     )
-    judged = listed(["effective draws", *(judges[s] for s in samplers), *others])
+    judged = listed(["effective draws", *(judges[s] for s in samplers), *second])
     return (
         f" Posteriors of these models were drawn by {listed([drawn[s] for s in samplers])}, and"
         f" judged by {judged}."
@@ -237,7 +233,6 @@ def _posteriors(fits: Sequence[Mapping[str, Any]]) -> str:
 def _loop(evidence: Evidence) -> str:
     if not evidence.has(DIAGNOSIS):
         return ""
-    content = evidence.document(DIAGNOSIS)
     known = {e.name: e for e in catalogue.effects()}
     parts, silent = [], []
     for boundary in evidence.boundaries:
@@ -246,47 +241,40 @@ def _loop(evidence: Evidence) -> str:
         found = evidence.diagnosed(boundary)
         if not found:
             continue
-        said = VERDICTS.get(found["verdict"], "")
-        if found["verdict"] == "effect":
+        said = VERDICTS.get(found.verdict, "")
+        if found.verdict == "effect":
             named = [
-                f"{titled(e['name'])} {_cite(*keys(known[e['name']]))}"
-                for e in found["effects"]
-                if e["name"] in known
+                f"{titled(e.name)} {_cite(*keys(known[e.name]))}"
+                for e in found.effects
+                if e.name in known
             ]
-            rivals = dict.fromkeys(
-                titled(r.replace(" + ", " with "))
-                for e in found["effects"]
-                for r in stand_ins(found, e)
-            )
+            rivals = others(found, "and")
             said = f"what was left is accounted for by {listed(named)}" + (
-                f", which the design cannot tell from {listed([*rivals])}" if rivals else ""
+                f", which the design cannot tell from {rivals}" if rivals else ""
             )
-        if look := found.get("look"):
-            said += f" ({look['text']})"
-        error = found.get("error")
-        if error:
-            after = (
-                f" to {plain(100 * error['after']['held_out_rmse'], 3)} %"
-                if found["verdict"] == "effect"
-                else ""
+        if found.look:
+            said += f" ({found.look.text})"
+        if found.error:
+            before, after, floor = (
+                f"{plain(100 * e, 3)} %"
+                for e in (found.held_out_before, found.held_out_after, found.noise_floor)
             )
+            then = f" to {after}" if found.verdict == "effect" else ""
             said += (
-                " (error on trials that took no part in choosing:"
-                f" {plain(100 * error['before']['held_out_rmse'], 3)} %{after} of lift; noise floor"
-                f" {plain(100 * error['noise_floor'], 3)} %)"
+                f" (error on trials that took no part in choosing: {before}{then} of lift; noise"
+                f" floor {floor})"
             )
-        if could := could_have_seen(found):
-            said += f"; {found['sensitivity']['trials']} trials {titled(could)}"
+        if could := found.sensitivity:
+            said += f"; {could.trials} trials {titled(str(could))}"
         parts.append(f"near the {boundary}, {said}")
     if not parts:
         return " ".join(silent)
-    rate = plain(
-        100 * content.get("false_alarm_rate", evidence.campaign.diagnose.false_alarm_rate), 2
-    )
+    rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",)).percent(digits=2).text
     unseen = dict.fromkeys(
-        titled(str(u["effect"]))
-        for b in evidence.boundaries
-        for u in evidence.diagnosed(b).get("untestable", [])
+        titled(name)
+        for found in map(evidence.diagnosed, evidence.boundaries)
+        if found
+        for name in found.untestable
     )
     untold = f" (of {listed([*unseen])} nothing logged can tell)" if unseen else ""
     tested = (

@@ -71,14 +71,13 @@ def comparison(evidence: Evidence) -> Columns:
     """Every model's scores, a row each; `held_out_rmse` in log lift, of visits foretold from all
     others.
     """
-    content = evidence.document(FIT)
+    fits = evidence.fits
     rows = []
-    for boundary, own in content.get("comparison", {}).items():
-        for model, scores in own["models"].items():
-            fit = content["boundaries"][boundary][model]
-            weight = (fit.get("log_evidence") or {}).get("value")
-            head = (boundary, model, model == own["reference"], len(fit["parameters"]))
-            rows.append((*head, *(_cell(scores[k]) for k in SCORES), _cell(weight)))
+    for boundary, own in fits.comparison.items():
+        for model, scores in own.models.items():
+            fit = fits.boundaries[boundary][model]
+            head = (boundary, model, model == own.reference, len(fit.parameters))
+            rows.append((*head, *(getattr(scores, k) for k in SCORES), fit.log_evidence_value))
     names = (
         "boundary",
         "model",
@@ -169,7 +168,6 @@ def _dof(dof: float | None) -> str:
 
 def comparison_table(evidence: Evidence) -> str:
     r"""The models of each boundary by held-out score; needs ``\usepackage{booktabs,siunitx}``."""
-    content = evidence.document(FIT)
     lines = _head(
         evidence,
         "models compared; scores are log predictive densities of visits left out, less the base"
@@ -179,40 +177,38 @@ def comparison_table(evidence: Evidence) -> str:
         "llrrrrrrr",
     )
     for i, boundary in enumerate(evidence.boundaries):
-        own = content.get("comparison", {}).get(boundary)
+        own = evidence.fits.comparison.get(boundary)
         if not own:
             continue
         lines += [r"\addlinespace"] if i else []
-        models, base = own["models"], own["reference"]
-        fits = content["boundaries"][boundary]
-        for name in sorted(models, key=lambda n: -(models[n]["d_elpd"] or 0.0)):
+        models, base = own.models, own.reference
+        fits = evidence.fits.boundaries[boundary]
+        for name in sorted(models, key=lambda n: -np.nan_to_num(models[n].d_elpd)):
             one = models[name]
-            title = escape(fits[name]["title"]) + (" (base)" if name == base else "")
+            title = escape(fits[name].title) + (" (base)" if name == base else "")
             score = (
                 r"\num{0}"
                 if name == base
-                else rf"\num{{{_number(one['d_elpd'], 1)} +- {_number(one['u_d_elpd'], 1)}}}"
+                else rf"\num{{{_number(one.d_elpd)} +- {_number(one.u_d_elpd)}}}"
             )
-            whole = one["visits"] == models[base]["visits"]
+            whole = one.visits == models[base].visits
             excess = [
-                rf"\num{{{one[k] - models[base][k]:.1f}}}" if whole else "--"
-                for k in ("aic", "bic")
+                rf"\num{{{x - reference:.1f}}}" if whole else "--"
+                for x, reference in ((one.aic, models[base].aic), (one.bic, models[base].bic))
             ]
-            weights: list[Any] = [
-                (fits[n].get("log_evidence") or {}).get("value") for n in (name, base)
-            ]
-            weight = "--" if None in weights else rf"\num{{{weights[0] - weights[1]:.1f}}}"
-            r2 = "--" if one["r2"] is None else rf"\num{{{one['r2']:.4f}}}"
+            over = fits[name].log_evidence_value - fits[base].log_evidence_value
+            weight = rf"\num{{{over:.1f}}}" if math.isfinite(over) else "--"
+            r2 = rf"\num{{{one.r2:.4f}}}" if math.isfinite(one.r2) else "--"
             rest = " & ".join([*excess, weight, r2])
             lines.append(
-                rf"{boundary} & {title} & {len(fits[name]['parameters'])} & {score} &"
-                rf" \num{{{100 * one['rmse']:.3f}}} & {rest} \\"
+                rf"{boundary} & {title} & {len(fits[name].parameters)} & {score} &"
+                rf" \num{{{100 * one.rmse:.3f}}} & {rest} \\"
             )
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
-def _number(value: float | None, places: int) -> str:
-    return "0" if value is None else f"{value:.{places}f}"
+def _number(value: float) -> str:
+    return f"{value:.1f}" if math.isfinite(value) else "0"
 
 
 def _head(evidence: Evidence, what: str, header: str, columns: str) -> list[str]:

@@ -5,7 +5,6 @@ quantity, and C_L against speed; a row of panels per question, a column per boun
 from __future__ import annotations
 
 import string
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,6 +17,7 @@ from nearlift.products import FIT
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style
+from nearlift.results.assumptions import HeldQuantity, RotorTrend
 from nearlift.rounding import plain
 
 PARTS = ("throttle", "exponent", "rotor")
@@ -56,32 +56,25 @@ def summarise(evidence: Evidence) -> Columns:
     }
 
 
-def entry(evidence: Evidence, question: str, boundary: Boundary) -> dict[str, Any]:
-    """What fit.json says beside one boundary's base fit; empty where it says nothing."""
-    found: dict[str, object] = evidence.document(FIT).get(question, {}).get(boundary, {})
-    return found
-
-
-def _estimate(e: dict[str, Any]) -> dict[str, float]:
-    return {k: e[k] for k in ("value", "lo90", "hi90")}
+def _estimate(e: object) -> dict[str, float]:
+    return {k: getattr(e, k) for k in ("value", "lo90", "hi90")}
 
 
 def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    found = entry(evidence, "throttle_collapse", boundary)
-    each = found.get("per_throttle", {})
-    if len(each) < 2:
+    found = evidence.fits.throttle_collapse.get(boundary)
+    if found is None or len(found.per_throttle) < 2:
         return []
-    name = found["coefficient"]
+    name = found.coefficient
     _, base = evidence.base(boundary)
-    rows = [{"kind": "common", "label": name, **_estimate(base["parameters"][name])}]
-    for throttle, e in each.items():
-        apart = (e["hi90"] - e["value"]) * e["u_apart"] / e["u"]
-        around = {"lo90_apart": e["value"] - apart, "hi90_apart": e["value"] + apart}
+    rows = [{"kind": "common", "label": name, **_estimate(base.parameters[name])}]
+    for throttle, e in found.per_throttle.items():
+        apart = (e.hi90 - e.value) * e.u_apart / e.u
+        around = {"lo90_apart": e.value - apart, "hi90_apart": e.value + apart}
         rows.append(
             {
                 "kind": "throttle",
                 "label": name,
-                "x": 100 * float(throttle),
+                "x": 100 * throttle,
                 **_estimate(e),
                 **around,
             }
@@ -90,34 +83,33 @@ def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]
 
 
 def _exponents(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    found = entry(evidence, "held_quantity", boundary)
-    if not found.get("curve"):
+    found = evidence.fits.held_quantity.get(boundary)
+    if not isinstance(found, HeldQuantity) or not found.curve:
         return []
-    name = found["coefficient"]
-    rows = [
-        {"kind": kind, "label": name, "x": e["n"], **_estimate(e)}
-        for kind in ("curve", "plausible")
-        for e in found[kind]
+    name = found.coefficient
+    rows: list[dict[str, object]] = [
+        {"kind": kind, "label": name, "x": e.n, **_estimate(e)}
+        for kind, drawn in (("curve", found.curve), ("plausible", found.plausible))
+        for e in drawn
     ]
     return rows + [
-        {"kind": "supported", "label": name, "x": n} for n in found["supported_exponents"] or ()
+        {"kind": "supported", "label": name, "x": n} for n in found.supported_exponents or ()
     ]
 
 
 def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    found = entry(evidence, "rotor_coefficient", boundary)
-    if not found.get("per_throttle"):
+    found = evidence.fits.rotor_coefficient.get(boundary)
+    if not isinstance(found, RotorTrend) or not found.per_throttle:
         return []
-    points = [
-        {"kind": "C_L", "label": "C_L", "x": e["speed_Hz"], **_estimate(e)}
-        for e in found["per_throttle"].values()
+    rows: list[dict[str, object]] = [
+        {"kind": "C_L", "label": "C_L", "x": e.speed_Hz, **_estimate(e)}
+        for e in found.per_throttle.values()
     ]
-    rows = [*points, {"kind": "paper", "label": "C_L", "value": found["paper"]}]
-    if found["exponent"] is not None:
-        speeds = np.geomspace(min(p["x"] for p in points), max(p["x"] for p in points), 41)
-        law = (
-            found["law"]["C_L"] * (speeds / found["law"]["speed_Hz"]) ** found["exponent"]["value"]
-        )
+    rows.append({"kind": "paper", "label": "C_L", "value": found.paper})
+    if found.exponent is not None:
+        drawn = [e.speed_Hz for e in found.per_throttle.values()]
+        speeds = np.geomspace(min(drawn), max(drawn), 41)
+        law = found.law.C_L * (speeds / found.law.speed_Hz) ** found.exponent.value
         rows += [
             {"kind": "law", "label": "C_L", "x": float(x), "value": float(c)}
             for x, c in zip(speeds, law, strict=True)

@@ -163,7 +163,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     for boundary in evidence.boundaries:
         found = draws(evidence, boundary)
         names = list(found)
-        model, entry = evidence.base(boundary)
+        model, fit = evidence.base(boundary)
         n = len(found[names[0]]) if names else 0
         pairs = [
             (a, b, _correlation(found[a], found[b]))
@@ -179,7 +179,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
         parts.append(
             f"{boundary.capitalize()}: {model.title}, {n} draws by"
-            f" {SAMPLERS[entry['posterior']['sampler']]}{told}."
+            f" {SAMPLERS[fit.posterior.sampler if fit.posterior else 'none']}{told}."
         )
     return " ".join(parts)
 

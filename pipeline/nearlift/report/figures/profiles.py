@@ -41,7 +41,7 @@ def summarise(evidence: Evidence) -> Columns:
     rows = []
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)
-        for name, interval in entry.get("profiles", {}).items():
+        for name, interval in entry.profiles.items():
             mine = (
                 (table["boundary"] == boundary)
                 & (table["model"] == model.name)
@@ -50,15 +50,15 @@ def summarise(evidence: Evidence) -> Columns:
             mine &= np.minimum(table["rise"], table["quadratic"]) < TOP + 3
             if not mine.any():
                 continue
-            unit = str(entry["parameters"][name]["unit"])
+            unit = entry.parameters[name].unit
             x, rise, quadratic = (table[c][mine] for c in ("value", "rise", "quadratic"))
             rows.append(_rows(boundary, name, unit, "profile", x, rise, quadratic))
             for level in LEVELS:
                 ends = np.array(
                     [
-                        float(interval[f"{end}{level}"])
+                        bound
                         for end in ("lo", "hi")
-                        if interval.get(f"{end}{level}") is not None
+                        if np.isfinite(bound := getattr(interval, f"{end}{level}"))
                     ]
                 )
                 rows.append(
@@ -90,16 +90,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and where the parabola misleads."""
     lopsided, straight, open_ends = [], [], []
     for boundary in evidence.boundaries:
-        for name, own in evidence.base(boundary)[1].get("profiles", {}).items():
+        for name, own in evidence.base(boundary)[1].profiles.items():
             what = f"{letter(name)} ({boundary})"
-            if own["open"]:
+            if own.open:
                 open_ends.append(
                     f"{what}: no"
-                    f" {' or '.join(sorted({e for ends in own['open'].values() for e in ends}))}"
+                    f" {' or '.join(sorted({e for ends in own.open.values() for e in ends}))}"
                     " end within the bounds"
                 )
-            elif own["skew"] is not None and abs(np.log(own["skew"])) > LOPSIDED:
-                lopsided.append(f"{what}: {own['skew']:.2f}")
+            elif abs(np.log(own.skew)) > LOPSIDED:
+                lopsided.append(f"{what}: {own.skew:.2f}")
             else:
                 straight.append(what)
     words = [f"the parabola serves for {', '.join(straight)}"] if straight else []

@@ -8,7 +8,7 @@ approach. Time is drawn as run order, since sessions may lie days apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -23,6 +23,7 @@ from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.report.evidence import distinct
 from nearlift.report.figures.residuals.table import DISTINCT, bins
 from nearlift.results import Observations
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.rounding import plain
 
 #: Residuals are drawn against so many covariates at most.
@@ -58,22 +59,22 @@ AXES: dict[str, Axis] = {
 }
 
 
-def chosen(found: Mapping[str, Any]) -> list[str]:
+def chosen(found: BoundaryDiagnosis) -> list[str]:
     """The covariate of the most significant structure; where it stays unexplained also that of the
     next, where the gain wanders also time, and after two effects also that of the effect which the
     first does not concern.
     """
-    structure = found.get("structure", [])
-    shown = [s for s in structure[1:] if s["significant"] and found["verdict"] == "unexplained"]
-    words = [str(s["covariate"]) for s in (*structure[:1], *shown)] or ["distance"]
-    if found.get("wander"):
+    structure = found.structure
+    shown = [s for s in structure[1:] if s.significant and found.verdict == "unexplained"]
+    words = [s.covariate for s in (*structure[:1], *shown)] or ["distance"]
+    if found.wander:
         words.append("start")
-    if len(found.get("effects", [])) > 1:
+    if len(found.effects) > 1:
         known = {e.name: e.varies_with for e in catalogue.effects()}
         words += [
-            SCHEDULE_WORDS.get(known[e["name"]], known[e["name"]])
-            for e in found["effects"]
-            if e["name"] in known
+            SCHEDULE_WORDS.get(known[e.name], known[e.name])
+            for e in found.effects
+            if e.name in known
         ]
     return list(dict.fromkeys(words))[:MOST]
 

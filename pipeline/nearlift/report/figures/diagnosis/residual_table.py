@@ -4,7 +4,6 @@ noise floor.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -17,13 +16,14 @@ from nearlift.products import LOOP_RESIDUALS
 from nearlift.report.evidence import Columns, Evidence, lift_inf_N, stack, text_column
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.results import Observations
+from nearlift.results.diagnosis import BoundaryDiagnosis
 
 #: The axis reaches so many standard deviations of a trial before; trials beyond stand at its edge.
 REACH = 3.2
 
 
 def residuals(
-    evidence: Evidence, boundary: Boundary, found: Mapping[str, Any], word: str
+    evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis, word: str
 ) -> Columns:
     """Rows of one covariate, in percent: `trial` (`beyond` where outside the axis), `bin`, `curve`,
     `floor`, `reach`, `session`.
@@ -35,7 +35,7 @@ def residuals(
     if not data.n:
         return {}
     axis = against.axis(word, data)
-    whens = ("before", "after") if found["verdict"] == "effect" else ("before",)
+    whens = ("before", "after") if found.verdict == "effect" else ("before",)
     labels: dict[str, NDArray[np.int64]] = {}
     parts: list[Columns] = []
     for when in whens:
@@ -54,9 +54,9 @@ def residuals(
                 name, against.label(axis.column, x, y, data.session[mine][keep])
             )
             parts += [_rows("trial", when, name, x, y, label=trial), _means(when, name, x, y, own)]
-            if found["verdict"] == "unexplained" and not axis.series:
+            if found.verdict == "unexplained" and not axis.series:
                 parts.append(_rows("curve", when, name, *against.curve(axis.column, x, y)))
-        floor = 100 * float(found["error"]["noise_floor"]) if found.get("error") else np.nan
+        floor = 100 * found.noise_floor
         parts.append(_rows("floor", when, "", np.array([np.nan]), np.array([floor])))
         if axis.column == "run_order":
             starts = np.asarray(np.flatnonzero(np.diff(data.session)) + 1.5, dtype=float)
@@ -84,10 +84,10 @@ def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[
     """The boundary's trials with derived covariates, and their residuals before and after in
     percent.
     """
-    model, entry = evidence.base(boundary)
+    model, fit = evidence.base(boundary)
     data = evidence.observations[boundary]
     data = data.take(usable(model, data))
-    data = derive(data, lift_inf_N(entry, data))
+    data = derive(data, lift_inf_N(fit, data))
     table = evidence.table(LOOP_RESIDUALS)
     mine = np.flatnonzero(table["boundary"] == boundary)
     row = {str(table["trial"][i]): i for i in mine.tolist()}

@@ -9,7 +9,6 @@ that stays unexplained none for the latter.
 from __future__ import annotations
 
 import string
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,8 @@ from nearlift.report.evidence import Columns, Evidence, select, stack, text_colu
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.report.figures.diagnosis.residual_table import residuals
 from nearlift.report.figures.fig2 import table as fig2
-from nearlift.report.findings import along, stand_ins, tried
+from nearlift.report.findings import RankedCandidate, along, ranked
+from nearlift.results.diagnosis import BoundaryDiagnosis
 
 #: So many candidates are drawn.
 CANDIDATES = 8
@@ -48,7 +48,7 @@ def summarise(evidence: Evidence) -> Columns:
     for boundary, own in ((b, evidence.diagnosed(b)) for b in BOUNDARIES):
         if not own:
             continue
-        parts.append(rows(boundary, part="verdict", kind=own["verdict"], label=[_headline(own)]))
+        parts.append(rows(boundary, part="verdict", kind=own.verdict, label=[_headline(own)]))
         for word in against.chosen(own):
             drawn = residuals(evidence, boundary, own, word)
             for when in dict.fromkeys(drawn["when"].tolist() if drawn else []):
@@ -89,62 +89,60 @@ def _lettered(table: Columns, letter: str) -> Columns:
     return {**table, "letter": text_column(letter, len(table["panel"]))}
 
 
-def _headline(found: Mapping[str, Any]) -> str:
-    if found["verdict"] == "effect":
-        named = ((str(e["name"]), stand_ins(found, e)) for e in found.get("effects", []))
+def _headline(found: BoundaryDiagnosis) -> str:
+    if found.verdict == "effect":
+        named = ((e.name, found.stand_ins(e)) for e in found.effects)
         return ", and ".join(
             f"{name} (or {', '.join(others)})" if others else name for name, others in named
         )
     return {
         "adequate": "nothing beyond the noise",
         "unexplained": "structure that no candidate explains",
-    }.get(found["verdict"], "")
+    }.get(found.verdict, "")
 
 
-def candidates(boundary: str, found: Mapping[str, Any]) -> Columns:
+def candidates(boundary: str, found: BoundaryDiagnosis) -> Columns:
     """The best candidates, the rejected ones with what they leave."""
-    listed = tried(found)
+    listed = ranked(found)
     shown = listed[:CANDIDATES]
-    if listed and not any("+" not in c["name"] for c in shown):
+    if listed and not any("+" not in c.tried.name for c in shown):
         # beside pairs, the best of those that stand alone shows why one is not enough
-        shown = [*shown[:-1], next((c for c in listed if "+" not in c["name"]), shown[-1])]
+        shown = [*shown[:-1], next((c for c in listed if "+" not in c.tried.name), shown[-1])]
     notes = [_why_not(c) for c in shown]
     return rows(
         boundary,
         part="candidate",
-        kind=[c["kind"] for c in shown],
-        label=[c["name"] for c in shown],
-        note=[n if c["kind"] == "rejected" else "" for n, c in zip(notes, shown, strict=True)],
-        value=np.array([c["behind"] for c in shown], dtype=float),
+        kind=[c.kind for c in shown],
+        label=[c.tried.name for c in shown],
+        note=[n if c.kind == "rejected" else "" for n, c in zip(notes, shown, strict=True)],
+        value=np.array([c.behind for c in shown], dtype=float),
         unit="2 ln evidence",
     )
 
 
-def _why_not(candidate: Mapping[str, Any]) -> str:
-    if candidate.get("refuted"):
+def _why_not(candidate: RankedCandidate) -> str:
+    if candidate.refuted:
         return "not confirmed"
-    if candidate.get("judged_by"):
+    if candidate.tried.judged_by:
         return "too little"
     return (
-        f"leaves {along(candidate['left_in']).removeprefix('the ')}"
-        if candidate.get("left_in")
+        f"leaves {along(candidate.tried.left_in).removeprefix('the ')}"
+        if candidate.tried.left_in
         else "explains too little"
     )
 
 
-def errors(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any]) -> Columns:
+def errors(evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis) -> Columns:
     """Held-out errors in percent of lift as results.json has them, before and (where an effect was
     named) after, with their 90 %, and the noise floor.
     """
-    error, told = found.get("error"), evidence.quoted(boundary).error
+    error, told = found.error, evidence.quoted(boundary).error
     if not error or told is None:
         return rows(boundary, label=[])
-    whens = ("before", "after") if found["verdict"] == "effect" else ("before",)
+    whens = ("before", "after") if found.verdict == "effect" else ("before",)
     columns = [rows(boundary, part="error", kind="floor", value=100 * told.noise_floor, unit="%")]
     for when in whens:
-        own = {
-            k: np.nan if error[when][k] is None else 100 * error[when][k] for k in ("lo90", "hi90")
-        }
+        own = error.after if when == "after" else error.before
         columns.append(
             rows(
                 boundary,
@@ -152,20 +150,20 @@ def errors(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any]) -> 
                 kind="rmse",
                 when=when,
                 value=100 * (told.after if when == "after" else told.before),
-                lo90=own["lo90"],
-                hi90=own["hi90"],
+                lo90=100 * own.lo90,
+                hi90=100 * own.hi90,
                 unit="%",
             )
         )
     return stack([_full(c) for c in columns])
 
 
-def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any]) -> Columns:
+def coefficients(evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis) -> Columns:
     """The first coefficients as quoted, beneath them what they would be on other conditions, and
     the literature's value where there is one.
     """
     columns = []
-    when = "after" if found["verdict"] == "effect" else "before"
+    when = "after" if found.verdict == "effect" else "before"
     for name, c in list(evidence.quoted(boundary).coefficients.items())[:COEFFICIENTS]:
         shown = [("quoted", "", c.value, c.lo90, c.hi90)]
         shown += [("doubt", d.condition, d.value, d.lo90, d.hi90) for d in c.doubts[:DOUBTS]]
@@ -185,7 +183,7 @@ def coefficients(evidence: Evidence, boundary: Boundary, found: Mapping[str, Any
                 )
             )
         for reference in fig2.references(evidence, boundary):
-            if reference.model == found.get("base_model") and name in reference.arguments:
+            if reference.model == found.base_model and name in reference.arguments:
                 source = reference.label.partition("(")[2].rstrip(")")
                 value = float(reference.arguments[name])
                 columns.append(

@@ -11,9 +11,8 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel
-from nearlift.products import FIT
 from nearlift.report import curves
-from nearlift.report.evidence import Columns, Evidence, values
+from nearlift.report.evidence import Columns, Evidence, levels_N
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.fig2.layers import layers
 from nearlift.report.figures.fig2.points import force_unit, points, throttle_key
@@ -31,6 +30,7 @@ from nearlift.report.page.chart import (
     params,
     shade,
 )
+from nearlift.results.fit import ModelFit
 
 GRID = 90
 #: Of curves beside the quoted one, which dashes tell apart.
@@ -197,8 +197,8 @@ def _models(
     model and throttle.
     """
     scale = force_unit(evidence)[0]
-    fits = evidence.document(FIT)["boundaries"][boundary]
-    base, entry = evidence.base(boundary)
+    fits = evidence.fits.boundaries[boundary]
+    base, fitted = evidence.base(boundary)
     rows: list[dict[str, Any]] = []
     choices: list[Choice] = []
     levels: dict[str, dict[str, float]] = {}
@@ -207,8 +207,9 @@ def _models(
         name: str,
         label: str,
         ratio: FloatArray,
-        fit: dict[str, Any],
+        fit: ModelFit,
         on: bool,
+        drawn: bool = False,
         band: tuple[FloatArray, FloatArray] | None = None,
     ) -> None:
         i = len(choices) - 1
@@ -216,9 +217,7 @@ def _models(
         quoted = name == base.name
         colour, dash = ("var(--text)", None) if quoted else (GREY, DASHES[i % len(DASHES)])
         choices.append(Choice(value=name, label=label, on=on, colour=colour, dash=dash))
-        levels[name] = {
-            throttle_key(float(t)): scale * float(e["value"]) for t, e in fit["L_inf_N"].items()
-        }
+        levels[name] = {throttle_key(t): scale * level for t, level in levels_N(fit, drawn).items()}
         low, high = band if band is not None else (np.full(GRID, np.nan), np.full(GRID, np.nan))
         keep = np.isfinite(ratio)
         rows.append(
@@ -233,14 +232,6 @@ def _models(
 
     own, effects = fig2.line(evidence, boundary, grid), fig2.named(evidence, boundary)
     apart = own.parts(span)
-    if own.sampled:
-        # the line's own level, for its lift in newtons
-        entry = {
-            **entry,
-            "L_inf_N": {
-                t: {"value": e["median"]} for t, e in entry["posterior"]["L_inf_N"].items()
-            },
-        }
     source = (
         f"as quoted, beside {' and '.join(map(titled, effects))}"
         if effects
@@ -250,29 +241,32 @@ def _models(
     )
     add(
         base.name,
-        f"{entry['title']}, {source}",
+        f"{fitted.title}, {source}",
         own.middle + 1,
-        entry,
+        fitted,
         True,
+        own.sampled,
         (own.low + 1, own.high + 1),
     )
     if apart:
-        add("least squares", f"{entry['title']}, least squares", own.least_squares + 1, entry, True)
+        label = f"{fitted.title}, least squares"
+        add("least squares", label, own.least_squares + 1, fitted, True, own.sampled)
     for reference in fig2.references(evidence, boundary):
         add(
             f"reference:{reference.label}",
             f"{catalogue.model(reference.model).title.partition(',')[0]}"
             f" ({reference.label.partition('(')[2]}",
             curves.ratio(catalogue.model(reference.model), grid, reference.arguments),
-            entry,
+            fitted,
             True,
+            own.sampled,
         )
     for name, fit in fits.items():
         model: LiftModel = catalogue.model(name)
         if name != base.name:
             stood = grid + curves.height_found_m(fit) / evidence.observations[boundary].radius_m
-            ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **values(fit)})
-            add(name, f"{fit['title']}, least squares", ratio, fit, False)
+            ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **fit.values})
+            add(name, f"{fit.title}, least squares", ratio, fit, False)
     names = ("z_hat", "ratio", "lo", "hi", "model", "label", "colour", "dash")
     return (
         {

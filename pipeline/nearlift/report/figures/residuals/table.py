@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood import noise
 from nearlift.likelihood.problem import height_slope, need, usable
-from nearlift.products import FIT, TRIALS
+from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
 from nearlift.report.evidence import (
@@ -25,9 +25,8 @@ from nearlift.report.evidence import (
     lift_inf_N,
     stack,
     text_column,
-    values,
 )
-from nearlift.results import Noise, Observations
+from nearlift.results import Observations
 from nearlift.rounding import plain
 
 #: Up to this many distinct values a covariate is binned by value, beyond it by quantiles.
@@ -74,20 +73,20 @@ def residuals(
     """The trials that the base model speaks about, their relative residuals, and the standard
     deviation expected of each.
     """
-    model, entry = evidence.base(boundary)
+    model, fit = evidence.base(boundary)
     data = evidence.observations[boundary]
-    parameters = values(entry)
+    parameters = fit.values
     data = data.take(usable(model, data))
     known = {n: need(data, n, model.name) for n in model.needs}
     # where the trials told a shared height error, that is where they stand
-    z_hat = data.z_hat + curves.height_found_m(entry) / data.radius_m
+    z_hat = data.z_hat + curves.height_found_m(fit) / data.radius_m
     log_ratio = np.log(
         np.broadcast_to(
             np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape
         )
     )
-    log_level = np.log(lift_inf_N(entry, data))
-    kept = Noise.recorded(evidence.document(FIT)["noise"][boundary])
+    log_level = np.log(lift_inf_N(fit, data))
+    kept = evidence.fits.noise[boundary]
     sigma = noise.trial_covariance(data, kept, height_slope(model, data, parameters)).sigma
     return data, np.log(data.lift_N) - log_ratio - log_level, sigma
 
