@@ -230,7 +230,7 @@ def rebuilt(campaign: Campaign, result: dict[str, Any]) -> np.ndarray:
     """
     from nearlift import catalogue
     from nearlift.declare import compose
-    from nearlift.loop.setting import derive
+    from nearlift.likelihood.covariates import derive
 
     data = campaign.data
     base = catalogue.model(result["base_model"])

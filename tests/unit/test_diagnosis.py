@@ -11,6 +11,7 @@ from scipy.stats import binom
 from nearlift import catalogue
 from nearlift.errors import NotConverged
 from nearlift.likelihood import budget, noise
+from nearlift.likelihood.covariates import missing
 from nearlift.loop import (
     adequacy,
     confirmation,
@@ -28,7 +29,6 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.findings import partial
 from nearlift.loop.search import pair_gains, run
 from nearlift.loop.search_problem import Options, SearchProblem
-from nearlift.loop.setting import missing
 
 from .simulated import L_INF, STATIONS, campaign, findings, hsiao, restated
 

@@ -11,6 +11,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.errors import NotConverged
+from nearlift.likelihood.covariates import derive
 from nearlift.loop import foresight as loop_foresight
 from nearlift.loop import outlook, proposals
 from nearlift.loop.absorption import unknowable
@@ -19,7 +20,6 @@ from nearlift.loop.handle import LIMIT_POWER, Power, handles
 from nearlift.loop.rehearsal import planned
 from nearlift.loop.search import run
 from nearlift.loop.search_problem import Options
-from nearlift.loop.setting import derive
 from nearlift.loop.within_trial import heating, power
 from nearlift.manifest import campaign as manifests
 from nearlift.readers.schedule import read_schedule

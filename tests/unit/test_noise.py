@@ -12,8 +12,8 @@ import pytest
 from nearlift import catalogue
 from nearlift.fit import least_squares
 from nearlift.likelihood import noise, variance_components
+from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import Problem, height_slope
-from nearlift.loop.setting import derive
 from nearlift.results import Noise, Observations
 
 from .simulated import STATIONS, THROTTLES, campaign

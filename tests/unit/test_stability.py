@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
+from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
-from nearlift.loop.setting import derive
 from nearlift.loop.stability import LOOK, Without, told
 
 from .simulated import campaign

@@ -7,7 +7,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.loop.setting import missing
+from nearlift.likelihood.covariates import missing
 from nearlift.results import Observations
 from nearlift.results.outlook import UntestableEffect
 

@@ -17,6 +17,7 @@ from nearlift.fit import inputs
 from nearlift.fit.heights import Plan
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget, noise
+from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import usable
 from nearlift.loop import (
     absorption,
@@ -37,7 +38,6 @@ from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search import Answer, run, settle
 from nearlift.loop.search_problem import SILENT, Options, SearchProblem
-from nearlift.loop.setting import derive
 from nearlift.loop.within_trial import heating
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.likelihood.covariates import varies
 from nearlift.likelihood.subspace import cosines
 from nearlift.likelihood.variance_components import ENOUGH
-from nearlift.loop.setting import varies
 from nearlift.results import Observations
 
 #: A family may not take more than this share of the trials as degrees of freedom, nor more than so

@@ -11,6 +11,7 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.fit import inputs
 from nearlift.likelihood import budget
+from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import usable
 from nearlift.loop.admission import admit, could_act
@@ -18,7 +19,6 @@ from nearlift.loop.candidate import Candidate
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import Options, SearchProblem
-from nearlift.loop.setting import derive
 from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
 from nearlift.results.outlook import UntestableEffect

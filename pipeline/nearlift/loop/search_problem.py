@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.likelihood import budget
+from nearlift.likelihood.covariates import varies
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.likelihood.subspace import framed, orthonormal
@@ -22,7 +23,6 @@ from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Evidence, Integrated, Linearised
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import STEP, families
-from nearlift.loop.setting import varies
 from nearlift.loop.structure import Hypothesis, Null, Structure
 from nearlift.loop.wander import likeliest, price, waves
 from nearlift.nomenclature import SCHEDULE_WORDS

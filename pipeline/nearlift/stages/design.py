@@ -18,10 +18,10 @@ from nearlift import units
 from nearlift.declare import Boundary
 from nearlift.errors import NotConverged, UsageError
 from nearlift.likelihood import budget
+from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import usable
 from nearlift.loop.outlook import outlook
 from nearlift.loop.rehearsal import planned
-from nearlift.loop.setting import derive
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.design import Planned
 from nearlift.readers.columns import BY_NAME

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
+from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import usable
-from nearlift.loop.setting import derive
 from nearlift.products import LOOP_RESIDUALS
 from nearlift.report.evidence import Columns, Evidence, lift_inf_N, stack, text_column
 from nearlift.report.figures.diagnosis import abscissa as against

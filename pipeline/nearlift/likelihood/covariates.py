@@ -1,4 +1,4 @@
-"""What a campaign lets an effect know: its covariates, what follows from them, and which effects
+"""What trials let an effect know: their covariates, what follows from these, and which effects
 cannot be tested.
 """
 
