@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from nearlift.errors import ManifestError
+from nearlift.results.diagnosis import NOTHING
 from nearlift.results.quotation import Results
 from nearlift.results.serial import decode
 from nearlift.run import graph
@@ -158,9 +159,9 @@ def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
 def test_what_the_round_says_is_what_is_quoted(tmp_path):
     compared.write(tmp_path, "a", 0.125, 0.01)
     content = json.loads((tmp_path / "processed" / "a" / "results.json").read_text())
-    said = watching._headlines(decode(Results, content), {})
+    said = watching._headlines(decode(Results, content), NOTHING)
     assert next(said) == "ground K_b = 0.125 ± 0.010"
-    assert list(watching._headlines(Results(boundaries={}), {})) == []
+    assert list(watching._headlines(Results(boundaries={}), NOTHING)) == []
 
 
 def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):

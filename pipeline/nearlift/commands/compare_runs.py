@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -15,6 +14,7 @@ from nearlift.commands.common import Call, declared
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.products import PROVENANCE, RESULTS
+from nearlift.results.provenance import ProvenanceLedger
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.results.serial import encode
 from nearlift.rounding import fixed, like, plain, plus_minus
@@ -30,31 +30,101 @@ NOTHING = Results(boundaries={})
 FEW = 4
 
 
+#: By name, what A and B have; None where absent.
+Differences = Mapping[str, tuple[object, object]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunAbout:
+    """Which run it is; all but the folder empty for one kept in history."""
+
+    folder: str
+    campaign: str
+    nearlift: str
+    platform: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QuotedNumber:
+    """A coefficient as a run quotes it, and whether ± says its interval."""
+
+    value: float
+    u: float
+    lo90: float
+    hi90: float
+    even: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MovedCoefficient:
+    """A coefficient in both runs, `shift` B less A, `shift_in_u` over u of A: both runs may rest on
+    the same data, so their uncertainties do not add.
+    """
+
+    boundary: str
+    model: str
+    name: str
+    a: QuotedNumber | None
+    b: QuotedNumber | None
+    shift: float | None
+    shift_in_u: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunComparison:
+    """What differs between two runs, and how many entries of each part are the `same`.
+
+    Digests stand in full; of a kept run, which has none, nothing differs. `manifest_values` are by
+    key, None where a manifest was not kept; `trials` the rejected ones that differ.
+    """
+
+    schema: str = "nearlift.run_comparison/1"
+    runs: tuple[RunAbout, RunAbout]
+    same: Mapping[str, int]
+    inputs: Differences
+    manifest: Differences
+    options: Differences
+    versions: Differences
+    code: Differences
+    products: Differences
+    report: Differences
+    coefficients: tuple[MovedCoefficient, ...]
+    verdicts: Mapping[str, tuple[str | None, str | None]]
+    errors: Mapping[str, tuple[Mapping[str, float] | None, Mapping[str, float] | None]]
+    manifest_values: Mapping[str, tuple[str | None, str | None]] | None
+    trials: Differences
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Side:
-    """One of the two runs: its provenance (empty for one kept in history), what it quotes, and its
+    """One of the two runs: its provenance (None for one kept in history), what it quotes, and its
     manifest where that was kept.
     """
 
     folder: Path
-    ledger: Mapping[str, Any]
+    ledger: ProvenanceLedger | None
     quoted: Mapping[Boundary, BoundaryResult]
     manifest: bytes | None
 
     @property
-    def about(self) -> dict[str, str]:
+    def about(self) -> RunAbout:
         """What the comparison says of it."""
-        told = {key: str(self.ledger.get(key, "")) for key in ("campaign", "nearlift", "platform")}
-        return {"folder": str(self.folder), **told}
+        told = self.ledger or ProvenanceLedger()
+        return RunAbout(
+            folder=str(self.folder),
+            campaign=told.campaign,
+            nearlift=told.nearlift,
+            platform=told.platform,
+        )
 
     @property
     def rejected(self) -> dict[str, str]:
         """Reason by trial."""
-        stages = self.ledger.get("stages", {}).values()
-        return {t: r for stage in stages for t, r in stage["rejected"]}
+        stages = self.ledger.stages.values() if self.ledger else ()
+        return {t: r for stage in stages for t, r in stage.rejected}
 
 
-def run(a: Path, b: Path) -> dict[str, Any]:
+def run(a: Path, b: Path) -> RunComparison:
     """What differs between two runs.
 
     Parameters
@@ -63,54 +133,51 @@ def run(a: Path, b: Path) -> dict[str, Any]:
         Each a folder with provenance.json (``processed/<campaign>``), a workspace with one finished
         campaign in it, or a kept run (``processed/<campaign>/history/...``).
 
-    Returns
-    -------
-    dict
-        ``schema``; ``runs``; for each of inputs, manifest, options, versions, code, products,
-        report the entries that differ, as name -> [in A, in B] (None where absent; digests stand in
-        full; empty where one is a kept run, which has no digests); ``same``, how many do not;
-        ``verdicts``; ``errors``; ``coefficients`` with ``shift`` (B less A) and ``shift_in_u``
-        (over u of A: both runs may rest on the same data, so their uncertainties do not add);
-        ``manifest_values``, by key (None where a manifest was not kept); ``trials``, the rejected
-        ones that differ.
-
     Raises
     ------
     UsageError
         Where a folder holds no run, or several.
     """
     one, two = (_side(path) for path in (a, b))
-    content: dict[str, Any] = {
-        "schema": "nearlift.run_comparison/1",
-        "runs": [one.about, two.about],
-        "same": {},
-    }
+    whole = one.ledger is not None and two.ledger is not None
+    changed: dict[str, Differences] = {}
+    same: dict[str, int] = {}
     for part in PARTS:
-        pair = [
-            _part(side.ledger, part) if one.ledger and two.ledger else {} for side in (one, two)
-        ]
-        content[part] = _differing(*pair)
-        content["same"][part] = len(pair[0].keys() | pair[1].keys()) - len(content[part])
+        pair = [_part(side.ledger, part) if side.ledger and whole else {} for side in (one, two)]
+        changed[part] = _differing(*pair)
+        same[part] = len(pair[0].keys() | pair[1].keys()) - len(changed[part])
     numbers = [_numbers(side) for side in (one, two)]
-    content["coefficients"] = [
-        _moved(key, numbers[0].get(key), numbers[1].get(key))
-        for key in dict.fromkeys([*numbers[0], *numbers[1]])
-    ]
     boundaries = dict.fromkeys([*one.quoted, *two.quoted])
-    content["verdicts"] = {b: [_verdict(s.quoted.get(b)) for s in (one, two)] for b in boundaries}
-    content["errors"] = {b: [_error(s.quoted.get(b)) for s in (one, two)] for b in boundaries}
-    content["manifest_values"] = (
-        None
-        if one.manifest is None or two.manifest is None
-        else {key: [x, y] for key, x, y in history.changes(one.manifest, two.manifest)}
+    return RunComparison(
+        runs=(one.about, two.about),
+        same=same,
+        inputs=changed["inputs"],
+        manifest=changed["manifest"],
+        options=changed["options"],
+        versions=changed["versions"],
+        code=changed["code"],
+        products=changed["products"],
+        report=changed["report"],
+        coefficients=tuple(
+            _moved(key, numbers[0].get(key), numbers[1].get(key))
+            for key in dict.fromkeys([*numbers[0], *numbers[1]])
+        ),
+        verdicts={
+            b: (_verdict(one.quoted.get(b)), _verdict(two.quoted.get(b))) for b in boundaries
+        },
+        errors={b: (_error(one.quoted.get(b)), _error(two.quoted.get(b))) for b in boundaries},
+        manifest_values=(
+            None
+            if one.manifest is None or two.manifest is None
+            else {key: (x, y) for key, x, y in history.changes(one.manifest, two.manifest)}
+        ),
+        trials=_differing(one.rejected, two.rejected),
     )
-    content["trials"] = _differing(one.rejected, two.rejected)
-    return content
 
 
-def _differing(one: Mapping[str, Any], two: Mapping[str, Any]) -> dict[str, list[Any]]:
+def _differing(one: Mapping[str, object], two: Mapping[str, object]) -> Differences:
     return {
-        name: [one.get(name), two.get(name)]
+        name: (one.get(name), two.get(name))
         for name in dict.fromkeys([*one, *two])
         if one.get(name) != two.get(name)
     }
@@ -120,7 +187,7 @@ def _side(path: Path) -> Side:
     if kept := history.read(path.resolve()):
         file = path / RESULTS.file
         found = store.load(file, Results) if kept.results else NOTHING
-        return Side(folder=path, ledger={}, quoted=found.boundaries, manifest=kept.manifest)
+        return Side(folder=path, ledger=None, quoted=found.boundaries, manifest=kept.manifest)
     folder = _finished(path)
     file = folder / RESULTS.file
     results = file.read_bytes() if file.is_file() else b""
@@ -129,7 +196,7 @@ def _side(path: Path) -> Side:
     same = (run.manifest for run in history.runs(homes) if results and run.results == results)
     return Side(
         folder=folder,
-        ledger=store.read_json(folder / PROVENANCE.file),
+        ledger=store.load(folder / PROVENANCE.file, ProvenanceLedger),
         quoted=(store.load(file, Results) if results else NOTHING).boundaries,
         manifest=next(same, None),
     )
@@ -150,26 +217,28 @@ def _finished(path: Path) -> Path:
     raise UsageError(str(path), what, remedy)
 
 
-def _part(ledger: Mapping[str, Any], part: str) -> dict[str, Any]:
+def _part(ledger: ProvenanceLedger, part: str) -> Mapping[str, object]:
     """Name to value of one part; what stages have in common is told once."""
     if part == "inputs":
-        return {name: entry["sha256"] for name, entry in ledger["inputs"].items()}
-    if part in ("options", "versions"):
-        return dict(ledger[part])
-    stages: Mapping[str, Any] = ledger["stages"]
+        return {name: entry.sha256 for name, entry in ledger.inputs.items()}
+    if part == "options":
+        return {"seed": ledger.options.seed}
+    if part == "versions":
+        return ledger.versions
+    stages = ledger.stages
     if part == "manifest":
         return {
             f"[{section}]": digest
             for s in stages.values()
-            for section, digest in s["material"]["manifest"].items()
+            for section, digest in s.material.manifest.items()
         }
     if part == "code":
-        return {name: s["material"]["code"] for name, s in stages.items()}
+        return {name: s.material.code for name, s in stages.items()}
     home = {"products": "processed/", "report": "reports/"}[part]
     return {
         file.removeprefix(home): sha
         for s in stages.values()
-        for file, sha in s["outputs"].items()
+        for file, sha in s.outputs.items()
         if file.startswith(home)
     }
 
@@ -177,24 +246,26 @@ def _part(ledger: Mapping[str, Any], part: str) -> dict[str, Any]:
 Key = tuple[str, str, str]
 
 
-def _numbers(side: Side) -> dict[Key, dict[str, float]]:
-    """The coefficients that a run quotes: value, u and 90 % interval, and whether ± says it."""
+def _numbers(side: Side) -> dict[Key, QuotedNumber]:
+    """The coefficients that a run quotes."""
     return {
-        (boundary, own.base_model, name): {
-            k: getattr(c, k) for k in ("value", "u", "lo90", "hi90", "even")
-        }
+        (boundary, own.base_model, name): QuotedNumber(
+            value=c.value, u=c.u, lo90=c.lo90, hi90=c.hi90, even=c.even
+        )
         for boundary, own in side.quoted.items()
         for name, c in own.coefficients.items()
     }
 
 
-def _moved(key: Key, one: dict[str, float] | None, two: dict[str, float] | None) -> dict[str, Any]:
+def _moved(key: Key, one: QuotedNumber | None, two: QuotedNumber | None) -> MovedCoefficient:
     shift = in_u = None
     if one and two:
-        shift = two["value"] - one["value"]
-        in_u = shift / one["u"] if one["u"] else None
-    names = dict(zip(("boundary", "model", "name"), key, strict=True))
-    return {**names, "a": one, "b": two, "shift": shift, "shift_in_u": in_u}
+        shift = two.value - one.value
+        in_u = shift / one.u if one.u else None
+    boundary, model, name = key
+    return MovedCoefficient(
+        boundary=boundary, model=model, name=name, a=one, b=two, shift=shift, shift_in_u=in_u
+    )
 
 
 def _verdict(own: BoundaryResult | None) -> str | None:
@@ -209,53 +280,53 @@ def _error(own: BoundaryResult | None) -> dict[str, float] | None:
     return {k: getattr(own.error, k) for k in ("before", "after", "noise_floor")}
 
 
-def table(content: Mapping[str, Any], digests: bool = False) -> list[str]:
+def table(found: RunComparison, digests: bool = False) -> list[str]:
     """The comparison as lines of text; each digest that differs only where they are asked for."""
     lines = [
-        f"{letter}  {r['folder']}"
-        + (f"  (nearlift {r['nearlift']}, {r['campaign']})" if r["nearlift"] else "  (kept)")
-        for letter, r in zip("AB", content["runs"], strict=True)
+        f"{letter}  {r.folder}"
+        + (f"  (nearlift {r.nearlift}, {r.campaign})" if r.nearlift else "  (kept)")
+        for letter, r in zip("AB", found.runs, strict=True)
     ]
-    rows: list[tuple[str, ...]] = [("", "A", "B", "shift, in u of A"), *_rows(content)]
+    rows: list[tuple[str, ...]] = [("", "A", "B", "shift, in u of A"), *_rows(found)]
     wide = [max(len(row[i]) for row in rows) for i in range(3)]
     lines += [
         "  ".join((*(f"{cell:<{w}}" for cell, w in zip(row, wide, strict=False)), row[3])).rstrip()
         for row in rows
     ]
-    values = content["manifest_values"]
+    values = found.manifest_values
     if values is not None:
         lines.append("manifest:" if values else "manifest: the same values")
         lines += history.lines(tuple((key, old, new) for key, (old, new) in values.items()))
-    if content["trials"]:
+    if found.trials:
         lines.append("trials rejected:")
         lines += [
             f"  {trial}: {one or 'accepted'} -> {two or 'accepted'}"
-            for trial, (one, two) in content["trials"].items()
+            for trial, (one, two) in found.trials.items()
         ]
-    if not all(r["nearlift"] for r in content["runs"]):
+    if not all(r.nearlift for r in found.runs):
         return [*lines, "a kept run has no digests of inputs, code and products"]
     for part in PARTS:
-        lines += _of_part(part, content[part], content["same"][part], digests)
+        lines += _of_part(part, getattr(found, part), found.same[part], digests)
     return lines
 
 
-def _rows(content: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+def _rows(found: RunComparison) -> Iterator[tuple[str, ...]]:
     """Verdict, coefficients and error of each boundary, in A and in B."""
-    for boundary, verdicts in content["verdicts"].items():
+    for boundary, verdicts in found.verdicts.items():
         one, two = (verdict or "absent" for verdict in verdicts)
         yield boundary, one, two, "the same" if one == two else ""
-        for c in content["coefficients"]:
-            if c["boundary"] == boundary:
-                sides = c["a"], c["b"]
-                yield f"{boundary} {c['name']}", *map(_estimate, sides), _shift(c)
+        for c in found.coefficients:
+            if c.boundary == boundary:
+                sides = c.a, c.b
+                yield f"{boundary} {c.name}", *map(_estimate, sides), _shift(c)
                 yield "  90 %", *map(_interval, sides), ""
-        errors = content["errors"][boundary]
+        errors = found.errors[boundary]
         if any(errors):
             for key, what in (("before", "error before"), ("after", "error after")):
                 yield f"{boundary} {what}", *(_percent(e, key) for e in errors), ""
 
 
-def _of_part(part: str, changed: Mapping[str, Any], same: int, digests: bool) -> list[str]:
+def _of_part(part: str, changed: Differences, same: int, digests: bool) -> list[str]:
     what = "sections of the manifest" if part == "manifest" else part
     if not changed:
         return [f"{what}: the same"]
@@ -270,35 +341,32 @@ def _of_part(part: str, changed: Mapping[str, Any], same: int, digests: bool) ->
     return [f"{what}: {len(changed)} differ, {same} the same", *listed]
 
 
-def _side_of(value: Any) -> str:
+def _side_of(value: object) -> str:
     """A digest by its first letters, a version in full."""
     if value is None:
         return "absent"
     return value[:12] if isinstance(value, str) and len(value) == 64 else str(value)
 
 
-def _estimate(e: Mapping[str, float] | None) -> str:
-    if e is None:
-        return "absent"
-    return (plus_minus if e["even"] else like)(e["value"], e["u"])
+def _estimate(e: QuotedNumber | None) -> str:
+    return "absent" if e is None else (plus_minus if e.even else like)(e.value, e.u)
 
 
-def _interval(e: Mapping[str, float] | None) -> str:
-    return "" if e is None else " to ".join(like(e[k], e["u"] or 0.0) for k in ("lo90", "hi90"))
+def _interval(e: QuotedNumber | None) -> str:
+    return "" if e is None else " to ".join(like(end, e.u or 0.0) for end in (e.lo90, e.hi90))
 
 
 def _percent(error: Mapping[str, float] | None, key: str) -> str:
     return "-" if error is None else f"{plain(100 * error[key], 3)} %"
 
 
-def _shift(c: Mapping[str, Any]) -> str:
-    if c["shift"] is None:
+def _shift(c: MovedCoefficient) -> str:
+    if c.shift is None:
         return "-"
-    if not c["shift"]:
+    if not c.shift:
         return "the same"
-    return f"{plain(c['shift'], 2)}" + (
-        f" = {fixed(c['shift_in_u'], 2)} u" if c["shift_in_u"] is not None else ""
-    )
+    in_u = f" = {fixed(c.shift_in_u, 2)} u" if c.shift_in_u is not None else ""
+    return f"{plain(c.shift, 2)}{in_u}"
 
 
 @declared("compare-runs")
@@ -307,5 +375,5 @@ def _shift(c: Mapping[str, Any]) -> str:
 @click.option("--digests", is_flag=True, help="List every digest that differs.")
 def command(call: Call, a: Path, b: Path, digests: bool) -> None:
     """What differs."""
-    content = run(a, b)
-    call.answer(encode(content), "\n".join(table(content, digests)))
+    found = run(a, b)
+    call.answer(encode(found), "\n".join(table(found, digests)))

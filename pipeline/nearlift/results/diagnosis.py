@@ -363,3 +363,7 @@ class DiagnosisResults:
     schema: str = "nearlift.diagnosis/1"
     false_alarm_rate: float
     boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]
+
+
+#: Of a campaign that nobody diagnosed.
+NOTHING = DiagnosisResults(false_alarm_rate=float("nan"), boundaries={})

@@ -99,14 +99,11 @@ def _run(
             why = provenance.why_stale(item) or ("asked for" if force else "")
             why = f"{why}; {left}" if why and left else why
         if not why:
-            record = provenance.content["stages"][item.name]
+            record = provenance.ledger.stages[item.name]
             yield Step(
                 stage=item,
                 why="",
-                outcome=Outcome(
-                    rejected=tuple((t, r) for t, r in record["rejected"]),
-                    notes=tuple(record["notes"]),
-                ),
+                outcome=Outcome(rejected=record.rejected, notes=record.notes),
             )
             continue
         begin(item, why)

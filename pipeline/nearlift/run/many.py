@@ -8,11 +8,11 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from nearlift.errors import SOME_TRIALS_REJECTED, NearliftError, UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS
+from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, NotDiagnosed
 from nearlift.run import graph, store
 from nearlift.run.executors import open_executor, ordered
 from nearlift.run.opening import open_job
@@ -105,7 +105,7 @@ def _run(spec: Spec) -> End:
     except NearliftError as refusal:
         words = f"exit code {refusal.exit_code}: {str(refusal).splitlines()[0]}"
         return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran))
-    found = store.read_json_if_whole(job.processed / DIAGNOSIS.file).get("boundaries", {})
+    found = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
     verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in found.items())
     words = (
         f"{verdicts or 'done'}"
@@ -116,9 +116,8 @@ def _run(spec: Spec) -> End:
     return End(campaign=name, exit_code=code, words=words, ran=tuple(ran))
 
 
-def _verdict(loop: dict[str, Any]) -> str:
-    names = " + ".join(effect["name"] for effect in loop["effects"])
-    return names or str(loop["verdict"])
+def _verdict(loop: BoundaryDiagnosis | NotDiagnosed) -> str:
+    return " + ".join(effect.name for effect in loop.effects) or loop.verdict
 
 
 def _distinct(roots: Sequence[Path]) -> None:

@@ -16,13 +16,20 @@ import os
 import platform
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import nearlift
 from nearlift.errors import ProductError
+from nearlift.results.provenance import (
+    InputDigest,
+    ProvenanceLedger,
+    RunOptions,
+    StageMaterial,
+    StageRecord,
+)
 from nearlift.run import store
 from nearlift.run.job import PIV_INPUT, Job, Outcome
 from nearlift.run.registry import PROVENANCE, STAGES
@@ -79,32 +86,31 @@ class Provenance:
     """What stands in provenance.json of one campaign."""
 
     job: Job
-    content: dict[str, Any] = field(default_factory=dict)
+    ledger: ProvenanceLedger
 
     @classmethod
     def open(cls, job: Job) -> Provenance:
         """That on disk, or an empty one."""
         path = job.processed / PROVENANCE.file
-        content = store.read_json_if_whole(path)
-        return cls(job=job, content=content if content.get("schema") == PROVENANCE.schema else {})
+        return cls(job=job, ledger=store.load_if_whole(path, ProvenanceLedger()))
 
-    def material(self, stage: Stage) -> dict[str, Any]:
+    def material(self, stage: Stage) -> StageMaterial:
         """Everything that decides the stage's output, by content."""
         sections = {
             s: _digest(self.job.campaign.model_dump(mode="json", by_alias=True)[s])
             for s in stage.sections
         }
         products = {p.file: self.job.processed / p.file for p in stage.reads}
-        return {
-            "code": code_digest(),
-            "versions": versions(),
-            "seed": self.job.seed,
-            "manifest": sections,
-            "inputs": self._inputs(stage),
-            "products": {
+        return StageMaterial(
+            code=code_digest(),
+            versions=versions(),
+            seed=self.job.seed,
+            manifest=sections,
+            inputs=self._inputs(stage),
+            products={
                 file: store.sha256(path) for file, path in products.items() if path.is_file()
             },
-        }
+        )
 
     def _inputs(self, stage: Stage) -> dict[str, str]:
         """Digests of the raw files that the stage reads; the manifest counts by its sections, but a
@@ -123,59 +129,56 @@ class Provenance:
 
     def why_stale(self, stage: Stage) -> str:
         """Why the stage must run, in words; empty if it need not."""
-        record = self.content.get("stages", {}).get(stage.name)
+        record = self.ledger.stages.get(stage.name)
         if record is None:
             return "has not run yet"
         for file in (f"processed/{p.file}" for p in stage.writes):
-            if file not in record["outputs"] and not any(
-                file in r["outputs"] for r in self._later(stage)
+            if file not in record.outputs and not any(
+                file in r.outputs for r in self._later(stage)
             ):
                 return f"{file} is as an earlier stage left it"
-        for file, sha in record["outputs"].items():
+        for file, sha in record.outputs.items():
             path = self.job.homes.place(file)
             if not path.is_file():
                 return f"{file} is missing"
             if store.sha256(path) != sha:
                 return f"{file} was changed after it was written"
-        waiting = sum(reason.startswith("PENDING") for _, reason in record["rejected"])
+        waiting = sum(reason.startswith("PENDING") for _, reason in record.rejected)
         if waiting:
             return f"{waiting} record{'s were' if waiting > 1 else ' was'} still being written"
-        before, now = record["material"], self.material(stage)
-        if before["code"] != now["code"]:
+        before, now = record.material, self.material(stage)
+        if before.code != now.code:
             return "nearlift itself has changed"
-        for name, meaning in (
-            ("versions", "version of {}"),
-            ("manifest", "[{}] of the manifest"),
-            ("inputs", "{}"),
-            ("products", "{}"),
+        overrides = record.overrides or {}
+        for old, new, meaning in (
+            (before.versions, now.versions, "version of {}"),
+            (before.manifest, now.manifest, "[{}] of the manifest"),
+            (before.inputs, now.inputs, "{}"),
+            (before.products, now.products, "{}"),
         ):
-            changed = sorted(
-                k
-                for k in before[name].keys() | now[name].keys()
-                if before[name].get(k) != now[name].get(k)
-            )
-            if changed and name == "manifest" and record.get("overrides", {}) != self.job.overrides:
+            changed = sorted(k for k in old.keys() | new.keys() if old.get(k) != new.get(k))
+            if changed and old is before.manifest and overrides != self.job.overrides:
                 return (
-                    f"was last run with {_options(record['overrides'])}"
-                    if record.get("overrides")
+                    f"was last run with {_options(overrides)}"
+                    if overrides
                     else f"{_options(self.job.overrides)} is asked for"
                 )
             if changed:
                 more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
                 return f"{meaning.format(changed[0])} has changed{more}"
-        return "the seed has changed" if before["seed"] != now["seed"] else ""
+        return "the seed has changed" if before.seed != now.seed else ""
 
-    def _later(self, stage: Stage) -> list[dict[str, Any]]:
+    def _later(self, stage: Stage) -> list[StageRecord]:
         """What is on record of the stages after this one."""
         names = [s.name for s in STAGES]
-        done = self.content.get("stages", {})
+        done = self.ledger.stages
         return [done[name] for name in names[names.index(stage.name) + 1 :] if name in done]
 
     def commit(
         self,
         stage: Stage,
         outcome: Outcome,
-        material: dict[str, Any],
+        material: StageMaterial,
         wall_s: float,
         change: Transaction,
     ) -> None:
@@ -196,32 +199,30 @@ class Provenance:
         outputs = dict(sorted(change.written.items()))
         # a file is that of the stage that wrote it last
         stages = {
-            name: {
-                **record,
-                "outputs": {f: sha for f, sha in record["outputs"].items() if f not in outputs},
-            }
-            for name, record in self.content.get("stages", {}).items()
+            name: replace(
+                record, outputs={f: sha for f, sha in record.outputs.items() if f not in outputs}
+            )
+            for name, record in self.ledger.stages.items()
         }
-        stages[stage.name] = {
-            "material": material,
-            "outputs": outputs,
-            "rejected": [list(r) for r in outcome.rejected],
-            "notes": list(outcome.notes),
-            "wall_s": wall_s,
-            **({"overrides": dict(self.job.overrides)} if self.job.overrides else {}),
-        }
-        self.content = {
-            "schema": PROVENANCE.schema,
-            "campaign": self.job.campaign.name,
-            "vehicle": self.job.campaign.vehicle.name,
-            "nearlift": nearlift.__version__,
-            "platform": platform.platform(),
-            "versions": versions(),
-            "options": {"seed": self.job.seed},
-            "inputs": {name: {"sha256": sha} for name, sha in self.job.inputs.items()},
-            "stages": {s.name: stages[s.name] for s in STAGES if s.name in stages},
-        }
-        change.write(f"processed/{PROVENANCE.file}", store.json_bytes(self.content))
+        stages[stage.name] = StageRecord(
+            material=material,
+            outputs=outputs,
+            rejected=tuple(outcome.rejected),
+            notes=tuple(outcome.notes),
+            wall_s=wall_s,
+            overrides=dict(self.job.overrides) or None,
+        )
+        self.ledger = ProvenanceLedger(
+            campaign=self.job.campaign.name,
+            vehicle=self.job.campaign.vehicle.name,
+            nearlift=nearlift.__version__,
+            platform=platform.platform(),
+            versions=versions(),
+            options=RunOptions(seed=self.job.seed),
+            inputs={name: InputDigest(sha256=sha) for name, sha in self.job.inputs.items()},
+            stages={s.name: stages[s.name] for s in STAGES if s.name in stages},
+        )
+        change.write(f"processed/{PROVENANCE.file}", store.json_bytes(self.ledger))
         change.commit()
 
 

@@ -13,12 +13,12 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from nearlift.errors import NearliftError
 from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
+from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults
 from nearlift.results.quotation import Results
 from nearlift.run import graph, store
 from nearlift.run.job import Say, silent
@@ -131,7 +131,7 @@ def _round(
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
             planned = job.campaign.diagnose.planned_trials is not None
-            found = store.read_json_if_whole(job.processed / DIAGNOSIS.file)
+            found = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING)
             quoted = store.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
     except NearliftError as refusal:
         return Round(
@@ -143,7 +143,7 @@ def _round(
     return done, pending
 
 
-def _headlines(quoted: Results, diagnosis: dict[str, Any]) -> Iterator[str]:
+def _headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
     """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs
     where trials are still to come.
     """
@@ -151,5 +151,6 @@ def _headlines(quoted: Results, diagnosis: dict[str, Any]) -> Iterator[str]:
         if own.headline:
             yield f"{boundary} {own.headline_text}"
         if own.verdict != NOT_DIAGNOSED:
-            look = diagnosis.get("boundaries", {}).get(boundary, {}).get("look")
-            yield f"{boundary} {own.claim}" + (f" ({look['text']})" if look else "")
+            found = diagnosis.boundaries.get(boundary)
+            look = found.look if isinstance(found, BoundaryDiagnosis) else None
+            yield f"{boundary} {own.claim}" + (f" ({look.text})" if look else "")

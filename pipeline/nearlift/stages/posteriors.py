@@ -27,6 +27,7 @@ from nearlift.results.posterior import (
     PosteriorParameter,
     PosteriorSummary,
 )
+from nearlift.results.serial import encode
 from nearlift.run import store
 from nearlift.run.checkpoint import Checkpoint
 from nearlift.run.job import Job, Say
@@ -53,7 +54,7 @@ class Posteriors:
         from nearlift.run.registry import stage
 
         material = Provenance.open(self.job).material(stage("fit"))
-        return hashlib.sha256(json.dumps(material, sort_keys=True).encode()).hexdigest()
+        return hashlib.sha256(json.dumps(encode(material), sort_keys=True).encode()).hexdigest()
 
     def add(self, fitted: Fit, base: bool, say: Say) -> tuple[LogEvidence, PosteriorSummary]:
         """Sample one model's posterior; of base models draws of L_inf are kept, too. `say` hears of
