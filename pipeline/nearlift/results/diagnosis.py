@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
 from nearlift.results.estimate import Noise
@@ -16,7 +16,7 @@ from nearlift.results.outlook import (
     UntestableEffect,
 )
 from nearlift.results.quotation import Verdict
-from nearlift.results.serial import Below, encode, keyed, named_by_key, optional
+from nearlift.results.serial import Below, Json, encode, keyed, named_by_key, optional
 
 Interval = tuple[float, float]
 #: 2 ln(Bayes factor) by which an explanation may trail the best and still be its rival.
@@ -329,10 +329,9 @@ class BoundaryDiagnosis:
         return {u.effect: u.log_next_time or u.needs for u in self.not_testable}
 
     @property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Json:
         """As it is written."""
-        content: dict[str, Any] = encode(self)
-        return content
+        return encode(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

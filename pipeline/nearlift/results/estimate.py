@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from nearlift.results.serial import Above, Below, Unbounded
+from nearlift.results.serial import Above, Below, Json, Unbounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +74,7 @@ class Noise:
         }
 
     @classmethod
-    def recorded(cls, block: Mapping[str, Any]) -> Noise:
+    def recorded(cls, block: Json) -> Noise:
         """The noise of such a block."""
         known = {name: block[name] for name in ("relative", "force_N", "height_m", "common")}
         dof = np.inf if block["dof"] is None else block["dof"]

@@ -7,7 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
@@ -15,7 +15,7 @@ from nearlift.results.estimate import Estimate, Noise
 from nearlift.results.influence import Influence
 from nearlift.results.levels import LevelFit
 from nearlift.results.posterior import LogEvidence, PosteriorSummary
-from nearlift.results.serial import Nothing, Unbounded, encode, named_by_key, optional
+from nearlift.results.serial import Json, Nothing, Unbounded, encode, named_by_key, optional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,10 +247,9 @@ class ModelFit:
         return self.log_evidence.value if self.log_evidence else math.nan
 
     @property
-    def content(self) -> dict[str, Any]:
+    def content(self) -> Json:
         """As it is written."""
-        content: dict[str, Any] = encode(self)
-        return content
+        return encode(self)
 
     @property
     def values(self) -> dict[str, float]:

@@ -9,12 +9,12 @@ import os
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers.files import source_of
 from nearlift.run import store
-from nearlift.run.job import PIV_INPUT
+from nearlift.run.job import PIV_INPUT, FileStamp
 from nearlift.stages import ingest
 
 if TYPE_CHECKING:
@@ -24,10 +24,8 @@ if TYPE_CHECKING:
 #: kept.
 RACY_NS = 2_000_000_000
 CACHE = "inputs-cache.json"
-#: Relative path to `stamp` (size, modification time, inode), the digest that went with it, whether
-#: that was `remembered` rather than made, and whether the file was so young (`racy`) that it must
-#: not be.
-Stamps = dict[str, Any]
+#: By relative path.
+Stamps = dict[str, FileStamp]
 
 
 def digests(
@@ -41,7 +39,7 @@ def digests(
     what it starts becomes ready while they are.
     """
     folder = root.as_posix()
-    cache: Stamps = store.read_json_if_whole(processed / CACHE)
+    cache = store.read_json_if_whole(processed / CACHE)
     result: dict[str, str] = {}
     fresh: Stamps = {}
 
@@ -93,10 +91,10 @@ def remember(processed: Path, stamps: Stamps) -> None:
     """Keep digests for the next command, beside products where there are any; a file that says the
     same already is left alone.
     """
-    stamps = {
+    kept = {
         name: {"stamp": s["stamp"], "sha256": s["sha256"]}
         for name, s in stamps.items()
         if not s["racy"]
     }
-    if processed.is_dir() and stamps != store.read_json_if_whole(processed / CACHE):
-        store.write_bytes(processed / CACHE, json.dumps(stamps).encode())
+    if processed.is_dir() and kept != store.read_json_if_whole(processed / CACHE):
+        store.write_bytes(processed / CACHE, json.dumps(kept).encode())

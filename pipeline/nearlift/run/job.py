@@ -6,7 +6,7 @@ import concurrent.futures
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypedDict
 
 from nearlift.manifest.campaign import Campaign
 from nearlift.run import store
@@ -39,6 +39,17 @@ def part(say: Say, i: int, of: int) -> Say:
     return heard
 
 
+class FileStamp(TypedDict):
+    """A raw file's size, modification time and inode, and its digest; whether that was `remembered`
+    rather than made, and whether the file was so young (`racy`) that it must not be.
+    """
+
+    stamp: list[int]
+    sha256: str
+    remembered: bool
+    racy: bool
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Job:
     """One campaign being worked on.
@@ -52,7 +63,7 @@ class Job:
         Where this campaign's products and figures go.
     inputs : mapping of str to str
         Every input file under `root`, relative path to SHA-256.
-    stamps : mapping of str to dict
+    stamps : mapping of str to FileStamp
         Size, time and inode with which each of them was seen, and whether its digest is remembered
         or fresh (`inputs.digests`).
     seed : int
@@ -74,7 +85,7 @@ class Job:
     reports: Path
     executor: concurrent.futures.Executor
     inputs: Mapping[str, str] = field(default_factory=dict)
-    stamps: Mapping[str, Any] = field(default_factory=dict)
+    stamps: Mapping[str, FileStamp] = field(default_factory=dict)
     seed: int = 0
     say: Say = silent
     announce: Callable[[str], None] = silent
@@ -130,7 +141,7 @@ class Job:
         """A table product of this campaign."""
         return store.read_table(self._at(product.file), product)
 
-    def write(self, product: Product, table: Mapping[str, Any]) -> None:
+    def write(self, product: Product, table: store.Table) -> None:
         """Write a table product of this campaign."""
         self.put(f"processed/{product.file}", store.table_bytes(table, product))
 

@@ -23,6 +23,7 @@ from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLO
 from nearlift.randomness import generator
 from nearlift.readers.piv.cases import Stream, files_of
 from nearlift.run.job import Job, Outcome, part
+from nearlift.run.store import Table
 
 #: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
 #: only.
@@ -142,5 +143,5 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
     ).cut_through()
 
 
-def _stacked(product: Product, tables: list[dict[str, object]]) -> dict[str, object]:
+def _stacked(product: Product, tables: list[dict[str, object]]) -> Table:
     return {c.name: np.concatenate([t[c.name] for t in tables]) for c in product.columns}

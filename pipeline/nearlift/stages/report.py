@@ -9,10 +9,11 @@ import operator
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, RESULTS, TRIALS
 from nearlift.report.evidence import Columns, Evidence
+from nearlift.results.serial import Json
 from nearlift.run import store
 from nearlift.run.executors import Threads, ordered
 from nearlift.run.job import Job, Outcome
@@ -124,8 +125,8 @@ def gather(job: Job) -> Evidence:
         | {p for chapter in CHAPTERS for p in chapter.needs}
         | {JOINT, RESULTS}
     )
-    tables: dict[str, Any] = {}
-    documents: dict[str, Any] = {}
+    tables: dict[str, store.Table] = {}
+    documents: dict[str, Json] = {}
     digests = {}
     for product in PRODUCTS:
         path = job.processed / product.file

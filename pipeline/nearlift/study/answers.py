@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
 
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
@@ -18,6 +18,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Entry = TypeVar("Entry")
+
+
+class AboutRun(TypedDict):
+    """What every answer carries of the run that brought it."""
+
+    campaign: str
+    rejected: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

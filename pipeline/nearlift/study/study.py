@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from nearlift.errors import UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.study.answers import (
+    AboutRun,
     BoundaryFit,
     Diagnosis,
     Drawing,
@@ -224,10 +225,10 @@ class Study:
         settled(Homes.of(self.out, self.name))
         return self.processed / file
 
-    def _bring(self, last: str) -> dict[str, Any]:
+    def _bring(self, last: str) -> AboutRun:
         return self._steps(last)[1]
 
-    def _steps(self, last: str) -> tuple[list[Step], dict[str, Any]]:
+    def _steps(self, last: str) -> tuple[list[Step], AboutRun]:
         """Run what is stale up to and including the stage `last`: its steps, and what every answer
         says of them.
         """
