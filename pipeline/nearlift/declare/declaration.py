@@ -209,7 +209,8 @@ class Effect(Declaration):
     `varies_with` the covariate along which its true shape may depart from the declared one;
     `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at
     all; `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in
-    simulations). `error_of` is the input of a budget that it is the unknown error of, as in
+    simulations), whether it needs a tether (load cell, wiring, traverse) or a vehicle that moves
+    (``"flight"``: what it needs is missed in flight logs alone). `error_of` is the input of a budget that it is the unknown error of, as in
     ``on = "height"``; `loaded` says of an additive effect that it is not there while the rotors
     stand; `within_trial` that its mark is a change during a record, which no mean of a trial keeps.
     """
@@ -220,7 +221,7 @@ class Effect(Declaration):
     varies_with: str
     log_next_time: tuple[str, ...] = ()
     boundaries: tuple[Boundary, ...] = BOUNDARIES
-    belongs_to: Literal["vehicle", "bench"] = "bench"
+    belongs_to: Literal["vehicle", "bench", "tether", "flight"] = "bench"
     error_of: str = ""
     loaded: bool = False
     within_trial: bool = False

@@ -34,6 +34,7 @@ EFFECT = Effect(
     formula=r"L \to L + q L^2",
     evaluate=evaluate,
     acts_on="force",
+    belongs_to="tether",
     additive=True,
     loaded=True,
     mechanism="the load cell's output has a quadratic term",

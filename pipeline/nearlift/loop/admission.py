@@ -33,8 +33,16 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     Raises
     ------
     NotConverged
-        Too few trials, or few without a standard deviation of each.
+        Too few trials, or few without a standard deviation of each; flights whose set-point nobody
+        logged.
     """
+    if data.in_flight and "setpoint_m_0" not in data.covariates:
+        raise NotConverged(
+            where,
+            "in closed loop the command answers what disturbs the vehicle, so that feedback looks"
+            " like structure",
+            "log the height's set-point, and name it under [flight]",
+        )
     if not few(data, base):
         return
     unknowns = data.unknown_levels + len(base.parameters)
@@ -78,7 +86,11 @@ def could_act(
     library = tuple(
         e
         for e in library
-        if data.boundary in e.boundaries and not taken & {p.name for p in e.parameters}
+        if data.boundary in e.boundaries
+        and not taken & {p.name for p in e.parameters}
+        # a stand does not fly, and a flight has no load cell
+        and (e.belongs_to != "flight" or data.in_flight or not missing(e, data))
+        and (e.belongs_to != "tether" or not data.in_flight)
     )
     if "spacing_hat" not in data.geometry:
         # what rotors do to each other is not missing information where there is only one

@@ -233,6 +233,19 @@ def silent(
     covariance = _inverse(information)
     found = []
     for effect in effects:
+        if effect not in stage.effects and not effect.within_trial:
+            found.append(
+                SilentEffect(
+                    effect=effect.name,
+                    absorbed_by="L_inf",
+                    share_visible=0.0,
+                    bias_at_detection_limit=0.0,
+                    in_units_of=f"u({stage.base.parameters[0].name})",
+                    u=float(np.sqrt(covariance[0, 0])),
+                    u_of="base fit, noise floor of the loop",
+                    hidden=True,
+                )
+            )
         columns = [c for e, c in stage.library if e.name == effect.name and c.shape[1] == 1]
         if not columns:
             continue

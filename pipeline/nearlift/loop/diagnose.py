@@ -31,8 +31,10 @@ from nearlift.loop import (
 )
 from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
+from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Heard, unheard
 from nearlift.loop.explanation import Explanation
+from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
@@ -298,6 +300,10 @@ def set_up(
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if not e.within_trial)
+    absorbed = {
+        e.name for e, c in library_columns(base, between, kept, first.theta) if not tells(c, kept)
+    }
+    between = tuple(e for e in between if e.name not in absorbed)
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
     stage = prepare(

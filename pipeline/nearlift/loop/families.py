@@ -51,7 +51,16 @@ SPOKEN_FOR = {
     "n",
     "visit",
     "speed_Hz",
+    "flight",
+    "climb_hat",
+    "level_speed_hat",
+    "imbalance",
 }
+#: Columns that say when and where a flight was sent, and nothing of what acts on it.
+BOOKKEEPING = "setpoint_m_"
+#: Families along what came before a trial: of a stand's moves and loads. In a flight what came
+#: before is the motion itself.
+OF_STANDS = ("order_in_visit", "previous_throttle", "previous_distance")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,13 +202,15 @@ def families(data: Observations) -> tuple[Family, ...]:
             )
         )
     for name in sorted(known.keys() - SPOKEN_FOR):
-        if varies(data, name):
+        if varies(data, name) and not name.startswith(BOOKKEEPING):
             found.append(Family(name=name, covariate=name, columns=powers(known[name], degree)))
-    kept = [f for f in found if 0 < f.columns.shape[1] <= most and _tells(f.columns, data)]
+    if data.in_flight:
+        found = [f for f in found if f.covariate not in OF_STANDS]
+    kept = [f for f in found if 0 < f.columns.shape[1] <= most and tells(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
 
 
-def _tells(columns: FloatArray, data: Observations) -> bool:
+def tells(columns: FloatArray, data: Observations) -> bool:
     """Whether anything varies beside L_inf; what does not is L_inf itself, and its rounding errors
     would be taken for a family.
     """

@@ -23,6 +23,7 @@ from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Evidence, Integrated, Linearised
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import STEP, families
+from nearlift.loop.instruments import instruments
 from nearlift.loop.structure import Hypothesis, Null, Structure
 from nearlift.loop.wander import likeliest, price, waves
 from nearlift.nomenclature import SCHEDULE_WORDS
@@ -91,7 +92,12 @@ class SearchProblem:
             shared,
             budget.own_variance(self.data, self.parts, slope),
         )
-        return Problem(model=self.base, data=self.data, covariance=covariance)
+        return Problem(
+            model=self.base,
+            data=self.data,
+            covariance=covariance,
+            instruments=instruments(self.data),
+        )
 
     @property
     def assumed_noise(self) -> Noise:

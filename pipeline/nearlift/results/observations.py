@@ -69,6 +69,11 @@ class Observations:
     curve: LevelCurve | None = None
 
     @property
+    def in_flight(self) -> bool:
+        """Whether the trials are windows of flights."""
+        return "flight" in self.covariates
+
+    @property
     def n(self) -> int:
         """Number of trials."""
         return len(self.lift_N)
