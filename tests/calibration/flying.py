@@ -49,6 +49,13 @@ class Craft(NamedTuple):
     acceleration_noise: float = 0.15
     shares: tuple[float, ...] = (1.04, 0.97, 1.03, 0.96)
     """What each rotor is told beside the others."""
+    blades: float = 0.0
+    """Loss of thrust per rise of the inflow, solidity x lift slope / (8 inflow ratio of hover), in
+    place of `climb`: 0.6 is a small propeller's."""
+    sway_m_s: float = 0.0
+    """How fast it goes sideways to and fro, at most."""
+    health: tuple[float, ...] = (1.0, 1.0, 1.0, 1.0)
+    """What each rotor gives beside a sound one at the same command."""
 
 
 Log = dict[str, NDArray[np.float64]]
@@ -63,6 +70,39 @@ def ground(z_m: float, craft: Craft) -> float:
     far = 0.5 * r**2 * z_m / (2 * d**2 + 4 * z_m**2) ** 1.5
     fountain = 2 * r**2 * z_m / (b**2 + 4 * z_m**2) ** 1.5 * craft.k_b
     return 1 / (1 - own - near - far - fountain)
+
+
+def inflow(climb: float, level: float, craft: Craft) -> float:
+    """Thrust over that of hover at the same command, in climb and level flight, m/s: the balance of
+    blade elements, whose thrust falls as the inflow rises, and of momentum (Glauert), by halving.
+    """
+    disks = 4 * math.pi * craft.radius**2
+    hover = math.sqrt(craft.mass * G / (2 * 1.2 * disks))
+    w, u = climb / hover, level / hover
+    low, high = 0.3, 3.0
+    for _ in range(40):
+        thrust = 0.5 * (low + high)
+        # over that of hover: what blades that lift so much let through, climb and all
+        through = 1 + (1 - thrust) / craft.blades
+        if (through - w) * math.hypot(u, through) > thrust:
+            low = thrust
+        else:
+            high = thrust
+    return thrust
+
+
+def trimmed(craft: Craft) -> tuple[tuple[float, ...], float]:
+    """What each rotor is told over the mean of all, so that moments balance, and what all lift
+    then over sound ones at that mean.
+    """
+    told = [s * h ** (-1 / craft.exponent) for s, h in zip(craft.shares, craft.health, strict=True)]
+    mean = sum(told) / len(told)
+    shares = tuple(t / mean for t in told)
+
+    def whole(shares: tuple[float, ...], health: tuple[float, ...]) -> float:
+        return sum(h * s**craft.exponent for s, h in zip(shares, health, strict=True))
+
+    return shares, whole(shares, craft.health) / whole(craft.shares, (1.0,) * 4)
 
 
 def heights(rng: np.random.Generator, n: int) -> NDArray[np.float64]:
@@ -94,6 +134,8 @@ def fly(
     rows = []
     u0v0 = craft.hover * craft.supply_V
     landed = False
+    shares, whole = trimmed(craft)
+    beat = 2 * math.pi * 0.08
     for k in range(steps):
         t = k * STEP_S
         if k % EVERY == 0:
@@ -115,24 +157,30 @@ def fly(
         motor += follow * (told - motor)
         supply = craft.supply_V - craft.sag_V_s * t - craft.resistance * motor**2
         gust = fade * gust + kick * noise[k, 0]
+        # sideways at a speed that comes and goes, with the lean that this takes
+        swell = craft.sway_m_s * math.sin(beat / 7 * t) if z > 0 else 0.0
+        level, pull = swell * math.sin(beat * t), swell * beat * math.cos(beat * t)
+        moving = inflow(v, level, craft) if craft.blades else 1 - craft.climb * v
         lift = (
             weight
             * (max(motor, 0.0) * supply / u0v0) ** craft.exponent
+            * whole
             * ground(max(z, 0.0) + craft.plane, craft)
-            * (1 - craft.climb * v)
+            * moving
         )
-        force = lift + (gust if z > 0 else 0.0) - weight
+        lean = lift * (1 - G / math.hypot(G, pull))
+        force = lift - lean + (gust if z > 0 else 0.0) - weight
         if z <= 0.0 and force < 0.0:
             felt, v, z = G, 0.0, 0.0
         else:
-            felt = G + force / craft.mass
+            felt = G + (force + lean) / craft.mass
             v += force / craft.mass * STEP_S
             z += v * STEP_S
             if z < 0.0:
                 z, v = 0.0, 0.0
         if k % EVERY == 0:
-            rows.append((t, z, v, felt, told, supply, asked))
-    t, z_m, v_m, felt, command, volts, setpoint = np.array(rows).T
+            rows.append((t, z, v, felt, told, supply, asked, level))
+    t, z_m, v_m, felt, command, volts, setpoint, level_m_s = np.array(rows).T
     n = len(t)
     slow = rng.standard_normal((n, 3))
     log = {
@@ -143,7 +191,9 @@ def fly(
         "setpoint": setpoint,
         "supply": volts,
     }
-    for k, share in enumerate(craft.shares, start=1):
+    if craft.sway_m_s:
+        log |= {"vx": level_m_s, "vy": 0.0 * level_m_s}
+    for k, share in enumerate(shares, start=1):
         log[f"m{k}"] = np.round(np.clip(command * share, 0, 1) * FULL)
     return log
 

@@ -42,6 +42,12 @@ NAMES = [
     "cell_creep",
     "tether_stiffness",
     "motor_heating",
+    "climb_inflow",
+    "translational_lift",
+    "motor_lag",
+    "rotor_imbalance",
+    "weight_at_rotor",
+    "vehicle_mass",
 ]
 
 #: What each effect may ask for: covariates of trials, what is derived from them, geometry.
@@ -62,6 +68,11 @@ ARRAYS = {
     "drift_hat",
     "speed_hat",
     "z_hat",
+    "climb_hat",
+    "level_speed_hat",
+    "lag_slope",
+    "imbalance",
+    "flight",
 }
 SCALARS = {
     "supply_ref_V",
@@ -98,6 +109,11 @@ def trials(n: int = 24) -> dict[str, Any]:
         "previous_lift_N": draw.uniform(0.0, 0.55, n),
         "rest_s": draw.uniform(3.0, 60.0, n),
         "drift_hat": draw.uniform(-0.03, 0.0, n),
+        "climb_hat": draw.uniform(-0.2, 0.2, n),
+        "level_speed_hat": draw.uniform(0.0, 0.5, n),
+        "lag_slope": draw.uniform(-2.0, 2.0, n),
+        "imbalance": draw.uniform(0.0, 0.03, n),
+        "flight": 1.0 + np.arange(n) // 12,
         "supply_ref_V": 3.65,
         "temperature_ref_K": 294.0,
         "pressure_ref_Pa": 100.5e3,

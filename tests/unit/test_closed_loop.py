@@ -55,8 +55,8 @@ def with_setpoint(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Any
     return made(folder, tmp_path_factory.mktemp("a"), FLIGHT, uncertainty=[HEIGHT])
 
 
-def at_truth(given: Any, trials: Table) -> flown._Boundary:
-    return flown._Boundary(given, observe(trials, given, "ground"))
+def at_truth(given: Any, trials: Table) -> flown.Determined:
+    return flown.Determined(given, observe(trials, given, "ground"))
 
 
 def test_instruments_undo_the_bias_of_feedback(with_setpoint: Any) -> None:

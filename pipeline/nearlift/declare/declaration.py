@@ -210,9 +210,10 @@ class Effect(Declaration):
     `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at
     all; `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in
     simulations), whether it needs a tether (load cell, wiring, traverse) or a vehicle that moves
-    (``"flight"``: what it needs is missed in flight logs alone). `error_of` is the input of a budget that it is the unknown error of, as in
-    ``on = "height"``; `loaded` says of an additive effect that it is not there while the rotors
-    stand; `within_trial` that its mark is a change during a record, which no mean of a trial keeps.
+    (``"flight"``: what it needs is missed in flight logs alone). `error_of` is the input of a
+    budget that it is the unknown error of, as in ``on = "height"``; `loaded` says of an additive
+    effect that it is not there while the rotors stand; `within_trial` that its mark is a change
+    during a record, which no mean of a trial keeps.
     """
 
     acts_on: Literal["height", "ratio", "force"]

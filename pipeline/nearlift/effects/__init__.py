@@ -38,6 +38,7 @@ from nearlift.effects import (
     translational_lift,
     vehicle_mass,
     warm_up,
+    weight_at_rotor,
     zero_drift,
     zero_offset,
     zero_temperature,
@@ -73,6 +74,7 @@ EFFECTS: tuple[Effect, ...] = (
     translational_lift.EFFECT,
     motor_lag.EFFECT,
     rotor_imbalance.EFFECT,
+    weight_at_rotor.EFFECT,
     vehicle_mass.EFFECT,
 )
 

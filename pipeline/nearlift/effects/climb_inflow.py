@@ -33,7 +33,9 @@ def evaluate(lift: Any, /, *, climb_hat: Any, climb_loss: Any) -> Any:
 EFFECT = Effect(
     name="climb_inflow",
     title="Inflow of climb",
-    formula=r"L \to L \left[1 - c_w \left(\tfrac{w}{2} + \sqrt{1 + \tfrac{w^2}{4}} - 1\right)\right]",
+    formula=(
+        r"L \to L \left[1 - c_w \left(\tfrac{w}{2} + \sqrt{1 + \tfrac{w^2}{4}} - 1\right)\right]"
+    ),
     evaluate=evaluate,
     acts_on="force",
     belongs_to="flight",
@@ -48,7 +50,7 @@ EFFECT = Effect(
             value=0.0,
             bounds=(0.0, 2.0),
             prior=normal(0.0, 0.5),
-            meaning="relative loss of lift per relative rise of the inflow; positive loses in climb",
+            meaning="loss of lift per rise of the inflow, both relative; positive loses in climb",
         ),
     ),
     source=Source(

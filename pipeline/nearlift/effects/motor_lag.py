@@ -53,8 +53,8 @@ EFFECT = Effect(
     ),
     source=Source(
         citation=(
-            "First-order lag of a motor with a propeller: Förster 2015, System Identification of the"
-            " Crazyflie 2.0 Nano Quadrocopter, ETH Zurich"
+            "First-order lag of a motor with a propeller: Förster 2015, System Identification of"
+            " the Crazyflie 2.0 Nano Quadrocopter, ETH Zurich"
         ),
         doubts=("Motors speed up faster than they slow down, since nothing brakes them.",),
     ),

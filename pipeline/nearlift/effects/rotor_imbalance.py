@@ -9,12 +9,11 @@ which lift goes. s_i is a rotor's command over the mean of all, s_i0 its median 
 Convention: imbalance is 0 where no rotor is told less than usual, and positive elsewhere;
 imbalance_power is that of the command, 1.5 to 2.2, or 0 for no effect.
 
-Size: where lift goes with the power 1.7, a rotor of four that gives 4 % less is told 1.8 % more than
-the mean, the others 0.6 % less, and lift falls by 1 %.
+Size: where lift goes with the power 1.7, a rotor of four that gives 4 % less is told 1.8 % more
+than the mean, the others 0.6 % less, and lift falls by 1 %.
 
-Confounded with session_gain, where a rotor is worse for whole flights: a weight beside one rotor
-asks for more of it, too, and weighs what the vehicle's mass does not say. In hover nothing parts
-the two; the same flights with the weight moved to the centre, and a scale, do.
+Confounded with weight_at_rotor, always, and with session_gain, where a rotor is worse for whole
+flights. A scale, and the same flights with propellers exchanged, separate them.
 """
 
 from __future__ import annotations

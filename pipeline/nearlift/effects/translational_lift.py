@@ -55,7 +55,7 @@ EFFECT = Effect(
             value=0.0,
             bounds=(0.0, 2.0),
             prior=normal(0.0, 0.5),
-            meaning="relative gain of lift per relative fall of the inflow; positive gains",
+            meaning="gain of lift per fall of the inflow, both relative; positive gains",
         ),
     ),
     source=Source(

@@ -114,7 +114,7 @@ def decaying(z_hat: FloatArray, power: float) -> Ratio:
 
 def instruments_of(setpoint_m: FloatArray, offset_m: float, radius_m: float) -> FloatArray:
     """Shapes of a set-point's history (n, lags): itself and its decays, (n, q)."""
-    z_hat = np.maximum(setpoint_m + offset_m, 0.0) / radius_m
+    z_hat = np.maximum(np.nan_to_num(setpoint_m) + offset_m, 0.0) / radius_m
     shapes = [np.exp(-z_hat / decay) for decay in SHAPES]
     return np.hstack([z_hat / 10, *shapes])
 

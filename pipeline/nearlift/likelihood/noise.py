@@ -49,9 +49,10 @@ def trial_covariance(
     slope: FloatArray,
     shared: FloatArray | None = None,
     extra: FloatArray | float = 0.0,
+    instruments: FloatArray | None = None,
 ) -> Covariance:
     """The covariance of log lift that a `Noise` implies; `slope` is d log ratio / dz per metre,
-    `extra` a further variance.
+    `extra` a further variance; `instruments` as `Covariance` has them.
     """
     own = (
         (data.u_lift_N / data.lift_N) ** 2
@@ -67,6 +68,7 @@ def trial_covariance(
         common=noise.common,
         drift=np.array(noise.drift),
         age=ages(data)[:, : len(noise.drift)],
+        instruments=instruments,
     )
 
 

@@ -21,7 +21,7 @@ from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.finite import where_finite
-from nearlift.likelihood.subspace import SPANNED, orthonormal
+from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
 
 #: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never
@@ -44,9 +44,6 @@ class Problem:
     blur_m: float = 0.0
     #: Added to the log ratio whatever the parameters, a number or (n,).
     shift: FloatArray | float = 0.0
-    #: Columns (n, q) that no error of the trials moves, where the trials' own settings answer it:
-    #: everything is judged by what it shares with them (two-stage least squares).
-    instruments: FloatArray | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -88,7 +85,7 @@ class Problem:
             A curve of L_inf has columns that these trials do not tell apart.
         """
         columns = self.data.level_columns
-        q, r = np.linalg.qr(self._whitened(columns.T).T)
+        q, r = np.linalg.qr(self.covariance.whiten(columns.T).T)
         own = np.abs(np.diag(r))
         if self.data.curve is not None and own.min() < SPANNED * own.max():
             curve = self.data.curve
@@ -99,17 +96,6 @@ class Problem:
                 "a lower degree, or fewer columns in [levels] of",
             )
         return q, r
-
-    @cached_property
-    def _seen(self) -> FloatArray:
-        """The whitened instruments' orthonormal basis, (n, q)."""
-        assert self.instruments is not None
-        return orthonormal(self.covariance.whiten(self.instruments.T).T)
-
-    def _whitened(self, x: FloatArray) -> FloatArray:
-        """Rows (..., n), whitened; with instruments, what of them these see."""
-        white = self.covariance.whiten(x)
-        return white if self.instruments is None else white @ self._seen @ self._seen.T
 
     @property
     def levels_log_det(self) -> tuple[int, float]:
@@ -142,7 +128,7 @@ class Problem:
         q, _ = self._levels
 
         def projected(x: FloatArray) -> FloatArray:
-            white = self._whitened(x)
+            white = self.covariance.whiten(x)
             return white - (white @ q) @ q.T
 
         return where_finite(projected, x)
@@ -207,7 +193,7 @@ class Problem:
         q, r = self._levels
         return where_finite(
             lambda x: np.asarray(
-                np.linalg.solve(r, q.T @ self._whitened(x).T).T, dtype=np.float64
+                np.linalg.solve(r, q.T @ self.covariance.whiten(x).T).T, dtype=np.float64
             ),
             x,
         )

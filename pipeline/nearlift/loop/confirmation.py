@@ -15,6 +15,7 @@ from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.loop.candidate_fit import Fitted, search
+from nearlift.loop.instruments import instruments
 from nearlift.loop.search import Answer, run
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Noise, Observations
@@ -166,9 +167,8 @@ def misfit(stage: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatA
     """
     keep = scored.predicted
     data, slope = stage.data.take(keep), stage.slope[keep]
-    covariance = trial_covariance(
-        data, noise, slope, extra=budget.own_variance(data, stage.parts, slope)
-    )
+    own = budget.own_variance(data, stage.parts, slope)
+    covariance = trial_covariance(data, noise, slope, None, own, instruments(data))
     return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
 
 

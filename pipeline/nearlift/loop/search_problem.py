@@ -91,13 +91,9 @@ class SearchProblem:
             slope,
             shared,
             budget.own_variance(self.data, self.parts, slope),
+            instruments(self.data),
         )
-        return Problem(
-            model=self.base,
-            data=self.data,
-            covariance=covariance,
-            instruments=instruments(self.data),
-        )
+        return Problem(model=self.base, data=self.data, covariance=covariance)
 
     @property
     def assumed_noise(self) -> Noise:

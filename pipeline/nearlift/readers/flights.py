@@ -217,12 +217,24 @@ class _Cut:
         log = self.log
         clean = found.code == CLEAN
         z_hat = (log.height_m - found.floor_m) / self.campaign.vehicle.rotor_radius
-        beside = [log.climb_m_s, *(np.exp(-z_hat / decay) for decay in motor_lag.DECAYS)]
+        aside = []
+        if log.velocity_m_s.ndim > 1:
+            aside.append(log.velocity_m_s[:, 0] ** 2 + log.velocity_m_s[:, 1] ** 2)
+        beside = [log.climb_m_s, *aside, *(np.exp(-z_hat / decay) for decay in motor_lag.DECAYS)]
         if log.supply_V is not None:
             beside.append(np.log(np.maximum(log.supply_V, 1e-3)))
         # a stretch begins anew at every start, hole, and so many seconds
         groups = _stretches_of(clean, found.start, log.run, log.time_s)
-        return motor_lag.moments(self.lift_N, means, beside, groups, log.step_s)
+        sent = None
+        if log.setpoint_m is not None:
+            asked = [
+                log.setpoint_m[np.maximum(np.arange(len(z_hat)) - round(ago / log.step_s), 0)]
+                for ago in motor_lag.SENT_S
+            ]
+            asked_hat = np.maximum(np.nan_to_num(asked), 0.0) / self.campaign.vehicle.rotor_radius
+            shapes = (np.exp(-asked_hat / decay) for decay in motor_lag.DECAYS)
+            sent = np.vstack([asked_hat, *shapes, *aside])
+        return motor_lag.moments(self.lift_N, means, beside, groups, log.step_s, sent)
 
 
 def _stretches_of(

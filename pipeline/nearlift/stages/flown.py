@@ -66,7 +66,7 @@ def quoted(
         return found, notes
     for boundary, result in results.items():
         data = observe(trials, job.campaign, boundary)
-        one = _Boundary(job.campaign, data)
+        one = Determined(job.campaign, data)
         try:
             told = one.determined()
         except NotConverged as fault:
@@ -98,7 +98,7 @@ class _Answer:
         return np.sqrt(sum(u**2 for u in self.sources.values()))
 
 
-class _Boundary:
+class Determined:
     """The flights near one boundary."""
 
     def __init__(self, campaign: Campaign, data: Observations) -> None:
@@ -106,6 +106,8 @@ class _Boundary:
         self.data = data
         self.has_setpoint = "setpoint_m_0" in known
         instruments = None
+        # no disturbance of the height moves it: it is an instrument of its own
+        aside = [known["level_speed_m_s"] ** 2] if "level_speed_m_s" in known else []
         # starts of all logs, counted on
         start = np.stack(
             [data.record if data.record is not None else 0 * data.session, known["flight"]]
@@ -118,8 +120,8 @@ class _Boundary:
             )
             count = since_start(label)
             since = count / max(int(count.max()), 1)
-            instruments = np.hstack([shapes, np.stack([since, since**2], axis=1)])
-        beside = [known["climb_m_s"]]
+            instruments = np.hstack([shapes, np.stack([since, since**2, *aside], axis=1)])
+        beside = [known["climb_m_s"], *aside]
         beside += [np.log(known["supply_V"])] if "supply_V" in known else []
         self.windows = Windows(
             log_lift=np.log(data.lift_N),
