@@ -17,12 +17,12 @@ from nearlift import catalogue, readers
 from nearlift.errors import NotConverged
 from nearlift.likelihood import budget
 from nearlift.likelihood.covariance import Covariance
+from nearlift.likelihood.covariates import derive
 from nearlift.loop import search_problem
 from nearlift.loop.admission import admit, could_act
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options
-from nearlift.loop.setting import derive
 from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
 from nearlift.readers import flights

@@ -47,7 +47,10 @@ EFFECT = Effect(
             meaning="relative error of the mass; positive reads more lift",
         ),
     ),
-    source=Source(citation="Newton's second law"),
+    source=Source(
+        citation="Newton's second law",
+        doubts=("A battery that is changed, or a deck that is taken off, changes it by flight.",),
+    ),
     checks=(
         Check(x=0.3, expected=0.3, arguments={"flight": 1.0}, quoted_by="null"),
         Check(
