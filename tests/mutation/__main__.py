@@ -45,17 +45,20 @@ PRELOADED = ("scipy.optimize", "scipy.stats", "tests.mutation.process")
 
 def nearest_tests(path: Path) -> list[str]:
     """Files of the tests that import a module, small ones first: the core's if there are any. If no
-    core test imports it, those of what imports it.
+    core test imports it, those of what imports it, its own before them.
     """
     near = {module_name(ROOT / path)}
+    steps: dict[str, int] = {}
     while True:
         direct = [t for t in test_modules() if near & used(t)]
+        for test in direct:
+            steps.setdefault(test, len(near))
         users = {n for n in modules() if n.startswith("nearlift.") and near & imported(n)}
         if any(map(is_core, direct)) or users <= near:
             break
         near |= users
     direct = [t for t in direct if is_core(t)] or direct
-    direct.sort(key=lambda t: modules()[t].stat().st_size)
+    direct.sort(key=lambda t: (steps[t], modules()[t].stat().st_size))
     return [modules()[t].relative_to(ROOT).as_posix() for t in direct]
 
 
