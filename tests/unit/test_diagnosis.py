@@ -384,7 +384,9 @@ def test_what_the_bench_cannot_do_is_not_proposed():
     for answered, allowed in ((answer, True), (refused, False)):
         menu = separation.menu(answered.stage.data, answered.stage.options.not_feasible)
         assert any(p.added.z_hat.min() < near for p in menu) is allowed
-        assert any("both directions" in p.text for p in menu) is allowed
+        both = [p for p in menu if "both directions" in p.text]
+        assert bool(both) is allowed
+        assert all(set(p.added.covariates["approach"].tolist()) == {-1.0, 1.0} for p in both)
         said = [
             text
             for n in separation.next_experiment(answered.stage, answered)
