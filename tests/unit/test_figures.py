@@ -19,7 +19,8 @@ from PIL import Image
 
 from nearlift.errors import ManifestError
 from nearlift.products import FIT, LIFT, POSTERIOR, TRIALS
-from nearlift.report.figures import corner, drawers, style
+from nearlift.report import drawers
+from nearlift.report.figures import corner, encoding, style
 from nearlift.report.figures.encoding import PAGE_WIDTH, render
 from nearlift.report.figures.fig2 import drawing as draw_fig2
 from nearlift.report.figures.fig2 import table as fig2
@@ -236,18 +237,53 @@ def test_the_solvers_last_digits_are_not_in_the_file():
 @pytest.mark.parametrize("count", [0, 1, 2])
 def test_drawers_answer_in_order_whoever_drew(count):
     tasks = [partial(style.quantity, name) for name in ("tilt_rad", "supply_V", "power_W", "z_hat")]
-    with drawers.drawers(count) as others:
-        assert list(drawers.drawn(tasks, others)) == [task() for task in tasks]
+    with drawers.drawers(count) as give:
+        assert [answer() for answer in [give(task) for task in tasks]] == [t() for t in tasks]
 
 
 def test_what_a_drawer_cannot_do_is_drawn_here():
     """What cannot be sent, what fails, and a drawer that is gone."""
-    with drawers.drawers(1) as (ask,):
+    with drawers._drawer() as ask:
         assert ask(partial(str, threading.Lock())) is None
         assert ask(partial(style.quantity, "tilt_rad")) == style.quantity("tilt_rad")
         assert ask(partial(style.style, "no such style")) is None
         assert ask(partial(style.quantity, "tilt_rad")) is None
-        tasks = [lambda: {"pdf": b"1"}, lambda: {"pdf": b"2"}]
-        assert [f["pdf"] for f in drawers.drawn(tasks, [ask])] == [b"1", b"2"]
+    tasks = [lambda: {"pdf": b"1"}, lambda: {"pdf": b"2"}, partial(style.style, "no such style")]
+    with drawers.drawers(1) as give:
+        *answers, failing = [give(task) for task in tasks]
+        assert [answer()["pdf"] for answer in answers] == [b"1", b"2"]
         with pytest.raises(ManifestError, match="no style"):
-            list(drawers.drawn([partial(style.style, "no such style")], [ask]))
+            failing()
+
+
+def test_what_is_given_is_drawn_before_it_is_asked_for():
+    with drawers.drawers(1) as give:
+        first, second = threading.Event(), threading.Event()
+        give(partial(style.quantity, "tilt_rad"))
+        # a task that cannot be sent comes back at once: the drawer did not wait to be asked
+        give(Unsent(first, second))
+        assert first.wait(60)
+    assert not second.is_set()
+
+
+class Unsent:
+    """A task that tells when it is to be sent, and when it is done here."""
+
+    def __init__(self, sent, done):
+        self.sent, self.done = sent, done
+
+    def __reduce__(self):
+        self.sent.set()
+        raise TypeError
+
+    def __call__(self):
+        self.done.set()
+        return {}
+
+
+@pytest.mark.parametrize("draw", [draw_fig2.draw, draw_residuals.draw])
+def test_what_spares_time_moves_nothing(draw, table, small_job, monkeypatch):
+    rows = table if draw is draw_fig2.draw else residuals.summarise(gather(small_job))
+    files = render(draw, rows, style.style("aiaa"))
+    monkeypatch.setattr(encoding, "_measured_once", lambda figure: None)
+    assert render(draw, rows, style.style("aiaa")) == files

@@ -49,7 +49,7 @@ class Outline(HTMLParser):
 @pytest.fixture(scope="module")
 def outline(small_job):
     evidence = report.gather(small_job)
-    picture = Picture(name="fig2", title="t", caption="c", alt="a", image=b"")
+    picture = Picture(name="fig2", title="t", caption="c", alt="a")
     return Outline(page(evidence, [picture], charts=charts(evidence)).decode())
 
 

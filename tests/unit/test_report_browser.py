@@ -42,10 +42,11 @@ def address(job):
     file = job.reports / "index.html"
     file.parent.mkdir()
     pictures = [
-        render.Picture(name=n, title="t", caption="c", alt=f"{n} in words", image=dot.getvalue())
+        render.Picture(name=n, title="t", caption="c", alt=f"{n} in words")
         for n in ("fig2", "residuals")
     ]
-    file.write_bytes(render.page(evidence, pictures, charts=charts(evidence)))
+    text = render.page(evidence, pictures, charts=charts(evidence))
+    file.write_bytes(render.with_images(text, {p.name: dot.getvalue() for p in pictures}))
     return file.as_uri()
 
 

@@ -5,8 +5,7 @@ imported only here.
 from __future__ import annotations
 
 import contextlib
-import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
@@ -15,13 +14,13 @@ from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, RESULTS, TRIA
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.serial import Json
 from nearlift.run import store
-from nearlift.run.executors import Threads, ordered
+from nearlift.run.executors import Threads
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import overlays
 from nearlift.stages.observe import boundaries, observe
 
 if TYPE_CHECKING:
-    from nearlift.report.figures.drawers import Files, Task
+    from nearlift.report.drawers import Files, Give
     from nearlift.report.figures.spec import FigureSpec
 
 #: Products without which there is nothing to report.
@@ -32,15 +31,13 @@ def run(job: Job) -> Outcome:
     """Make the whole report anew. A figure whose products are missing is not made, and what an
     earlier run left of it is removed.
     """
-    with _drawing(job) as drawn:
-        return _run(job, drawn)
+    with _drawing(job) as give:
+        return _run(job, give)
 
 
-def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcome:
-    from nearlift.report.documents.pdf import Drawn, pdf
+def _run(job: Job, give: Give) -> Outcome:
     from nearlift.report.figures.encoding import render
     from nearlift.report.figures.style import style
-    from nearlift.report.page.render import Picture, page
     from nearlift.report.registry import FIGURES, charts
     from nearlift.report.tidy import to_csv
 
@@ -48,32 +45,40 @@ def _run(job: Job, drawn: Callable[[Sequence[Task]], Iterator[Files]]) -> Outcom
     if job.campaign.report.units.distance == "mm":
         look = replace(look, radius_mm=1e3 * job.campaign.vehicle.rotor_radius)
     evidence = gather(job)
-    made: list[tuple[FigureSpec, Columns]] = []
+    made: list[tuple[FigureSpec, Columns, Callable[[], Files]]] = []
     left_out = []
     for spec in FIGURES:
         rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
         if any(len(column) for column in rows.values()):
-            made.append((spec, rows))
+            made.append((spec, rows, give(partial(render, spec.draw, rows, look))))
             continue
         left_out += [spec.name] if _expected(job, spec) else []
         _remove(job, spec)
     job.say(f"report {len(made)} figures", 0.0)
-    drawings = drawn([partial(render, spec.draw, rows, look) for spec, rows in made])
     # what needs no picture is written while others draw
+    from nearlift.report.documents.pdf import Drawn, pdf
+    from nearlift.report.page.render import Picture, page, with_images
+
+    told = [
+        {"name": s.name, "title": s.title, "caption": s.caption(evidence, r)} for s, r, _ in made
+    ]
+    pictures = [
+        Picture(**own, alt=s.alt(evidence, r)) for own, (s, r, _) in zip(told, made, strict=True)
+    ]
+    text = page(evidence, pictures, charts=charts(evidence))
     _documents(job, evidence)
-    pictures: list[Picture] = []
-    printed: list[Drawn] = []
-    for (spec, rows), files in zip(made, drawings, strict=True):
+    for spec, rows, _ in made:
+        job.publish(f"{spec.name}.csv", to_csv(rows))
+    images, printed = {}, list[Drawn]()
+    for own, (spec, _, drawn) in zip(told, made, strict=True):
+        files = drawn()
         for kind in ("pdf", "png"):
             job.publish(f"{spec.name}.{kind}", files[kind])
-        job.publish(f"{spec.name}.csv", to_csv(rows))
-        caption, alt = spec.caption(evidence, rows), spec.alt(evidence, rows)
-        told = {"name": spec.name, "title": spec.title, "caption": caption}
-        pictures.append(Picture(**told, alt=alt, image=files["page"]))
-        printed.append(Drawn(**told, pdf=files["pdf"]))
-        job.say(f"report {len(pictures)} of {len(made)} figures", len(pictures) / len(made))
+        images[spec.name] = files["page"]
+        printed.append(Drawn(**own, pdf=files["pdf"]))
+        job.say(f"report {len(images)} of {len(made)} figures", len(images) / len(made))
     job.publish("report.pdf", pdf(evidence, printed))
-    job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
+    job.publish("index.html", with_images(text, images))
     return Outcome(
         notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)
     )
@@ -100,17 +105,17 @@ def _documents(job: Job, evidence: Evidence) -> None:
 
 
 @contextlib.contextmanager
-def _drawing(job: Job) -> Iterator[Callable[[Sequence[Task]], Iterator[Files]]]:
+def _drawing(job: Job) -> Iterator[Give]:
     """What draws figures where the job's tasks run; in place of threads, processes, which begin to
     import while products are read.
     """
-    from nearlift.report.figures import drawers
+    from nearlift.report.drawers import drawers
 
     if not isinstance(job.executor, Threads):
-        yield lambda tasks: ordered(job.executor, operator.call, tasks)
+        yield lambda task: job.executor.submit(task).result
         return
-    with drawers.drawers(job.executor.workers - 1) as others:
-        yield partial(drawers.drawn, others=others)
+    with drawers(job.executor.workers - 1) as give:
+        yield give
 
 
 def gather(job: Job) -> Evidence:

@@ -37,6 +37,7 @@ def render(draw: Draw, table: Mapping[str, object], look: Style) -> dict[str, by
     with context(look):
         figure = draw(table, look)
         _thin_out(figure)
+        _measured_once(figure)
         # laid out once, with the letters of the PDF, which are free of pixels
         FigureCanvasPdf(figure)
         if (layout := figure.get_layout_engine()) is not None:
@@ -60,6 +61,19 @@ def _thin_out(figure: Figure) -> None:
     for axis in (axis for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)):
         if isinstance(axis.get_major_locator(), AutoLocator):
             axis.set_major_locator(MaxNLocator(TICKS, steps=[1, 2, 2.5, 5, 10]))
+
+
+def _measured_once(figure: Figure) -> None:
+    """Spare what asks for all ticks of an axis again: spines, beyond which no tick reaches since
+    all point inwards, and the place of a label without words. Nothing moves.
+    """
+    for ax in figure.axes:
+        for spine in ax.spines.values():
+            spine.set_in_layout(False)
+            spine.axis = None
+        for axis in (ax.xaxis, ax.yaxis):
+            if not axis.get_label_text():
+                axis.set_label_coords(0.5, 0.5)
 
 
 def _settle(figure: Figure) -> None:

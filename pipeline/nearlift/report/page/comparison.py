@@ -33,7 +33,7 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
     """
     drawn = chart.chart(table)
     picture = Picture(
-        name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table), image=b""
+        name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table)
     )
     run = scripts()
     text = (

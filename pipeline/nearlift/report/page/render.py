@@ -6,7 +6,7 @@ import base64
 import functools
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -28,18 +28,25 @@ NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure on the page; `image` is WebP."""
+    """A figure on the page, whose image is put in by `with_images`."""
 
     name: str
     title: str
     caption: str
     alt: str
-    image: bytes
 
     @property
     def data(self) -> str:
-        """The picture as a data address."""
-        return "data:image/webp;base64," + base64.b64encode(self.image).decode()
+        """What stands for the image's data, and is no data."""
+        return f"data:image/webp;base64,@{self.name}@"
+
+
+def with_images(page: bytes, images: Mapping[str, bytes]) -> bytes:
+    """The page with every picture's image, WebP by name."""
+    for name, image in images.items():
+        held = f'<img src="data:image/webp;base64,@{name}@"'.encode()
+        page = page.replace(held, held.replace(f"@{name}@".encode(), base64.b64encode(image)))
+    return page
 
 
 @functools.cache

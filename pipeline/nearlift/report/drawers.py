@@ -12,54 +12,61 @@ import pickle
 import subprocess
 import sys
 import threading
-from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future
+from queue import Empty, SimpleQueue
 
 Files = dict[str, bytes]
 Task = Callable[[], Files]
 #: Hands a task over and waits; None if the drawer could not do it.
 Ask = Callable[[Task], Files | None]
+#: Takes a task, and returns what waits for its files.
+Give = Callable[[Task], Callable[[], Files]]
 #: What a drawer runs; `-P` keeps the current folder out of its imports.
-PROGRAM = "from nearlift.report.figures.drawers import serve; serve()"
+PROGRAM = "from nearlift.report.drawers import serve; serve()"
 
 
 @contextlib.contextmanager
-def drawers(count: int) -> Iterator[list[Ask]]:
-    """So many drawers, which begin at once to import what they need."""
-    with contextlib.ExitStack() as held:
-        yield [held.enter_context(_drawer()) for _ in range(count)]
-
-
-def drawn(tasks: Sequence[Task], others: Sequence[Ask]) -> Iterator[Files]:
-    """The files of each task, in order: this process draws from the first on, `others` from the
-    last on, which they begin before the first is asked for.
+def drawers(count: int) -> Iterator[Give]:
+    """So many drawers, which begin at once to import what they need, and draw what they are given
+    from the first task on. Whoever waits for files draws what none has begun.
     """
-    answers: list[Future[Files | None]] = [Future() for _ in tasks]
-    left = deque(range(len(tasks)))
+    waiting: SimpleQueue[tuple[Future[Files | None], Task] | None] = SimpleQueue()
 
     def work(ask: Ask) -> None:
-        # whoever takes the last leaves the others an empty list
-        with contextlib.suppress(IndexError):
-            while True:
-                i = left.pop()
-                answers[i].set_result(ask(tasks[i]))
+        while (item := waiting.get()) is not None:
+            answer, task = item
+            answer.set_result(ask(task))
 
-    for ask in others:
-        threading.Thread(target=work, args=(ask,), daemon=True).start()
-    return _in_order(tasks, left, answers)
+    def give(task: Task) -> Callable[[], Files]:
+        answer: Future[Files | None] = Future()
+        waiting.put((answer, task))
+        return lambda: files(answer) or task()
 
+    def files(answer: Future[Files | None]) -> Files | None:
+        with contextlib.suppress(Empty):
+            while not answer.done():
+                item = waiting.get_nowait()
+                assert item is not None
+                other, task = item
+                try:
+                    other.set_result(task())
+                except Exception as fault:  # whoever waits for it is told
+                    other.set_exception(fault)
+        return answer.result()
 
-def _in_order(
-    tasks: Sequence[Task], left: deque[int], answers: Sequence[Future[Files | None]]
-) -> Iterator[Files]:
-    for i, task in enumerate(tasks):
+    with contextlib.ExitStack() as held:
+        for _ in range(count):
+            ask = held.enter_context(_drawer())
+            threading.Thread(target=work, args=(ask,), daemon=True).start()
         try:
-            left.remove(i)
-        except ValueError:
-            yield answers[i].result() or task()
-        else:
-            yield task()
+            yield give
+        finally:
+            with contextlib.suppress(Empty):
+                while True:
+                    waiting.get_nowait()
+            for _ in range(count):
+                waiting.put(None)
 
 
 @contextlib.contextmanager
@@ -79,7 +86,7 @@ def _drawer() -> Iterator[Ask]:
                 given.write(pickle.dumps(task))
                 given.flush()
                 files: Files = pickle.load(answers)
-            except (pickle.PicklingError, AttributeError, TypeError, EOFError, OSError):
+            except (pickle.PickleError, AttributeError, TypeError, EOFError, OSError):
                 # what no other process can import, or a drawer that died
                 return None
             return files
