@@ -266,6 +266,8 @@ SYMBOLS: tuple[Symbol, ...] = (
 
 
 _BY_NAME = {s.name: s for s in SYMBOLS}
+#: What flights determine, in words.
+WORDS = {"gain_at_2": "gain at two radii", "decay_length": "decay length"}
 #: Greek letters of coefficients, in LaTeX and plain text.
 GREEK = {r"\alpha": "α", r"\gamma": "γ", r"\lambda": "λ"}
 
@@ -276,11 +278,26 @@ def latex(name: str) -> str:
 
 
 def letter(coefficient: str) -> str:
-    """A coefficient's name in plain text, as captions have it: Greek where it is Greek."""
-    text = latex(coefficient)
+    """A coefficient's name in plain text, as captions have it: Greek where it is Greek, in words
+    where it is no letter.
+    """
+    text = WORDS.get(coefficient) or latex(coefficient)
     for spelled, greek in GREEK.items():
         text = text.replace(spelled, greek)
-    return coefficient if "\\" in text else text
+    if "\\" in text:
+        text = coefficient
+    head = text.partition("_")[0]
+    return text if len(head) == 1 or "/" in head else text.replace("_", " ").strip()
+
+
+def mathematics(coefficient: str) -> str:
+    """A coefficient's name between dollars, as LaTeX, Markdown and figures set it; one without a
+    letter in words.
+    """
+    if coefficient in _BY_NAME:
+        return f"${latex(coefficient)}$"
+    head, _, index = letter(coefficient).partition("_")
+    return (f"${head}_{{{index}}}$" if index else f"${head}$") if len(head) == 1 else head
 
 
 def symbol(name: str) -> Symbol:

@@ -253,7 +253,7 @@ def _numbers(side: Side) -> dict[Key, QuotedNumber]:
             value=c.value, u=c.u, lo90=c.lo90, hi90=c.hi90, even=c.even
         )
         for boundary, own in side.quoted.items()
-        for name, c in own.coefficients.items()
+        for name, c in own.quotable.items()
     }
 
 

@@ -157,8 +157,6 @@ class Place:
         u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
         name = name or str(own.path[-1])
         head, _, sub = letter(name).partition("_")
-        if len(head) > 1:
-            head, sub = f"{head} {sub}".replace("_", " ").strip(), ""
         return Quoted(
             name=name,
             head=head,
@@ -197,10 +195,19 @@ def count(product: Product, value: int, how: str) -> Number:
 
 def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
     """A coefficient, or what a flight determines, as it is to be quoted: without u where ± would
-    not say the interval.
+    not say the interval, in a word where the trials cannot tell it.
     """
+    place, own = quotation(evidence, boundary, name), evidence.quoted(boundary).every[name]
+    found = place.quote(name=name)
+    if own.refused is not None:
+        nothing = Number(text="–", value=math.nan, source=place.source("refused"))
+        refused = replace(nothing, text=own.estimate)
+        return replace(found, value=refused, u=None, lo90=nothing, hi90=nothing, at_bound=False)
+    return found if own.even else replace(found, u=None)
+
+
+def quotation(evidence: Evidence, boundary: Boundary, name: str) -> Place:
+    """Where results.json quotes a coefficient, or what a flight determines."""
     flown = evidence.quoted(boundary).in_flight or {}
     kind = "in_flight" if name in flown else "coefficients"
-    found = Place(evidence, RESULTS).quote("boundaries", boundary, kind, name)
-    own = {**evidence.quoted(boundary).coefficients, **flown}[name]
-    return found if own.even else replace(found, u=None)
+    return Place(evidence, RESULTS, ("boundaries", boundary, kind, name))

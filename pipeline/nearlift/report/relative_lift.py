@@ -50,8 +50,14 @@ def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
 
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
-    """The quoted model's L / L_inf - 1 over distance, its effects aside, and its 90 % band."""
+    """The quoted model's L / L_inf - 1 over distance, its effects aside, and its 90 % band; of a
+    model with a refused coefficient what least squares would say, without a band.
+    """
     model, fit = evidence.base(boundary)
+    if evidence.quoted(boundary).refused:
+        plain = curves.band(evidence, boundary, model, z_hat).least_squares
+        none = np.full_like(plain, np.nan)
+        return curves.Curve(middle=plain, low=none, high=none, least_squares=plain, sampled=False)
     if not named(evidence, boundary):
         return curves.band(evidence, boundary, model, z_hat)
     quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)

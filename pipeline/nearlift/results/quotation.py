@@ -153,12 +153,18 @@ class CoefficientResult:
 
     @property
     def estimate(self) -> str:
-        """``1.98 ± 0.03``; the value alone where the interval has to be printed instead."""
+        """``1.98 ± 0.03``; the value alone where the interval has to be printed instead, and
+        ``refused`` where the trials cannot tell it.
+        """
+        if self.refused is not None:
+            return "refused"
         return plus_minus(self.value, self.u) if self.even else like(self.value, self.u)
 
     @property
     def interval(self) -> str:
         """``1.92 to 2.04``, the interval of 90 %."""
+        if self.refused is not None:
+            return "–"
         return f"{like(self.lo90, self.u)} to {like(self.hi90, self.u)}"
 
 
@@ -234,10 +240,14 @@ class BoundaryResult:
         return next(iter(self.coefficients), "")
 
     @property
+    def every(self) -> dict[str, CoefficientResult]:
+        """What flights determine, and all coefficients."""
+        return {**(self.in_flight or {}), **self.coefficients}
+
+    @property
     def quotable(self) -> dict[str, CoefficientResult]:
-        """What the trials tell, what flights determine first: all but what was refused."""
-        known = {n: c for n, c in self.coefficients.items() if c.refused is None}
-        return {**(self.in_flight or {}), **known}
+        """What the trials tell: of `every`, all but what was refused."""
+        return {n: c for n, c in self.every.items() if c.refused is None}
 
     @property
     def refused(self) -> dict[str, str]:
@@ -251,12 +261,17 @@ class BoundaryResult:
 
     @property
     def headline_text(self) -> str:
-        """The first coefficient as `stated`; empty where there is none."""
-        return self.stated(self.headline) if self.headline else ""
+        """The first that the trials tell as `stated`; empty where there is none."""
+        first = next(iter({**self.quotable, **self.coefficients}), "")
+        return self.stated(first) if first else ""
 
     def stated(self, name: str) -> str:
-        """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it."""
-        c = self.coefficients[name]
+        """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it, or
+        ``K_b refused``.
+        """
+        c = self.every[name]
+        if c.refused is not None:
+            return f"{letter(name)} {c.estimate}"
         ends = "" if c.even else f" (90 %: {c.interval})"
         return f"{letter(name)} = {c.estimate}{ends}"
 

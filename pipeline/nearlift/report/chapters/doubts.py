@@ -112,8 +112,8 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     further = [text for e in found.effects for text in _alike(found, e)] if found else []
     further += [s.text for s in evidence.fits.influence[boundary].suspects]
     further += [
-        f"{name} ends at a bound of its range"
-        for name, c in quoted.coefficients.items()
+        f"{letter(name)} ends at a bound of its range"
+        for name, c in quoted.quotable.items()
         if c.at_bound
     ]
     if quoted.verdict == NOT_DIAGNOSED:

@@ -173,7 +173,7 @@ def noise(evidence: Evidence) -> dict[str, object]:
     rows = []
     for boundary in evidence.boundaries:
         place = Place(evidence, FIT, ("noise", boundary))
-        own, quoted = evidence.fits.noise[boundary], evidence.quoted(boundary).coefficients.values()
+        own, quoted = evidence.fits.noise[boundary], evidence.quoted(boundary).quotable.values()
         rows.append(
             {
                 "boundary": boundary,

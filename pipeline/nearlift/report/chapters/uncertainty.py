@@ -8,10 +8,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.products import FIT, RESULTS
+from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
-from nearlift.report.number import Place, headline
+from nearlift.report.number import Place, headline, quotation
 from nearlift.results.fit import ModelComparison, ModelScore
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain
@@ -48,7 +48,7 @@ def budget(evidence: Evidence) -> dict[str, object]:
     tables = [
         _budget(evidence, b, name, c)
         for b in evidence.boundaries
-        for name, c in evidence.quoted(b).coefficients.items()
+        for name, c in evidence.quoted(b).quotable.items()
         if c.budget
     ]
     heights = [_heights(evidence, b) for b in evidence.boundaries]
@@ -58,7 +58,7 @@ def budget(evidence: Evidence) -> dict[str, object]:
 def _budget(
     evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult
 ) -> dict[str, object]:
-    here = Place(evidence, RESULTS, ("boundaries", boundary, "coefficients", name))
+    here = quotation(evidence, boundary, name)
     rows, small = [], 0
     for i, line in sorted(enumerate(own.budget), key=lambda pair: pair[1].u_without):
         if fall(line, own.u) < LEAST and line.kind == "A":
@@ -139,7 +139,7 @@ def limits(evidence: Evidence) -> dict[str, object]:
             }
             for name, own in evidence.base(boundary)[1].would_halve.items()
         ]
-        bound = [name for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
+        bound = [name for name, c in evidence.quoted(boundary).quotable.items() if c.at_bound]
         sections.append({"boundary": boundary, "halves": halves, "bound": bound})
     return {"sections": sections}
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.nomenclature import VERDICTS, latex
+from nearlift.nomenclature import VERDICTS, mathematics
 from nearlift.products import RESULTS
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.quotation import CoefficientResult
@@ -30,7 +30,7 @@ def coefficients(evidence: Evidence) -> Columns:
     rows = []
     for boundary in evidence.boundaries:
         own = evidence.quoted(boundary)
-        for name, c in own.coefficients.items():
+        for name, c in own.every.items():
             rows.append(
                 (
                     boundary,
@@ -39,7 +39,7 @@ def coefficients(evidence: Evidence) -> Columns:
                     " + ".join(own.effects),
                     name,
                     c.unit,
-                    *(getattr(c, f) for f in FIELDS),
+                    *(getattr(c, f) if c.refused is None or f == "holds" else "" for f in FIELDS),
                 )
             )
     names = ("boundary", "base_model", "verdict", "effects", "parameter", "unit", *FIELDS)
@@ -67,12 +67,19 @@ def table(evidence: Evidence) -> str:
             )
         )
         rows = [
-            rf"${latex(n)} = \num{{{_value(c)}}}$ & {_interval(c)}"
-            for n, c in own.coefficients.items()
+            rf"{mathematics(n)} refused & "
+            if c.refused is not None
+            else rf"{_equal(mathematics(n))} \num{{{_value(c)}}}$ & {_interval(c)}"
+            for n, c in own.every.items()
         ] or ["none & "]
         lines.append(f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[own.verdict])} " + r"\\")
         lines += [rf" & & {row} & \\" for row in rows[1:]]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def _equal(name: str) -> str:
+    """A name with its sign, within one formula where the name is one."""
+    return f"{name[:-1]} =" if name.endswith("$") else f"{name} $="
 
 
 def _value(c: CoefficientResult) -> str:

@@ -14,7 +14,7 @@ import nearlift
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.likelihood import budget
-from nearlift.nomenclature import GREEK, latex
+from nearlift.nomenclature import GREEK, mathematics
 from nearlift.products import DIAGNOSIS, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
 from nearlift.report.chapters.uncertainty import SCALES, untold
@@ -289,19 +289,18 @@ def _results(evidence: Evidence) -> str:
     """The coefficients to quote, with what their intervals hold and the scatter behind them."""
     parts = []
     for boundary in evidence.boundaries:
-        own = evidence.quoted(boundary).coefficients
-        if not own:
-            continue
-        estimates = listed(
-            [
-                f"${latex(name)}$ = {c.estimate} ({'k = 1; ' if c.even else ''}90 %: {c.interval})"
-                for name, c in own.items()
-            ]
-        )
-        first = next(iter(own.values()))
-        parts.append(
-            f"Near the {boundary}, {estimates}. {_safe(titled(first.holds))}{_scatter(first)}"
-        )
+        quoted = evidence.quoted(boundary)
+        estimates = [
+            f"{mathematics(name)} = {c.estimate} ({'k = 1; ' if c.even else ''}90 %: {c.interval})"
+            for name, c in quoted.quotable.items()
+        ]
+        for first in [*quoted.quotable.values()][:1]:
+            holds = _safe(titled(first.holds)).removesuffix(".")
+            parts.append(f"Near the {boundary}, {listed(estimates)}. {holds}.{_scatter(first)}")
+        parts += [
+            f"Near the {boundary}, {mathematics(name)} is {_safe(titled(why)).removesuffix('.')}."
+            for name, why in quoted.refused.items()
+        ]
     return " ".join(parts)
 
 

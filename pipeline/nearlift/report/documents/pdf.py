@@ -167,11 +167,11 @@ def _quoted(told: Sequence[Brief]) -> Table:
         known = [error.before, error.after, error.noise_floor] if error else []
         rest = [*(fixed(100 * e, 2) for e in known), *["–"] * (3 - len(known))]
         lead: list[str] = [brief.boundary, *rest, VERDICTS[own.verdict]]
-        for name, c in own.coefficients.items():
+        for name, c in own.every.items():
             estimate = (_cell(letter(name)), c.estimate, c.interval)
             rows.append((lead[0], *estimate, *lead[1:]))
             lead = [""] * len(lead)
-        if not own.coefficients:
+        if not own.every:
             rows.append((lead[0], "none", "", "", *lead[1:]))
     return _table(rows, numbers=(4, 6))
 
@@ -182,7 +182,7 @@ def _sources(told: Sequence[Brief]) -> Table:
         ("coefficient", "u", "source", "type", "adds to u", "u if it were known")
     ]
     for brief in told:
-        for name, c in brief.quoted.coefficients.items():
+        for name, c in brief.quoted.quotable.items():
             lead: list[Any] = [_cell(f"{letter(name)}, {brief.boundary}"), plain(c.u, 2)]
             for line in sorted(c.budget, key=lambda line: line.u_without)[:SOURCES]:
                 shown = (plain(line.u, 2), plain(line.u_without, 2))
@@ -237,11 +237,12 @@ def _table(
 
 def _found(brief: Brief) -> str:
     """A boundary in a paragraph."""
-    holds = [titled(c.holds) for c in brief.quoted.coefficients.values()][:1]
+    holds = [titled(c.holds) for c in brief.quoted.quotable.values()][:1]
     parts = [
         f"<b>{brief.boundary.capitalize()}.</b> {_set(brief.verdict)}",
         *(f"The interval {_set(text[:1].lower() + text[1:])}" for text in holds),
         *([f"It leaves out {_set(brief.omits)}."] if brief.omits else []),
+        *(f"{_set(letter(name))} is {_set(why)}." for name, why in brief.quoted.refused.items()),
     ]
     for label, text in (
         ("Error", brief.error),

@@ -38,10 +38,7 @@ def summary(evidence: Evidence) -> bytes:
 
 def _block(brief: Brief) -> list[str]:
     coefficients = brief.quoted.quotable
-    names = {
-        name: letter(name) if name in brief.quoted.coefficients else name.replace("_", " ")
-        for name in coefficients
-    }
+    names = {name: letter(name) for name in coefficients}
     lines = _wrapped(f"[[{brief.boundary.capitalize()}]] {brief.verdict}", "    ")
     if not brief.quoted.coefficients:
         lines.append("    its model has no coefficient that is free")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.catalogue import titled
-from nearlift.nomenclature import latex
+from nearlift.nomenclature import mathematics
 from nearlift.products import FIT, RESULTS
 from nearlift.report.chapters.uncertainty import LEAST, untold
 from nearlift.report.documents.latex import comment, escape
@@ -59,7 +59,7 @@ def budget(evidence: Evidence) -> Columns:
     rows: list[tuple[Any, ...]] = []
     for boundary in evidence.boundaries:
         own = evidence.quoted(boundary)
-        for name, c in own.coefficients.items():
+        for name, c in own.quotable.items():
             head = (boundary, own.base_model, name)
             rows += [(*head, *(_cell(getattr(line, k)) for k in BUDGET)) for line in c.budget]
             rows.append((*head, "combined", "", "", "", math.nan, "", math.nan, c.u, 0.0, c.dof))
@@ -104,10 +104,10 @@ def budget_table(evidence: Evidence) -> str:
     )
     first, marked = True, False
     for boundary in evidence.boundaries:
-        for name, own in evidence.quoted(boundary).coefficients.items():
+        for name, own in evidence.quoted(boundary).quotable.items():
             lines += [] if first else [r"\addlinespace"]
             first = False
-            label = f"${latex(name)}$, {boundary}"
+            label = f"{mathematics(name)}, {boundary}"
             few = untold(own)
             marked = marked or bool(few)
             for line in sorted(own.budget, key=lambda one: one.u_without):

@@ -12,11 +12,11 @@ from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from nearlift.nomenclature import letter
+from nearlift.nomenclature import letter, mathematics
 from nearlift.products import FIT
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, coefficient, effects
+from nearlift.report.figures.style import SERIES, Style, effects
 from nearlift.results.quotation import BudgetLine, CoefficientResult
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
@@ -40,7 +40,7 @@ def summarise(evidence: Evidence) -> Columns:
     bars = [
         (b, name, c)
         for b in evidence.boundaries
-        for name, c in evidence.quoted(b).coefficients.items()
+        for name, c in evidence.quoted(b).quotable.items()
         if c.budget
     ]
     rows = _rows(bars)
@@ -153,7 +153,7 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_xlim(0, 124)
         ax.set_xticks([0, 50, 100])
         ax.tick_params(axis="y", length=0)
-        words = f"{coefficient(parameter)}, {boundary}"
+        words = f"{mathematics(parameter)}, {boundary}"
         ax.set_title(f"{place}) {words}" if len(panels) > 1 else words)
     figure.supxlabel(
         "fall of the standard uncertainty if the source were known exactly (%)",

@@ -12,11 +12,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.nomenclature import letter
+from nearlift.nomenclature import letter, mathematics
 from nearlift.products import FIT, PROFILES
 from nearlift.report.evidence import Columns, Evidence, Rows, select, stack, text_column
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import REFERENCES, SERIES, Style, coefficient
+from nearlift.report.figures.style import REFERENCES, SERIES, Style
 
 #: Profiles are drawn up to this rise of chi2.
 TOP = 6.5
@@ -151,7 +151,7 @@ def draw(table: Rows, look: Style) -> Figure:
         mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
         _panel(ax, select(table, mine), look)
         unit = str(table["unit"][mine][0])
-        ax.set_xlabel(coefficient(parameter) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
+        ax.set_xlabel(mathematics(parameter) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
         ax.set_title(f"{string.ascii_lowercase[i]}) {boundary}" if len(panels) > 1 else boundary)
     for line in axes:
         line[0].set_ylabel(r"rise of $\chi^2$")

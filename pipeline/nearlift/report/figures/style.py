@@ -7,7 +7,6 @@ Fonts are those that matplotlib brings, so that a figure has the same bytes wher
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -242,17 +241,6 @@ def plain_text(text: str) -> str:
 def effects(name: str) -> str:
     """What a candidate is called: its effects by their titles, two of them beneath one another."""
     return plain_text(titled(name)).replace(" + ", "\n+ ")
-
-
-def coefficient(name: str) -> str:
-    """A fitted coefficient as mathematics: K_b, alpha, lambda_, and what else is a letter with an
-    index.
-    """
-    shown = nomenclature.latex(name)
-    head, _, index = name.partition("_")
-    if re.search(r"[\\/]", shown):
-        return f"${shown}$"
-    return f"${head}_{{{index}}}$" if index else f"${head}$" if len(head) == 1 else plain_text(name)
 
 
 def quantity(name: str, unit: str | None = None) -> str:

@@ -164,7 +164,8 @@ def coefficients(evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosi
     """
     columns = []
     when = "after" if found.verdict == "effect" else "before"
-    for name, c in list(evidence.quoted(boundary).coefficients.items())[:COEFFICIENTS]:
+    told = [p for p in evidence.quoted(boundary).coefficients.items() if p[1].refused is None]
+    for name, c in told[:COEFFICIENTS]:
         shown = [("quoted", "", c.value, c.lo90, c.hi90)]
         shown += [("doubt", d.condition, d.value, d.lo90, d.hi90) for d in c.doubts[:DOUBTS]]
         for kind, note, value, low, high in shown:

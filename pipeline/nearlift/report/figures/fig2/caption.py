@@ -77,6 +77,13 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
         if plainly
         else ""
     )
+    refused = [b for b in evidence.boundaries if evidence.quoted(b).refused]
+    beside += (
+        f"; {', '.join(refused)}: what least squares would say, without a band, since its"
+        " coefficients are refused"
+        if refused
+        else ""
+    )
     endless = [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]
     none = (
         f" No band ({', '.join(endless)}): the intervals of the coefficients have no end."
@@ -116,7 +123,7 @@ def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
 
 def _coefficients(quoted: BoundaryResult) -> str:
     """Those to be quoted, and what ± means where it stands."""
-    told = [quoted.stated(n) for n in quoted.coefficients]
+    told = [quoted.stated(n) for n in quoted.every]
     return ", ".join([*told, *(["k = 1"] if any("±" in t for t in told) else [])])
 
 

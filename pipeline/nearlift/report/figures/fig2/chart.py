@@ -11,6 +11,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.nomenclature import letter
 from nearlift.report import curves
 from nearlift.report.evidence import Columns, Evidence, levels_N
 from nearlift.report.figures.fig2 import table as fig2
@@ -232,8 +233,11 @@ def _models(
 
     own, effects = fig2.line(evidence, boundary, grid), fig2.named(evidence, boundary)
     apart = own.parts(span)
+    refused = evidence.quoted(boundary).refused
     source = (
-        f"as quoted, beside {' and '.join(map(titled, effects))}"
+        f"least squares: {', '.join(map(letter, refused))} refused"
+        if refused
+        else f"as quoted, beside {' and '.join(map(titled, effects))}"
         if effects
         else "posterior median"
         if own.sampled

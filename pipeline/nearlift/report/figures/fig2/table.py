@@ -18,6 +18,7 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
+from nearlift.nomenclature import letter
 from nearlift.products import LIFT
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, select, stack, text_column
@@ -161,7 +162,7 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     model, _ = evidence.base(boundary)
     return (
         relative_lift.line(evidence, boundary, z_hat)
-        if by_fit(evidence)
+        if by_fit(evidence) or evidence.quoted(boundary).refused
         else curves.band(evidence, boundary, model, z_hat)
     )
 
@@ -182,11 +183,14 @@ def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float) 
     model, _ = evidence.base(boundary)
     short = SHORT.get(model.name, model.title)
     curve = line(evidence, boundary, grid)
+    refused = [letter(name) for name in evidence.quoted(boundary).refused]
     rows = [
         _rows(
             boundary,
             "band",
-            f"{short}, fitted",
+            f"{short}, {LEAST_SQUARES}: {', '.join(refused)} refused"
+            if refused
+            else f"{short}, fitted",
             grid,
             100 * curve.middle,
             lo90=100 * curve.low,
