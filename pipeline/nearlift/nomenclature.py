@@ -181,6 +181,8 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("roll_moment_Nm", "M_x", "N m", "moment about the axis from tail to nose"),
     _s("pitch_moment_Nm", "M_y", "N m", "moment about the axis from side to side"),
     _s("wall_force_N", "F_w", "N", "force along the normal of a wall, away from it positive"),
+    _s("climb_m_s", r"\dot{z}", "m/s", "climb of a vehicle in flight, upwards positive"),
+    _s("level_speed_m_s", "v_h", "m/s", "speed of a vehicle in flight along the ground"),
     _s("temperature_K", "T", "K", "air temperature"),
     _s("pressure_Pa", "p_a", "Pa", "air pressure"),
     _s("humidity", r"\varphi", "1", "relative humidity as a fraction"),

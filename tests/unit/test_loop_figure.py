@@ -577,6 +577,23 @@ def test_every_style_keeps_its_width_and_page(table, name):
             assert box.y1 < height + 1
 
 
+@pytest.mark.parametrize("far", [13.0, 90.0, 1000.0])
+def test_words_beside_candidates_stay_in_their_panel(table, far):
+    mine = (table["part"] == "candidate") & (table["panel"] == "ground")
+    value, note, label = (table[k].copy() for k in ("value", "note", "label"))
+    value[mine] = np.linspace(0, far, mine.sum())
+    note[mine] = np.where(table["kind"][mine] == "rejected", "leaves lift of the trial before", "")
+    label[mine] = ["supply_sag", *["airframe_stagnation + room_recirculation"] * (mine.sum() - 1)]
+    ax = panels(drawn({**table, "value": value, "note": note, "label": label}))["c"]
+    frame = ax.get_window_extent()
+    for text in ax.texts:
+        box = text.get_window_extent()
+        assert frame.x0 < box.x0
+        assert box.x1 < frame.x1
+    labels = [t.get_window_extent() for t in ax.get_yticklabels()]
+    assert all(not a.overlaps(b) for i, a in enumerate(labels) for b in labels[i + 1 :])
+
+
 def test_axes_do_not_overlap(table):
     boxes = [ax.get_window_extent() for ax in drawn(table).axes]
     for i, one in enumerate(boxes):

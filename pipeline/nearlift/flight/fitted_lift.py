@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel, Parameter
 from nearlift.results.quotation import Correlation
 
@@ -74,7 +75,7 @@ class FittedLift:
     def title(self) -> str:
         """The model in words, with the effects that fly."""
         return self.model.title.partition(" + ")[0] + "".join(
-            f" with {e.replace('_', ' ')}" for e in self.effects
+            f" with {titled(e)}" for e in self.effects
         )
 
     def parameters(self, member: int) -> dict[str, float]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from nearlift.products import (
     DETECTION,
@@ -75,8 +76,8 @@ class Chapter:
         Shown beneath the text, those that were made: the chart of one that has a chart.
     places : tuple of FigureSpec
         Those whose chart the template itself places.
-    pictures_lead : bool
-        Whether the figures stand above the text instead of beneath it.
+    pictures : {"above", "beneath", "within"}
+        Where the figures stand; within the text the template places each.
     """
 
     name: str
@@ -86,7 +87,7 @@ class Chapter:
     needs: tuple[Product, ...] = ()
     figures: tuple[FigureSpec, ...] = ()
     places: tuple[FigureSpec, ...] = ()
-    pictures_lead: bool = False
+    pictures: Literal["above", "beneath", "within"] = "beneath"
 
 
 def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
@@ -143,7 +144,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         facts=diagnosis.facts,
         needs=(DIAGNOSIS,),
         figures=(fig_diagnosis.FIGURE,),
-        pictures_lead=True,
+        pictures="above",
     ),
     Chapter(
         name="doubts",
@@ -159,7 +160,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         facts=uncertainty.budget,
         needs=(FIT,),
         figures=(fig_budget.FIGURE,),
-        pictures_lead=True,
+        pictures="above",
     ),
     Chapter(
         name="limits",
@@ -255,7 +256,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         facts=flow.facts,
         needs=(FIT, *FLOW_PRODUCTS),
         figures=(fig3.FIGURE, fig4.FIGURE, fig5.FIGURE, fig_flow_topology.FIGURE),
-        pictures_lead=True,
+        pictures="within",
     ),
     Chapter(
         name="safety",
@@ -264,7 +265,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         facts=safety.facts,
         needs=(SAFETY,),
         figures=(fig6.FIGURE, fig_safety.FIGURE, fig_crash_map.FIGURE, fig_routes.FIGURE),
-        pictures_lead=True,
+        pictures="within",
     ),
     Chapter(
         name="proximity",
@@ -273,7 +274,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         facts=proximity.facts,
         needs=(DETECTION, PROXIMITY),
         figures=(fig_detection.FIGURE,),
-        pictures_lead=True,
+        pictures="within",
     ),
     *declared(STAGES),
     Chapter(

@@ -142,7 +142,7 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
     vehicle, geometry = evidence.campaign.vehicle, evidence.campaign.vehicle.geometry()
     z_hat = np.array([c.z_hat for c in cases], dtype=float)
     fitted = evidence.fits.boundaries.get(boundary, {})
-    rows = []
+    rows, base = [], None
     for model in catalogue.models(boundary):
         classic = model.name in ("cheeseman_bennett_fixed", "cheeseman_bennett")
         if model.downwash is None or not (classic or model.suits(vehicle.rotors, geometry)):
@@ -157,6 +157,10 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
             else None
         )
         source = pointer(FIT, "boundaries", boundary, model.name, "parameters")
+        if model.name == evidence.document(FIT)["base"].get(boundary):
+            value = (ours or declared)[-1]
+            how = "1 - downwash at these, in percent"
+            base = Number(text=_percent(value), value=value, source=source, how=how)
         rows.append(
             {
                 "title": model.title,
@@ -189,6 +193,7 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
         "z_hat": [plain(z, 3) for z in z_hat],
         "measured": [_measured(evidence, c.name) for c in cases],
         "rows": rows,
+        "base": base,
     }
 
 

@@ -210,8 +210,9 @@ def _front(ax: Axes, front: Rows, looks: Looks, bound: float) -> None:
     ax.axhline(bound, color="0.35", linestyle=BOUND, linewidth=0.8)
     ax.annotate(
         "highest risk allowed",
-        (0.03, bound),
+        (0.97, bound),
         (0, 2),
+        ha="right",
         xycoords=("axes fraction", "data"),
         textcoords="offset points",
         fontsize=rcParams["legend.fontsize"],

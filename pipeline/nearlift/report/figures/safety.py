@@ -17,7 +17,15 @@ from nearlift.products import CRASH_RATES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.fig6 import SIDES, curve_rows
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, plain_text
+from nearlift.report.figures.style import (
+    BAND,
+    FITTED,
+    REFERENCES,
+    SERIES,
+    Style,
+    plain_log,
+    plain_text,
+)
 from nearlift.rounding import plain
 
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
@@ -264,6 +272,8 @@ def _crash(ax: Axes, own: Rows) -> None:
 def _front(ax: Axes, own: Rows) -> None:
     mine = own["kind"] == "model"
     ax.set_yscale("log")
+    ax.set_ylim(0.7 * 100 * own["lo90"][mine].min(), 140)
+    plain_log(ax.yaxis)
     ax.fill_between(
         own["x"][mine],
         100 * own["lo90"][mine],

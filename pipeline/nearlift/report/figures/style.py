@@ -20,6 +20,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 from nearlift import nomenclature
 from nearlift.catalogue import titled
 from nearlift.errors import ManifestError, UsageError
+from nearlift.report.findings import along
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -244,14 +245,14 @@ def effects(name: str) -> str:
 
 
 def quantity(name: str, unit: str | None = None) -> str:
-    """An axis label: the word and the symbol of a column such as `supply_V`; what has no symbol is
+    """An axis label: the words and the symbol of a column such as `supply_V`; what has no symbol is
     set as it is named.
     """
     try:
         symbol = nomenclature.symbol(name)
     except UsageError:
-        return plain_text(name.replace("_", " "))
-    word = name.split("_")[0]
+        return plain_text(along(name))
+    word = along(name.split("_")[0]).removeprefix("the ")
     shown = nomenclature.label(name, unit)
     if symbol.latex.startswith(r"\mathrm{"):
         return word

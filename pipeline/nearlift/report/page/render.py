@@ -139,11 +139,11 @@ def page(
                 "placed": placed,
                 "charts": interactive,
                 "tabled": [c for c in charts if any(c.name == f.name for f in chapter.figures)],
-                "lead": chapter.pictures_lead,
+                "where": chapter.pictures,
             }
         )
     if made:
-        bare = {"template": "", "facts": {}, "charts": [], "tabled": [], "lead": False}
+        bare = {"template": "", "facts": {}, "charts": [], "tabled": [], "where": "beneath"}
         further = {"name": "further", "title": "Further figures", "part": "further"}
         shown.append({**bare, **further, "pictures": list(made.values())})
     parts = [

@@ -18,6 +18,8 @@ from nearlift.report.figures.style import Style, plain_text
 
 #: Heights in inches at 6.75 in of width.
 TALL, LOW = 3.15, 1.72
+#: What a candidate of two effects, beneath one another, takes more.
+PAIR = 0.1
 
 
 def draw(table: Rows, look: Style) -> Figure:
@@ -26,7 +28,9 @@ def draw(table: Rows, look: Style) -> Figure:
     boundaries = distinct(table["panel"])
     blocks = [select(table, table["panel"] == b) for b in boundaries]
     heights = [
-        TALL if (b["part"] == "candidate").any() or len(_letters(b, "residual")) > 1 else LOW
+        TALL + _more(b)
+        if (b["part"] == "candidate").any() or len(_letters(b, "residual")) > 1
+        else LOW
         for b in blocks
     ]
     scale = look.double_in / 6.75
@@ -64,7 +68,8 @@ def _block(part: SubFigure, block: Rows, look: Style) -> None:
         for x in beneath
     ]
     if (block["part"] == "candidate").any() or len(above) > 1:
-        two: Any = part.subfigures(2, 1, height_ratios=(1.0, 1.05), hspace=0.0)
+        ratios = (1.0, 1.05 + 2.05 * _more(block) / TALL)
+        two: Any = part.subfigures(2, 1, height_ratios=ratios, hspace=0.0)
         upper = two[0].subplots(1, max(len(above), 1), sharey=True, squeeze=False)[0]
         lower = (
             two[1].subplots(1, len(beneath), width_ratios=widths, squeeze=False)[0]
@@ -95,6 +100,12 @@ def _block(part: SubFigure, block: Rows, look: Style) -> None:
             _title(ax, letter, "held-out error", look)
         else:
             _title(loop_panels.coefficients(ax, own), letter, "coefficient", look)
+
+
+def _more(block: Rows) -> float:
+    """Height in inches that pairs of effects among the candidates need."""
+    names = block["label"][block["part"] == "candidate"].tolist()
+    return PAIR * sum(" + " in name for name in names)
 
 
 def _residual_title(block: Rows, letter: str) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib import rcParams
 from matplotlib.axes import Axes
+from matplotlib.textpath import TextPath
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from nearlift import nomenclature
@@ -17,6 +18,12 @@ from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 #: Where the axis of evidence turns logarithmic.
 LINEAR = 10.0
+#: No axis of evidence need go farther for its words' sake.
+FARTHEST = 1e6
+#: What a candidate is called that was not rejected.
+MEANT = {"named": "named", "rival": "rival", "worse": "accepted"}
+#: A word's distance from its symbol in points, and the panel's width as a part of the figure's.
+BESIDE, PANEL = 4.5, 0.29
 #: So many times the others' width, and an interval is cut off.
 CLIPPED = 5.0
 #: Behind numbers that stand on a line.
@@ -30,14 +37,24 @@ def candidates(ax: Axes, rows: Rows) -> None:
     behind = rows["value"]
     y = np.arange(len(behind))[::-1]
     accepted = bool((rows["kind"] != "rejected").any())
-    far = max(float(behind.max()) * 2.2, 40.0)
+    words = [
+        MEANT.get(str(kind), plain_text(str(note)))
+        for kind, note in zip(rows["kind"], rows["note"], strict=True)
+    ]
     ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
-    ax.set_xlim(min(1.4 * float(behind.min()), -1.2), far)
+    low, far = min(1.4 * float(behind.min()), -1.2), max(float(behind.max()) * 2.2, 40.0)
+    ax.set_xlim(low, far)
+    sides = _sides(ax, behind, words)
+    while sides is None and far < FARTHEST:
+        far *= 1.5
+        ax.set_xlim(low, far)
+        sides = _sides(ax, behind, words)
     if accepted:
         ax.axvspan(0, RIVAL_MAX_2LNB, color=FLOOR, linewidth=0, zorder=0)
     ax.axvline(0, color="0.3", linewidth=0.6, zorder=1)
-    turn = float(np.sqrt(LINEAR * far)) if far > 4 * LINEAR else LINEAR
-    for kind, note, at, x in zip(rows["kind"], rows["note"], y, behind, strict=True):
+    for kind, word, at, x, side in zip(
+        rows["kind"], words, y, behind, sides or [1] * len(y), strict=True
+    ):
         colour, marker = LOOKS["after"] if kind in ("named", "rival") else (CLOUD, "o")
         ax.plot([0, x], [at, at], color="0.55", linewidth=0.6, zorder=2)
         filling = "white" if kind == "rejected" else colour
@@ -51,15 +68,11 @@ def candidates(ax: Axes, rows: Rows) -> None:
             markeredgewidth=0.9,
             zorder=3,
         )
-        words = {"named": "named", "rival": "rival", "worse": "accepted"}.get(
-            str(kind), plain_text(str(note))
-        )
-        side = 1 if x < turn else -1
         start, slant = (max(x, 0.0), "left") if side > 0 else (x, "right")
         text = ax.annotate(
-            words,
+            word,
             (start, at),
-            xytext=(4.5 * side, 0),
+            xytext=(BESIDE * side, 0),
             textcoords="offset points",
             ha=slant,
             va="center",
@@ -72,7 +85,7 @@ def candidates(ax: Axes, rows: Rows) -> None:
             if side < 0
             else {"alpha": 0, "pad": 0}
         )
-    ax.set_yticks(y, [effects(str(name)) for name in rows["label"]])
+    ax.set_yticks(y, [effects(str(name)) for name in rows["label"]], linespacing=0.9)
     ax.tick_params(axis="y", length=0)
     ax.tick_params(axis="x", which="minor", length=0)
     ax.set_ylim(-0.7, len(y) - 0.3)
@@ -83,6 +96,28 @@ def candidates(ax: Axes, rows: Rows) -> None:
     ]
     ax.set_xticks(ticks, [f"{t:,}".replace(",", "\u2009").replace("-", "−") for t in ticks])
     ax.set_xlabel(r"$2 \,\ln B$, best over candidate", labelpad=1)
+
+
+def _sides(ax: Axes, behind: Any, words: list[str]) -> list[int] | None:
+    """On which side of its symbol each word has room, right (1) or left (-1) where it covers no
+    more than the stem; None where one has none.
+    """
+    figure = ax.get_figure(root=True)
+    assert figure is not None
+    width = 72 * PANEL * figure.get_figwidth()
+    to_axes: Any = ax.transScale + ax.transLimits
+    zero, *places = to_axes.transform([(x, 0.0) for x in (0.0, *behind)])[:, 0]
+    sides = []
+    for at, word in zip(places, words, strict=True):
+        size = rcParams["legend.fontsize"]
+        reach = (BESIDE + 2 + TextPath((0, 0), word, size=size).get_extents().width) / width
+        if max(at, zero) + reach <= 1:
+            sides.append(1)
+        elif at - reach >= zero:
+            sides.append(-1)
+        else:
+            return None
+    return sides
 
 
 def error(ax: Axes, rows: Rows) -> None:

@@ -123,8 +123,9 @@ def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
 
 def _coefficients(quoted: BoundaryResult) -> str:
     """Those to be quoted, and what ± means where it stands."""
-    told = [quoted.stated(n) for n in quoted.every]
-    return ", ".join([*told, *(["k = 1"] if any("±" in t for t in told) else [])])
+    told = [quoted.stated(n) for n in quoted.quotable]
+    told += ["k = 1"] if any("±" in t for t in told) else []
+    return ", ".join([*told, *(quoted.stated(n) for n in quoted.refused)])
 
 
 def _influence_note(evidence: Evidence, boundary: Boundary) -> str:

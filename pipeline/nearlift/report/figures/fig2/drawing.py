@@ -16,6 +16,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from nearlift.nomenclature import INDEXED
 from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.style import (
     BAND,
@@ -100,7 +101,8 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     banded = bool(np.isfinite(curve["lo90_percent"]).any())
     for label in distinct(curve["label"]):
         handles += ax.plot(curve["z_hat"], curve["delta_L_percent"], color=FITTED, zorder=3)
-        names.append(f"{plain_text(label)}, 90 %" if banded else plain_text(label))
+        shown = INDEXED.sub(r"$\1_\2$", plain_text(label))
+        names.append(f"{shown}, 90 %" if banded else shown)
     data = select(rows, rows["kind"] == "data")
     for i, throttle in enumerate(throttles):
         mine = select(data, data["throttle_fraction"] == throttle)

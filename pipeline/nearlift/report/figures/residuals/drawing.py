@@ -94,7 +94,9 @@ def _panel(ax: Axes, rows: Rows, covariate: str, look: Style) -> Rows:
         ax.set_xscale("log")
         plain_log(ax.xaxis)
     elif len(means["x"]) <= DISCRETE:
-        ax.set_xticks(means["x"], [f"{x:.3g}".replace("-", "−") for x in means["x"]])
+        words = {-1.0: "closer", 1.0: "away"} if covariate == "approach" else {}
+        names = [words.get(x, f"{x:.3g}".replace("-", "−")) for x in means["x"].tolist()]
+        ax.set_xticks(means["x"], names)
         ax.margins(x=0.12)
     else:
         ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 5, 10]))
@@ -116,4 +118,6 @@ def label(covariate: str, look: Style) -> str:
         return quantity("throttle", "%")
     if covariate == "run_order":
         return "run order (trial)"
+    if covariate == "approach":
+        return "direction of the last move"
     return quantity(covariate)
