@@ -160,6 +160,20 @@ ABOUT = {
         ),
         example="new raw/my-rig\nnew raw/my-rig --from logs/*.csv",
     ),
+    "next": About(
+        group=RUN,
+        summary="The next visits, for a coefficient or to tell two effects apart",
+        text=(
+            "Chosen from what the campaign's trials already say, half of them always round all"
+            " stations; with what they would bring, where to stop, and what they give up. Stages"
+            " ingest and, for named effects, diagnose must have run. Nothing is written."
+        ),
+        example=(
+            "next raw/my-rig --for K_b --until 0.05\nnext raw/my-rig --for separate --csv"
+            "\nnext raw/my-rig --for drift"
+        ),
+        settings=OPENS,
+    ),
     "plan": About(
         group=RUN,
         summary="What is stale and why; runs nothing",

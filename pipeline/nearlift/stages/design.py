@@ -34,6 +34,8 @@ from nearlift.stages.plans import Plan, as_schedule, draw, levels, plan, ranged,
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
 SCHEDULE = "trials.csv"
+#: Units of a schedule's columns where the manifest gives none.
+USUAL = {"distance": "mm", "throttle": "percent", "start": "s", "supply": "V"}
 
 
 def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> dict[str, object]:
@@ -198,28 +200,24 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
 
     `via` is the distance to drive to before the station, to arrive from the other side.
     """
-    given = campaign.trials.units
     constant = campaign.trials.constants
 
-    def outside(values: Any, name: str, usual: str, dimension: str) -> list[str]:
-        factor, offset = units.to_si(given.get(name, usual), dimension, f"trials.units.{name}")
-        return ["" if np.isnan(v) else f"{(v - offset) / factor:.6g}" for v in values]
+    def listed(values: Any, name: str) -> list[str]:
+        return [outside(campaign, name, v) for v in values]
 
     columns: dict[str, list[str]] = {
         "trial": [str(t) for t in drawn.trial],
         "boundary": [str(b) for b in drawn.boundary],
-        "distance": outside(drawn.recorded_m, "distance", "mm", "length"),
-        "throttle": outside(drawn.throttle, "throttle", "percent", "fraction"),
+        "distance": listed(drawn.recorded_m, "distance"),
+        "throttle": listed(drawn.throttle, "throttle"),
         "session": [str(s) for s in drawn.session],
-        "start": outside(drawn.start_s, "start", "s", "time"),
+        "start": listed(drawn.start_s, "start"),
         "approach": [f"{a:+.0f}" for a in drawn.approach],
     }
     if np.isfinite(drawn.further.get("via_m", np.nan)).any():
         # a detour is made once, on the way to the visit
         arrives = np.r_[True, drawn.visit[1:] != drawn.visit[:-1]]
-        columns["via"] = outside(
-            np.where(arrives, drawn.further["via_m"], np.nan), "distance", "mm", "length"
-        )
+        columns["via"] = listed(np.where(arrives, drawn.further["via_m"], np.nan), "distance")
     logs = campaign.design.logs if campaign.design else []
     # a schedule whose every cell of a known column is blank is refused by nobody: it is filled in
     # while the campaign is run
@@ -230,6 +228,18 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     return sink.getvalue()
+
+
+def outside(campaign: Campaign, name: str, value: float) -> str:
+    """A cell of a schedule's column in the manifest's unit, else the usual one; blank where there
+    is no number.
+    """
+    if not np.isfinite(value):
+        return ""
+    dimension = BY_NAME[name].dimension
+    unit = campaign.trials.units.get(name, USUAL[name])
+    factor, offset = units.to_si(unit, dimension, f"trials.units.{name}")
+    return f"{(value - offset) / factor:.6g}"
 
 
 def _draw(job: Job, found: dict[str, object]) -> list[str]:

@@ -1,0 +1,77 @@
+"""next: the visits that a campaign had best make next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from nearlift.commands.common import CAMPAIGN, Call, declared
+from nearlift.errors import UsageError
+
+if TYPE_CHECKING:
+    from nearlift.results.next_visits import NextVisits
+
+
+@declared("next")
+@CAMPAIGN
+@click.option(
+    "--for",
+    "question",
+    required=True,
+    metavar="QUESTION",
+    help=(
+        "A coefficient, such as K_b; separate=A,B for two effects, separate alone for those that"
+        " the diagnosis could not tell apart; drift for the supply against time."
+    ),
+)
+@click.option(
+    "--until",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="U",
+    help="Say how many more trials bring the coefficient's standard uncertainty to U.",
+)
+@click.option(
+    "--count",
+    type=click.IntRange(1, 1000),
+    default=10,
+    show_default=True,
+    help="Visits at each boundary.",
+)
+@click.option("--csv", "as_csv", is_flag=True, help="Rows for the campaign's schedule instead.")
+def command(
+    call: Call, campaign: Path, question: str, until: float | None, count: int, as_csv: bool
+) -> None:
+    """Plan a batch of visits."""
+    from nearlift.stages import next_rows, next_visits
+
+    asked = next_visits.Asked.of(question, until)
+    if as_csv and call.as_json:
+        raise UsageError("--csv", "was asked for with --json", "choose one of them")
+    with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
+        found, elsewhere = next_visits.run(job, asked, count)
+        rows = next_rows.as_schedule(job, found) if as_csv else ""
+    boundaries = {of.boundary: of.content for of in found}
+    call.answer(
+        {"campaign": job.campaign.name, "boundaries": boundaries, "notes": elsewhere},
+        rows or "\n\n".join([*map(_text, found), *elsewhere]),
+    )
+
+
+def _text(found: NextVisits) -> str:
+    """The visits as a short table, and what they bring."""
+    moved = any(v.supply_V is not None for v in found.visits)
+    lines = [
+        f"{found.boundary}, {found.trials} trials, {found.base_model}",
+        "",
+        "visit   distance     z/R" + ("  supply" if moved else "") + "   throttles",
+    ]
+    for i, v in enumerate(found.visits):
+        free = v.z_hat == float("inf")
+        where = f"{'free air':>11}" if free else f"{1e3 * v.distance_m:8.2f} mm"
+        supply = f"{v.supply_V:6.2f} V" if v.supply_V is not None else ""
+        throttles = " ".join(f"{100 * t:.3g}" for t in v.throttles)
+        ratio = "" if free else f"{v.z_hat:.3g}"
+        lines.append(f"{i + 1:>5}{where}{ratio:>8}{supply}   {throttles} %")
+    return "\n".join([*lines, "", *found.lines, *(f"note: {note}" for note in found.notes)])

@@ -1,0 +1,355 @@
+"""The next visits of a campaign, chosen for one question, and what they would bring.
+
+A question is one unknown: a coefficient, or by how much the trials are like one explanation rather
+than another; the inverse of its variance is then the evidence that parts the two (T-optimality).
+What trials say of it, and of all that it trades with (log L_inf, other coefficients, named effects
+and their forms, declared errors), is an information matrix, to which every visit adds its own.
+
+Half of a batch goes round the stations in turn, whatever the question: from the other half alone
+nobody would ever learn that the model is wrong.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray
+from nearlift.likelihood import budget
+from nearlift.likelihood.noise import trial_covariance
+from nearlift.likelihood.problem import height_slope
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.separation import join, session
+from nearlift.results import IntArray, Observations
+from nearlift.results.diagnosis import FORM_SD
+
+#: Of a batch, what goes round the stations in turn.
+ROTATING = 0.5
+#: Where more distances were measured, so many of them stand for all.
+MOST_STATIONS = 20
+#: How far the supply is moved to either side, a fraction of it.
+SUPPLY_STEP = 0.025
+#: Forecasts end after so many visits.
+HORIZON = 2000
+#: What is given up is told for a structure that all stations equally often would see so often.
+SEEN = 0.9
+#: Keeps what no trial tells from having no inverse.
+RIDGE = 1e-13
+
+
+@dataclass(frozen=True, kw_only=True)
+class Menu:
+    """Visits that could be made: `trials` holds them one after the other, every throttle at each.
+
+    `station` is each visit's index into `z_hat`, `supply_V` what the supply is set to, nan where it
+    is left as it is; (m,).
+    """
+
+    trials: Observations
+    z_hat: FloatArray
+    station: IntArray
+    supply_V: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.station)
+
+    @property
+    def throttles(self) -> int:
+        """Trials of a visit."""
+        return self.trials.n // len(self)
+
+    def nearest(self, z_hat: FloatArray) -> IntArray:
+        """The station that stands for each distance, (n,); infinity for itself."""
+        apart = np.abs(_log(z_hat)[:, None] - _log(self.z_hat))
+        return np.argmin(apart, axis=1).astype(np.int64)
+
+
+def _log(z_hat: FloatArray) -> FloatArray:
+    return np.log(np.minimum(z_hat, 1e9))
+
+
+def menu(data: Observations, z_hat: FloatArray, move_supply: bool = False) -> Menu:
+    """One visit of each of the stations `z_hat`; with `move_supply` one at a lower and one at a
+    higher supply.
+    """
+    stations = np.unique(z_hat)
+    if len(stations) > MOST_STATIONS:
+        # evenly over the ranks, so that where many were measured many stay
+        stations = stations[np.linspace(0, len(stations) - 1, MOST_STATIONS).round().astype(int)]
+    each = 2 if move_supply else 1
+    places = tuple(np.repeat(stations, each).tolist())
+    one = session(data, places[:1], trials=1)
+    trials = session(data, places, trials=one.n * len(places))
+    # they come after all others, and a drift stands at their time where it stood last
+    late = {
+        name: np.full(trials.n, data.covariates[name][-1])
+        for name in ("start_s", "elapsed_hat", "elapsed_trials", "run_order")
+        if name in data.covariates
+    }
+    supply = np.full(len(places), np.nan)
+    if move_supply:
+        usual = float(np.median(data.covariates["supply_V"]))
+        supply = usual * (1 + SUPPLY_STEP * np.tile([-1.0, 1.0], len(stations)))
+        late["supply_V"] = np.repeat(supply, one.n)
+    return Menu(
+        trials=dataclasses.replace(trials, covariates={**trials.covariates, **late}),
+        z_hat=stations,
+        station=np.repeat(np.arange(len(stations)), each),
+        supply_V=supply,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Question:
+    """An unknown among those whose `columns` (n, q) of log lift any trials have; `held` (q,) is
+    what is known of each beforehand, as the inverse of its variance.
+    """
+
+    columns: Callable[[Observations], FloatArray]
+    held: FloatArray
+    target: int
+
+
+def of_coefficient(fitted: Fitted, i: int) -> Question:
+    """Coefficient i of a fit, its effects' sizes and forms unknown beside it."""
+    candidate, vector = fitted.candidate, fitted.vector
+
+    def columns(data: Observations) -> FloatArray:
+        own = dataclasses.replace(candidate, data=data)
+        return np.hstack([own.jacobian(vector), own.tube(vector, FORM_SD)])
+
+    forms = candidate.tube(vector, FORM_SD).shape[1]
+    return Question(
+        columns=columns, held=np.r_[1 / candidate.prior[1] ** 2, np.ones(forms)], target=i
+    )
+
+
+def of_rivals(
+    stage: SearchProblem,
+    one: tuple[tuple[Effect, ...], FloatArray],
+    other: tuple[tuple[Effect, ...], FloatArray],
+) -> Question:
+    """How much the trials are like one explanation rather than another, each with its flat vector:
+    what the other, its parameters and the forms of both free, cannot imitate of the one.
+    """
+    mine, theirs = stage.candidate(*one[0]), stage.candidate(*other[0])
+
+    def columns(data: Observations) -> FloatArray:
+        own, free = (dataclasses.replace(c, data=data) for c in (mine, theirs))
+        apart = own.log_ratio(one[1]) - free.log_ratio(other[1])
+        forms = own.tube(one[1], FORM_SD), free.tube(other[1], FORM_SD)
+        return np.hstack([np.nan_to_num(apart)[:, None], free.jacobian(other[1]), *forms])
+
+    forms = columns(stage.data).shape[1] - 1 - theirs.size
+    held = np.r_[0.0, 1 / theirs.prior[1] ** 2, np.ones(forms)]
+    return Question(columns=columns, held=held, target=0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What the trials that lie there say of a question, and what each visit of a menu would add.
+
+    Attributes
+    ----------
+    menu : Menu
+    now : (Q, Q)
+        Information of the trials: on the question's unknowns, L_inf's and the declared errors', `q`
+        in all, and then on a departure of each station.
+    added : (m, Q, Q)
+        That of each visit of the menu.
+    made : (s,) int
+        Visits of each station so far.
+    last : int
+        Where the traverse stands.
+    """
+
+    menu: Menu
+    now: FloatArray
+    added: FloatArray
+    q: int
+    target: int
+    made: IntArray
+    last: int
+
+    def u(self, information: FloatArray) -> FloatArray:
+        """Standard uncertainty of what is asked, of (..., Q, Q)."""
+        own = information[..., : self.q, : self.q]
+        size = np.sqrt(np.maximum(np.diagonal(own, axis1=-2, axis2=-1), 1e-300))
+        unit = own / (size[..., :, None] * size[..., None, :]) + RIDGE * np.eye(self.q)
+        aim = np.zeros((self.q, 1))
+        aim[self.target] = 1.0
+        variance = np.linalg.solve(unit, np.broadcast_to(aim, (*unit.shape[:-1], 1)))
+        return np.asarray(
+            np.sqrt(np.maximum(variance[..., self.target, 0], 0.0)) / size[..., self.target]
+        )
+
+    def after(self, visits: IntArray) -> FloatArray:
+        """The information with these visits of the menu."""
+        return np.asarray(self.now + self.added[visits].sum(axis=0), dtype=np.float64)
+
+    def batch(
+        self,
+        count: int,
+        rng: np.random.Generator,
+        before: IntArray | None = None,
+        rotating: float = ROTATING,
+    ) -> IntArray:
+        """The next `count` visits, (count,) indices into the menu, in random order, none at the
+        station of the one before it if that can be helped.
+
+        Parameters
+        ----------
+        before : (k,) int or None
+            Visits that will have been made by then.
+        rotating : float
+            Share that goes round the stations; 1 is the plan that asks for nothing.
+        """
+        before = np.zeros(0, dtype=np.int64) if before is None else before
+        here = self.after(before)
+        made = self.made + np.bincount(self.menu.station[before], minlength=len(self.made))
+        so_far = int(made.sum())
+        due = int(rotating * (so_far + count)) - int(rotating * so_far)
+        chosen = self._round(due, made, int(rotating * so_far), rng)
+        here = here + self.added[chosen].sum(axis=0)
+        # more than half of a batch at one station could not be visits of their own
+        most = max(count // 2, 1)
+        for _ in range(count - len(chosen)):
+            often = np.bincount(self.menu.station[chosen], minlength=len(made))
+            u = np.where(often[self.menu.station] < most, self.u(here + self.added), np.inf)
+            pick = int(np.argmin(u))
+            chosen = np.append(chosen, pick)
+            here = here + self.added[pick]
+        last = int(self.menu.station[before[-1]]) if len(before) else self.last
+        return self._apart(rng.permutation(chosen), last)
+
+    def _round(self, count: int, made: IntArray, turn: int, rng: np.random.Generator) -> IntArray:
+        """The `count` stations whose turn it is after `turn` others, the supply of each to either
+        side by chance: those where nobody was yet first.
+        """
+        stations = len(made)
+        lap = np.random.default_rng(turn // stations).permutation(stations)
+        place = np.empty(stations, dtype=np.int64)
+        place[lap] = np.arange(stations)
+        due = np.lexsort(((place - turn) % stations, made > 0))
+        chosen = np.resize(due, count)
+        settings = len(self.menu) // stations
+        side = rng.permutation(np.resize(np.arange(settings), count))
+        return np.asarray(chosen * settings + side, dtype=np.int64)
+
+    def _apart(self, visits: IntArray, last: int) -> IntArray:
+        """The same in an order in which no two at one station follow each other, nor one the
+        station `last`, where there is such an order.
+        """
+        left, order = visits.tolist(), []
+        while left:
+            station = self.menu.station[left]
+            often = np.bincount(station)
+            most = int(np.argmax(often))
+            # what makes up more than half must come now
+            due = station == most if 2 * often[most] > len(left) else station != last
+            pick = int(np.argmax(due & (station != last))) if np.any(station != last) else 0
+            last = int(station[pick])
+            order.append(left.pop(pick))
+        return np.array(order, dtype=np.int64)
+
+    def until(self, u: float, count: int, rng: np.random.Generator) -> IntArray | None:
+        """The visits of further batches until what is asked is known to `u`; None if `HORIZON` of
+        them are not enough.
+        """
+        visits = np.zeros(0, dtype=np.int64)
+        while len(visits) < HORIZON:
+            if self.u(self.after(visits)) <= u:
+                return visits
+            for pick in self.batch(count, rng, visits):
+                visits = np.append(visits, pick)
+                if self.u(self.after(visits)) <= u:
+                    return visits
+        return None
+
+    @functools.cached_property
+    def of_round(self) -> FloatArray:
+        """The information of one visit where all stations are visited equally often."""
+        return np.asarray(self.added.mean(axis=0), dtype=np.float64)
+
+    def evenly(self, u: float) -> float | None:
+        """Visits, evenly over all stations, until what is asked is known to `u`; None if none
+        are enough.
+        """
+        low, high = 0.0, float(HORIZON) * 50
+        if self.u(self.now) <= u:
+            return 0.0
+        if self.u(self.now + high * self.of_round) > u:
+            return None
+        while high - low > 1e-3 * high:
+            middle = (low + high) / 2
+            low, high = (
+                (low, middle) if self.u(self.now + middle * self.of_round) <= u else (middle, high)
+            )
+        return high
+
+    @property
+    def least(self) -> float:
+        """What no number of visits gets below."""
+        return float(self.u(self.now + 1e9 * self.of_round))
+
+    def departures(self, information: FloatArray) -> FloatArray:
+        """Information on a departure of each station, beside all unknowns, (s, s)."""
+        own, cross = information[: self.q, : self.q], information[: self.q, self.q :]
+        size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        taken = np.linalg.pinv(own / np.outer(size, size), rcond=1e-12, hermitian=True)
+        cross = cross / size[:, None]
+        return np.asarray(information[self.q :, self.q :] - cross.T @ taken @ cross)
+
+    def sees(self, information: FloatArray, like: FloatArray, level: float) -> float:
+        """The chance to see, at p < `level`, a structure in distance that trials with the
+        information `like` would see with a chance of `SEEN`.
+        """
+        from scipy.optimize import brentq
+        from scipy.stats import chi2, ncx2
+
+        reference = self.departures(like)
+        full = np.linalg.eigvalsh(reference)
+        freedom = int(np.sum(full > 1e-9 * max(full[-1], 1e-300)))
+        needed = chi2.isf(level, freedom)
+        enough = brentq(lambda x: ncx2.sf(needed, freedom, x) - SEEN, 1e-6, 1e4)
+        share = np.trace(self.departures(information)) / np.trace(reference)
+        return float(ncx2.sf(needed, freedom, max(share * enough, 1e-9)))
+
+
+def plan(stage: SearchProblem, question: Question, offered: Menu) -> Plan:
+    """What a stage's trials say of a question, and what each visit of the menu would add."""
+    n, both = stage.data.n, join(stage.data, offered.trials)
+    theta = dict(zip((p.name for p in stage.base.parameters), stage.theta, strict=True))
+    slope = height_slope(stage.base, both, theta)
+    declared = budget.shared(both, stage.parts, slope)
+    departed = np.eye(len(offered.z_hat))[offered.nearest(both.z_hat)]
+    own = question.columns(both)
+    columns = np.hstack([own, both.level_columns, declared, departed])
+    levels, errors = both.level_columns.shape[1], declared.shape[1]
+    held = np.r_[question.held, np.zeros(levels), np.ones(errors), np.zeros(departed.shape[1])]
+    bare = dataclasses.replace(stage.space.covariance, shared=np.zeros((n, 0)))
+    white = bare.whiten(columns[:n].T)
+    added = []
+    for rows in np.split(np.arange(offered.trials.n), len(offered)):
+        visit, at = offered.trials.take(rows), slope[n + rows]
+        covariance = trial_covariance(
+            visit, stage.noise, at, extra=budget.own_variance(visit, stage.parts, at)
+        )
+        there = covariance.whiten(columns[n + rows].T)
+        added.append(there @ there.T)
+    first = np.unique(stage.data.visit, return_index=True)[1]
+    station = offered.nearest(stage.data.z_hat)
+    return Plan(
+        menu=offered,
+        now=white @ white.T + np.diag(held),
+        added=np.array(added),
+        q=len(held) - departed.shape[1],
+        target=question.target,
+        made=np.bincount(station[first], minlength=len(offered.z_hat)).astype(np.int64),
+        last=int(station[-1]),
+    )

@@ -1,0 +1,141 @@
+"""The visits that a campaign had best make next, what they would bring, and what they give up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from nearlift.declare import Boundary
+from nearlift.nomenclature import letter
+from nearlift.results.serial import encode
+from nearlift.rounding import plain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NextVisit:
+    """One visit: `z_hat` is infinite in free air, `supply_V` None where it is left as it is."""
+
+    z_hat: float
+    distance_m: float
+    throttles: tuple[float, ...]
+    supply_V: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NextVisits:
+    """The next visits at one boundary, in order.
+
+    Attributes
+    ----------
+    aim : tuple of str
+        The coefficient, or the two explanations to be told apart.
+    now, after : float
+        What is known of it with the trials there are, and with these visits: the coefficient's
+        standard uncertainty, or the expected evidence (non-centrality) that parts the two.
+    wanted : float or None
+        Where to stop, in the same unit.
+    visits_wanted : int or None
+        Visits until then by this plan, planned anew every batch; None where none are enough.
+    visits_evenly : int or None
+        The same where all stations are visited equally often.
+    best : float
+        What no number of visits betters.
+    sees : float
+        Chance to see then, or after these visits, a structure in distance that the same knowledge
+        by all stations equally often would see with a chance of `sees_evenly`.
+    """
+
+    boundary: Boundary
+    base_model: str
+    trials: int
+    throttles: int
+    aim: tuple[str, ...]
+    now: float
+    after: float
+    wanted: float | None
+    visits_wanted: int | None
+    visits_evenly: int | None
+    best: float
+    sees: float
+    sees_evenly: float
+    visits: tuple[NextVisit, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def parts(self) -> bool:
+        """Whether two explanations are to be told apart."""
+        return len(self.aim) > 1
+
+    @property
+    def lines(self) -> list[str]:
+        """What the visits bring, where to stop, and what is given up."""
+        return [self._gain, *([self.stop] if self.wanted is not None else []), self._given_up]
+
+    @property
+    def _name(self) -> str:
+        return " and ".join(self.aim) if self.parts else f"u({letter(self.aim[0])})"
+
+    @property
+    def _gain(self) -> str:
+        new = f"{len(self.visits)} visits ({self.throttles * len(self.visits)} trials)"
+        now, after = plain(self.now, 2), plain(self.after, 2)
+        if self.parts:
+            return f"{self._name}: expected evidence {now} now, {after} after these {new}"
+        return f"{self._name} = {now} now, about {after} after these {new}"
+
+    @property
+    def stop(self) -> str:
+        """The line that says where to stop."""
+        assert self.wanted is not None
+        what = (
+            f"{self._name} told apart (expected evidence {plain(self.wanted, 2)})"
+            if self.parts
+            else f"{self._name} = {plain(self.wanted, 2)}"
+        )
+        if self.visits_wanted == 0:
+            return f"{what}: reached" + (
+                ""
+                if self.parts
+                else "; for structure in distance go on at all stations equally often"
+            )
+        if self.visits_wanted is None:
+            why = (
+                "the unknown forms of the two"
+                if self.parts
+                else "the declared errors that all trials share"
+            )
+            if self._out_of_reach:
+                return f"{what}: out of reach of these stations; {why} leave {plain(self.best, 2)}"
+            return f"{what}: not within thousands of visits of these stations"
+        more = f"{self._trials(self.visits_wanted)} more trials"
+        evenly = (
+            f"{self._trials(self.visits_evenly)} at all stations equally often"
+            if self.visits_evenly is not None
+            else "never at all stations equally often"
+        )
+        return f"{what} after about {more}; {evenly}"
+
+    @property
+    def _out_of_reach(self) -> bool:
+        assert self.wanted is not None
+        return self.best < self.wanted if self.parts else self.best > self.wanted
+
+    def _trials(self, visits: int) -> str:
+        return f"{self.throttles * visits:,}".replace(",", " ")
+
+    @property
+    def _given_up(self) -> str:
+        if not math.isfinite(self.sees):
+            return "all stations equally often would not answer this at all"
+        return (
+            "given up: a structure in distance that all stations equally often would see with a"
+            f" chance of {100 * self.sees_evenly:.0f} % by the time they know as much, these visits"
+            f" see with {100 * self.sees:.0f} %"
+        )
+
+    @property
+    def content(self) -> dict[str, Any]:
+        """As JSON."""
+        content: dict[str, Any] = encode(self)
+        return content | {"text": self.lines}

@@ -1,0 +1,78 @@
+"""The next visits as further rows of a campaign's own schedule."""
+
+from __future__ import annotations
+
+import csv
+import io
+import itertools
+import re
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from nearlift.products import TRIALS
+from nearlift.readers.schedule import schedule_file
+from nearlift.readers.schedule_text import columns_of, text_of
+from nearlift.results.next_visits import NextVisits
+from nearlift.run.job import Job
+from nearlift.stages.design import outside
+
+
+def as_schedule(job: Job, found: Sequence[NextVisits]) -> str:
+    """The visits as further rows of the campaign's own schedule, CSV: its columns in its order, and
+    a supply where that is moved; blank what is only known once a trial was run.
+
+    Trials are numbered on, in the last session, at times after the last one's where `start` has a
+    unit.
+    """
+    campaign, trials = job.campaign, job.read(TRIALS)
+    path = schedule_file(campaign, job.root)
+    header = [
+        name
+        for name in columns_of(campaign, path, text_of(path))
+        if name not in campaign.trials.constants
+    ]
+    moved = any(v.supply_V is not None for of in found for v in of.visits)
+    if moved and "supply" not in header:
+        header.append("supply")
+    rows: list[dict[str, str]] = []
+    ids = _numbered_on(trials["trial"].tolist())
+    timed = "start" in campaign.trials.units and "start_s" in trials
+    start_s = trials["start_s"] if timed else np.zeros(1)
+    spacing = float(np.median(np.diff(start_s))) if len(start_s) > 1 else 0.0
+    session = str(trials["session"][-1]) if "session" in trials else ""
+    here = float("inf")
+    for of in found:
+        for visit in of.visits:
+            # records that hold several throttles are listed once
+            throttles = visit.throttles if "throttle" in header else (np.nan,)
+            side = "none" if np.isinf(visit.z_hat) else str(of.boundary)
+            away = visit.z_hat > here
+            here = visit.z_hat
+            for throttle in throttles:
+                at = float(start_s[-1]) + spacing * (len(rows) + 1)
+                cells = {
+                    "trial": next(ids),
+                    "boundary": side,
+                    "distance": outside(campaign, "distance", visit.distance_m),
+                    "throttle": outside(campaign, "throttle", throttle),
+                    "start": outside(campaign, "start", round(at, 1)) if timed else "",
+                    "session": session,
+                    "approach": "+1" if away else "-1",
+                    "supply": outside(campaign, "supply", visit.supply_V or np.nan),
+                }
+                rows.append({name: cells.get(name, "") for name in header})
+    sink = io.StringIO()
+    writer = csv.DictWriter(sink, header, lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(rows)
+    return sink.getvalue()
+
+
+def _numbered_on(known: Sequence[str]) -> Iterator[str]:
+    """Ids of trials that go on from the last one that ends in a number, none of them known."""
+    counted = [m for text in known if (m := re.fullmatch(r"(.*?)(\d+)", text))]
+    before, digits = counted[-1].groups() if counted else ("next-", "0")
+    taken = set(known)
+    numbers = (f"{before}{i:0{len(digits)}d}" for i in itertools.count(int(digits) + 1))
+    return (text for text in numbers if text not in taken)

@@ -1,0 +1,392 @@
+"""`next`: the visits that a campaign had best make next, for a question of the user's.
+
+Not a stage: it makes no product and writes nothing. It reads trials.parquet, and diagnosis.json
+where there is one.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift import catalogue
+from nearlift.declare import Boundary, Effect, FloatArray, LiftModel
+from nearlift.errors import InputRefused, NotConverged, UsageError
+from nearlift.fit import inputs
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
+from nearlift.likelihood.problem import usable
+from nearlift.loop import next_visits
+from nearlift.loop.admission import could_act
+from nearlift.loop.candidate_fit import search
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.foresight import Foresight
+from nearlift.loop.handle import handles
+from nearlift.loop.next_visits import Plan, Question
+from nearlift.loop.proposals import APART, Point
+from nearlift.loop.search_problem import SILENT, Options, SearchProblem, visibility
+from nearlift.loop.setting import derive
+from nearlift.manifest.campaign import Campaign
+from nearlift.products import DIAGNOSIS, TRIALS
+from nearlift.randomness import generator
+from nearlift.results import Observations
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
+from nearlift.results.next_visits import NextVisit, NextVisits
+from nearlift.results.outlook import NextSession
+from nearlift.rounding import plain
+from nearlift.run import store
+from nearlift.run.job import Job
+from nearlift.stages.diagnose import chosen
+from nearlift.stages.fit import choice
+from nearlift.stages.observe import boundaries, observe
+
+COUNT = 10
+SEPARATE, DRIFT = "separate", "drift"
+#: What `drift` tells apart: the supply, and time.
+OF_DRIFT = ("supply_sag", "gain_drift")
+#: An effect whose fit lowers chi2 by less is supposed at its plausible size.
+FITTED = 9.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """The question in words: a coefficient; or two explanations, by default the diagnosis's; and u
+    of the coefficient at which to stop.
+    """
+
+    coefficient: str = ""
+    pair: tuple[str, ...] = ()
+    drift: bool = False
+    until: float | None = None
+
+    @classmethod
+    def of(cls, text: str, until: float | None = None) -> Asked:
+        """What ``--for TEXT`` asks.
+
+        Raises
+        ------
+        UsageError
+            Not two different effects, or a limit where no coefficient is asked for.
+        """
+        word, _, names = text.partition("=")
+        if word in (SEPARATE, DRIFT):
+            pair = tuple(n.strip() for n in names.split(",") if n.strip())
+            if (word == DRIFT and names) or (pair and len(set(pair)) != 2):
+                raise UsageError(
+                    f"--for {text}",
+                    "wants two different effects",
+                    "separate=supply_sag,gain_drift, or separate alone for those that the diagnosis"
+                    " could not tell apart",
+                )
+            if until is not None:
+                raise UsageError(
+                    "--until", "is u of a coefficient", "leave it out: rivals stop when they part"
+                )
+            for name in pair:
+                catalogue.effect(name)
+            return cls(pair=OF_DRIFT if word == DRIFT else pair, drift=word == DRIFT)
+        return cls(coefficient=text, until=until)
+
+
+def run(
+    job: Job, asked: Asked, count: int = COUNT
+) -> tuple[tuple[NextVisits, ...], tuple[str, ...]]:
+    """The next visits at every boundary at which the question can be asked, and why not at others.
+
+    Raises
+    ------
+    UsageError
+        No boundary's base model has the coefficient.
+    InputRefused
+        No boundary has enough trials, or none has rivals, with the reasons.
+    """
+    trials = job.read(TRIALS)
+    options = chosen(job)
+    nothing = DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries={})
+    loop = store.load_if_whole(job.processed / DIAGNOSIS.file, nothing).boundaries
+    present = boundaries(trials)
+    if not present:
+        raise InputRefused(
+            job.campaign.name,
+            "no trial was accepted, so there is nothing to plan from",
+            "`nearlift design` draws the first schedule; trials.parquet says why none was",
+        )
+    bases = {boundary: choice(job.campaign, boundary)[0] for boundary in present}
+    if asked.coefficient:
+        known = {b: [p.name for p in base.parameters] for b, base in bases.items()}
+        present = [b for b in present if asked.coefficient in known[b]]
+        if not present:
+            listed = ", ".join(dict.fromkeys(n for names in known.values() for n in names))
+            raise UsageError(
+                f"--for {asked.coefficient}",
+                "no base model of this campaign has that coefficient",
+                f"ask for {listed or 'nothing here'}, separate or drift",
+            )
+    found, refused = [], []
+    for i, boundary in enumerate(present):
+        job.say(f"next visits: {boundary}", i / len(present))
+        diagnosed = loop.get(boundary)
+        try:
+            found.append(
+                _at(
+                    job,
+                    trials,
+                    observe(trials, job.campaign, boundary),
+                    bases[boundary],
+                    diagnosed if isinstance(diagnosed, BoundaryDiagnosis) else None,
+                    asked,
+                    count,
+                    options,
+                )
+            )
+        except (NotConverged, InputRefused) as fault:
+            refused.append((boundary, fault))
+    if not found:
+        raise InputRefused(
+            job.campaign.name,
+            "; ".join(f"{b}: {fault.what}" for b, fault in refused),
+            "; ".join(dict.fromkeys(fault.remedy for _, fault in refused)),
+        )
+    return tuple(found), tuple(f"{b}: {fault.what}; {fault.remedy}" for b, fault in refused)
+
+
+def _at(
+    job: Job,
+    trials: store.Table,
+    data: Observations,
+    base: LiftModel,
+    loop: BoundaryDiagnosis | None,
+    asked: Asked,
+    count: int,
+    options: Options,
+) -> NextVisits:
+    """One boundary."""
+    stage, library, notes = _ground(data, base, budget.components(job.campaign), options, loop)
+    z_hat = _stations(trials, data.boundary, base)
+    question, aim = (
+        _coefficient(stage, asked.coefficient, library, loop)
+        if asked.coefficient
+        else _rivals(stage, asked, library, loop)
+    )
+    move = asked.drift or "supply_sag" in aim
+    plan = next_visits.plan(stage, question, next_visits.menu(stage.data, z_hat, move))
+    if loop is not None and not asked.coefficient:
+        # the same two explanations, weighed for sessions at other places too
+        notes += [
+            f"the diagnosis proposes {n.measure}: expected evidence {plain(n.expected_evidence, 2)}"
+            f" in {n.trials} trials"
+            for n in loop.next_experiment
+            if isinstance(n, NextSession) and n.separates == aim
+        ]
+    if data.record is not None:
+        notes.append("records are cut into trials here: a visit is a record of its own")
+    if job.campaign.records.reader == "means":
+        notes.append("a table of means: fill in the mean lift of each row before it is read")
+    if not data.ordered:
+        notes.append("the order of the trials is unknown: what drifts is not planned for")
+    return _told(
+        plan,
+        stage,
+        aim,
+        asked.until,
+        count,
+        options,
+        notes,
+        _distances(trials, job.campaign, data.boundary),
+    )
+
+
+def _told(
+    plan: Plan,
+    stage: SearchProblem,
+    aim: tuple[str, ...],
+    until: float | None,
+    count: int,
+    options: Options,
+    notes: list[str],
+    distance_m: Mapping[float, float],
+) -> NextVisits:
+    """The batch, and what is to be said of it."""
+    boundary, parts = stage.data.boundary, len(aim) > 1
+    visits = plan.batch(count, generator(options.seed, "next visits", boundary, *aim))
+    ahead = generator(options.seed, "visits after the next", boundary, *aim)
+    u_wanted = 1 / np.sqrt(APART) if parts else until
+    wanted = evenly = None
+    end = plan.after(visits)
+    if u_wanted is not None and plan.u(plan.now) > u_wanted:
+        wanted = plan.until(u_wanted, count, ahead) if plan.least < u_wanted else None
+        evenly = plan.evenly(u_wanted)
+        end = end if wanted is None else plan.after(wanted)
+    as_much = plan.evenly(float(plan.u(end)))
+    reached = u_wanted is not None and plan.u(plan.now) <= u_wanted
+    known = (lambda u: float(u**-2)) if parts else float
+    menu = plan.menu
+    visit = menu.trials.throttle.reshape(len(menu), -1)
+    return NextVisits(
+        boundary=boundary,
+        base_model=stage.base.name,
+        trials=stage.data.n,
+        throttles=menu.throttles,
+        aim=aim,
+        now=known(plan.u(plan.now)),
+        after=known(plan.u(plan.after(visits))),
+        wanted=APART if parts else until,
+        visits_wanted=0 if reached else None if wanted is None else len(wanted),
+        visits_evenly=0 if reached else None if evenly is None else int(np.ceil(evenly)),
+        best=known(plan.least),
+        sees=(
+            float("nan")
+            if as_much is None
+            else plan.sees(
+                end,
+                plan.now + as_much * plan.of_round,
+                10.0 ** stage.nothing_added[0].threshold,
+            )
+        ),
+        sees_evenly=next_visits.SEEN,
+        visits=tuple(
+            NextVisit(
+                z_hat=float(menu.z_hat[menu.station[v]]),
+                distance_m=distance_m[float(menu.z_hat[menu.station[v]])],
+                throttles=tuple(
+                    generator(options.seed, "throttles", boundary, str(i)).permutation(visit[v])
+                ),
+                supply_V=float(menu.supply_V[v]) if np.isfinite(menu.supply_V[v]) else None,
+            )
+            for i, v in enumerate(visits)
+        ),
+        notes=tuple(notes),
+    )
+
+
+def _ground(
+    data: Observations,
+    base: LiftModel,
+    parts: tuple[budget.Component, ...],
+    options: Options,
+    loop: BoundaryDiagnosis | None,
+) -> tuple[SearchProblem, tuple[Effect, ...], list[str]]:
+    """What a diagnosis stands on; where trials are too few for one, the fit and its scatter."""
+    try:
+        stage, library, _ = set_up(data, base, parts, options)
+    except NotConverged as few:
+        kept = data.take(usable(base, data))
+        first = fit(base, kept, parts)
+        kept = derive(kept, kept.lift_inf_N(first.level_coefficients))
+        library = could_act(kept, base)[0]
+        stage = SearchProblem(
+            data=kept,
+            base=base,
+            effects=tuple(e for e in library if not e.within_trial),
+            parts=inputs.acting(parts, base, first.theta),
+            noise=first.noise,
+            log_lift=np.log(kept.lift_N),
+            theta=first.theta,
+            options=options,
+        )
+        return (
+            stage,
+            library,
+            [f"{few.what} for a diagnosis; the noise is the {first.noise.source}"],
+        )
+    if loop is not None:
+        # beside a large effect the noise is known only after the loop
+        stage = dataclasses.replace(stage, noise=loop.noise)
+    return stage, library, []
+
+
+def _coefficient(
+    stage: SearchProblem,
+    name: str,
+    library: tuple[Effect, ...],
+    loop: BoundaryDiagnosis | None,
+) -> tuple[Question, tuple[str, ...]]:
+    """The coefficient beside the effects that the diagnosis names."""
+    known = {e.name: e for e in library}
+    named = tuple(known[e.name] for e in loop.effects if e.name in known) if loop else ()
+    fitted = stage.explain(named).fitted if named else stage.base_fit
+    at = [p.name for p in stage.base.parameters].index(name)
+    return next_visits.of_coefficient(fitted, at), (name,)
+
+
+def _rivals(
+    stage: SearchProblem,
+    asked: Asked,
+    library: tuple[Effect, ...],
+    loop: BoundaryDiagnosis | None,
+) -> tuple[Question, tuple[str, ...]]:
+    """The two explanations, as they were fitted; an effect that these trials do not show at its
+    plausible size.
+    """
+    where = f"next visits at the {stage.data.boundary}"
+    known = {e.name: e for e in library}
+    if asked.pair:
+        one, other = ((name,) for name in asked.pair)
+    else:
+        listed = (loop.explanations or ()) if loop else ()
+        if len(listed) < 2:
+            raise InputRefused(
+                where,
+                "the diagnosis names no two explanations that it cannot tell apart",
+                "name them: --for separate=supply_sag,gain_drift",
+            )
+        one, other = listed[:2]
+    for name in (*one, *other):
+        if name not in known:
+            needs = catalogue.effect(name).log_next_time
+            raise InputRefused(
+                where,
+                f"{name} cannot be tested",
+                f"log {', '.join(needs)}, and let it vary"
+                if needs
+                else "choose an effect that occurs at this boundary",
+            )
+    return next_visits.of_rivals(stage, *_points(stage, known, one, other)), (
+        " + ".join(one),
+        " + ".join(other),
+    )
+
+
+def _points(
+    stage: SearchProblem, known: Mapping[str, Effect], one: Sequence[str], other: Sequence[str]
+) -> tuple[Point, Point]:
+    def fitted(names: Sequence[str], log_lift: FloatArray) -> Point:
+        candidate = stage.candidate(*(known[n] for n in names))
+        found = search(candidate, stage.space, log_lift, stage.base_fit.vector)
+        return candidate.effects, found.vector
+
+    mine = stage.explain(tuple(known[n] for n in one))
+    if mine.gain > FITTED or len(one) > 1:
+        return (mine.fitted.candidate.effects, mine.fitted.vector), fitted(other, stage.log_lift)
+    effect = known[one[0]]
+    if visibility(stage, effect) <= SILENT:
+        raise InputRefused(
+            f"next visits at the {stage.data.boundary}",
+            f"{effect.name} leaves no mark beside the coefficients and L_inf",
+            "another measurement is wanted, not more visits",
+        )
+    handle = handles(effect)[0]
+    vector = Foresight(stage=stage, seed=stage.options.seed).vector(
+        handle, min(handle.plausible, handle.largest)
+    )
+    supposed = stage.candidate(effect).log_ratio(vector)
+    return ((effect,), vector), fitted(other, supposed)
+
+
+def _stations(trials: store.Table, boundary: Boundary, base: LiftModel) -> FloatArray:
+    """Every distance that the schedule lists, measured or not, of which the model speaks."""
+    z_hat = np.asarray(
+        trials["z_hat"][np.isin(trials["boundary"], [boundary, "none"])], dtype=float
+    )
+    low, high = base.valid_z_hat
+    return np.unique(z_hat[(z_hat > low) & ((z_hat <= high) | np.isinf(z_hat))])
+
+
+def _distances(trials: store.Table, campaign: Campaign, boundary: Boundary) -> dict[float, float]:
+    """What the traverse shows at each z_hat, m; infinite in free air."""
+    mine = np.isin(trials["boundary"], [boundary, "none"])
+    shown = trials["z_m"][mine] - campaign.rig.offset(boundary)
+    return dict(zip(trials["z_hat"][mine].tolist(), shown.tolist(), strict=True))

@@ -1,0 +1,305 @@
+"""Campaigns that choose their visits while they are run: how many a question takes by
+`loop.next_visits`, by all stations equally often, and by a plan with 35 % far off fixed beforehand.
+
+    python -m tests.calibration.sequential coefficient --count 99 --seed 820000 --out rows.jsonl
+
+Kinds: `coefficient` (no effect; visits until u of the first coefficient is that of the full plan at
+`FULL` visits; then its 90 % interval, and claims at looks and at the stop), `rivals` (height_offset
+with rho 0.5 at the ceiling; visits until its evidence is 2 ln B > 9 beyond near_wall_saturation's),
+`supply` (supply_sag that a falling battery hides behind gain_drift; the same). A row per campaign;
+with --tabulate FILES medians, quartiles and exact binomial intervals.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import binomtest
+from tests.calibration.bench import stream
+from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, simulate
+
+from nearlift import catalogue
+from nearlift.likelihood.subspace import framed, orthonormal
+from nearlift.loop import coefficients, next_visits
+from nearlift.loop.candidate_fit import Fitted, search
+from nearlift.loop.diagnose import coefficients_of, decide, set_up
+from nearlift.loop.evidence import Linearised
+from nearlift.loop.interim import InterimLook
+from nearlift.loop.search_problem import Options, SearchProblem, outside
+from nearlift.loop.setting import derive
+from nearlift.results import Noise, Observations
+from nearlift.results.diagnosis import FORM_SD
+
+#: The full plan's visits whose uncertainty is asked for, most of any plan, and visits of a batch and
+#: of a session.
+FULL, MOST, BATCH, SESSION = 150, 300, 10, 50
+APART = 9.0
+#: A true exponent, what a battery loses over a session, and by how much a visit's supply is moved.
+EXPONENT, FALLS_V, VOLTS = 2.0, 0.3, 4.0
+
+
+class Pool:
+    """A simulated campaign from which visits are taken in any order: `MOST` or more of each
+    station, every one with errors of its own.
+    """
+
+    def __init__(self, spec: Spec, seed: int) -> None:
+        self.campaign: Campaign = simulate(spec, seed)
+        self.data = self.campaign.data
+        first = np.unique(self.data.visit, return_index=True)[1]
+        self.z_hat = np.unique(self.data.z_hat)
+        station = np.searchsorted(self.z_hat, self.data.z_hat[first])
+        self.of = [np.flatnonzero(station == s) for s in range(len(self.z_hat))]
+        self.per = self.data.n // len(first)
+        self.battery = stream(seed, "battery").normal(0, 0.02, 1000)
+
+    def run(self, stations: np.ndarray, moved: np.ndarray | None = None) -> Observations:
+        """The trials of these visits, run one after the other on batteries of `SESSION` visits, or
+        on a supply that each visit moves by a fraction of it.
+        """
+        used = np.zeros(len(self.of), dtype=int)
+        taken = []
+        for s in stations:
+            taken.append(self.of[s][used[s] % len(self.of[s])])
+            used[s] += 1
+        rows = (np.array(taken)[:, None] * self.per + np.arange(self.per)).ravel()
+        n, visits = len(rows), len(stations)
+        trial, visit = np.arange(n), np.repeat(np.arange(visits), self.per)
+        session = visit // SESSION
+        charge = (trial % (SESSION * self.per)) / (SESSION * self.per)
+        supply = VOLTS - FALLS_V * charge + self.battery[session]
+        if moved is not None:
+            set_to = np.repeat(moved, self.per)
+            supply = np.where(np.isfinite(set_to), VOLTS * (1 + np.nan_to_num(set_to)), supply)
+        supply = supply + 0.003 * np.sin(1e3 * trial)
+        z = self.z_hat[stations]
+        away = np.where(np.diff(z, prepend=z[-1]) >= 0, 1.0, -1.0)
+        return dataclasses.replace(
+            self.data.take(rows),
+            trial=np.array([f"t{i:05d}" for i in trial], dtype=object),
+            visit=visit,
+            session=session,
+            covariates={
+                "start_s": 21.0 * trial + 900.0 * session,
+                "approach": np.repeat(away, self.per),
+                "supply_V": supply,
+            },
+        )
+
+
+def full(stations: int, visits: int, rng: np.random.Generator) -> np.ndarray:
+    """Rounds over all stations, each in random order."""
+    rounds = -(-visits // stations)
+    return np.concatenate([rng.permutation(stations) for _ in range(rounds)])[:visits]
+
+
+def fixed(stations: int, visits: int, rng: np.random.Generator) -> np.ndarray:
+    """35 % far off, the rest all stations in turn."""
+    far = rng.permutation(np.arange(visits) % 20 < 7)
+    order = full(stations, visits, rng)
+    return np.where(far, stations - 1, order)
+
+
+def known(data: Observations, pool: Pool, names: tuple[str, ...] = ()) -> SearchProblem:
+    """The trials as a search problem at their true noise: what is estimated anew is the curve."""
+    base = catalogue.model(catalogue.default_base(data.boundary, 4))
+    true = pool.campaign.truth
+    scatter = Noise(**{k: getattr(true.scatter, k) for k in ("relative", "force_N", "height_m")})
+    levels = true.levels_N[np.searchsorted(data.levels, data.throttle)]
+    stage = SearchProblem(
+        data=derive(data, levels),
+        base=base,
+        effects=tuple(catalogue.effect(name) for name in names),
+        parts=(),
+        noise=scatter,
+        log_lift=np.log(data.lift_N),
+        theta=np.array([p.value for p in base.parameters]),
+        options=Options(),
+    )
+    # noise of height goes by the slope of the fitted curve
+    return dataclasses.replace(stage, theta=stage.base_fit.vector)
+
+
+def u_of(stage: SearchProblem) -> float:
+    return float(coefficients.spread(stage, stage.base_fit)[1][0])
+
+
+def coefficient(boundary: str, seed: int) -> dict[str, Any]:
+    """Visits until u of the first coefficient is what the full plan has after `FULL`."""
+    pool = Pool(Spec(boundary=boundary, visits=MOST // 3, sessions=1, errors=Errors()), seed)
+    rng, stations = stream(seed, "plan"), len(pool.z_hat)
+    target = u_of(known(pool.run(full(stations, FULL, stream(seed, "full"))), pool))
+    order = full(stations, stations, rng)
+    told = 0
+    while u_of(stage := known(pool.run(order), pool)) > target and len(order) < MOST:
+        plan = planned(stage, pool.z_hat)
+        if not told:
+            ahead = plan.until(target, BATCH, np.random.default_rng(seed))
+            told = MOST if ahead is None else len(order) + len(ahead)
+        order = np.append(order, plan.menu.station[plan.batch(BATCH, rng)])
+    # what the loop says halfway, where a claim pays for the look, and at the stop
+    half = len(order) // 2 // BATCH * BATCH
+    rate = InterimLook(trials=half, scheduled=len(order)).level(Options().false_alarm_rate)
+    early = decide(_set_up(pool.run(order[:half])), False, rate).answer
+    answer = decide(_set_up(pool.run(order)), False, Options().false_alarm_rate).answer
+    quoted = coefficients_of(answer, {}).estimates().after
+    name, true = next(iter(pool.campaign.truth.theta.items()))
+    fixed_order = fixed(stations, 2 * MOST, stream(seed, "fixed"))
+    return {
+        "next": len(order),
+        "fixed": _first(lambda n: u_of(known(pool.run(fixed_order[:n]), pool)) <= target),
+        "told": told,
+        "covered": bool(quoted[name].lo90 <= true <= quoted[name].hi90),
+        "claim_at_look": early.verdict != "adequate",
+        "claim_at_end": answer.verdict != "adequate",
+    }
+
+
+def _set_up(data: Observations) -> SearchProblem:
+    base = catalogue.model(catalogue.default_base(data.boundary, 4))
+    return set_up(data, base, (), Options())[0]
+
+
+def planned(stage: SearchProblem, z_hat: np.ndarray) -> next_visits.Plan:
+    menu = next_visits.menu(stage.data, z_hat)
+    return next_visits.plan(stage, next_visits.of_coefficient(stage.base_fit, 0), menu)
+
+
+def _first(reached: Callable[[int], bool]) -> int:
+    """The least number of batches that reach it, in visits; 2 `MOST` where none does."""
+    low, high = 2, 2 * MOST // BATCH
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (low, middle) if reached(middle * BATCH) else (middle, high)
+    return high * BATCH
+
+
+def rivals(boundary: str, seed: int) -> dict[str, Any]:
+    """Visits until height_offset stands beyond near_wall_saturation."""
+    del boundary
+    spec = Spec(
+        boundary="ceiling",
+        effects=(("height_offset", 0.5),),
+        visits=MOST * 2 // 3,
+        sessions=1,
+        errors=Errors(),
+    )
+    return _parted(Pool(spec, seed), ("height_offset", "near_wall_saturation"), seed, 600)
+
+
+def supply(boundary: str, seed: int) -> dict[str, Any]:
+    """Visits until supply_sag stands beyond gain_drift, on one battery that falls."""
+    del boundary
+    spec = Spec(boundary="ground", visits=MOST // 3, sessions=1, errors=Errors(), every=2)
+    return _parted(Pool(spec, seed), ("supply_sag", "gain_drift"), seed, 300)
+
+
+def _parted(pool: Pool, names: tuple[str, str], seed: int, most: int) -> dict[str, Any]:
+    """Visits of the full plan, and of one planned anew every batch, until one effect's chi2 lies
+    `APART` below the other's.
+    """
+    row: dict[str, Any] = {}
+    stations, moves = len(pool.z_hat), names[0] == "supply_sag"
+    for how in ("full", "next"):
+        rng = stream(seed, "parted")
+        start = BATCH if moves else stations
+        whole = full(stations, most, rng)
+        order, settings = whole[:start], np.full(start, np.nan)
+        while True:
+            data = pool.run(order, settings)
+            if moves:
+                factor = (data.covariates["supply_V"] / VOLTS) ** EXPONENT
+                data = dataclasses.replace(data, lift_N=data.lift_N * factor)
+            stage = known(data, pool, names)
+            one, other = (
+                search(stage.candidate(e), stage.space, stage.log_lift, stage.theta)
+                for e in stage.effects
+            )
+            apart = 2 * (_evidence(stage, one) - _evidence(stage, other))
+            if abs(apart) > APART or len(order) >= most:
+                break
+            if how == "full":
+                order = whole[: len(order) + BATCH]
+                settings = np.full(len(order), np.nan)
+                continue
+            question = next_visits.of_rivals(
+                stage,
+                (one.candidate.effects, one.vector),
+                (other.candidate.effects, other.vector),
+            )
+            menu = next_visits.menu(stage.data, pool.z_hat, moves)
+            picks = next_visits.plan(stage, question, menu).batch(BATCH, rng)
+            order = np.append(order, menu.station[picks])
+            settings = np.r_[settings, menu.supply_V[picks] / VOLTS - 1]
+        row |= {how: len(order), f"{how}_wrong": apart < -APART, f"{how}_open": abs(apart) <= APART}
+    return row
+
+
+def _evidence(stage: SearchProblem, fitted: Fitted) -> float:
+    """Log evidence of a fit with its form uncertain, as the search has it."""
+    tube = stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
+    basis = framed(orthonormal(np.hstack([fitted.jacobian, tube])))
+    here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
+    scores = (basis.T @ fitted.residual)[:, None]
+    return float(here.log(scores)[0]) + outside(fitted, scores)
+
+
+def rows(kind: str, count: int, seed: int, out: Path) -> None:
+    """Append a row per campaign, boundaries in turn; what stands there already is not run again."""
+    done = (
+        {json.loads(line)["seed"] for line in out.read_text().splitlines()} if out.exists() else ()
+    )
+    for i in range(count):
+        if seed + i in done:
+            continue
+        boundary = ("ground", "ceiling", "sidewall")[i % 3]
+        try:
+            row = {"coefficient": coefficient, "rivals": rivals, "supply": supply}[kind](
+                boundary, seed + i
+            )
+        except Unreachable:
+            continue
+        with out.open("a") as sink:
+            sink.write(
+                json.dumps({"kind": kind, "seed": seed + i, "boundary": boundary} | row) + "\n"
+            )
+
+
+def tabulate(path: Path) -> str:
+    """Medians with quartiles, and shares with their exact 95 % intervals, by boundary."""
+    read = [json.loads(line) for line in path.read_text().splitlines()]
+    lines = []
+    for boundary in (
+        dict.fromkeys(r["boundary"] for r in read) if read[0]["kind"] == "coefficient" else ("",)
+    ):
+        mine = [r for r in read if boundary in ("", r["boundary"])]
+        parts = []
+        for name in read[0]:
+            values = [r[name] for r in mine if r[name] is not None]
+            if isinstance(values[0], bool):
+                k = binomtest(sum(values), len(values)).proportion_ci(0.95)
+                parts.append(f"{name} {sum(values)} of {len(values)} ({k.low:.3f} to {k.high:.3f})")
+            elif not isinstance(values[0], str) and name != "seed":
+                low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+                parts.append(f"{name} {middle:.4g} ({low:.4g} to {high:.4g})")
+        lines.append(f"{boundary} n={len(mine)}: " + "; ".join(parts))
+    return "\n".join(lines)
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("kind", choices=("coefficient", "rivals", "supply"))
+    parser.add_argument("--count", type=int, default=99)
+    parser.add_argument("--seed", type=int, default=820_000)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--tabulate", action="store_true")
+    given = parser.parse_args()
+    if not given.tabulate:
+        rows(given.kind, given.count, given.seed, given.out)
+    print(tabulate(given.out))
