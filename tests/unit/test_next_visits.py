@@ -12,12 +12,13 @@ from nearlift.likelihood import budget
 from nearlift.loop import coefficients, next_visits, separation
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.setting import derive
+from nearlift.products import RESULTS
 from nearlift.readers import schedule as schedules
 from nearlift.results import Noise
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages import next_rows
 from nearlift.stages import next_visits as stage_of_next
-from nearlift.stages.next_visits import Asked
+from nearlift.stages.asked import Asked
 
 from . import simulated, small_run
 
@@ -306,6 +307,17 @@ def test_a_curve_of_lift_is_planned_for_at_its_throttles(make_job):
 def test_a_table_of_means_is_told_what_to_fill_in(make_job):
     ((found,), _) = stage_of_next.run(job_of(make_job), Asked.of("K_b"), 2)
     assert any("fill in the mean lift" in note for note in found.notes)
+
+
+def test_a_quoted_uncertainty_of_another_kind_is_told(make_job):
+    job = job_of(make_job)
+    results = job.read_json(RESULTS)
+    own = results["boundaries"]["ground"]["coefficients"]["K_b"]
+    assert not any("results.json" in n for n in stage_of_next.run(job, Asked.of("K_b"))[0][0].notes)
+    own["u"] *= 10
+    job.write_json(RESULTS, results)
+    ((found,), _) = stage_of_next.run(job, Asked.of("K_b"), 2)
+    assert any(f"results.json quotes u(K_b) = {own['u']:.2g}" in note for note in found.notes)
 
 
 def test_nothing_to_plan_from_is_refused(make_job):

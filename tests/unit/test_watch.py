@@ -18,6 +18,7 @@ from nearlift.results.serial import decode
 from nearlift.run import graph
 from nearlift.run import watch as watching
 from nearlift.run.watch import Round, watch
+from nearlift.stages.asked import Asked
 
 from . import small_run
 from . import test_compare as compared
@@ -54,6 +55,22 @@ def until(rounds, wanted, limit_s: float = 60.0) -> list[Round]:
             return seen
         assert time.monotonic() < end, seen
     raise AssertionError("a watch has no end")
+
+
+def test_the_next_visits_are_said_after_each_look(recording, tmp_path):
+    raw, late = recording
+    asked = Asked.of("K_b", until=0.05)
+    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST, asked=asked)
+    places, stop = next(rounds).next
+    assert places.startswith("next at the ground: ")
+    assert places.count(" mm") == 10
+    before = int(stop.partition("about ")[2].split(" more")[0])
+    for path in late:
+        shutil.copy2(path, raw / "trials" / path.name)
+        old(raw / "trials" / path.name)
+    places, stop = until(rounds, lambda found: found.good == 112)[-1].next
+    # 28 trials on, and the fewer to come
+    assert int(stop.partition("about ")[2].split(" more")[0]) < before
 
 
 def test_trials_are_taken_up_as_they_land(recording, tmp_path):

@@ -45,8 +45,9 @@ def command(
 ) -> None:
     """Plan a batch of visits."""
     from nearlift.stages import next_rows, next_visits
+    from nearlift.stages.asked import Asked
 
-    asked = next_visits.Asked.of(question, until)
+    asked = Asked.of(question, until)
     if as_csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):

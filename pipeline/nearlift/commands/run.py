@@ -31,8 +31,33 @@ from nearlift.errors import UsageError
     metavar="SECONDS",
     help="How often --watch looks.",
 )
-def command(call: Call, campaigns: tuple[Path, ...], watch: bool, every: float) -> None:
+@click.option(
+    "--next",
+    "question",
+    metavar="QUESTION",
+    help="With --watch: say after each look what to visit next, as `nearlift next --for` does.",
+)
+@click.option(
+    "--until",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="U",
+    help="With --next: the coefficient's standard uncertainty at which to stop.",
+)
+def command(
+    call: Call,
+    campaigns: tuple[Path, ...],
+    watch: bool,
+    every: float,
+    question: str | None,
+    until: float | None,
+) -> None:
     """Once, again and again, or for each of them."""
+    if (question or until) and not (watch and question):
+        raise UsageError(
+            "--next" if question else "--until",
+            f"needs {'--watch' if question else '--next'}",
+            "`nearlift next` plans the visits of a campaign that nobody watches",
+        )
     if watch:
         if len(campaigns) > 1:
             raise UsageError(
@@ -40,7 +65,7 @@ def command(call: Call, campaigns: tuple[Path, ...], watch: bool, every: float) 
                 f"was given {len(campaigns)} campaigns",
                 "watch one; run the others in terminals of their own",
             )
-        follow(call, campaigns[0], every)
+        follow(call, campaigns[0], every, question, until)
     elif len(campaigns) == 1:
         execute(call, campaigns[0])
     else:
@@ -66,15 +91,24 @@ def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
     sys.exit(many.gravest(ends))
 
 
-def follow(call: Call, campaign: Path, period_s: float) -> None:
+def follow(
+    call: Call, campaign: Path, period_s: float, question: str | None, until: float | None
+) -> None:
     """Run a campaign that is being recorded, again and again, until it is interrupted; with --json
     one object a round.
     """
+    from nearlift.run.graph import STAGES
     from nearlift.run.watch import watch
+    from nearlift.stages.asked import Asked
 
+    asked = Asked.of(question, until) if question else None
     end_politely()
     call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
-    for found in watch(campaign, call.out, call.executor, call.seed, period_s, call.progress):
-        call.line(found.words)
+    looks = watch(
+        campaign, call.out, call.executor, call.seed, period_s, call.progress, STAGES, asked
+    )
+    for found in looks:
+        for line in (found.words, *found.next):
+            call.line(line)
         if call.as_json:
             click.echo(json.dumps(asdict(found)))

@@ -73,6 +73,17 @@ class NextVisits:
         return [self._gain, *([self.stop] if self.wanted is not None else []), self._given_up]
 
     @property
+    def brief(self) -> list[str]:
+        """The visits in one line, and where to stop, or what they bring."""
+        places = ", ".join(
+            ("free air" if math.isinf(v.z_hat) else f"{1e3 * v.distance_m:.4g} mm")
+            + (f" at {v.supply_V:.2f} V" if v.supply_V is not None else "")
+            for v in self.visits
+        )
+        told = self._gain if self.wanted is None else self.stop
+        return [f"next at the {self.boundary}: {places}", told]
+
+    @property
     def _name(self) -> str:
         return " and ".join(self.aim) if self.parts else f"u({letter(self.aim[0])})"
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nearlift.errors import NearliftError
 from nearlift.manifest import campaign as manifests
@@ -21,9 +22,12 @@ from nearlift.reduction.quality import rejected
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults
 from nearlift.results.quotation import Results
 from nearlift.run import graph, store
-from nearlift.run.job import Say, silent
+from nearlift.run.job import Job, Say, silent
 from nearlift.run.lock import Busy
 from nearlift.run.opening import open_job
+
+if TYPE_CHECKING:
+    from nearlift.stages.asked import Asked
 
 #: Seconds between looks, unless told otherwise.
 PERIOD_S = 5.0
@@ -50,6 +54,8 @@ class Round:
         One line: how far the campaign is and what it says so far, or why it must wait.
     refused : str
         The refusal, where there was one.
+    next : tuple of str
+        The next visits, and where to stop, where they were asked for.
     """
 
     ran: tuple[str, ...] = ()
@@ -58,6 +64,7 @@ class Round:
     planned: bool = False
     words: str
     refused: str = ""
+    next: tuple[str, ...] = ()
 
 
 def watch(
@@ -68,6 +75,7 @@ def watch(
     period_s: float = PERIOD_S,
     say: Say = silent,
     stages: Sequence[graph.Stage] = graph.STAGES,
+    asked: Asked | None = None,
 ) -> Iterator[Round]:
     """Rounds without end; one is yielded whenever something was run or refused, or need not wait
     any longer.
@@ -85,7 +93,7 @@ def watch(
         now = _stamps(root)
         if again or now != seen:
             seen = now
-            found, again = _round(root, out, executor, seed, say, stages)
+            found, again = _round(root, out, executor, seed, say, stages, asked)
             if 0 < longest < found.scheduled and not found.planned:
                 found = replace(found, words=f"{found.words}; {GROWS}")
             longest = max(longest, found.scheduled)
@@ -118,6 +126,7 @@ def _round(
     seed: int,
     say: Say,
     stages: Sequence[graph.Stage],
+    asked: Asked | None,
 ) -> tuple[Round, bool]:
     """Run what is stale; the answer, and whether to look again although nothing changes (a record
     was still being written).
@@ -133,24 +142,33 @@ def _round(
             planned = job.campaign.diagnose.planned_trials is not None
             found = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING)
             quoted = store.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
+            visits = _next(job, asked) if asked and ran else ()
     except NearliftError as refusal:
         return Round(
             ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)
         ), isinstance(refusal, Busy)
     good = len(quality) - int(rejected(quality).sum())
     words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted, found)])
-    done = Round(ran=tuple(ran), good=good, scheduled=len(quality), planned=planned, words=words)
+    done = Round(
+        ran=tuple(ran),
+        good=good,
+        scheduled=len(quality),
+        planned=planned,
+        words=words,
+        next=visits,
+    )
     return done, pending
 
 
+def _next(job: Job, asked: Asked) -> tuple[str, ...]:
+    """What to visit next, or why nobody can say."""
+    from nearlift.stages import next_visits
+
+    try:
+        found, elsewhere = next_visits.run(job, asked)
+    except NearliftError as refusal:
+        return (f"next: {refusal.what}; {refusal.remedy}",)
+    return (*(line for of in found for line in of.brief), *elsewhere)
+
+
 def _headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
-    """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs
-    where trials are still to come.
-    """
-    for boundary, own in quoted.boundaries.items():
-        if own.headline:
-            yield f"{boundary} {own.headline_text}"
-        if own.verdict != NOT_DIAGNOSED:
-            found = diagnosis.boundaries.get(boundary)
-            look = found.look if isinstance(found, BoundaryDiagnosis) else None
-            yield f"{boundary} {own.claim}" + (f" ({look.text})" if look else "")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -22,6 +21,7 @@ from nearlift.likelihood.problem import usable
 from nearlift.loop import next_visits
 from nearlift.loop.admission import could_act
 from nearlift.loop.candidate_fit import search
+from nearlift.loop.coefficients import spread
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import handles
@@ -30,65 +30,27 @@ from nearlift.loop.proposals import APART, Point
 from nearlift.loop.search_problem import SILENT, Options, SearchProblem, visibility
 from nearlift.loop.setting import derive
 from nearlift.manifest.campaign import Campaign
-from nearlift.products import DIAGNOSIS, TRIALS
+from nearlift.nomenclature import letter
+from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
 from nearlift.results.next_visits import NextVisit, NextVisits
 from nearlift.results.outlook import NextSession
+from nearlift.results.quotation import Results
 from nearlift.rounding import plain
 from nearlift.run import store
 from nearlift.run.job import Job
+from nearlift.stages.asked import Asked
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
 
 COUNT = 10
-SEPARATE, DRIFT = "separate", "drift"
-#: What `drift` tells apart: the supply, and time.
-OF_DRIFT = ("supply_sag", "gain_drift")
 #: An effect whose fit lowers chi2 by less is supposed at its plausible size.
 FITTED = 9.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
-    """The question in words: a coefficient; or two explanations, by default the diagnosis's; and u
-    of the coefficient at which to stop.
-    """
-
-    coefficient: str = ""
-    pair: tuple[str, ...] = ()
-    drift: bool = False
-    until: float | None = None
-
-    @classmethod
-    def of(cls, text: str, until: float | None = None) -> Asked:
-        """What ``--for TEXT`` asks.
-
-        Raises
-        ------
-        UsageError
-            Not two different effects, or a limit where no coefficient is asked for.
-        """
-        word, _, names = text.partition("=")
-        if word in (SEPARATE, DRIFT):
-            pair = tuple(n.strip() for n in names.split(",") if n.strip())
-            if (word == DRIFT and names) or (pair and len(set(pair)) != 2):
-                raise UsageError(
-                    f"--for {text}",
-                    "wants two different effects",
-                    "separate=supply_sag,gain_drift, or separate alone for those that the diagnosis"
-                    " could not tell apart",
-                )
-            if until is not None:
-                raise UsageError(
-                    "--until", "is u of a coefficient", "leave it out: rivals stop when they part"
-                )
-            for name in pair:
-                catalogue.effect(name)
-            return cls(pair=OF_DRIFT if word == DRIFT else pair, drift=word == DRIFT)
-        return cls(coefficient=text, until=until)
+#: A quoted uncertainty so many times that of the noise floor is told.
+BEYOND = 1.5
 
 
 def run(
@@ -171,6 +133,8 @@ def _at(
         if asked.coefficient
         else _rivals(stage, asked, library, loop)
     )
+    if asked.coefficient:
+        notes += _quoted(job, stage, asked.coefficient)
     move = asked.drift or "supply_sag" in aim
     plan = next_visits.plan(stage, question, next_visits.menu(stage.data, z_hat, move))
     if loop is not None and not asked.coefficient:
@@ -310,6 +274,24 @@ def _coefficient(
     fitted = stage.explain(named).fitted if named else stage.base_fit
     at = [p.name for p in stage.base.parameters].index(name)
     return next_visits.of_coefficient(fitted, at), (name,)
+
+
+def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
+    """A note where results.json quotes much more than the noise floor leaves."""
+    results = store.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
+    own = results.boundaries.get(stage.data.boundary)
+    if own is None or name not in own.coefficients:
+        return []
+    at = [p.name for p in stage.base.parameters].index(name)
+    u, floor = own.coefficients[name].u, spread(stage, stage.base_fit)[1][at]
+    if not u > BEYOND * floor:
+        return []
+    return [
+        (
+            f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which rests on more than the"
+            " noise floor: few visits, or explanations that are not told apart"
+        )
+    ]
 
 
 def _rivals(

@@ -1,0 +1,52 @@
+"""What the next visits of a campaign are to be good for, as the user writes it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from nearlift import catalogue
+from nearlift.errors import UsageError
+
+SEPARATE, DRIFT = "separate", "drift"
+#: What `drift` tells apart: the supply, and time.
+OF_DRIFT = ("supply_sag", "gain_drift")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Asked:
+    """The question in words: a coefficient; or two explanations, by default the diagnosis's; and u
+    of the coefficient at which to stop.
+    """
+
+    coefficient: str = ""
+    pair: tuple[str, ...] = ()
+    drift: bool = False
+    until: float | None = None
+
+    @classmethod
+    def of(cls, text: str, until: float | None = None) -> Asked:
+        """What ``--for TEXT`` asks.
+
+        Raises
+        ------
+        UsageError
+            Not two different effects, or a limit where no coefficient is asked for.
+        """
+        word, _, names = text.partition("=")
+        if word in (SEPARATE, DRIFT):
+            pair = tuple(n.strip() for n in names.split(",") if n.strip())
+            if (word == DRIFT and names) or (pair and len(set(pair)) != 2):
+                raise UsageError(
+                    f"--for {text}",
+                    "wants two different effects",
+                    "separate=supply_sag,gain_drift, or separate alone for those that the diagnosis"
+                    " could not tell apart",
+                )
+            if until is not None:
+                raise UsageError(
+                    "--until", "is u of a coefficient", "leave it out: rivals stop when they part"
+                )
+            for name in pair:
+                catalogue.effect(name)
+            return cls(pair=OF_DRIFT if word == DRIFT else pair, drift=word == DRIFT)
+        return cls(coefficient=text, until=until)
