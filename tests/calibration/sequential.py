@@ -25,6 +25,7 @@ from tests.calibration.bench import stream
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, simulate
 
 from nearlift import catalogue
+from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import coefficients, next_visits
 from nearlift.loop.candidate_fit import Fitted, search
@@ -32,7 +33,6 @@ from nearlift.loop.diagnose import coefficients_of, decide, set_up
 from nearlift.loop.evidence import Linearised
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.search_problem import Options, SearchProblem, outside
-from nearlift.loop.setting import derive
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import FORM_SD
 

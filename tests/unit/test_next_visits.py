@@ -9,9 +9,9 @@ import pytest
 from nearlift import catalogue
 from nearlift.errors import InputRefused, UsageError
 from nearlift.likelihood import budget
+from nearlift.likelihood.covariates import derive
 from nearlift.loop import coefficients, next_visits, separation
 from nearlift.loop.search_problem import Options, SearchProblem
-from nearlift.loop.setting import derive
 from nearlift.products import RESULTS
 from nearlift.readers import schedule as schedules
 from nearlift.results import Noise

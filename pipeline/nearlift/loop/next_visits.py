@@ -66,7 +66,7 @@ class Menu:
     def nearest(self, z_hat: FloatArray) -> IntArray:
         """The station that stands for each distance, (n,); infinity for itself."""
         apart = np.abs(_log(z_hat)[:, None] - _log(self.z_hat))
-        return np.argmin(apart, axis=1).astype(np.int64)
+        return np.asarray(np.argmin(apart, axis=1), dtype=np.int64)
 
 
 def _log(z_hat: FloatArray) -> FloatArray:

@@ -172,3 +172,13 @@ def _next(job: Job, asked: Asked) -> tuple[str, ...]:
 
 
 def _headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
+    """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs
+    where trials are still to come.
+    """
+    for boundary, own in quoted.boundaries.items():
+        if own.headline:
+            yield f"{boundary} {own.headline_text}"
+        if own.verdict != NOT_DIAGNOSED:
+            found = diagnosis.boundaries.get(boundary)
+            look = found.look if isinstance(found, BoundaryDiagnosis) else None
+            yield f"{boundary} {own.claim}" + (f" ({look.text})" if look else "")

@@ -17,6 +17,7 @@ from nearlift.errors import InputRefused, NotConverged, UsageError
 from nearlift.fit import inputs
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
+from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import usable
 from nearlift.loop import next_visits
 from nearlift.loop.admission import could_act
@@ -28,7 +29,6 @@ from nearlift.loop.handle import handles
 from nearlift.loop.next_visits import Plan, Question
 from nearlift.loop.proposals import APART, Point
 from nearlift.loop.search_problem import SILENT, Options, SearchProblem, visibility
-from nearlift.loop.setting import derive
 from nearlift.manifest.campaign import Campaign
 from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
@@ -305,6 +305,8 @@ def _rivals(
     """
     where = f"next visits at the {stage.data.boundary}"
     known = {e.name: e for e in library}
+    one: tuple[str, ...]
+    other: tuple[str, ...]
     if asked.pair:
         one, other = ((name,) for name in asked.pair)
     else:
