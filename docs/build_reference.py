@@ -65,7 +65,7 @@ def claims_page() -> str:
     ]
     for claim in claims:
         computed = (
-            f"{claim['gives']:.6g} {claim.get('unit', '').removeprefix('1')}".strip()
+            f"{claim['gives']:.6g} {claim.get('gives_unit', claim.get('unit', '')).removeprefix('1')}".strip()
             if isinstance(claim.get("gives"), int | float)
             else ""
         )

@@ -589,6 +589,7 @@ def test_claim_is_complete(claim):
         "computed",
         "with",
         "gives",
+        "gives_unit",
         "within",
         "why",
         "findings",

@@ -241,14 +241,14 @@ class FlowCase:
                 value, spread = math.nan, np.full_like(spread, math.nan)
             spread = spread[np.isfinite(spread)]
             enough = self.recording.mean.n > 1 and len(spread) > 1
-            low, high = np.quantile(spread, [0.05, 0.95]) if enough else (math.nan, math.nan)
             count = name.startswith("vort")
+            low, high = interval(value, spread, count) if enough else (math.nan, math.nan)
             yield {k: self.place[k] for k in ("case", "z_hat", "tilt_rad")} | {
                 "quantity": name,
                 "value": value,
                 "u": float(spread.std(ddof=1)) if enough else math.nan,
-                "lo90": float(low),
-                "hi90": float(high),
+                "lo90": low,
+                "hi90": high,
                 "agreement": float(np.mean(spread == value)) if count and enough else math.nan,
             }
 
@@ -273,3 +273,17 @@ class FlowCase:
             "rotors_m": self.scene.rotors_m,
             "vortices": [] if self.topology is None else list(map(asdict, self.topology.vortices)),
         }
+
+
+def interval(value: float, spread: FloatArray, count: bool) -> tuple[float, float]:
+    """90 % interval of a quantity from its values in resampled fields; it holds the estimate.
+
+    Resampling adds the fields' noise once more, and what noise does to a quantity beyond spreading
+    it moves all resamples to one side: so it is their spread about their own median that counts,
+    put about the estimate. A count's interval is the resamples', and the estimate.
+    """
+    low, middle, high = np.quantile(spread, [0.05, 0.5, 0.95]).tolist()
+    if count:
+        return min(low, value), max(high, value)
+    low, high = value + low - middle, value + high - middle
+    return (max(low, 0.0) if spread.min() >= 0 else low), high

@@ -55,19 +55,6 @@ class Scene:
         )
         return result
 
-    def column_shares(self, x_m: FloatArray, reach: float) -> FloatArray:
-        """Share of each column of nodes, as wide as their spacing, within `reach` radii of an
-        axis.
-        """
-        half = 0.5 * (x_m[1] - x_m[0])
-        shares = [
-            np.minimum(x_m + half, c + reach * self.radius_m)
-            - np.maximum(x_m - half, c - reach * self.radius_m)
-            for c in self.rotors_m
-        ]
-        result: FloatArray = np.clip(np.max(shares, axis=0) / (2 * half), 0.0, 1.0)
-        return result
-
     def beneath(self, x_m: FloatArray, reach: float = 1.0) -> NDArray[np.bool_]:
         """Whether `x_m` lies within `reach` radii of a rotor axis."""
         return np.asarray(

@@ -3,8 +3,8 @@ split, left and right.
 
 A vortex is a core where Gamma_2 (Graftieaux, Michard and Grosjean 2001) exceeds 2/pi in size: there
 rotation outweighs strain. It looks at directions over a window, not at derivatives, and is unmoved
-by a uniform stream. So is a jet that merely bends; what is counted is a standing vortex, about
-which the mean flow itself turns: Gamma_1, which sees the stream, must be large there too.
+by a uniform stream. So is a jet that merely bends, or its edge; what is counted is a standing
+vortex, about which the mean flow itself turns: Gamma_1, which sees the stream, is large there too.
 """
 
 from __future__ import annotations
@@ -17,23 +17,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.flow.field import VelocityField
+from nearlift.flow.field import VelocityField, take_columns
 from nearlift.flow.scene import Scene
 
 CORE = 2 / math.pi
-#: Least |Gamma_1| within the core of a standing vortex.
+#: Least |Gamma_1| in the core of a standing vortex.
 STANDING = 0.5
 #: Radius of Gamma_2's window over rotor radius, and the least grid spacings it may be.
 WINDOW_HAT, WINDOW_NODES = 0.4, 2.0
 #: A vortex has at least this area over r^2 and this circulation over U r.
-LEAST_AREA, LEAST_CIRCULATION = 0.03, 0.03
+LEAST_AREA, LEAST_CIRCULATION = 0.03, 0.1
 #: Air slower than this over the control's downwash is stagnant.
 SLOW = 0.3
-#: The zone beneath an axis reaches so many radii to either side: 0.85 of a fully contracted wake's
-#: half-width, 1/sqrt(2) by momentum theory, the rest being its shear layer.
-CORE_HAT = 0.85 / math.sqrt(2)
-#: Vortices are looked for so many radii beyond the outermost axes: to the edge of the disks.
-DISK_HAT = 1.0
+#: The zone beneath an axis is that under the rotor's inner half: within the core of a wake, which
+#: contracts to 1/sqrt(2) of the radius by momentum theory, even with its shear layer.
+INNER_HAT = 0.5
+#: A jet stagnates within so many radii of its axis.
+NEAR_HAT = 1.0
+#: Vortices are not looked for nearer than this to the rotor plane, where blades and body are.
+PLANE_HAT = 0.25
+#: Rows by which a picture that ends above the ground is carried on to it, at most.
+CARRIED = 3
+#: Steps along x and y in which the zone, which is flat, is added up, over radius.
+STEPS_HAT = 0.04, 0.01
 #: A stream counts for the split angle where it is at least this fast.
 FAST = 0.4
 
@@ -126,22 +132,24 @@ def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> Floa
 
 
 def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[Vortex, ...]:
-    """Vortex cores between rotor plane and ground, from left to right."""
+    """Vortex cores, from left to right. Left out are those nearer to the rotor plane than
+    `PLANE_HAT` radii, to the ground than half the window, or where fewer than half of a window has
+    vectors.
+    """
     from scipy.ndimage import label
 
     radius = max(WINDOW_HAT * scene.radius_m, WINDOW_NODES * max(field.dx_m, field.dy_m))
-    turning, still = np.nan_to_num(gamma(field, radius)), None
+    turning, still = (np.nan_to_num(gamma(field, radius, moving=m)) for m in (True, False))
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
-    outer = max(abs(c) for c in scene.rotors_m) + DISK_HAT * scene.radius_m
-    where = (yy < -0.25 * scene.radius_m) & (height > 0.5 * radius) & (np.abs(xx) <= outer)
+    where = (np.abs(yy) > PLANE_HAT * scene.radius_m) & (height > 0.5 * radius)
     curl = np.gradient(field.vy_m_s, field.dx_m, axis=1) - np.gradient(
         field.vx_m_s, field.dy_m, axis=0
     )
     cell = field.dx_m * field.dy_m
     found = []
     for sign in (1.0, -1.0):
-        labels, n = label(where & (sign * turning > CORE))
+        labels, n = label(where & (sign * turning > CORE) & (sign * still > STANDING))
         for k in range(1, n + 1):
             core = labels == k
             area = float(core.sum() * cell)
@@ -151,11 +159,7 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
                 or sign * circulation < LEAST_CIRCULATION * reference_m_s * scene.radius_m
             ):
                 continue
-            if still is None:
-                still = np.nan_to_num(gamma(field, radius, moving=False))
-            if float(np.max(sign * still[core])) < STANDING:
-                continue
-            weight = np.maximum(sign * still[core], 0.0) ** 4
+            weight = (sign * still[core]) ** 4
             found.append(
                 Vortex(
                     x_m=float(np.average(xx[core], weights=weight)),
@@ -169,60 +173,114 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagnationZone:
-    """Slow air that rests on the ground beneath the contracted wakes.
+    """Slow air that rests on the ground beneath the rotors' inner halves.
 
     Attributes
     ----------
     nodes : (ny, nx) bool
         Nodes within it.
-    top_m : (nx,)
-        Extent along y above the ground of each column of nodes; 0 where there is none.
+    area_m2, height_m : float
+        Its height is the greatest, along the boundary's normal.
+    ground_m_s : (nx,)
+        Speed on the ground, beneath the rotors or not.
     """
 
     nodes: NDArray[np.bool_]
-    top_m: FloatArray
+    area_m2: float
+    height_m: float
+    ground_m_s: FloatArray
 
 
 def stagnation(field: VelocityField, scene: Scene, reference_m_s: float) -> StagnationZone:
-    """The stagnation zone. A column's extent is from the ground, however high the picture ends
-    above it, to where the speed, linear between nodes, passes `SLOW` of the reference: so it does
-    not depend on where the grid's nodes happen to stand.
+    """The stagnation zone: what the level of `SLOW` of the reference in the mean speed encloses
+    together with the ground, beneath `INNER_HAT` radii of an axis.
 
-    Only what lies beneath `CORE_HAT` radii of an axis counts: air beside a contracted wake is slow
-    all the way up, and stagnates nowhere.
+    Either component is linear between nodes, and down to the ground along the line through each
+    column's lowest two; the zone is every slow point that slow points join to the ground. So it
+    does not depend on where the grid's nodes happen to stand.
     """
+    from scipy.ndimage import label
+
     _, yy = np.meshgrid(field.x_m, field.y_m)
     ground = scene.boundary_y_m(field.x_m)
-    threshold = SLOW * reference_m_s
-    speed = np.where(field.valid & (yy > ground) & (yy < 0), field.speed_m_s, np.nan)
-    top = np.zeros(len(field.x_m))
-    for i in np.flatnonzero(scene.column_shares(field.x_m, CORE_HAT) > 0):
-        seen = np.flatnonzero(np.isfinite(speed[:, i]))
-        if not len(seen) or speed[seen[0], i] >= threshold:
-            continue
-        fast = np.flatnonzero(speed[seen, i] >= threshold)
-        if len(fast):
-            low, high = seen[fast[0] - 1], seen[fast[0]]
-            share = (threshold - speed[low, i]) / (speed[high, i] - speed[low, i])
-            crossing = field.y_m[low] + share * (field.y_m[high] - field.y_m[low])
-        else:
-            crossing = field.y_m[seen[-1]]
-        top[i] = crossing - ground[i]
-    return StagnationZone(nodes=np.isfinite(speed) & (yy < ground + top), top_m=top)
+    seen = field.valid & (yy > ground) & (yy < 0)
+    # a picture that ends a little above the ground is carried on to it
+    unseen = min(max(math.ceil((field.y_m[0] - ground.min()) / field.dy_m), 0), CARRIED)
+    first = field.y_m[0] - unseen * field.dy_m
+    dx, dy = (s * scene.radius_m for s in STEPS_HAT)
+    x, y = np.arange(field.x_m[0], field.x_m[-1], dx), np.arange(first, 0.0, dy)
+    x = x[scene.beneath(x, INNER_HAT + STEPS_HAT[0])]
+    fine, on_ground = np.zeros((len(y), len(x))), np.zeros(len(ground))
+    for component in (field.vx_m_s, field.vy_m_s):
+        v = np.pad(np.where(seen, component, np.nan), ((unseen, 0), (0, 0)), constant_values=np.nan)
+        v = _to_the_ground(v)
+        along = take_columns(v, (x - field.x_m[0]) / field.dx_m)
+        fine = np.hypot(fine, take_columns(along.T, (y - first) / field.dy_m).T)
+        at = (ground - first) / field.dy_m
+        on_ground = np.hypot(on_ground, np.diagonal(take_columns(v.T, at)))
+    height = scene.height_m(*np.meshgrid(x, y))
+    slow = (fine < SLOW * reference_m_s) & (height >= 0) & scene.beneath(x, INNER_HAT)
+    labels, _ = label(slow)
+    rests = np.unique(labels[slow & (height < 2 * dy)])
+    zone = slow & np.isin(labels, rests)
+    near_x, near_y = (
+        np.clip(np.searchsorted(a, b - 0.5 * d), 0, len(a) - 1)
+        for a, b, d in ((x, field.x_m, dx), (y, field.y_m, dy))
+    )
+    nodes = zone[np.ix_(near_y, near_x)] & scene.beneath(field.x_m, INNER_HAT) & (yy > ground)
+    return StagnationZone(
+        nodes=nodes,
+        area_m2=float(zone.sum()) * dx * dy,
+        height_m=float(height[zone].max()) if zone.any() else 0.0,
+        ground_m_s=on_ground,
+    )
+
+
+def _to_the_ground(values: FloatArray) -> FloatArray:
+    """The same where there are none below the lowest two of each column, on the line through
+    them.
+    """
+    values, rows = values.copy(), np.arange(len(values))
+    for column in values.T:
+        lowest = np.flatnonzero(np.isfinite(column))[:2]
+        if len(lowest) == 2:
+            rise = np.diff(column[lowest]) / np.diff(lowest)
+            below = rows < lowest[0]
+            column[below] = column[lowest[0]] + rise * (rows[below] - lowest[0])
+    return values
+
+
+def stagnation_points_m(
+    field: VelocityField, scene: Scene, zone: StagnationZone, reference_m_s: float
+) -> FloatArray:
+    """Places x on the boundary where slow air parts to the left and to the right."""
+    _, yy = np.meshgrid(field.x_m, field.y_m)
+    lowest = np.argmax(field.valid & (yy > scene.boundary_y_m(field.x_m)), axis=0)
+    columns = np.arange(len(field.x_m))
+    along = (
+        math.cos(scene.tilt_rad) * field.vx_m_s[lowest, columns]
+        - math.sin(scene.tilt_rad) * field.vy_m_s[lowest, columns]
+    )
+    left = np.flatnonzero((along[:-1] <= 0) & (along[1:] > 0))
+    share = -along[left] / (along[left + 1] - along[left])
+    speed = (1 - share) * zone.ground_m_s[left] + share * zone.ground_m_s[left + 1]
+    x: FloatArray = (field.x_m[left] + share * field.dx_m)[speed < SLOW * reference_m_s]
+    return x
 
 
 def split_angle_deg(
     field: VelocityField, scene: Scene, zone: StagnationZone, reference_m_s: float
 ) -> float:
     """Angle between the two streams into which a rotor's jet parts, mean over rotors: 180 along the
-    ground; nan where no air stagnates between them, since nothing splits there, or if unseen.
+    ground; nan where no stagnation point lies on the boundary within `NEAR_HAT` radii of the axis,
+    since nothing splits there, or if unseen.
     """
+    points = stagnation_points_m(field, scene, zone, reference_m_s)
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
     found = []
     for centre in scene.rotors_m:
-        beneath = np.abs(field.x_m - centre) <= CORE_HAT * scene.radius_m
-        if not zone.top_m[beneath].any():
+        if not (np.abs(points - centre) <= NEAR_HAT * scene.radius_m).any():
             continue
         near = (
             (np.abs(xx - centre) <= 2 * scene.radius_m)
@@ -270,10 +328,8 @@ def wake_topology(field: VelocityField, scene: Scene, reference_m_s: float) -> W
         "vortices_ccw": ccw,
         "vortices_cw": cw,
         "vortex_pairs": min(ccw, cw),
-        "stagnation_area_hat2": float(zone.top_m @ scene.column_shares(field.x_m, CORE_HAT))
-        * field.dx_m
-        / r**2,
-        "stagnation_height_hat": float(zone.top_m.max()) * math.cos(scene.tilt_rad) / r,
+        "stagnation_area_hat2": zone.area_m2 / r**2,
+        "stagnation_height_hat": zone.height_m / r,
         "split_angle_deg": split_angle_deg(field, scene, zone, reference_m_s),
         "asymmetry": asymmetry(field, scene),
     }

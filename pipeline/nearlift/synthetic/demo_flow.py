@@ -60,23 +60,18 @@ def wakes(bench: Bench) -> dict[str, Wake]:
 
 
 def _tilted(tilt_deg: float) -> tuple[float, tuple[Blob, ...]]:
-    """Two pairs of vortices at the steepest positive tilts, one pair, then a single
-    counter-clockwise one: as the paper describes.
+    """A second pair of vortices above the fountain's own at the steepest positive tilts; a single
+    counter-clockwise one in its place at negative tilts: as the paper describes.
     """
     lean = 0.015 * tilt_deg
     if tilt_deg > 3:
         return lean, (
-            Blob(x_hat=-0.35, y_hat=-0.9, strength=0.25, size=0.3),
-            Blob(x_hat=0.35, y_hat=-0.9, strength=-0.25, size=0.3),
-            Blob(x_hat=-0.4, y_hat=-1.9, strength=-0.5, size=0.33),
-            Blob(x_hat=0.4, y_hat=-1.9, strength=0.5, size=0.33),
+            Blob(x_hat=-0.35, y_hat=-0.9, strength=0.15, size=0.3),
+            Blob(x_hat=0.35, y_hat=-0.9, strength=-0.15, size=0.3),
         )
     if tilt_deg > 0:
-        return lean, (
-            Blob(x_hat=-0.4, y_hat=-1.4, strength=0.25, size=0.35),
-            Blob(x_hat=0.4, y_hat=-1.4, strength=-0.25, size=0.35),
-        )
-    return lean, (Blob(x_hat=0.1, y_hat=-1.3, strength=0.15, size=0.3),)
+        return lean, ()
+    return lean, (Blob(x_hat=0.33, y_hat=-2.7, strength=0.4, size=0.4),)
 
 
 def camera(wake: Wake, half: bool) -> Camera:

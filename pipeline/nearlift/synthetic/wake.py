@@ -1,20 +1,28 @@
-"""Velocity grids with known downwash: two rotor jets from a stream function, so that no air is made
-or lost.
+"""Velocity grids with known downwash: the jets of the rotors in a light sheet through their axes.
 
-    psi(x, y) = V r sum_i F((x - x_i) / r) A(y) G(h) + side wind + vortices,    vx = d psi / dy,  vy
-    = -d psi / dx
+Each jet is symmetric about its axis and has a stream function Q, so that no air is made or lost:
 
-F is the running integral of a top-hat jet; A grows from 0 high above the rotors through 1/2 at the
-disk to 1 in the wake (momentum theory); G vanishes on the ground with height h above it and splits
-each jet into two wall jets around slow air; at a ceiling A is brought to 0 there, and air enters
-sideways. A kinematic picture for tests and the demo, no solution of the flow.
+    rho v_x = dQ/dy,   rho v_y = -dQ/dx,   Q = V r^2/4 T(m),   rho = |x - x_i|,
+
+with T(m) = m for small m, the core, and 1 outside, the rest, and m the smaller (smoothly) of two:
+
+- the free jet's rho^2 / a(y)^2, whose radius a follows from the speed on the axis of a vortex
+  cylinder, V/2 (1 + s / sqrt(1 + s^2)) at s radii beneath the disk: r at the disk, r / sqrt(2) far
+  beneath it, where the speed is V (momentum theory); a ceiling is the image of that cylinder;
+- over a ground the wall jet's, which stagnates on the axis, runs outwards no faster than the jet
+  (Bernoulli) and slows as it spreads. Where inner wall jets meet, midway between the rotors, they
+  turn up: the fountain, whose air leaves the picture sideways as it rises.
+
+To that come a side wind and vortices, of a plane stream function. A kinematic picture for tests and
+the demo, no solution of the flow.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +34,15 @@ from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 from nearlift.randomness import generator
 
-#: Shear layer of a jet and wall jet, over radius.
-EDGE, WALL = 0.22, 1.1
+#: Sharpness of a jet's edge.
+EDGE = 6
+#: Size of the stagnation zone, radius from which wall jets slow down, height over which a fountain
+#: loses its air, and of the side wind's layer on the ground; over rotor radius.
+STAGNANT, SPREAD, FOUNTAIN, WALL = 2.0, 2.5, 5.0, 0.5
+#: Share of its air by which a jet gains from the still air around it, within each radius.
+GAINED = 0.06
+#: Share of a jet's air that enters beneath a ceiling within each radius below it.
+INFLOW = 1.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,31 +77,65 @@ class Wake:
     blobs: tuple[Blob, ...] = ()
 
     def velocity(self, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Components at points, from central differences of the stream function."""
-        step = 1e-4 * self.scene.radius_m
-        vx = (self._psi(x_m, y_m + step) - self._psi(x_m, y_m - step)) / (2 * step)
-        vy = -(self._psi(x_m + step, y_m) - self._psi(x_m - step, y_m)) / (2 * step)
+        """Components at points, from central differences of the stream functions."""
+        r = self.scene.radius_m
+        step = 1e-4 * r
+        vx, vy = self._differences(self._plane, x_m, y_m, step)
+        for centre in self.scene.rotors_m:
+            aside = x_m - centre
+            # on the axis itself the limit
+            rho = np.where(np.abs(aside) < 10 * step, np.where(aside < 0, -10, 10) * step, aside)
+            parts = self._differences(partial(self._jet, centre), centre + rho, y_m, step)
+            vx, vy = vx + parts[0] / rho, vy + parts[1] / rho
         return vx, vy
 
-    def _psi(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+    @staticmethod
+    def _differences(
+        stream: Callable[[FloatArray, FloatArray], FloatArray],
+        x_m: FloatArray,
+        y_m: FloatArray,
+        step: float,
+    ) -> tuple[FloatArray, FloatArray]:
+        """d/dy and -d/dx of a stream function."""
+        along = (stream(x_m, y_m + step) - stream(x_m, y_m - step)) / (2 * step)
+        across = (stream(x_m + step, y_m) - stream(x_m - step, y_m)) / (2 * step)
+        return along, -across
+
+    def _jet(self, centre_m: float, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        """The stream function Q of one jet, m^3/s."""
         scene, r = self.scene, self.scene.radius_m
-        y = y_m / r
-        across = np.sum([_integral((x_m - c) / r) for c in scene.rotors_m], axis=0) + self.lean
-        # close to a ceiling less air comes from above, and more joins from the sides below
-        late = 0.9 * math.exp(-scene.distance_m / r) if scene.boundary == "ceiling" else 0.0
-        along = 0.5 * (1 - np.tanh((y + late) / 1.2))
-        height = scene.height_m(x_m, y_m) / r
-        wall = np.ones_like(along)
+        rho2 = ((x_m - centre_m) / r) ** 2
+        on_axis = _on_axis(-y_m / r)
+        if scene.boundary == "ceiling":
+            on_axis = on_axis - _on_axis(y_m / r - 2 * scene.distance_m / r)
+        m = 2 * rho2 * np.maximum(on_axis, 1e-9)
+        if scene.boundary == "ceiling":
+            # air that cannot come from above comes from the sides, evenly over a layer
+            m = _smaller(m, INFLOW * np.maximum(scene.distance_m - y_m, 0.0) / r)
         if scene.boundary == "ground":
-            wall = 1 - np.exp(-((np.maximum(height, 0.0) / WALL) ** 2))
-        elif scene.boundary == "ceiling":
-            above = np.maximum(height, 0.0)
-            along = along * np.where(
-                y > 0, np.tanh(above / 0.5) / math.tanh(scene.distance_m / r / 0.5), 1.0
-            )
-        total = across * along * wall
+            height = np.maximum(scene.height_m(x_m, y_m) / r, 0.0)
+            slow = (1 + rho2 / SPREAD**2) ** -0.75
+            if len(scene.rotors_m) > 1:
+                side = math.copysign(1.0, centre_m)
+                apart = np.maximum(side * x_m / r, 0.0) + height**2 / FOUNTAIN
+                height = height * apart / np.maximum(np.hypot(height, apart), 1e-12)
+            wall = 4 * height * slow * rho2 / np.sqrt(rho2 + STAGNANT**2)
+            m = _smaller(m, wall)
+        gained = 1 + GAINED * (np.hypot(y_m / r, 1) - y_m / r + 2 * np.sqrt(rho2)) / 2
+        result: FloatArray = (
+            0.25 * self.speed_m_s * r**2 * m / (1 + (m / gained) ** EDGE) ** (1 / EDGE)
+        )
+        return result
+
+    def _plane(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        """The stream function of side wind and vortices, m^2/s."""
+        scene, r = self.scene, self.scene.radius_m
+        wall = np.ones_like(y_m)
+        if scene.boundary == "ground":
+            wall = 1 - np.exp(-((np.maximum(scene.height_m(x_m, y_m) / r, 0.0) / WALL) ** 2))
+        total = self.lean * 0.5 * (1 - np.tanh(y_m / r / 1.2)) * wall
         for b in self.blobs:
-            distance2 = (x_m / r - b.x_hat) ** 2 + (y - b.y_hat) ** 2
+            distance2 = (x_m / r - b.x_hat) ** 2 + (y_m / r - b.y_hat) ** 2
             total = total + b.strength * np.exp(-distance2 / (2 * b.size**2)) * wall
         result: FloatArray = self.speed_m_s * r * total
         return result
@@ -94,26 +143,20 @@ class Wake:
     def downwash_m_s(
         self, below_m: float, half_span_m: float, centres_m: tuple[float, ...]
     ) -> float:
-        """True mean downwash through a cut: a difference of stream functions, exact."""
-        found = [
-            (
-                self._psi(np.array([c + half_span_m]), np.array([-below_m]))
-                - self._psi(np.array([c - half_span_m]), np.array([-below_m]))
-            )[0]
-            for c in centres_m
-        ]
-        return float(np.mean(found)) / (2 * half_span_m)
+        """True mean downwash through a cut, by the midpoint rule."""
+        across = half_span_m * (np.arange(4000) + 0.5 - 2000) / 2000
+        x = np.concatenate([c + across for c in centres_m])
+        return -float(self.velocity(x, np.full(x.shape, -below_m))[1].mean())
 
 
-def _integral(xi: FloatArray) -> FloatArray:
-    """Running integral of a smooth top hat of half-width 1 and height 1, odd."""
-    return np.asarray(
-        0.5 * EDGE * (_log_cosh((xi + 1) / EDGE) - _log_cosh((xi - 1) / EDGE)), dtype=np.float64
-    )
+def _smaller(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The smaller of two positive numbers, smoothly."""
+    return np.asarray(a * b / np.maximum(np.hypot(a, b), 1e-12))
 
 
-def _log_cosh(a: FloatArray) -> FloatArray:
-    return np.asarray(np.logaddexp(a, -a) - math.log(2), dtype=np.float64)
+def _on_axis(s: FloatArray) -> FloatArray:
+    """Speed over V on the axis of a vortex cylinder that begins at s = 0."""
+    return np.asarray(0.5 * (1 + s / np.sqrt(1 + s**2)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -85,7 +85,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         "Time-averaged airspeed (colour) and streamlines; thrust points up, also where the vehicle"
         " hung inverted; grey: no vectors."
     )
-    parts = [first_words, origin(evidence), cross]
+    parts = [first_words, origin(evidence, [c.name for c in columns(piv)]), cross]
     parts += [
         f"{c.boundary.capitalize()} at ẑ = {plain(c.z_hat or 0.0, 3)}: reduced by"
         f" {reduction_text(cut(evidence, c.name))}."

@@ -67,7 +67,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         "Time-averaged airspeed less that of the control (blue: slower, red: faster) with the"
         " streamlines of each case, as the ceiling (upper row) and the ground (lower row) come"
         " nearer; one colour scale for each row; grey: no vectors in the case or in the control."
-        f" {origin(evidence)}"
+        f" {origin(evidence, [c.name for c in cases(evidence)])}"
     )
 
 

@@ -76,8 +76,9 @@ def caption(evidence: Evidence, table: Columns) -> str:
         "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls"
         " away to the right). Circles: standing vortices (cores of Γ₂ > 2/π in which Γ₁ exceeds"
         " 0.5), filled where they turn counter-clockwise. Outline: the stagnation zone, air slower"
-        " than 0.3 of the control's downwash that rests on the ground beneath the rotors; its area"
-        f" for {', '.join(tilts)} is {', '.join(areas)} r². {origin(evidence)}"
+        " than 0.3 of the control's downwash that rests on the ground beneath the rotors' inner"
+        f" halves; its area for {', '.join(tilts)} is {', '.join(areas)} r²."
+        f" {origin(evidence, [c.name for c in cases(evidence)])}"
     )
 
 

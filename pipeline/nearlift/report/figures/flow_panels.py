@@ -5,7 +5,7 @@ colour and streamlines on an axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -161,9 +161,12 @@ def reduction_text(row: dict[str, Any]) -> str:
     return f"{fixed(100 * row['reduction'], 1)} % (90 %: {span}){elsewhere}"
 
 
-def origin(evidence: Evidence) -> str:
-    """What the fields are, for captions: simulated or measured, how many, which mirrored."""
-    facts = evidence.document(FLOW)["cases"]
+def origin(evidence: Evidence, shown: Iterable[str]) -> str:
+    """What the fields of the cases shown are, for captions: simulated or measured, how many, which
+    mirrored.
+    """
+    every = evidence.document(FLOW)["cases"]
+    facts = {name: every[name] for name in shown}
     counts = sorted({int(f["fields"]) for f in facts.values()})
     number = str(counts[0]) if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     said = (

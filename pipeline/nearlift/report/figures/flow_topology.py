@@ -67,7 +67,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     return (
         "Topology of the wake against tilt of the ground. Bars: 90 % intervals over resampled sets"
         " of fields. Asymmetry: right-going less left-going momentum beneath the rotor plane over"
-        f" their sum. {origin(evidence)}"
+        f" their sum. {origin(evidence, [c.name for c in fig5.cases(evidence)])}"
     )
 
 
