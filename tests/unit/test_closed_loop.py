@@ -59,6 +59,14 @@ def at_truth(given: Any, trials: Table) -> flown.Determined:
     return flown.Determined(given, observe(trials, given, "ground"))
 
 
+def test_a_curve_of_commands_lacks_no_far_one(folder: Path, tmp_path: Path) -> None:
+    """Every window has a command of its own: none needs to come again far from the ground."""
+    from nearlift.stages import reduce
+
+    _, job = run_ingest(folder, tmp_path, manifests.parse(flying.manifest()))
+    assert reduce.run(job).notes == ()
+
+
 def test_instruments_undo_the_bias_of_feedback(with_setpoint: Any) -> None:
     windows = at_truth(*with_setpoint).windows
     ratio = closed_loop.decaying(windows.z_hat, 2.0)

@@ -34,10 +34,11 @@ def run(job: Job) -> Outcome:
         All accepted trials are in free air.
     """
     trials = job.read(TRIALS)
-    found, beside = {}, {}
+    found, beside, curve = {}, {}, False
     for boundary in boundaries(trials):
         data = observe(trials, job.campaign, boundary)
-        lift_N = data.lift_N if data.curve is None else at_shown(data)
+        curve = data.curve is not None
+        lift_N = at_shown(data) if curve else data.lift_N
         throttle = data.levels[data.level]
         found[boundary] = cells.reduce(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
         beside[boundary] = _carried(trials, data, found[boundary])
@@ -58,8 +59,6 @@ def run(job: Job) -> Outcome:
         table[name] = np.concatenate(
             [beside[b].get(name, np.full(len(c.z_hat), np.nan)) for b, c in found.items()]
         )
-    levels = job.campaign.levels
-    curve = levels is not None and levels.by == "curve"
     wanted, notes = curve or job.campaign.quality.near_reference, []
     for side, far in plausibility.only_near(trials):
         notes.append(
