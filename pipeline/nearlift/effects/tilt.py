@@ -1,7 +1,7 @@
 """Ratio: plane or vehicle is tilted.
 
-    ratio -> (1 + (ratio - 1) (1 + (tilt_first t + tilt_second t^2) (1 + z_hat^2)^(-tilt_decay /
-    2))) (1 - tilt_lean t^2 / 2) t = tilt_rad + tilt_zero
+    ratio -> (1 + (ratio - 1) (1 + (tilt_first t + tilt_second t^2) z_hat^-tilt_decay))
+    (1 - tilt_lean t^2 / 2),   t = tilt_rad + tilt_zero
 
 Mechanism: three of them. Tilted about another point than the vehicle's centre, the whole vehicle
 comes nearer or goes farther: first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one
@@ -46,8 +46,8 @@ def evaluate(
 ) -> Any:
     """L / L_inf of a tilted vehicle. Shapes broadcast."""
     angle = np.where(np.isinf(z_hat), 0.0, tilt_rad + tilt_zero)
-    change = (tilt_first * angle + tilt_second * np.square(angle)) * (1.0 + np.square(z_hat)) ** (
-        -0.5 * tilt_decay
+    change = (tilt_first * angle + tilt_second * np.square(angle)) * np.maximum(z_hat, 1e-6) ** (
+        -tilt_decay
     )
     return (ratio + (ratio - 1.0) * change) * (1.0 - 0.5 * tilt_lean * np.square(angle))
 
@@ -57,7 +57,7 @@ EFFECT = Effect(
     title="Tilt",
     formula=(
         r"\frac{L}{L_\infty} \to \left\{1 + \left(\frac{L}{L_\infty} - 1\right) \left[1 + (t_1 t +"
-        r" t_2 t^2) (1 + \hat{z}^2)^{-m/2}\right]\right\}"
+        r" t_2 t^2) \hat{z}^{-m}\right]\right\}"
         r" \left(1 - \tfrac{c}{2} t^2\right)"
     ),
     evaluate=evaluate,
@@ -133,8 +133,8 @@ EFFECT = Effect(
         bibtex=("sanchezcuevas2017",),
         doubts=(
             (
-                "The expansion is for a gain that goes as z^-2; closer than z_hat = 1 the images"
-                " give more."
+                "The expansion is for rotors whose heights differ by much less than their"
+                " distance; farther apart they gain more."
             ),
             "A tilted fountain and turned vortices have no known form.",
         ),
@@ -143,9 +143,9 @@ EFFECT = Effect(
         Check(x=1.1, expected=1.1, arguments={"z_hat": 1.0, "tilt_rad": 0.1}, quoted_by="null"),
         Check(
             x=1.1,
-            expected=1.105,
-            arguments={"z_hat": 1.0, "tilt_rad": 0.1, "tilt_second": 10.0},
-            quoted_by="by hand: 0.1 (10 x 0.01) / (1 + 1)",
+            expected=1.1025,
+            arguments={"z_hat": 2.0, "tilt_rad": 0.1, "tilt_second": 10.0},
+            quoted_by="by hand: 0.1 (10 x 0.01) / 4",
         ),
         Check(
             x=1.1,

@@ -8,7 +8,7 @@ same way. The search asks for one residual, the planning of a campaign for many 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -48,6 +48,7 @@ class Deformation:
     """``(1 + T T')^(-1/2)`` for a few columns T (d, k)."""
 
     def __init__(self, columns: FloatArray) -> None:
+        self.columns = columns
         self.basis, length, _ = np.linalg.svd(columns, full_matrices=False)
         self.shrink = 1 - 1 / np.sqrt(1 + length**2)
         self.log_det = float(np.log1p(length**2).sum())
@@ -61,17 +62,18 @@ class Deformation:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Integrated:
     """Scores (d, m) with `removed` (d, q, orthonormal) projected out and the rest of the unknowns
-    in the covariance, by `deform`.
+    in the covariance, by `deform`; `log_det` that of all that could have been there.
     """
 
     scores: FloatArray
     removed: FloatArray
     deform: Deformation
+    log_det: float
 
     @property
     def log_likelihood(self) -> FloatArray:
         """Up to a constant of the trials, (m,)."""
-        return np.asarray(-0.5 * (np.sum(self.scores**2, axis=0) + self.deform.log_det))
+        return np.asarray(-0.5 * (np.sum(self.scores**2, axis=0) + self.log_det))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,14 +94,16 @@ class Linearised:
         return self.fitted.candidate.of("").astype(np.int64)
 
     @cached_property
+    def entries(self) -> IntArray:
+        """Those of the effects."""
+        return np.setdiff1d(np.arange(len(self.fitted.vector)), self.coefficients)
+
+    @cached_property
     def free(self) -> IntArray:
-        """The effects' entries, but for those held at a bound: they are known, not free on both
-        sides.
-        """
+        """The effects' entries, but for those held at a bound: they cannot move to both sides."""
         low, high = self.fitted.candidate.bounds
         inside = (self.fitted.vector > low) & (self.fitted.vector < high)
-        inside[self.coefficients] = False
-        return np.flatnonzero(inside).astype(np.int64)
+        return self.entries[inside[self.entries]]
 
     @cached_property
     def single_and_session(self) -> tuple[IntArray, IntArray]:
@@ -118,14 +122,22 @@ class Linearised:
         shift = columns @ (self.fitted.vector - mean)[random]
         left = deform(scores + shift[:, None])
         return Integrated(
-            scores=left - removed @ (removed.T @ left), removed=removed, deform=deform
+            scores=left - removed @ (removed.T @ left),
+            removed=removed,
+            deform=deform,
+            log_det=deform.log_det,
         )
 
     def by_priors(self, scores: FloatArray) -> Integrated:
         """The scores with the coefficients projected out and all else integrated over; its
-        likelihood is the evidence that ranks.
+        likelihood is the evidence that ranks. An entry at a bound moves no further, but was as
+        free to be anywhere else.
         """
-        return self.integrated(scores, self.coefficients, self.free)
+        found = self.integrated(scores, self.coefficients, self.free)
+        held = np.setdiff1d(self.entries, self.free)
+        columns = self.jacobian[:, held] * self.fitted.candidate.prior[1][held]
+        log_det = Deformation(np.hstack([found.deform.columns, columns])).log_det
+        return replace(found, log_det=log_det) if len(held) else found
 
     def by_unit_information(self, scores: FloatArray) -> Integrated:
         """The scores with all projected out but what differs by session, which is one population,
@@ -138,7 +150,9 @@ class Linearised:
         """Log evidence by unit information, (m,): it decides who belongs."""
         candidate = self.fitted.candidate
         mean, sd = candidate.prior
-        single, session = self.single_and_session
+        by_session = candidate.by_session[self.entries]
+        # at a bound, too, an entry was fitted: only so could the trials push it there
+        single, session = self.entries[~by_session], self.entries[by_session]
         left = self.by_unit_information(scores)
         penalty = float(np.sum(((self.fitted.vector - mean)[single] / sd[single]) ** 2))
         unknowns = len(single) + (1 if len(session) else 0)

@@ -15,6 +15,7 @@ from nearlift.declare import Effect
 from nearlift.loop import structure
 from nearlift.loop.candidate import bends_along
 from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
@@ -132,7 +133,7 @@ def run(stage: SearchProblem) -> Answer:
     disowned = {
         s.name
         for s in singles
-        if s.accepted and s.evidence.over_none < stage.straight_line(s) - PLAIN
+        if s.accepted and stage.as_declared(s) < stage.straight_line(s) - PLAIN
     }
     if disowned:
         singles = tuple(
@@ -171,13 +172,18 @@ def contenders(
     judgement, so the price grows with it.
     """
     alone, together = [e for e in singles if e.accepted], [e for e in pairs if e.accepted]
-    most = max((e.evidence.log for e in alone), default=-np.inf)
-    ahead = {
-        p.name: p.evidence.log - most - RIVAL_MAX_2LNB / 2 * (stage.dispersion(p) - 1)
+    if together and not alone:
+        # one effect that leaves what chance may is not worse than two for that
+        alone = [e for e in singles if e.eligible and e.by_chance and e.evidence.over_none > CREDIT]
+    alone.sort(key=lambda e: -e.evidence.log)
+    most = alone[0].evidence.log if alone else -np.inf
+    earned = not alone or any(
+        p.evidence.log - most > RIVAL_MAX_2LNB / 2 * stage.dispersion(p)
+        and p.gain > alone[0].gain + SECOND
         for p in together
-    }
-    earned = max(ahead.values(), default=-np.inf) > RIVAL_MAX_2LNB / 2 or not alone
-    if alone and stage.leaves(max(alone, key=lambda e: e.evidence.log)) > LEAVES:
+    )
+    near = [e for e in alone if 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB]
+    if alone and min(map(stage.leaves, near)) > LEAVES:
         # so much of its form would have to be wrong that two effects, of which neither is, need not
         # be likelier
         earned = earned or any(

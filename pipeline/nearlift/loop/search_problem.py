@@ -331,6 +331,16 @@ class SearchProblem:
                 found = max(found, 0.5 * (float(gain.max()) - float(np.log(data.n))))
         return found - (self.unnamed - self.nothing_added[1])
 
+    def as_declared(self, e: Explanation) -> float:
+        """Log evidence for an explanation over that of what has no name, its form certain where
+        that is likelier: so that of a straight line is worked out too.
+        """
+        unknowns = int(np.sum(~e.fitted.candidate.by_session)) - self.base_fit.candidate.size
+        price = e.fitted.penalty + unknowns * float(np.log(self.data.n))
+        certain = 0.5 * (e.gain - price) - (self.unnamed - self.nothing_added[1])
+        of_one_size = not e.fitted.candidate.by_session.any()
+        return max(e.evidence.over_none, certain) if of_one_size else e.evidence.over_none
+
     def dispersion(self, e: Explanation) -> float:
         """Variance along the families and effects that an explanation leaves, in units of the noise
         floor's; 1 where it leaves nothing.
