@@ -641,7 +641,7 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         assert listed(singles[:1], (pair,)) == expected
         # of which the single effect alone accounts for nearly as much, there is no second
         idle = restated(pair, gain=1e9 + search.SECOND - 1)
-        assert listed(singles[:1], (idle,)) == (expected if ahead > 4.5 else [("supply_sag",)])
+        assert listed(singles[:1], (idle,)) == [("supply_sag",)]
         # what the single effect leaves may be chance: a second one must be plainly likelier still
         left = dataclasses.replace(something, p_value=0.02)
         chance = standing(["supply_sag"], 0.0, left=left)
@@ -654,6 +654,40 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         assert listed(*search.forgiven((lasting,), (pair,))) == [pair.effects]
         faint = standing(["supply_sag"], 0.0, left=left, over_none=9.0)
         assert listed(*search.forgiven((faint,), ())) == []
+        # by itself; two effects that do are no likelier for what it may leave by chance
+        assert listed(*search.forgiven((faint,), (pair,))) == expected
+
+
+def test_two_effects_do_not_displace_one_for_what_its_rival_leaves(null_stage):
+    """Of two single effects as likely, one leaves much in its declared form, the other nothing."""
+    effects = {e.name: e for e, _ in null_stage.library}
+    stage = dataclasses.replace(null_stage)
+    nothing = dataclasses.replace(
+        stage.left_by(stage.explain((effects["supply_sag"],))),
+        log10_p=np.zeros(1),
+        threshold=-4.0,
+    )
+
+    def standing(names, log_evidence):
+        explanation = stage.explain(tuple(effects[n] for n in names), (0.0,) * len(names))
+        size = explanation.fitted.candidate.null + 1e-9
+        return restated(
+            explanation,
+            fitted=dataclasses.replace(explanation.fitted, vector=size),
+            left=nothing,
+            gain=1e9,
+            needed=True,
+            log_evidence=log_evidence,
+            over_none=20.0,
+        )
+
+    likelier, cleaner = standing(["warm_up"], 0.1), standing(["supply_sag"], 0.0)
+    pair = restated(standing(["supply_sag", "tilt"], -1.0), gain=2e9)
+    left = {("warm_up",): search.LEAVES + 1, ("supply_sag",): 0.0, ("supply_sag", "tilt"): 0.0}
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(SearchProblem, "leaves", lambda _, e: left[e.effects])
+        assert search.contenders(stage, (likelier,), (pair,))[0] is pair
+        assert search.contenders(stage, (likelier, cleaner), (pair,))[0] is not pair
 
 
 def test_an_effect_that_no_fold_found_still_predicts():
@@ -759,9 +793,26 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
     )
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
-    assert answer.stage.straight_line(own) > own.evidence.over_none + search.PLAIN
+    assert answer.stage.straight_line(own) > answer.stage.as_declared(own) + search.PLAIN
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
     assert answer.verdict == "unexplained"
+
+
+def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
+    """A drift of zero many times the noise: its declared form is nearly straight, and pays for
+    being uncertain.
+    """
+    data = campaign(22, visits=10)
+    start = data.covariates["start_s"]
+    since = start - np.array([start[data.session == k].min() for k in range(5)])[data.session]
+    drift = 0.03 * np.median(data.lift_N) * -np.expm1(-since / (2 * since.max()))
+    answer = run(
+        set_up(dataclasses.replace(data, lift_N=data.lift_N + drift), GROUND, (), Options())[0]
+    )
+    own = next(e for e in answer.singles if e.name == "zero_drift")
+    assert answer.stage.as_declared(own) > own.evidence.over_none
+    assert answer.stage.as_declared(own) > answer.stage.straight_line(own)
+    assert own in answer.accepted
 
 
 def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage):

@@ -80,13 +80,14 @@ def integrated(stage, residual, fixed, random):
 
 
 def linearised(stage, fitted):
-    """What the fit leaves of log lift, its derivatives, prior, and which entries are coefficients,
-    free sizes of their own, or one of a session's.
+    """What the fit leaves of log lift, its derivatives, prior, and which of the effects' entries
+    are free, one for all trials or one of a session's, and which stand at a bound.
     """
     candidate, p = fitted.candidate, len(stage.theta)
     mean, sd = candidate.prior
     low, high = candidate.bounds
-    free = (fitted.vector > low) & (fitted.vector < high) & (np.arange(len(mean)) >= p)
+    mine = np.arange(len(mean)) >= p
+    free = (fitted.vector > low) & (fitted.vector < high) & mine
     by_session = np.array(
         [s.parameter.per == "session" for s in candidate.slots for _ in range(s.start, s.stop)]
     )
@@ -98,19 +99,25 @@ def linearised(stage, fitted):
         sd,
         np.flatnonzero(free & ~by_session),
         np.flatnonzero(free & by_session),
+        np.flatnonzero(mine & ~free),
     )
 
 
 def test_plausibility_is_the_evidence_with_every_size_integrated_over_its_prior(stage, tried):
     for e in tried.values():
-        rest, slopes, mean, sd, own, session = linearised(stage, e.fitted)
+        rest, slopes, mean, sd, own, session, held = linearised(stage, e.fitted)
         free = np.r_[own, session]
-        chi2_, volume = integrated(
+        none = slopes[:, :0]
+        chi2_, _ = integrated(
             stage,
             rest + slopes[:, free] @ (e.fitted.vector - mean)[free],
             slopes[:, : len(stage.theta)],
             np.hstack([slopes[:, free] * sd[free], e.tube]),
         )
+        # what stands at a bound could have been anywhere
+        anywhere = np.r_[free, held]
+        random = np.hstack([slopes[:, anywhere] * sd[anywhere], e.tube])
+        _, volume = integrated(stage, rest, none, random)
         assert e.evidence.plausibility == pytest.approx(-0.5 * (chi2_ + volume), rel=1e-6), e.name
 
 
@@ -120,16 +127,17 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
     nothing = -0.5 * integrated(stage, rest, slopes, np.zeros((stage.data.n, 0)))[0]
     assert stage.nothing_added[1] == pytest.approx(nothing, rel=1e-9)
     for e in tried.values():
-        rest, slopes, mean, sd, own, session = linearised(stage, e.fitted)
+        rest, slopes, mean, sd, own, session, held = linearised(stage, e.fitted)
         chi2_, volume = integrated(
             stage,
             rest + slopes[:, session] @ (e.fitted.vector - mean)[session],
             np.hstack([slopes[:, :p], slopes[:, own]]),
             np.hstack([slopes[:, session] * sd[session], e.tube]),
         )
-        prior = np.sum(((e.fitted.vector - mean)[own] / sd[own]) ** 2)
+        asked = np.r_[own, held]
+        prior = np.sum(((e.fitted.vector - mean)[asked] / sd[asked]) ** 2)
         # one unknown more each: how much sessions differ, and how far the gain wanders
-        unknowns = len(own) + bool(len(session)) + bool(e.wander)
+        unknowns = len(asked) + bool(len(session)) + bool(e.wander)
         expected = -0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n))
         assert e.evidence.log == pytest.approx(expected, rel=1e-6), e.name
         assert e.evidence.over_none == pytest.approx(expected - stage.unnamed, rel=1e-6, abs=1e-5)
