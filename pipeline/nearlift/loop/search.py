@@ -195,8 +195,16 @@ def contenders(
         return ()
     # who belongs is for the evidence to say; who comes first among those also for how large such an
     # effect may plausibly be
-    most = max(e.evidence.log for e in accepted)
-    rivals = [e for e in tried if e.possible and 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB]
+    first = max(accepted, key=lambda e: e.evidence.log)
+    most, declared = first.evidence.log, stage.as_declared(first)
+    # an effect pays for what its uncertain form could do where the coefficients absorb it; as
+    # declared it may yet be as likely
+    rivals = [
+        e
+        for e in tried
+        if e.possible
+        if 2 * min(most - e.evidence.log, declared - stage.as_declared(e)) <= RIVAL_MAX_2LNB
+    ]
     if not stage.options.pairs:
         # beside few trials the form of a large effect that the coefficients absorb can explain
         # anything
