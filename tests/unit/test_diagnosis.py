@@ -594,7 +594,8 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
             sag,
             fitted=fitted,
             left=left,
-            gain=1e9,
+            # as likely as declared as with its form uncertain
+            gain=1e9 + 2 * log_evidence,
             needed=needed,
             log_evidence=log_evidence,
             over_none=over_none,
@@ -611,6 +612,9 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         standing(["air_density"], -6.0),
     )
     assert listed(singles) == [("warm_up",), ("supply_sag",)]
+    # an uncertain form may cost what the effect as declared does not
+    costly = restated(singles[2], gain=1e9)
+    assert listed((singles[0], costly)) == [("supply_sag",), ("air_density",)]
     # what is likelier than nothing, if not by enough to be named, is a rival and never the name;
     # without one that is, it is nothing
     shy = standing(["warm_up"], -1.0, over_none=1.0, plausibility=1.0)
