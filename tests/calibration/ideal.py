@@ -1,0 +1,152 @@
+"""How well anybody could name one effect on these benches: an observer who knows the referee's
+forms, the noise, how large each effect can be and that there is one, but not which.
+
+    python -m tests.calibration.ideal --count 201 --seed 840000
+
+What such an observer misses no search can be asked for: other forms of other causes fit as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import minimize_scalar
+from tests.calibration import forms, oracle, spread
+from tests.calibration.kinds import REPORTED, draw
+from tests.calibration.simulator import Campaign, log_lift
+from tests.calibration.streams import unordered
+
+#: Sizes that are tried first, over the largest possible.
+SHARES = (0.004, 0.015, 0.05, 0.12, 0.25, 0.45, 0.7, 1.0)
+#: How often a campaign has the foreign form.
+FOREIGN = 1 / 3
+#: 2 ln B to which an explanation stands beside the likeliest.
+REACH = 9.0
+WEAKEST = 0.2
+
+Array = np.ndarray
+Piece = tuple[forms.Form, float]
+Row = dict[str, object]
+Job = tuple[str, int]
+
+
+class Observer:
+    """A campaign's trials against any form: coefficients and L_inf free, the noise known, its
+    outliers winsorised about the truth.
+    """
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign = campaign
+        setting, white = campaign.setting, campaign.whitener
+        self.log_inf = np.log(setting.levels_N)[setting.bench.level]
+        fit = oracle.fit(campaign)
+        left = white(fit.residuals)
+        reach = oracle.CLIP * 1.4826 * np.median(np.abs(left))
+        known = np.log(campaign.data.lift_N) - fit.residuals
+        self.target = white(known) + np.clip(left, -reach, reach)
+        self.flat = white(campaign.indicator)
+        self.null = self.chi2(None)
+
+    def chi2(self, piece: Piece | None) -> float:
+        """Least sum of squared whitened residuals beside an effect of this form and size."""
+        names = tuple(self.campaign.truth.theta)
+        limits = np.array([oracle.LIMITS[n] for n in names])
+        theta = np.array(list(self.campaign.truth.theta.values()))
+        white, left = self.campaign.whitener, self.target
+        for _ in range(3):
+            now = self._log_ratio(theta, piece)
+            steps = 1e-4 * np.maximum(np.abs(theta), 1e-3)
+            slopes = [
+                (self._log_ratio(theta + s * e, piece) - now) / s
+                for s, e in zip(steps, np.eye(len(theta)), strict=True)
+            ]
+            columns = np.hstack([self.flat, white(np.stack(slopes, axis=1))])
+            y = self.target - white(now)
+            found = np.linalg.lstsq(columns, y, rcond=1e-12)[0]
+            left = y - columns @ found
+            theta = np.clip(theta + found[self.flat.shape[1] :], *limits.T)
+        return float(left @ left)
+
+    def log_evidence(self, kind: str, foreign: bool) -> float:
+        """Of one form, at its likeliest size of those that are possible and strong enough; sizes
+        log-uniform in strength, as they are drawn.
+        """
+        form = forms.form(kind, foreign)
+        most, best = form.most[self.campaign.spec.boundary], (np.inf, 0.0)
+        for largest in (most, -most) if form.signed else (most,):
+
+            def miss(share: float, largest: float = largest) -> float:
+                return self.chi2((form, share * largest))
+
+            tried = [miss(s) for s in SHARES]
+            i = int(np.argmin(tried))
+            span = (SHARES[i - 1] if i else 0.0, SHARES[min(i + 1, len(SHARES) - 1)])
+            near = minimize_scalar(miss, bounds=span, method="bounded", options={"maxiter": 14})
+            least = min((float(near.fun), float(near.x)), (tried[i], SHARES[i]))
+            best = min(best, (least[0], least[1] * largest))
+        setting, campaign = self.campaign.setting, self.campaign
+        effect = (log_lift(setting, ((form, best[1]),)) - log_lift(setting, ()))[campaign.keep]
+        absorbed = np.hstack([campaign.indicator, campaign.jacobian])
+        rho = campaign.whitener.strength(effect, absorbed)
+        if rho < WEAKEST / 2:
+            return -math.inf
+        price = math.log(max(rho, WEAKEST)) + form.signed * math.log(2)
+        return 0.5 * (self.null - best[0]) - price
+
+    def _log_ratio(self, theta: Array, piece: Piece | None) -> Array:
+        campaign = self.campaign
+        names = tuple(campaign.truth.theta)
+        at = replace(campaign.setting, theta=dict(zip(names, theta.tolist(), strict=True)))
+        lift = log_lift(at, (piece,) if piece else ())
+        return np.asarray((lift - self.log_inf)[campaign.keep])
+
+
+def assess(job: Job) -> Row:
+    """One campaign: what the observer names, and what stands beside it, once with the printed forms
+    alone and once with both.
+    """
+    boundary, seed = job
+    campaign = draw("one", boundary, seed)
+    observer, (truth,) = Observer(campaign), campaign.truth.amplitudes
+    row: Row = {"boundary": boundary, "seed": seed, "foreign": campaign.spec.foreign}
+    own, other = (
+        {k: observer.log_evidence(k, foreign) for k in forms.names(boundary)}
+        for foreign in (False, True)
+    )
+    weights = math.log(1 - FOREIGN), math.log(FOREIGN)
+    both = {k: float(np.logaddexp(own[k] + weights[0], other[k] + weights[1])) for k in own}
+    for known, found in (("own", own), ("both", both)):
+        most = max(found.values())
+        row[f"{known}_right"] = found[truth] == most
+        row[f"{known}_inside"] = 2 * (most - found[truth]) <= REACH
+        row[f"{known}_set"] = sum(2 * (most - v) <= REACH for v in found.values())
+    return row
+
+
+def main() -> None:
+    """Run and print."""
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--count", type=int, default=201)
+    parser.add_argument("--seed", type=int, default=REPORTED)
+    spread.add_option(parser)
+    given = parser.parse_args()
+    jobs: list[Job] = [(forms.BOUNDARIES[i % 3], given.seed + i) for i in range(given.count)]
+    with spread.opened(given.executor) as executor:
+        rows = list(unordered(executor, assess, jobs))
+    print("| forms known | best name right | within the set | size of the set |\n|---|---|---|---|")
+    for known in ("own", "both"):
+        right, inside, size = (
+            float(np.mean([r[f"{known}_{what}"] for r in rows]))
+            for what in ("right", "inside", "set")
+        )
+        print(f"| {known} | {100 * right:.1f} % | {100 * inside:.1f} % | {size:.2f} |")
+
+
+if __name__ == "__main__":
+    # by the name that workers know this module by
+    from tests.calibration.ideal import main as run_main
+
+    run_main()
