@@ -168,9 +168,9 @@ def test_residuals_fill_a_grid_or_columns(small_job, make_job):
         r"$\hat{z}$",
         r"throttle $\tau$ (%)",
         "run order (trial)",
-        "start $t_0$ (s)",
+        "time $t_0$ (s)",
         "session",
-        "supply $U$ (V)",
+        "supply voltage $U$ (V)",
         "approach",
         r"drift $\dot{L}$ (N/s)",
     ]

@@ -136,6 +136,7 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
         "design": [raw],
         "plan": [raw],
         "verify": [raw],
+        "next": [raw, "--for", "K_b"],
         "export": [raw, "--c", "--document", "--python"],
         "compare": [],
         "compare-runs": [out / "processed" / "small", out / "processed" / "small"],

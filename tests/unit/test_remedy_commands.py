@@ -163,6 +163,8 @@ ELSEWHERE = {
     "nearlift diagnose",
     "nearlift ingest",
     "nearlift history",
+    "nearlift next",
+    "nearlift next --for",
     "nearlift run FILE",
     "nearlift segments CAMPAIGN",
     "nearlift undo",

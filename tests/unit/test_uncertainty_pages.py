@@ -14,6 +14,7 @@ import subprocess
 import numpy as np
 import pytest
 
+from nearlift.nomenclature import mathematics
 from nearlift.products import FIT, PROFILES, RESULTS
 from nearlift.report.chapters import models, uncertainty
 from nearlift.report.documents import latex, tables
@@ -21,7 +22,7 @@ from nearlift.report.figures import budget, profiles
 from nearlift.report.figures import budget as draw_budget
 from nearlift.report.figures import profiles as draw_profiles
 from nearlift.report.figures.encoding import render
-from nearlift.report.figures.style import coefficient, style
+from nearlift.report.figures.style import style
 from nearlift.report.number import Place
 from nearlift.report.tidy import to_csv
 from nearlift.results.fit import CoefficientEstimate, Degeneracy, ModelScore
@@ -131,7 +132,7 @@ def test_profiles_are_drawn_with_their_intervals(evidence):
 @pytest.mark.parametrize(
     ("name", "text"),
     [
-        ("K_b", "$K_{b}$"),
+        ("K_b", "$K_b$"),
         ("alpha", r"$\alpha$"),
         ("lambda_", r"$\lambda$"),
         ("n", "$n$"),
@@ -140,7 +141,7 @@ def test_profiles_are_drawn_with_their_intervals(evidence):
     ],
 )
 def test_coefficients_as_mathematics(name, text):
-    assert coefficient(name) == text
+    assert mathematics(name) == text
 
 
 def rows_of(table):

@@ -86,7 +86,7 @@ EFFECT = Effect(
             prior=normal(0.0, 10.0),
             meaning=(
                 "relative change of the gain per square radian of tilt; positive where tilt to"
-                " either side gains lift; 4 to 10 on a Crazyflie"
+                " either side gains lift; 3.5 to 5 on a Crazyflie"
             ),
         ),
         Parameter(

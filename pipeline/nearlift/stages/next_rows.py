@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import itertools
-import re
+import string
 from collections.abc import Iterator, Sequence
 
 import numpy as np
@@ -71,8 +71,10 @@ def as_schedule(job: Job, found: Sequence[NextVisits]) -> str:
 
 def _numbered_on(known: Sequence[str]) -> Iterator[str]:
     """Ids of trials that go on from the last one that ends in a number, none of them known."""
-    counted = [m for text in known if (m := re.fullmatch(r"(.*?)(\d+)", text))]
-    before, digits = counted[-1].groups() if counted else ("next-", "0")
+    counted = [text for text in known if text[-1:] and text[-1] in string.digits]
+    last = counted[-1] if counted else "next-0"
+    before = last.rstrip(string.digits)
+    digits = last.removeprefix(before)
     taken = set(known)
     numbers = (f"{before}{i:0{len(digits)}d}" for i in itertools.count(int(digits) + 1))
     return (text for text in numbers if text not in taken)
