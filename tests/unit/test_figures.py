@@ -171,7 +171,7 @@ def test_residuals_fill_a_grid_or_columns(small_job, make_job):
         "time $t_0$ (s)",
         "session",
         "supply voltage $U$ (V)",
-        "approach",
+        "direction of the last move",
         r"drift $\dot{L}$ (N/s)",
     ]
     assert one._supylabel.get_text() == "relative residual (%)"
