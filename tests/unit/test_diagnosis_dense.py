@@ -23,7 +23,8 @@ from nearlift.loop import (
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.explanation import MARGINAL
 from nearlift.loop.families import STEP, families
-from nearlift.loop.search_problem import Options, visibility
+from nearlift.loop.search_problem import Options
+from nearlift.loop.visibility import visibility
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB, LoopCoefficients, LoopEstimate
 
 from .simulated import campaign, restated

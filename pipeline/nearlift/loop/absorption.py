@@ -14,7 +14,8 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.few_visits import applies
 from nearlift.loop.search import Answer
-from nearlift.loop.search_problem import SILENT, SearchProblem
+from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.visibility import SILENT
 from nearlift.nomenclature import letter
 from nearlift.results.diagnosis import CoefficientLimit, CoefficientShift, LoopCoefficients, Station
 from nearlift.rounding import signed

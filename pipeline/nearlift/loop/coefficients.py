@@ -17,6 +17,7 @@ from nearlift.loop.candidate import WIDE, Candidate, moments
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.visibility import visibility
 from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
 from nearlift.results.outlook import SilentEffect
 
@@ -223,8 +224,6 @@ def silent(
     prior's size where it can never be seen. `u` is that uncertainty, of the base fit under the
     loop's noise floor; the one in fit.json has the noise of repeats.
     """
-    from nearlift.loop.search_problem import visibility
-
     if not stage.base.parameters:
         return ()
     jacobian = stage.base_fit.jacobian

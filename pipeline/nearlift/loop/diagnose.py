@@ -39,7 +39,8 @@ from nearlift.loop.findings import named_effects, partial, rounds, structure_tes
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search import Answer, run, settle
-from nearlift.loop.search_problem import SILENT, Options, SearchProblem
+from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.loop.visibility import SILENT
 from nearlift.loop.within_trial import heating
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis

@@ -28,7 +28,8 @@ from nearlift.loop.confirmation import FEW_VISITS, standard_error
 from nearlift.loop.evidence import Evidence
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
-from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
+from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 

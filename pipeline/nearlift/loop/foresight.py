@@ -23,7 +23,8 @@ from nearlift.loop.candidate import SESSION_SPREADS, Candidate
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Linearised
 from nearlift.loop.handle import Contest, Handle, Power
-from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
+from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.wander import worth
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB

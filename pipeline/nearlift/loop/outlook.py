@@ -15,7 +15,7 @@ from nearlift.loop.absorption import unknowable
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.proposals import Pair, changes
-from nearlift.loop.search_problem import SILENT, visibility
+from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import Observations
 
 #: Chance of being a rival from which two effects count as not told apart.

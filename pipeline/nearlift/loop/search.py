@@ -18,8 +18,9 @@ from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
-from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.structure import Structure
+from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.wander import rms
 from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB

@@ -30,9 +30,6 @@ from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import FORM_SD
 
-#: An effect whose columns keep less than this share of their energy beside theta and L_inf cannot
-#: be seen.
-SILENT = 1e-4
 #: A name must account for this share of the structure that is there without it, give or take so
 #: many standard deviations of its noise.
 GREATER_PART = 0.6
@@ -395,17 +392,3 @@ class SearchProblem:
 def outside(fitted: Fitted, scores: FloatArray) -> float:
     """Log likelihood of the part of a residual outside its scores' basis: no unknown changes it."""
     return -0.5 * (fitted.chi2 - float(np.sum(scores**2)))
-
-
-def visibility(stage: SearchProblem, effect: Effect) -> float:
-    """Largest share of the energy of an effect's columns that theta and L_inf leave, over its
-    shapes.
-    """
-    shares, basis = [], orthonormal(stage.base_fit.jacobian)
-    for e, columns in stage.library:
-        if e.name == effect.name:
-            whole = stage.space.covariance.whiten(columns.T).T
-            white = stage.space.project(columns.T).T
-            left = white - basis @ (basis.T @ white)
-            shares.append(float(np.sum(left**2) / max(np.sum(whole**2), 1e-300)))
-    return max(shares, default=0.0)

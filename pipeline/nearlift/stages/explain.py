@@ -22,7 +22,8 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.few_visits import applies
 from nearlift.loop.foresight import DRAWS, Foresight
 from nearlift.loop.handle import LIMIT_POWER, Handle, handles
-from nearlift.loop.search_problem import SILENT, SearchProblem, visibility
+from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import DIAGNOSIS, TRIALS
 from nearlift.report.evidence import Columns

@@ -28,7 +28,8 @@ from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import handles
 from nearlift.loop.next_visits import Plan, Question
 from nearlift.loop.proposals import APART, Point
-from nearlift.loop.search_problem import SILENT, Options, SearchProblem, visibility
+from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.loop.visibility import SILENT, visibility
 from nearlift.manifest.campaign import Campaign
 from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
