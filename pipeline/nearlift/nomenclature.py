@@ -68,6 +68,10 @@ SCHEDULE_WORDS = {
     "start_s": "start",
     "since_start_s": "start",
     "elapsed_hat": "start",
+    "inverted": "orientation",
+    "turn_rad": "turn",
+    "other_propeller": "propeller",
+    "fountain_side": "fountain",
 }
 
 
@@ -109,6 +113,7 @@ SYMBOLS: tuple[Symbol, ...] = (
         "tilt between rotor plane and boundary",
         r"\theta_\mathrm{tilt}",
     ),
+    _s("turn_rad", r"\psi", "rad", "angle of the vehicle about its thrust, on the load cell"),
     # force
     _s("lift_N", "L", "N", "mean lift of the whole vehicle, tare removed", "L"),
     _s(
@@ -194,6 +199,13 @@ SYMBOLS: tuple[Symbol, ...] = (
         "+1 when the last move was away from the boundary, -1 towards it",
     ),
     _s("orientation", r"\mathrm{orientation}", "", "upright or inverted"),
+    _s("propeller", r"\mathrm{propeller}", "", "name of the propellers that the trial ran with"),
+    _s(
+        "fountain_side",
+        r"\sigma",
+        "1",
+        "+1 and -1 in the fountain's two states, as seen; 0 in neither",
+    ),
     _s("tare_after_N", r"F_0'", "N", "tare after the trial"),
     _s("quality", r"\mathrm{quality}", "", "quality codes; empty is good"),
     _s("source", r"\mathrm{source}", "", "file of a record, relative to the campaign's folder"),

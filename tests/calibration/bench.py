@@ -192,6 +192,7 @@ def build(
     distances: int | None = None,
     order: str = "random",
     radius_m: float = RADIUS,
+    experiments: bool = False,
 ) -> Bench:
     """A bench with its whole campaign planned and logged.
 
@@ -301,11 +302,27 @@ def build(
         "draught": _taken_in_turn(later, n_visits, 5, lambda i: i % 2)[visit],
         "range_at": np.full(n, later.uniform(0.35, 0.65)),
     }
+    apart = stream(seed, "experiments", boundary)
+    exchanged = np.sort(apart.choice(np.arange(1, n_visits), 2, replace=False))
+    unit |= {
+        "inverted": _taken_in_turn(apart, n_visits, 15, lambda i: i % 2)[visit],
+        "turn": _taken_in_turn(apart, n_visits, 15, lambda i: i % 3 * np.pi / 2)[visit],
+        "propeller": (np.searchsorted(exchanged, np.arange(n_visits), side="right") == 1.0)[
+            visit
+        ].astype(float),
+    }
     reading = {
         "supply_V": supply + rng.normal(0, 0.003, n),
         "temperature_K": temperature + rng.normal(0, 0.03, n),
         "tilt_rad": tilt + np.radians(rng.normal(0, 0.05, n)),
     }
+    if experiments:
+        reading |= {
+            "inverted": unit["inverted"],
+            "turn_rad": unit["turn"],
+            "other_propeller": unit["propeller"],
+            "fountain_side": unit["state"],
+        }
     return Bench(
         boundary=boundary,
         radius_m=radius_m,

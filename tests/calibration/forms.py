@@ -442,6 +442,65 @@ KINDS = (
     ),
 )
 
+#: Causes that show only where a bench ran trials in two ways on purpose (`Spec.experiments`).
+EXPERIMENTS: dict[str, Kind] = {
+    kind.name: kind
+    for kind in (
+        Kind(
+            name="mount_blockage",
+            own=_form("gain", lambda _, s, x: np.log1p(-x * s.bench.unit["inverted"]), 0.08),
+            foreign=_form(
+                "gain",
+                lambda _, s, x: np.log1p(
+                    -x * s.bench.unit["inverted"] * (0.6 + 0.4 * np.tanh(s.bench.z_hat / 2))
+                ),
+                0.08,
+            ),
+        ),
+        Kind(
+            name="cell_crosstalk",
+            own=_form(
+                "gain", lambda _, s, x: np.log1p(x * np.cos(s.bench.unit["turn"] - 0.6)), 0.05
+            ),
+            foreign=_form(
+                "gain",
+                lambda _, s, x: np.log1p(
+                    x * np.cos(s.bench.unit["turn"] - 0.6) * (1 + 0.5 * np.exp(-s.bench.z_hat))
+                ),
+                0.05,
+            ),
+        ),
+        Kind(
+            name="propeller_step",
+            own=_form("gain", lambda _, s, x: np.log1p(x * s.bench.unit["propeller"]), 0.05),
+            foreign=_form(
+                "gain",
+                lambda _, s, x: np.log1p(x * s.bench.unit["propeller"] * (0.7 + 0.6 * s.load)),
+                0.05,
+            ),
+        ),
+        Kind(
+            name="fountain_state",
+            own=_form(
+                "ratio",
+                lambda f, s, x: (
+                    f
+                    * sanchez_cuevas(s.bench.z_hat, s.theta["K_b"] + x * s.bench.unit["state"])
+                    / s.curve(s.bench.z_hat)
+                ),
+                {"ground": 1.5},
+            ),
+            foreign=_form(
+                "ratio",
+                lambda f, s, x: (
+                    f + x * s.bench.unit["state"] * np.exp(-(((s.bench.z_hat - 1.8) / 0.6) ** 2))
+                ),
+                {"ground": 0.03},
+            ),
+        ),
+    )
+}
+
 
 def _bump(_: None, s: Setting, x: float) -> Array:
     log_z = np.log(s.bench.z_hat)
@@ -595,7 +654,8 @@ def form(kind: str, foreign: bool) -> Form:
         return STRANGE[kind]
     if kind in UNNAMED:
         return UNNAMED[kind]
-    return NAMED[kind].foreign if foreign else NAMED[kind].own
+    known = (NAMED | EXPERIMENTS)[kind]
+    return known.foreign if foreign else known.own
 
 
 def names(boundary: str) -> tuple[str, ...]:

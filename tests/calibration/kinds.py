@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -203,6 +203,11 @@ def _trials(
     return simulate(Spec(**given), own)
 
 
+def _same(fields: Fields, kind: Kind, boundary: str, seed: int, **how: Any) -> Campaign:
+    """As `_trials`, the same bench and noise for all kinds of a group."""
+    return _trials(fields, replace(kind, name=kind.group), boundary, seed, **how)
+
+
 COVERED = Promise(">=", 0.87, 0.90)
 SOUND = {"null_claimed": Promise("<=", 0.05, 0.05), "covered": COVERED}
 UNNAMED_UNDER = {"null_named": Promise("<=", 0.03, 0.01), "covered": COVERED}
@@ -320,6 +325,24 @@ KINDS: dict[str, Kind] = {
         *_inputs("radius", rotor_radius=0.01),
         *_inputs("spacing", boundaries=("ground",), spacing_m=5e-4),
         *_inputs("datum", datum_m=2e-4),
+        Kind(
+            name="experiments",
+            group="experiments",
+            make=partial(_trials, {"experiments": True}, among=tuple(forms.EXPERIMENTS)),
+            asks={**SOUND, "named_right": Promise(">=", 0.8, 0.9)},
+        ),
+        # what these rivals cost the others, beside the same campaigns without their columns
+        *(
+            Kind(
+                name=f"rivals_{word}",
+                group="experiments",
+                make=partial(
+                    _same, {"experiments": logged, "visits": 5}, rho=(0.2, 0.6), always=True
+                ),
+                asks={},
+            )
+            for word, logged in (("logged", True), ("unlogged", False))
+        ),
         Kind(
             name="table",
             group="tables",

@@ -173,6 +173,8 @@ class Spec:
         area.
     height_m : float or None
         Standard deviation of a visit's height, in place of 0.02 to 0.1 mm.
+    experiments : bool
+        As `bench.build` has it: then `forms.EXPERIMENTS` can be told.
     """
 
     boundary: str
@@ -194,6 +196,7 @@ class Spec:
     order: str = "random"
     radius_m: float = RADIUS
     height_m: float | None = None
+    experiments: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -507,6 +510,7 @@ def simulate(spec: Spec, seed: int, *, keep_records: bool = False) -> Campaign:
         distances=spec.distances,
         order=spec.order,
         radius_m=spec.radius_m,
+        experiments=spec.experiments,
     )
     nominal = forms.COEFFICIENTS[spec.boundary]
     theta = {

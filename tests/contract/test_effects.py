@@ -48,6 +48,10 @@ NAMES = [
     "rotor_imbalance",
     "weight_at_rotor",
     "vehicle_mass",
+    "mount_blockage",
+    "cell_crosstalk",
+    "propeller_step",
+    "fountain_state",
 ]
 
 #: What each effect may ask for: covariates of trials, what is derived from them, geometry.
@@ -73,6 +77,10 @@ ARRAYS = {
     "lag_slope",
     "imbalance",
     "flight",
+    "inverted",
+    "turn_rad",
+    "other_propeller",
+    "fountain_side",
 }
 SCALARS = {
     "supply_ref_V",
@@ -114,6 +122,10 @@ def trials(n: int = 24) -> dict[str, Any]:
         "lag_slope": draw.uniform(-2.0, 2.0, n),
         "imbalance": draw.uniform(0.0, 0.03, n),
         "flight": 1.0 + np.arange(n) // 12,
+        "inverted": draw.choice([0.0, 1.0], n),
+        "turn_rad": draw.choice([0.0, 0.5, 1.0], n) * np.pi,
+        "other_propeller": (np.arange(n) > 9).astype(float),
+        "fountain_side": draw.choice([-1.0, 1.0], n),
         "supply_ref_V": 3.65,
         "temperature_ref_K": 294.0,
         "pressure_ref_Pa": 100.5e3,
@@ -331,6 +343,7 @@ def test_is_finite_within_its_bounds(effect: Effect, data: st.DataObject) -> Non
         "near_wall_saturation",
         "airframe_stagnation",
         "fountain_shape",
+        "fountain_state",
         "plate_edge",
         "room_recirculation",
         "tether_stiffness",

@@ -43,7 +43,7 @@ gravity         = "FILL IN m/s^2"    # 9.80665 m/s^2 is the standard one
 arena           = "FILL IN m"        # largest room dimension; bounds every distance; unknown: delete
 
 {records}{trials}# Further columns, all optional, each with its unit: start, session, approach, supply, current, rpm, power, temperature,
-# pressure, humidity, tilt, orientation. What is logged can be found guilty; what is not is listed as untestable.
+# pressure, humidity, tilt, orientation, turn, propeller, fountain. What is logged can be found guilty; what is not is listed as untestable.
 
 # A plan to weigh before it is run: `nearlift design` says what it could see, and draws a schedule.
 # [design]

@@ -3,7 +3,8 @@
 An effect enters only with a physical mechanism and a form; steps, ripples and periodic disturbances
 without one stay structure without a name. To add an effect, write its file and name it here; an
 effect of another package is found by its entry point (`catalogue`). Every name competes with the
-others: add one only if its covariate or its shape is its own.
+others: add one only if its covariate or its shape is its own. (Download on an airframe, for one, is
+`airframe_stagnation` with another sign: its constant part is in L_inf.)
 """
 
 from collections.abc import Mapping
@@ -15,9 +16,11 @@ from nearlift.effects import (
     airframe_stagnation,
     approach_backlash,
     cell_creep,
+    cell_crosstalk,
     cell_nonlinearity,
     climb_inflow,
     fountain_shape,
+    fountain_state,
     gain_drift,
     height_offset,
     height_scale,
@@ -25,8 +28,10 @@ from nearlift.effects import (
     image_strength,
     motor_heating,
     motor_lag,
+    mount_blockage,
     near_wall_saturation,
     plate_edge,
+    propeller_step,
     reynolds,
     room_recirculation,
     rotor_imbalance,
@@ -76,6 +81,10 @@ EFFECTS: tuple[Effect, ...] = (
     rotor_imbalance.EFFECT,
     weight_at_rotor.EFFECT,
     vehicle_mass.EFFECT,
+    mount_blockage.EFFECT,
+    cell_crosstalk.EFFECT,
+    propeller_step.EFFECT,
+    fountain_state.EFFECT,
 )
 
 #: Needs that an effect can do without, and the neutral value that stands in where nobody recorded

@@ -20,6 +20,7 @@ LEAST_SPREAD = {
     "pressure_Pa": 20.0,
     "humidity": 0.01,
     "tilt_rad": 1e-3,
+    "turn_rad": 0.1,
     "supply_V": 5e-3,
     "speed_hat": 5e-4,
 }

@@ -88,8 +88,11 @@ def could_act(
         for e in library
         if data.boundary in e.boundaries
         and not taken & {p.name for p in e.parameters}
-        # a stand does not fly, and a flight has no load cell
-        and (e.belongs_to != "flight" or data.in_flight or not missing(e, data))
+        # a stand does not fly, a flight has no load cell, and few turn a vehicle over on purpose
+        and (
+            not (e.by_experiment or (e.belongs_to == "flight" and not data.in_flight))
+            or not missing(e, data)
+        )
         and (e.belongs_to != "tether" or not data.in_flight)
     )
     if "spacing_hat" not in data.geometry:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.level_curve import with_curve
 from nearlift.loop.interim import InterimLook
 from nearlift.manifest.campaign import Campaign, boundaries_of
@@ -14,6 +14,9 @@ from nearlift.readers.columns import BY_NAME
 from nearlift.reduction.quality import EXCLUDED, completeness, rejected
 from nearlift.results import Observations
 from nearlift.run.store import Table
+
+#: Columns of names that say how trials were run in two ways on purpose.
+TWO_WAYS = ("orientation", "propeller")
 
 
 def boundaries(trials: Table) -> list[Boundary]:
@@ -31,6 +34,7 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         for name, values in trials.items()
         if (name not in declared or name == "drift_N_s") and values.dtype.kind in "fiu"
     }
+    covariates |= _run_in_two_ways({k: v[mine] for k, v in trials.items() if k in TWO_WAYS})
     for name in (*CARRIED, *CARRIED.values()):
         # an outcome beside lift, and no condition of it
         covariates.pop(name, None)
@@ -75,6 +79,20 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         return data
     of = [BY_NAME[name].inside if name in BY_NAME else name for name in levels.of]
     return with_curve(data, of, levels.degree)
+
+
+def _run_in_two_ways(said: Table) -> dict[str, FloatArray]:
+    """`inverted` (0 upright) and `other_propeller` (0 with those of the first trial), each where
+    its column is; nan where that says neither.
+    """
+    found = {}
+    if "orientation" in said:
+        up = said["orientation"].astype(str)
+        found["inverted"] = np.select([up == "upright", up == "inverted"], [0.0, 1.0], np.nan)
+    if "propeller" in said:
+        on = said["propeller"].astype(str)
+        found["other_propeller"] = np.where(on == "", np.nan, np.sign(_in_order(on)))
+    return found
 
 
 def _in_order(labels: np.ndarray) -> np.ndarray:
