@@ -23,7 +23,7 @@ CHROMIUM = next(
     ),
     None,
 )
-#: Unprivileged, and offline: no name is ever resolved.
+#: Unprivileged, and offline: no name is ever resolved, and only this machine is reached.
 OPTIONS = (
     "--headless",
     "--no-sandbox",
@@ -165,7 +165,7 @@ def browser(folder: Path) -> Iterator[Page]:
         CHROMIUM,
         *OPTIONS,
         f"--user-data-dir={folder / 'profile'}",
-        "--host-resolver-rules=MAP * ~NOTFOUND",
+        "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1",
     ]
 
     def plug() -> None:

@@ -43,8 +43,8 @@ if __name__ == "__main__":
             codes[words[0]] = end.code
     print(json.dumps(codes))
 """
-#: What has nothing to do here: no earlier manifest, no records of many trials.
-REFUSED = {"undo": 2, "segments": 2}
+#: What has nothing to do here: no earlier manifest, no records of many trials, no such port.
+REFUSED = {"undo": 2, "segments": 2, "serve": 2}
 QUICK = """
 [fit]
 sampler = "importance"
@@ -143,6 +143,7 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
         "history": [raw],
         "undo": [raw],
         "segments": [raw],
+        "serve": [raw, "--port", "99999"],
         "inspect": [raw / "log.mat"],
         "describe": [],
         "doctor": [],

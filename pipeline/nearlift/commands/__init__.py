@@ -205,6 +205,16 @@ ABOUT = {
         example="segments raw/my-rig",
         settings=("out",),
     ),
+    "serve": About(
+        group=RUN,
+        summary="The workspace in a browser of this machine",
+        text=(
+            "Campaigns, runs, reports and a campaign that is being recorded, on a page for this"
+            " machine alone, behind a link that is good once. WORKSPACE (default: the current"
+            " folder) holds raw/, processed/ and reports/. Needs `nearlift[serve]`."
+        ),
+        example="serve\nserve ~/lift --port 8765",
+    ),
     "verify": About(
         group=AFTERWARDS,
         summary="Whether inputs and products are what they were",

@@ -1,0 +1,180 @@
+"""The page as an application: routes to handlers, events, and the server that carries it."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import functools
+import json
+import socket
+from collections.abc import AsyncIterator, Callable
+from typing import TYPE_CHECKING, Any
+
+from nearlift.errors import NearliftError, UsageError
+from nearlift.serve import pages
+from nearlift.serve.bench import Bench
+from nearlift.serve.gate import App, Gate
+
+if TYPE_CHECKING:
+    from starlette.requests import Request
+    from starlette.responses import Response
+
+#: Bytes of a form; seconds between looks at what is to be told, and between signs of life.
+MOST_FORM, PERIOD_S, ALIVE_S = 2 << 20, 0.2, 15.0
+#: Connections at a time; further ones are told to come again.
+CLIENTS = 64
+
+
+Events = AsyncIterator[tuple[str, object]]
+
+
+def application(bench: Bench) -> App:
+    """Every route of the page."""
+    from starlette.applications import Starlette
+    from starlette.routing import Route
+
+    site = Site(bench)
+    routes = [
+        Route(path, functools.partial(site.handle, handler), methods=[method])
+        for (method, path), handler in pages.PAGES.items()
+    ]
+    routes += [
+        Route("/file/{path:path}", site.file),
+        Route("/static/{name}", site.static),
+        Route("/events/work", site.work),
+    ]
+    made: App = Starlette(routes=routes)
+    return made
+
+
+class Site:
+    """Requests to what answers them."""
+
+    def __init__(self, bench: Bench) -> None:
+        self.bench = bench
+
+    async def handle(self, handler: pages.Handler, request: Request) -> Response:
+        """A page or a form."""
+        text = str(request.url.query)
+        if request.method == "POST":
+            content = bytearray()
+            async for part in request.stream():
+                content += part
+                if len(content) > MOST_FORM:
+                    return _response(pages.Answer(body=b"too large\n", kind=pages.TEXT, status=413))
+            text = content.decode("utf-8", "replace")
+        return await self._answered(handler, self.bench, pages.Asked.of(text))
+
+    async def file(self, request: Request) -> Response:
+        """A product."""
+        return await self._answered(pages.file, self.bench, request.path_params["path"])
+
+    async def static(self, request: Request) -> Response:
+        """A style sheet or the script."""
+        return await self._answered(pages.static, request.path_params["name"])
+
+    async def work(self, request: Request) -> Response:
+        """What a command says, while it says it."""
+        try:
+            own = self.bench.work(request.query_params.get("key", ""))
+        except NearliftError as refusal:
+            return _response(pages.refused(self.bench, refusal))
+
+        async def events() -> Events:
+            count = 0
+            while True:
+                ended = own.ended
+                lines, count = own.since(count)
+                if lines:
+                    yield "lines", lines
+                if ended is not None:
+                    yield "ended", {"code": ended, "result": own.result}
+                    return
+                yield "", None
+
+        return _stream(events())
+
+    async def _answered(self, make: Callable[..., pages.Answer], *given: Any) -> Response:
+        from starlette.concurrency import run_in_threadpool
+
+        try:
+            return _response(await run_in_threadpool(make, *given))
+        except NearliftError as refusal:
+            return _response(await run_in_threadpool(pages.refused, self.bench, refusal))
+
+
+def _response(answer: pages.Answer) -> Response:
+    from starlette.responses import Response
+
+    return Response(answer.body, answer.status, dict(answer.headers), answer.kind)
+
+
+def _stream(events: Events) -> Response:
+    from starlette.responses import StreamingResponse
+
+    return StreamingResponse(_sent(events), media_type="text/event-stream")
+
+
+async def _sent(events: Events) -> AsyncIterator[str]:
+    """Events as text; one without a name only lets time pass, and a comment now and then shows
+    that the line is alive.
+    """
+    quiet = 0.0
+    async for name, content in events:
+        if name:
+            quiet = 0.0
+            yield f"event: {name}\ndata: {json.dumps(content)}\n\n"
+            continue
+        await asyncio.sleep(PERIOD_S)
+        quiet += PERIOD_S
+        if quiet > ALIVE_S:
+            quiet = 0.0
+            yield ": \n\n"
+
+
+def listening(port: int) -> socket.socket:
+    """A socket of this machine alone.
+
+    Raises
+    ------
+    UsageError
+        The port is taken.
+    """
+    own = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        own.bind(("127.0.0.1", port))
+    except OSError as fault:
+        own.close()
+        raise UsageError(
+            f"--port {port}", f"cannot be had: {fault.strerror}", "leave --port out: any free one"
+        ) from None
+    return own
+
+
+def serve(bench: Bench, port: int, told: Callable[[str], None]) -> None:
+    """Until it is interrupted; `told` the link once it can be opened."""
+    import uvicorn
+
+    with listening(port) as own:
+        gate = Gate(application(bench), own.getsockname()[1])
+        server = uvicorn.Server(
+            uvicorn.Config(
+                gate,
+                lifespan="off",
+                log_level="critical",
+                access_log=False,
+                server_header=False,
+                http="h11",
+                ws="none",
+                loop="asyncio",
+                limit_concurrency=CLIENTS,
+                timeout_graceful_shutdown=1,
+            )
+        )
+        own.listen(CLIENTS)
+        try:
+            with contextlib.suppress(KeyboardInterrupt):
+                told(gate.link)
+                server.run(sockets=[own])
+        finally:
+            bench.close()

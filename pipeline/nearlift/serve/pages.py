@@ -1,0 +1,247 @@
+"""The pages and what their buttons begin: each a function of the workspace and of what was asked,
+which answers bytes.
+"""
+
+from __future__ import annotations
+
+import functools
+import json
+import mimetypes
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from importlib import resources
+from pathlib import Path
+from typing import Any
+from urllib.parse import parse_qs, quote
+
+from nearlift.errors import NearliftError, UsageError
+from nearlift.serve.bench import Bench, NotThere, Place, command_line
+from nearlift.serve.gate import POLICY
+
+HTML = "text/html; charset=utf-8"
+TEXT = "text/plain; charset=utf-8"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What goes back."""
+
+    body: bytes
+    kind: str = HTML
+    status: int = 200
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The fields of a request, each a list."""
+
+    fields: Mapping[str, list[str]]
+
+    @classmethod
+    def of(cls, text: str) -> Asked:
+        """Those of a query or a form."""
+        return cls(parse_qs(text, keep_blank_values=True, max_num_fields=100))
+
+    def one(self, name: str, otherwise: str = "") -> str:
+        """A field's first value."""
+        return self.fields.get(name, [otherwise])[0]
+
+    def all(self, name: str) -> list[str]:
+        """All its values."""
+        return self.fields.get(name, [])
+
+
+Handler = Callable[[Bench, Asked], Answer]
+
+
+def see(path: str, **query: str) -> Answer:
+    """Go there."""
+    where = path + ("?" + "&".join(f"{k}={quote(v)}" for k, v in query.items()) if query else "")
+    return Answer(body=b"", status=303, headers={"location": where})
+
+
+def as_json(content: object) -> Answer:
+    """A JSON answer."""
+    return Answer(body=json.dumps(content).encode(), kind="application/json")
+
+
+@functools.cache
+def _templates() -> Any:
+    import jinja2
+
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("nearlift.serve", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def page(bench: Bench, name: str, title: str, **facts: Any) -> Answer:
+    """A page of the template of that name."""
+    given: dict[str, Any] = {"title": title, "workspace": str(bench.root), **facts}
+    template = _templates().get_template(f"{name}.html.j2")
+    return Answer(body=template.render(given).encode())
+
+
+def refused(bench: Bench, refusal: NearliftError) -> Answer:
+    """The page that says why not."""
+    found = page(bench, "refusal", "Refused", refusal=refusal)
+    return Answer(body=found.body, status=404 if isinstance(refusal, NotThere) else 409)
+
+
+def campaigns(bench: Bench, asked: Asked) -> Answer:
+    """All campaigns, each with what it says."""
+    from nearlift.products import RESULTS
+    from nearlift.results.quotation import Results
+    from nearlift.run import store
+
+    rows = []
+    for folder, place in bench.campaigns():
+        if isinstance(place, NearliftError):
+            rows.append({"folder": folder, "refusal": place})
+            continue
+        file = place.homes.processed / RESULTS.file
+        found = store.load_if_whole(file, Results(boundaries={}))
+        rows.append(
+            {
+                "folder": place.given,
+                "name": place.name,
+                "refusal": None,
+                "boundaries": found.boundaries,
+                "report": (place.homes.reports / "index.html").is_file(),
+            }
+        )
+    works = list(reversed(bench.works.values()))
+    return page(bench, "campaigns", "Campaigns", rows=rows, works=works)
+
+
+def past(bench: Bench, asked: Asked) -> Answer:
+    """The kept runs of a campaign."""
+    from nearlift.run import history
+    from nearlift.run.lock import settled
+
+    place = bench.campaign(asked.one("campaign"))
+    settled(place.homes)
+    kept = [
+        {"folder": f"processed/{place.name}/history/{folder.name}", "run": history.read(folder)}
+        for folder in history.folders(place.homes)
+    ]
+    command = command_line(("history", place.given))
+    return page(bench, "history", f"History of {place.name}", place=place, runs=kept, cmd=command)
+
+
+def difference(bench: Bench, asked: Asked) -> Answer:
+    """What changed between two runs."""
+    both = asked.all("run")
+    if len(both) != 2:
+        raise UsageError("runs", f"{len(both)} were chosen", "choose two")
+    for folder in both:
+        bench.inside(folder)
+    words = ("compare-runs", *both)
+    text = bench.ask(words)
+    return page(bench, "text", "Two runs", text=text, cmd=command_line(words))
+
+
+def begin(bench: Bench, asked: Asked) -> Answer:
+    """A command that takes its time."""
+    what, title, result, campaign = asked.one("do"), "", "", ""
+    if what == "compare":
+        names = [bench.campaign(given).name for given in asked.all("campaign")]
+        words, title, result = (
+            ("compare", *names),
+            "Comparison",
+            "/file/reports/comparison/index.html",
+        )
+    elif what in ("run", "verify", "segments"):
+        place = bench.campaign(asked.one("campaign"))
+        words = (what, place.given, *(("-v",) if what == "run" else ()))
+        title, campaign = f"{what} {place.name}", place.given
+        result = {
+            "run": f"/report?campaign={quote(place.given)}",
+            "segments": f"/file/reports/{place.name}/segments.png",
+        }.get(what, "")
+    else:
+        raise NotThere(what, "is not what this page can do", "type the command")
+    return see("/work", key=bench.begin(words, title, result, campaign).key)
+
+
+def work(bench: Bench, asked: Asked) -> Answer:
+    """A command at work."""
+    own = bench.work(asked.one("key"))
+    stages = _stages(bench.campaign(own.campaign)) if own.words[0] == "run" else []
+    return page(bench, "work", own.title, work=own, cmd=own.command, stages=stages)
+
+
+def _stages(place: Place) -> list[dict[str, object]]:
+    """Each stage, and the seconds that it took the last time."""
+    from nearlift.products import PROVENANCE
+    from nearlift.results.provenance import ProvenanceLedger
+    from nearlift.run import store
+    from nearlift.run.registry import STAGES
+
+    known = store.load_if_whole(place.homes.processed / PROVENANCE.file, ProvenanceLedger()).stages
+    return [
+        {
+            "name": s.name,
+            "summary": s.summary,
+            "wall_s": known[s.name].wall_s if s.name in known else 0,
+        }
+        for s in STAGES
+    ]
+
+
+def cancel(bench: Bench, asked: Asked) -> Answer:
+    """End a command."""
+    own = bench.work(asked.one("key"))
+    own.cancel()
+    return see("/work", key=own.key)
+
+
+def report(bench: Bench, asked: Asked) -> Answer:
+    """The finished page, within."""
+    place = bench.campaign(asked.one("campaign"))
+    bench.product(f"reports/{place.name}/index.html")
+    return page(bench, "report", f"Report of {place.name}", place=place)
+
+
+def file(bench: Bench, relative: str) -> Answer:
+    """A product as it stands; of scripts in it, a browser runs those of nearlift's reports."""
+    from nearlift.report.page.render import policy, scripts
+
+    path = bench.product(relative)
+    kind, _ = mimetypes.guess_type(path.name)
+    if kind == "text/html":
+        rules = policy(scripts()) + "; frame-ancestors 'self'; base-uri 'none'; form-action 'none'"
+    else:
+        rules = POLICY.split(";")[0] + "; frame-ancestors 'self'"
+    if kind is None or kind in ("text/markdown", "text/csv", "application/toml"):
+        kind = "application/octet-stream" if path.suffix == ".parquet" else TEXT
+    kind = f"{kind}; charset=utf-8" if kind == "text/html" else kind
+    return Answer(body=path.read_bytes(), kind=kind, headers={"content-security-policy": rules})
+
+
+STATIC = {"page.css": "text/css", "bench.css": "text/css", "bench.js": "text/javascript"}
+
+
+def static(name: str) -> Answer:
+    """A style sheet or the script."""
+    if name not in STATIC:
+        raise NotThere(name, "is no part of this page", "reload it")
+    where = "nearlift.report.page" if name == "page.css" else "nearlift.serve"
+    body = Path(str(resources.files(where) / "templates" / name)).read_bytes()
+    return Answer(body=body, kind=f"{STATIC[name]}; charset=utf-8")
+
+
+#: By method and path.
+PAGES: dict[tuple[str, str], Handler] = {
+    ("GET", "/"): campaigns,
+    ("GET", "/history"): past,
+    ("GET", "/difference"): difference,
+    ("GET", "/work"): work,
+    ("GET", "/report"): report,
+    ("POST", "/begin"): begin,
+    ("POST", "/cancel"): cancel,
+}
