@@ -176,18 +176,19 @@ def tables(rows: list[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def wanted(n: int) -> Iterator[tuple[str, int]]:
+def wanted(n: int, first: int) -> Iterator[tuple[str, int]]:
     """As many without an effect, and a quarter of each of the others, in turns."""
-    for i in range(n):
-        yield "nothing", FIRST + i
-        if i % 4 == 0:
+    for seed in range(first, first + n):
+        yield "nothing", seed
+        if seed % 4 == 0:
             for kind in list(KINDS)[1:]:
-                yield kind, FIRST + i
+                yield kind, seed
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--n", type=int, default=100)
+    parser.add_argument("--seed", type=int, default=FIRST, help="the first")
     parser.add_argument("--rows", type=Path, required=True)
     asked = parser.parse_args()
     asked.rows.parent.mkdir(parents=True, exist_ok=True)
@@ -195,7 +196,7 @@ def main() -> None:
     rows = [json.loads(line) for line in asked.rows.read_text().splitlines()]
     done = {(r["kind"], r["seed"]) for r in rows}
     with asked.rows.open("a") as file:
-        for kind, seed in wanted(asked.n):
+        for kind, seed in wanted(asked.n, asked.seed):
             if (kind, seed) not in done:
                 rows.append(row(kind, seed))
                 file.write(json.dumps(rows[-1]) + "\n")

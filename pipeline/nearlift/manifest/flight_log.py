@@ -115,6 +115,8 @@ class Flight(Section):
         Length of a trial, s.
     lag : float or "auto"
         Time constant of the motors, s, or to be estimated.
+    sound : str or None
+        Which `condition` (a column of the schedule) the flights have that hover is compared with.
     """
 
     acceleration: Acceleration
@@ -128,6 +130,7 @@ class Flight(Section):
     tilt: Annotated[Angle, AfterValidator(positive)] = math.radians(15)
     window: Annotated[Duration, AfterValidator(positive)] = 0.25
     lag: Annotated[Duration, AfterValidator(_within_what_motors_do)] | Literal["auto"] = "auto"
+    sound: str | None = None
 
     @property
     def tells_tilt(self) -> bool:

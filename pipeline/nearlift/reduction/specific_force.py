@@ -171,7 +171,10 @@ def _slope(
     still: float,
     apart: float | None = None,
 ) -> float | None:
-    """The slope of y on x; None where x hardly moves, and `apart` where y does not go with it."""
+    """The slope of y on x, and `apart` where y does not go with it; without that the slope between
+    that of y on x and of x on y, since noise in x makes the one too small (in quiet hover by half),
+    and None where y does not go with x. None, too, where x hardly moves.
+    """
     good = where & np.isfinite(x) & np.isfinite(y)
     if good.sum() < FEWEST:
         return None
@@ -179,7 +182,10 @@ def _slope(
     if float(np.sqrt(np.mean(x**2))) < still:
         return None
     both, across = float(np.mean(x * y)), float(np.sqrt(np.mean(x**2) * np.mean(y**2)))
-    return both / float(np.mean(x**2)) if abs(both) > TELLING * across else apart
+    if abs(both) <= TELLING * across:
+        return apart
+    slope = both / float(np.mean(x**2))
+    return slope if apart is not None else slope * across / abs(both)
 
 
 def _scaled(key: str, ratio: float) -> str:

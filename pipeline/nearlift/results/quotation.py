@@ -23,6 +23,7 @@ from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
+from nearlift.results.hover import HoverComparison
 from nearlift.results.serial import Unbounded, keyed, optional
 from nearlift.rounding import like, plus_minus
 
@@ -215,7 +216,8 @@ class Correlation:
 class BoundaryResult:
     """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the
     named `effects`. Of flights, `in_flight` is what they determine: ``gain_at_2``, the relative
-    lift gained at two rotor radii, and ``decay_length``, in rotor radii.
+    lift gained at two rotor radii, and ``decay_length``, in rotor radii; and `hover` is how flights
+    of each condition hover beside sound ones.
 
     `wanted` is what a diagnosis would take where there is none. `rests_on` is set where leaving a
     single trial out changes the verdict, or moves the headline by more than its standard
@@ -233,6 +235,7 @@ class BoundaryResult:
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None
     in_flight: Mapping[str, CoefficientResult] | None = optional()
+    hover: tuple[HoverComparison, ...] | None = optional()
 
     @property
     def headline(self) -> str:

@@ -32,6 +32,7 @@ from nearlift.results.quotation import (
 )
 from nearlift.run.job import Job
 from nearlift.run.store import Table
+from nearlift.stages import hovering
 from nearlift.stages.observe import observe
 
 #: Names and units of what flights determine, as `closed_loop.gains` has them.
@@ -74,7 +75,11 @@ def quoted(
             told = None
         model = catalogue.model(result.base_model)
         coefficients = one.coefficients(model, result.coefficients)
-        found[boundary] = replace(result, coefficients=coefficients, in_flight=told)
+        hover = hovering.compared(job.campaign, trials, boundary)
+        found[boundary] = replace(
+            result, coefficients=coefficients, in_flight=told, hover=hover or None
+        )
+        notes += [f"{boundary}: {comparison.text}" for comparison in hover]
         notes += [f"{boundary}: {name} is {why}" for name, why in found[boundary].refused.items()]
         if told is not None:
             gain, decay = (told[name] for name, _ in DETERMINED)

@@ -33,6 +33,7 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         "others": coefficients[1:],
         "holds": next((c.holds for c in quoted.quotable.values()), ""),
         "refused": {letter(name): why for name, why in quoted.refused.items()},
+        "hover": [comparison.text for comparison in quoted.hover or () if comparison.effects],
         "omits": brief.omits,
         # the residual is drawn in the chapter of the loop, not on the card
         "seen": quoted.verdict in ("effect", "unexplained"),

@@ -1,0 +1,84 @@
+"""CrazyPAD's flights: what near the ground and in hover they say of themselves, and the traps that
+their logs hold.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.unit.bench_campaign import run_ingest
+
+from nearlift.datasets import crazypad, registry
+from nearlift.fit import hover
+from nearlift.manifest import campaign as manifests
+from nearlift.products import TRIALS
+from nearlift.run.store import Table
+from nearlift.stages import hovering
+
+DATA = Path(__file__).parents[3] / "shared" / "data" / "crazypad-2024"
+pytestmark = pytest.mark.skipif(
+    not DATA.is_dir(), reason="the measured files of ../shared are not here"
+)
+FILES = {f.name: DATA / f.name.replace("-", "/") for f in registry.dataset("crazypad-2024").file}
+SOUND = "normal_flight"
+
+
+@pytest.fixture(scope="module")
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Table]:
+    root = tmp_path_factory.mktemp("crazypad")
+    crazypad.convert(FILES, root, "crazypad-2024")
+    given = manifests.load(root)
+    _, job = run_ingest(root, root / "out", given)
+    return given, job.read(TRIALS)
+
+
+def test_the_files_are_those_that_are_listed() -> None:
+    for file in registry.dataset("crazypad-2024").file:
+        content = FILES[file.name].read_bytes()
+        assert (len(content), hashlib.sha256(content).hexdigest()) == (file.bytes, file.sha256)
+
+
+def test_each_log_holds_two_flights_and_the_second_starts_from_zero(
+    flown: tuple[Any, Table],
+) -> None:
+    """After the landing between them the height reads centimetres at rest: zero is set anew."""
+    _, trials = flown
+    good = trials["quality"] == ""
+    for record in FILES:
+        mine = good & (trials["record"] == record)
+        assert set(trials["flight"][mine]) == {1.0, 2.0}
+        for start in (1.0, 2.0):
+            low = trials["z_m"][mine & (trials["flight"] == start)].min()
+            # rotor plane 30 mm above feet that have left the floor, a brisk window higher at most
+            assert 0.03 < low < 0.30
+
+
+def test_hover_names_what_stands_above_its_limits_and_nothing_else(
+    flown: tuple[Any, Table],
+) -> None:
+    found = {h.logs: h for h in hovering.compared(*flown, "ground")}
+    named = {h.condition for h in found.values() if h.effects}
+    assert named == {"cut_propeller_M3_3mm", "add_weight_W1_near_M3_M4"}
+    for h in found.values():
+        assert h.effects in ((), ("rotor_imbalance",))
+        assert h.rivals == (("weight_at_rotor",) if h.effects else ())
+    [cut] = [h for h in found.values() if h.condition == "cut_propeller_M3_3mm"]
+    assert [s.rotor for s in cut.shifts if s.stands_out] == [3]
+
+
+def test_a_normal_flight_has_no_name_in_eleven_of_twelve(flown: tuple[Any, Table]) -> None:
+    own, conditions = hovering.means(flown[1], "ground")
+    normal = [r for r in own if conditions[r] == SOUND]
+    clean = 0
+    for r in normal:
+        others = np.array([own[q] for q in normal if q != r])
+        for start in (0, 1):
+            one = slice(start, start + 1)
+            told = hover.shifts(own[r][None, one], others[:, one], 0.05)
+            clean += not (np.abs(told.value) > told.limit).any()
+    assert len(normal) == 6
+    assert clean >= 11
