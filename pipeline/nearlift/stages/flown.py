@@ -77,7 +77,7 @@ def quoted(
         coefficients = one.coefficients(model, result.coefficients)
         hover = hovering.compared(job.campaign, trials, boundary)
         found[boundary] = replace(
-            result, coefficients=coefficients, in_flight=told, hover=hover or None
+            result, coefficients=coefficients, in_flight=told, hover=tuple(hover) or None
         )
         notes += [f"{boundary}: {comparison.text}" for comparison in hover]
         notes += [f"{boundary}: {name} is {why}" for name, why in found[boundary].refused.items()]
