@@ -23,7 +23,7 @@ from nearlift.readers.segments import PieceOfRecord
 from nearlift.reduction import motor_lag
 from nearlift.reduction.airborne import CLEAN, Phases, Window, phases, windows_of
 from nearlift.reduction.motor_lag import GRID, Moments
-from nearlift.reduction.specific_force import along_axis, faults, leaning
+from nearlift.reduction.specific_force import along_axis, apart, faults, leaning, silent
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -144,19 +144,24 @@ class _Cut:
     def _as_declared(self, found: Phases) -> None:
         """Refuse a log that contradicts what the manifest says of it."""
         said, log = self.flight.acceleration, self.log
-        told = faults(
-            log.acceleration_m_s2,
-            log.velocity_m_s,
-            log.height_m,
-            found.aloft,
-            log.step_s,
-            (said.gravity, said.axes, self.campaign.rig.gravity),
-        )
+        told = [
+            *silent(self._logged(), found.aloft),
+            *faults(
+                log.acceleration_m_s2,
+                log.velocity_m_s,
+                log.height_m,
+                found.aloft,
+                log.step_s,
+                (said.gravity, said.axes, self.campaign.rig.gravity),
+            ),
+            *apart(log.supply_V, log.setpoint_m, log.height_m, found.aloft),
+        ]
         for fault in told[:1]:
-            column = getattr(self.flight, fault.key).column
+            named = getattr(self.flight, fault.key)
+            columns = getattr(named, "columns", None) or [named.column]
             raise InputRefused(
                 self.where,
-                f"contradicts [flight] {fault.key} ({column!r}): {fault.what}",
+                f"contradicts [flight] {fault.key} ({columns[0]!r}): {fault.what}",
                 f"flight.{fault.key}: {fault.remedy}",
             )
         least, most = np.nanmin(log.command), np.nanmax(log.command)
@@ -166,6 +171,18 @@ class _Cut:
                 f"has commands from {100 * least:.3g} to {100 * most:.3g} % of full throttle",
                 "mend full and zero under [flight] command",
             )
+
+    def _logged(self) -> dict[str, FloatArray]:
+        """What has to change in any flight, by its key."""
+        log = self.log
+        up = log.acceleration_m_s2
+        series = {
+            "command": log.command.mean(axis=1),
+            "height": log.height_m,
+            "velocity": log.climb_m_s,
+            "acceleration": up if up.ndim == 1 else up[:, 2],
+        }
+        return series if log.setpoint_m is None else {**series, "setpoint": log.setpoint_m}
 
     def _piece(self, number: int, window: Window, found: Phases, means: FloatArray) -> FlightPiece:
         log, own = self.log, slice(window.first, window.end)

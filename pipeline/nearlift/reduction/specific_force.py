@@ -9,18 +9,22 @@ axes, or along the world's.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
+from nearlift.reduction.airborne import FULL
 
 #: Time over which a velocity is differentiated, s.
 SPAN_S = 0.1
 #: Correlation from which on a slope says something, what it may be, and how little a series moves
 #: to say nothing, m/s^2.
 TELLING, SLOPES, STILL = 0.6, (0.5, 2.0), 0.1
+#: Batteries of vehicles, V, and a set-point that hardly moves, m.
+SUPPLY_V, RESTS_M = (1.0, 1000.0), 0.02
 #: Samples that a slope rests on.
 FEWEST = 50
 #: What the mean of an acceleration in flight may be off by, in units of g.
@@ -141,6 +145,48 @@ def faults(
         elif axes == "world" and slopes and max(slopes) < 0.5:
             what = f"sideways it is {follows:.3g} of the velocity's change: along the vehicle's own"
             found.append(Fault("acceleration", what, 'axes = "body"'))
+    return found
+
+
+def silent(series: Mapping[str, FloatArray], flying: NDArray[np.bool_]) -> list[Fault]:
+    """Series (n,) by key that hold no number, or say one thing throughout, in flight or, where
+    nothing flies, at all; a set-point may stay where it is.
+    """
+    found = []
+    where = flying if flying.any() else np.ones_like(flying)
+    for key, values in series.items():
+        own = values[where & np.isfinite(values)]
+        if key == "setpoint":
+            if not len(own):
+                found.append(Fault(key, "it holds no number in flight", "take it away"))
+        elif not np.isfinite(values).any():
+            found.append(Fault(key, "it holds no number", "name another column"))
+        elif len(own) and not np.ptp(own) and not (key == "command" and own[0] >= FULL):
+            # motors at their full command have a code of their own
+            what = f"it is {own[0]:.4g} throughout"
+            found.append(Fault(key, what, "name the column that changes with the flight"))
+    return found
+
+
+def apart(
+    supply_V: FloatArray | None,
+    setpoint_m: FloatArray | None,
+    height_m: FloatArray,
+    flying: NDArray[np.bool_],
+) -> list[Fault]:
+    """A supply that no battery has, and a set-point that the height follows in another unit."""
+    found = []
+    if supply_V is not None and np.isfinite(supply_V[flying]).any():
+        volts = float(np.nanmedian(supply_V[flying]))
+        if not SUPPLY_V[0] <= volts <= SUPPLY_V[1]:
+            unit = 'unit = "mV"?' if volts > 0 else "name another column"
+            remedy = 'unit = "V"?' if 0 < volts < SUPPLY_V[0] else unit
+            found.append(Fault("supply", f"its median in flight is {volts:.4g} V", remedy))
+    if setpoint_m is not None:
+        followed = _slope(height_m, setpoint_m, flying, RESTS_M)
+        if followed is not None and not SLOPES[0] <= followed <= SLOPES[1]:
+            what = f"the height changes by {followed:.3g} of what it asks for"
+            found.append(Fault("setpoint", what, "mend its unit or sign"))
     return found
 
 
