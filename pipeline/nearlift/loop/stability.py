@@ -16,7 +16,7 @@ from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Ve
 
 #: No trial is left out if the closed form says that none moves the headline by this part of its
 #: standard uncertainty.
-LOOK = 0.1
+LOOK = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
