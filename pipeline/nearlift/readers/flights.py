@@ -5,6 +5,7 @@ were told, how high it was and how it moved.
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -28,6 +29,8 @@ from nearlift.reduction.specific_force import along_axis, apart, faults, leaning
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
 
+#: Columns of the schedule that a log brings.
+BROUGHT = ("distance", "supply", "tilt")
 #: How long before a window's middle the set-point's history is kept, s.
 HISTORY_S = (0.0, 0.1, 0.2, 0.4, 0.8)
 
@@ -76,6 +79,7 @@ class _Cut:
     def __init__(self, campaign: Campaign, log: FlightLog, where: str) -> None:
         assert campaign.flight is not None
         self.campaign, self.flight, self.log, self.where = campaign, campaign.flight, log, where
+        self.step_s = log.step_s
         said = self.flight.acceleration
         # gravity that was taken out is put in again
         self.gravity = None if said.gravity == "included" else campaign.rig.gravity
@@ -96,25 +100,32 @@ class _Cut:
         log, flight = self.log, self.flight
         found = self._phases()
         self._as_declared(found)
-        length = max(round(flight.window / log.step_s), 1)
+        length = max(round(flight.window / self.step_s), 1)
         if length < FEWEST_SAMPLES:
             raise InputRefused(
                 self.where,
                 f"has {length} samples in a window of {flight.window:g} s",
                 f'a trial takes {FEWEST_SAMPLES}: [flight] window ='
-                f' "{FEWEST_SAMPLES * log.step_s:.2g} s"',
+                f' "{FEWEST_SAMPLES * self.step_s:.2g} s"',
             )  # fmt: skip
         cut = windows_of(found, log.run, length)
         told = log.command.mean(axis=1)
-        means = np.stack([motor_lag.filtered(told, log.run, log.step_s, lag) for lag in GRID])
-        pieces = tuple(self._piece(k, window, found, means) for k, window in enumerate(cut, 1))
+        means = motor_lag.filtered(told, log.run, self.step_s, GRID)
+        # windows follow each other without a gap
+        first = np.array([w.first for w in cut])
+        length_of = np.diff([*first, len(told)])
+        of_window = {
+            name: np.add.reduceat(values, first, axis=-1) / length_of
+            for name, values in {**self._series(found), "behind": means}.items()
+        }
+        pieces = tuple(self._piece(k, window, of_window) for k, window in enumerate(cut))
         counts = Counter({w.code: 0 for w in cut})
         for w in cut:
             counts[w.code] += w.end - w.first
         return Weighed(
             source=log.source,
             samples=len(log.time_s),
-            step_s=log.step_s,
+            step_s=self.step_s,
             codes=log.codes,
             notes=log.notes,
             pieces=pieces,
@@ -135,7 +146,7 @@ class _Cut:
             {name: values for name, values in series.items() if values is not None},
             log.command,
             log.run,
-            1 / log.step_s,
+            1 / self.step_s,
             flight.airborne,
             (flight.tilt, flight.height.range),
             flight.height.zero == "each start",
@@ -151,7 +162,7 @@ class _Cut:
                 log.velocity_m_s,
                 log.height_m,
                 found.aloft,
-                log.step_s,
+                self.step_s,
                 (said.gravity, said.axes, self.campaign.rig.gravity),
             ),
             *apart(log.supply_V, log.setpoint_m, log.height_m, found.aloft),
@@ -184,51 +195,60 @@ class _Cut:
         }
         return series if log.setpoint_m is None else {**series, "setpoint": log.setpoint_m}
 
-    def _piece(self, number: int, window: Window, found: Phases, means: FloatArray) -> FlightPiece:
-        log, own = self.log, slice(window.first, window.end)
-        height = log.height_m[own] - found.floor_m[own]
-        supply = None if log.supply_V is None else _mean(log.supply_V[own])
-        brought = {"distance": _mean(height), "throttle": float("nan")}
-        if supply is not None:
-            brought["supply"] = supply
-        if self.flight.tells_tilt and self.tilt is not None:
-            brought["tilt"] = _mean(self.tilt[own])
-        if window.code:
-            # what is left out may stand at any height, and behind any command
-            brought = dict.fromkeys(brought, float("nan"))
-        return FlightPiece(
-            number=number,
-            force_N=self.lift_N[own],
-            time_s=None,
-            tare_N=np.empty(0),
-            since_s=float(log.time_s[window.first]),
-            brought=brought,
-            covariates={} if window.code else self._covariates(own, window),
-            codes=(window.code,) if window.code else (),
-            command=means[:, own].mean(axis=1),
-        )
-
-    def _covariates(self, own: slice, window: Window) -> dict[str, tuple[float, float]]:
-        """How the vehicle moved, what each rotor was told beside the others, and where the
-        set-point stood before.
+    def _series(self, found: Phases) -> dict[str, FloatArray]:
+        """What windows are told by their means of, (n,): the schedule's columns, how the vehicle
+        moved, and what each rotor was told beside the others.
         """
         log = self.log
-        series = {"climb_m_s": log.climb_m_s}
+        series = {"distance": log.height_m - found.floor_m}
+        if log.supply_V is not None:
+            series["supply"] = log.supply_V
+        if self.flight.tells_tilt and self.tilt is not None:
+            series["tilt"] = self.tilt
+        series["climb_m_s"] = log.climb_m_s
         if log.velocity_m_s.ndim > 1:
             series["level_speed_m_s"] = np.hypot(log.velocity_m_s[:, 0], log.velocity_m_s[:, 1])
         rotors = log.command.shape[1]
         together = np.maximum(log.command.mean(axis=1), 1e-9)
         for k in range(rotors if rotors > 1 else 0):
             series[f"command_share_{k + 1}"] = log.command[:, k] / together
-        found = {name: float(values[own].mean()) for name, values in series.items()}
-        found["flight"] = float(window.start)
-        if log.setpoint_m is not None:
+        return series
+
+    def _piece(self, k: int, window: Window, of_window: Mapping[str, FloatArray]) -> FlightPiece:
+        own, clean = slice(window.first, window.end), not window.code
+        # what is left out may stand at any height, and behind any command
+        told = {
+            name: float(values[k]) if clean else float("nan")
+            for name, values in of_window.items()
+            if name != "behind"
+        }
+        brought = {name: told.pop(name) for name in BROUGHT if name in told}
+        return FlightPiece(
+            number=k + 1,
+            force_N=self.lift_N[own],
+            time_s=None,
+            tare_N=np.empty(0),
+            since_s=float(self.log.time_s[window.first]),
+            brought={**brought, "throttle": float("nan")},
+            # what moves within a window is no scatter of what it was
+            covariates={
+                name: (value, np.nan) for name, value in {**told, **self._placed(window)}.items()
+            }
+            if clean
+            else {},
+            codes=() if clean else (window.code,),
+            command=of_window["behind"][:, k],
+        )
+
+    def _placed(self, window: Window) -> dict[str, float]:
+        """The start that a window follows, and where the set-point stood before its middle."""
+        found = {"flight": float(window.start)}
+        if self.log.setpoint_m is not None:
             middle = (window.first + window.end) // 2
             for k, ago in enumerate(HISTORY_S):
-                at = max(middle - round(ago / log.step_s), 0)
-                found[f"setpoint_m_{k}"] = float(log.setpoint_m[at])
-        # what moves within a window is no scatter of what it was
-        return {name: (value, np.nan) for name, value in found.items()}
+                at = max(middle - round(ago / self.step_s), 0)
+                found[f"setpoint_m_{k}"] = float(self.log.setpoint_m[at])
+        return found
 
     def _stretches(self, found: Phases, means: FloatArray) -> list[Moments]:
         log = self.log
@@ -245,13 +265,13 @@ class _Cut:
         sent = None
         if log.setpoint_m is not None:
             asked = [
-                log.setpoint_m[np.maximum(np.arange(len(z_hat)) - round(ago / log.step_s), 0)]
+                log.setpoint_m[np.maximum(np.arange(len(z_hat)) - round(ago / self.step_s), 0)]
                 for ago in motor_lag.SENT_S
             ]
             asked_hat = np.maximum(np.nan_to_num(asked), 0.0) / self.campaign.vehicle.rotor_radius
             shapes = (np.exp(-asked_hat / decay) for decay in motor_lag.DECAYS)
             sent = np.vstack([asked_hat, *shapes, *aside])
-        return motor_lag.moments(self.lift_N, means, beside, groups, log.step_s, sent)
+        return motor_lag.moments(self.lift_N, means, beside, groups, self.step_s, sent)
 
 
 def _stretches_of(
@@ -263,11 +283,7 @@ def _stretches_of(
     first = np.flatnonzero(np.concatenate([[True], (np.diff(start) != 0) | (np.diff(run) != 0)]))
     begun = np.repeat(time_s[first], np.diff([*first, len(time_s)]))
     part = ((time_s - begun) // motor_lag.STRETCH_S).astype(np.int64)
-    labels = np.stack([start, run, part])
-    _, number = np.unique(labels, axis=1, return_inverse=True)
-    return np.where(clean, number + 1, 0)
-
-
-def _mean(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else float("nan")
+    changes = np.any(np.diff(np.stack([start, run, part])[:, clean]) != 0, axis=0)
+    number = np.zeros(len(time_s), dtype=np.int64)
+    number[clean] = np.cumsum([1, *changes])[: int(clean.sum())]
+    return number

@@ -13,6 +13,7 @@ every 10 ms), so both are free at once.
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -63,21 +64,24 @@ class Lag:
 
 
 def filtered(
-    command: FloatArray, run: NDArray[np.int64], step_s: float, lag_s: float
+    command: FloatArray, run: NDArray[np.int64], step_s: float, lag_s: float | FloatArray
 ) -> FloatArray:
-    """A command (n,) behind a first-order lag, begun anew behind each hole of the log.
+    """A command (n,) behind a first-order lag, or each of several (T, n), begun anew behind each
+    hole of the log.
 
     A command holds from its sample to the next, so that at a sample it has not acted yet.
     """
     from scipy.signal import lfilter
 
-    keep = float(np.exp(-step_s / lag_s)) if lag_s > 0 else 0.0
-    out: FloatArray = np.empty_like(command)
+    lags = np.atleast_1d(np.asarray(lag_s, dtype=np.float64))
+    out = np.empty((len(lags), len(command)))
+    known = np.nan_to_num(command)
     edges = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(command)]
-    for a, b in itertools.pairwise(edges):
-        known = np.nan_to_num(command[a:b])
-        out[a:b] = lfilter([0.0, 1 - keep], [1, -keep], known, zi=known[:1])[0]
-    return out
+    for own, lag in zip(out, lags, strict=True):
+        keep = math.exp(-step_s / lag) if lag > 0 else 0.0
+        for a, b in itertools.pairwise(edges):
+            own[a:b] = lfilter([0.0, 1 - keep], [1, -keep], known[a:b], zi=known[a : a + 1])[0]
+    return out if np.ndim(lag_s) else out[0]
 
 
 def moments(
