@@ -16,8 +16,12 @@ from nearlift.serve.bench import Bench
 from nearlift.serve.gate import App, Gate
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from starlette.requests import Request
     from starlette.responses import Response
+
+    from nearlift.serve.live import Live
 
 #: Bytes of a form; seconds between looks at what is to be told, and between signs of life.
 MOST_FORM, PERIOD_S, ALIVE_S = 2 << 20, 0.2, 15.0
@@ -42,6 +46,7 @@ def application(bench: Bench) -> App:
         Route("/file/{path:path}", site.file),
         Route("/static/{name}", site.static),
         Route("/events/work", site.work),
+        Route("/events/live", site.live),
     ]
     made: App = Starlette(routes=routes)
     return made
@@ -52,6 +57,8 @@ class Site:
 
     def __init__(self, bench: Bench) -> None:
         self.bench = bench
+        #: What is watched, and by how many pages.
+        self.watched: dict[Path, tuple[Live, int]] = {}
 
     async def handle(self, handler: pages.Handler, request: Request) -> Response:
         """A page or a form."""
@@ -91,6 +98,46 @@ class Site:
                     yield "ended", {"code": ended, "result": own.result}
                     return
                 yield "", None
+
+        return _stream(events())
+
+    async def live(self, request: Request) -> Response:
+        """Trials as they land, and looks as they end."""
+        from starlette.concurrency import run_in_threadpool
+
+        from nearlift.serve.live import Live, looks, watching
+
+        try:
+            place = await run_in_threadpool(
+                self.bench.campaign, request.query_params.get("campaign", "")
+            )
+        except NearliftError as refusal:
+            return _response(pages.refused(self.bench, refusal))
+
+        async def events() -> Events:
+            own, pages_of = self.watched.get(place.root, (Live(place), 0))
+            self.watched[place.root] = own, pages_of + 1
+            epoch = turn = -1
+            said: dict[str, int] = {}
+            refusal = None
+            try:
+                while True:
+                    await run_in_threadpool(own.look)
+                    if (own.epoch, own.turn, own.refusal) != (epoch, turn, refusal):
+                        found, epoch, turn = await run_in_threadpool(own.since, epoch, turn)
+                        refusal = found["refusal"]
+                        yield "trials", found
+                    work = watching(self.bench, place)
+                    if work is not None:
+                        lines, said[work.key] = work.since(said.get(work.key, 0))
+                        for look in looks(lines):
+                            yield "look", look
+                    yield "", None
+            finally:
+                own, pages_of = self.watched[place.root]
+                self.watched[place.root] = own, pages_of - 1
+                if pages_of == 1:
+                    del self.watched[place.root]
 
         return _stream(events())
 

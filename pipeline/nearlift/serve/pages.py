@@ -70,13 +70,17 @@ def as_json(content: object) -> Answer:
 def _templates() -> Any:
     import jinja2
 
-    return jinja2.Environment(
+    from nearlift import catalogue
+
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader("nearlift.serve", "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["titled"] = catalogue.titled
+    return environment
 
 
 def page(bench: Bench, name: str, title: str, **facts: Any) -> Answer:
@@ -155,6 +159,10 @@ def begin(bench: Bench, asked: Asked) -> Answer:
             "Comparison",
             "/file/reports/comparison/index.html",
         )
+    elif what == "watch":
+        place = bench.campaign(asked.one("campaign"))
+        bench.begin(watch_words(place), f"watch {place.name}", campaign=place.given)
+        return see("/live", campaign=place.given)
     elif what in ("run", "verify", "segments"):
         place = bench.campaign(asked.one("campaign"))
         words = (what, place.given, *(("-v",) if what == "run" else ()))
@@ -200,6 +208,44 @@ def cancel(bench: Bench, asked: Asked) -> Answer:
     return see("/work", key=own.key)
 
 
+def watch_words(place: Place) -> tuple[str, ...]:
+    """The command that looks at a campaign whenever it has grown."""
+    return ("run", place.given, "--watch", "--every", "1", "--json")
+
+
+def live(bench: Bench, asked: Asked) -> Answer:
+    """A campaign while it is recorded."""
+    from nearlift.serve.live import watching
+
+    place = bench.campaign(asked.one("campaign"))
+    work, cmd = watching(bench, place), command_line(watch_words(place))
+    return page(bench, "live", f"{place.name}, live", place=place, work=work, cmd=cmd)
+
+
+def looked(bench: Bench, asked: Asked) -> Answer:
+    """What the last look at a campaign found."""
+    from nearlift.serve.live import looked
+
+    return as_json(looked(bench.campaign(asked.one("campaign"))))
+
+
+def upcoming(bench: Bench, asked: Asked) -> Answer:
+    """The next visits, as JSON or as rows for the schedule."""
+    place = bench.campaign(asked.one("campaign"))
+    words = ["next", place.given, f"--for={asked.one('for')}"]
+    if asked.one("until"):
+        words.append(f"--until={asked.one('until')}")
+    if asked.one("as") == "csv":
+        text = bench.ask([*words, "--csv"])
+        named = {"content-disposition": f'attachment; filename="{place.name}-next.csv"'}
+        return Answer(body=text.encode(), kind="text/csv; charset=utf-8", headers=named)
+    try:
+        found = json.loads(bench.ask([*words, "--json"]), parse_constant=lambda _: None)
+    except NearliftError as refusal:
+        found = {"refusal": refusal.what}
+    return as_json({**found, "command": command_line(words)})
+
+
 def report(bench: Bench, asked: Asked) -> Answer:
     """The finished page, within."""
     place = bench.campaign(asked.one("campaign"))
@@ -242,6 +288,9 @@ PAGES: dict[tuple[str, str], Handler] = {
     ("GET", "/difference"): difference,
     ("GET", "/work"): work,
     ("GET", "/report"): report,
+    ("GET", "/live"): live,
+    ("GET", "/looked"): looked,
+    ("GET", "/next"): upcoming,
     ("POST", "/begin"): begin,
     ("POST", "/cancel"): cancel,
 }

@@ -55,5 +55,138 @@
     });
   };
 
-  ({ work })[data.page]?.();
+  const node = (name, text = "", ...children) => { const made = document.createElement(name); made.textContent = text; made.append(...children); return made; };
+  const svg = (name, attributes) => { const made = document.createElementNS("http://www.w3.org/2000/svg", name); for (const [k, v] of Object.entries(attributes)) made.setAttribute(k, v); return made; };
+  const short = (x, digits = 3) => (x === null || x === undefined ? "" : Number(x).toPrecision(digits).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, ""));
+
+  const ticks = (low, high) => {
+    const rough = (high - low || 1) / 4, ten = 10 ** Math.floor(Math.log10(rough)), step = ten * [1, 2, 5, 10].find(s => s * ten >= rough);
+    return Array.from({ length: 7 }, (_, k) => (Math.ceil(low / step) + k) * step).filter(v => v <= high + 1e-9 * step);
+  };
+  const rounds = (low, high) => [0.01, 0.1, 1, 10, 100].flatMap(ten => [1, 2, 5].map(s => s * ten)).filter(v => v >= low && v <= high);
+
+  // Points of several series, a line and its band; the point nearest to the pointer is told beneath.
+  const plot = (place, { series, line = [], log = false, x: across, y: up, title }) => {
+    const [W, H, L, B] = [640, 340, 64, 42], every = series.flatMap(s => s.points);
+    const xs = [...every.map(p => p[0]), ...line.map(p => p[0])], ys = [...every.map(p => p[1]), ...line.map(p => p[1])];
+    if (!xs.length) { place.replaceChildren(); return; }
+    const least = v => v.reduce((a, b) => Math.min(a, b)), most = v => v.reduce((a, b) => Math.max(a, b));
+    const f = log && least(xs) > 0 ? Math.log : v => v, g = f === Math.log ? Math.exp : v => v;
+    const [x0, x1] = [f(least(xs)), f(most(xs))], [y0, y1] = [least(ys), most(ys)], room = 0.06 * (y1 - y0 || 1);
+    const X = v => L + (W - L - 12) * (f(v) - x0) / (x1 - x0 || 1), Y = v => H - B - (H - B - 12) * (v - y0 + room) / (y1 - y0 + 2 * room);
+    const drawn = svg("svg", { viewBox: `0 0 ${W} ${H}`, role: "img", "aria-label": `${title}: ${every.length} points, ${up} from ${short(y0)} to ${short(y1)} over ${across} from ${short(least(xs))} to ${short(most(xs))}` });
+    for (const v of f === Math.log ? rounds(least(xs), most(xs)) : ticks(x0, x1)) {
+      const under = svg("text", { x: X(v), y: H - B + 18, "text-anchor": "middle" });
+      under.textContent = short(v);
+      drawn.append(under);
+    }
+    for (const h of ticks(y0, y1)) {
+      const left = svg("text", { x: L - 6, y: Y(h) + 4, "text-anchor": "end" });
+      left.textContent = short(h);
+      drawn.append(svg("path", { class: "grid", d: `M${L} ${Y(h)}H${W - 12}` }), left);
+    }
+    const label = svg("text", { x: (W + L) / 2, y: H - 4, "text-anchor": "middle" }), side = svg("text", { x: 14, y: (H - B) / 2, "text-anchor": "middle", transform: `rotate(-90 14 ${(H - B) / 2})` });
+    label.textContent = across; side.textContent = up;
+    drawn.append(label, side);
+    if (line.length) {
+      if (line[0].length > 3) drawn.append(svg("path", { class: "band", d: `M${line.map(p => `${X(p[0])} ${Y(p[2])}`).join("L")}L${[...line].reverse().map(p => `${X(p[0])} ${Y(p[3])}`).join("L")}Z` }));
+      drawn.append(svg("path", { class: "line", d: `M${line.map(p => `${X(p[0])} ${Y(p[1])}`).join("L")}` }));
+    }
+    series.forEach((s, i) => drawn.append(svg("path", { class: s.cross ? "cross" : `dots s${i % 6}`, d: s.points.map(p => (s.cross ? `M${X(p[0]) - 4} ${Y(p[1]) - 4}l8 8m0 -8l-8 8` : `M${X(p[0])} ${Y(p[1])}h0`)).join("") })));
+    const told = node("figcaption"), key = node("p", "");
+    key.className = "key";
+    series.forEach((s, i) => { const one = node("span", s.name); one.className = s.cross ? "cross" : `s${i % 6}`; key.append(one, " "); });
+    drawn.addEventListener("pointermove", event => {
+      const box = drawn.getBoundingClientRect(), px = (event.clientX - box.x) * W / box.width, py = (event.clientY - box.y) * H / box.height;
+      const near = every.map(p => [(X(p[0]) - px) ** 2 + (Y(p[1]) - py) ** 2, p]).reduce((a, b) => (b[0] < a[0] ? b : a), [400, null])[1];
+      told.textContent = near ? near[2] : "";
+    });
+    place.replaceChildren(node("h3", title), drawn, key, told);
+  };
+
+  // A campaign while it is recorded.
+  const live = () => {
+    const trials = new Map(), campaign = encodeURIComponent(data.campaign);
+    let far = {}, found = { codes: {}, curves: {}, residuals: {} }, waiting = false;
+    const places = new Map();
+    const figure = (within, name) => {
+      const key = `${within.id || within.parentElement.id} ${name}`;
+      if (!places.has(key)) { const made = node("figure"); made.dataset.boundary = name; within.append(made); places.set(key, made); }
+      return places.get(key);
+    };
+    const codes = t => [...new Set([...t.codes, ...(found.codes[t.trial]?.codes ?? [])])].filter(c => c !== "MISSING" || t.lift === null);
+    const said = t => [...new Set([t.said, found.codes[t.trial]?.said].filter(Boolean).join("; ").split("; "))].join("; ");
+    const draw = () => {
+      waiting = false;
+      const landed = [...trials.values()].filter(t => t.lift !== null);
+      for (const boundary of new Set(landed.map(t => t.boundary).filter(b => b !== "none"))) {
+        const level = t => far[boundary]?.[Number(t.throttle.toPrecision(6))] ?? far.none?.[Number(t.throttle.toPrecision(6))];
+        const own = landed.filter(t => t.boundary === boundary && t.z !== null && level(t)), bad = t => codes(t).some(c => c === c.toUpperCase());
+        const point = t => [t.z, 100 * (t.lift / level(t) - 1), `${t.trial}: z/R ${short(t.z)}, ${short(100 * t.throttle)} %, ${short(1e3 * t.lift, 4)} mN ${codes(t).join(" ")}`];
+        const by = [...new Set(own.map(t => t.throttle))].sort((a, b) => a - b);
+        const series = by.map(h => ({ name: `${short(100 * h)} %`, points: own.filter(t => t.throttle === h && !bad(t)).map(point) }));
+        const good = series.flatMap(s => s.points.map(p => p[1])), wrong = own.filter(bad).map(point).filter(p => !good.length || Math.abs(p[1]) < 5 * Math.max(...good.map(Math.abs), 1));
+        if (wrong.length) series.push({ name: "rejected", cross: true, points: wrong });
+        plot(figure($("#fig2"), boundary), { series, line: found.curves[boundary] ?? [], log: true, x: "z/R", y: "ΔL (%)", title: boundary });
+      }
+      $("#trials tbody").replaceChildren(...landed.sort((a, b) => b.at - a.at || b.i - a.i).slice(0, 60).map(t => {
+        const row = node("tr", "", node("th", t.trial), node("td", t.boundary), node("td", t.z === null ? "free air" : short(t.z)), node("td", `${short(100 * t.throttle)} %`), node("td", `${short(1e3 * t.lift, 4)} ± ${short(1e3 * t.u, 2)}`), node("td", codes(t).join(" ") || "good"));
+        row.firstChild.scope = "row";
+        row.dataset.trial = t.trial;
+        return row;
+      }));
+      const odd = landed.filter(t => codes(t).length).map(t => `trial ${t.trial}: ${codes(t).join(" ")}: ${t.fault || said(t)}`);
+      const listed = [...(found.suspects ?? []), ...odd];
+      $("#odd").hidden = !listed.length;
+      $("#odd ul").replaceChildren(...listed.slice(-12).map(text => node("li", text)), ...(listed.length > 12 ? [node("li", `and ${listed.length - 12} more`)] : []));
+    };
+    const soon = () => { if (!waiting) { waiting = true; requestAnimationFrame(draw); } };
+    const residuals = () => {
+      const names = [...new Set(Object.values(found.residuals).flatMap(Object.keys))], menu = $("#residuals select"), kept = menu.value;
+      $("#residuals").hidden = !names.length;
+      menu.replaceChildren(...names.map(n => { const o = node("option", n); o.selected = n === kept; return o; }));
+      for (const [boundary, own] of Object.entries(found.residuals)) {
+        const points = (own[menu.value] ?? []).map(([x, y, trial]) => [x, y, `${trial}: ${short(x)}, ${short(y)} %`]);
+        plot(figure($("#residuals .views"), boundary), { series: [{ name: "trials", points }], x: menu.value, y: "residual (%)", title: boundary });
+      }
+    };
+    const ask = async event => {
+      if (event?.submitter?.name === "as") return;
+      event?.preventDefault();
+      const given = new URLSearchParams(new FormData($("#next")));
+      if (!given.get("for")) return;
+      $("#visits").textContent = "Asking";
+      const told = await (await fetch(`/next?${given}`)).json(), code = node("p", "", node("code", told.command ?? ""));
+      code.className = "command";
+      if (told.refusal) { const refused = node("p", told.refusal); refused.className = "refusal"; $("#visits").replaceChildren(code, refused); return; }
+      $("#visits").replaceChildren(code, ...Object.entries(told.boundaries).flatMap(([boundary, own]) => [
+        node("h3", boundary), ...own.text.map(line => node("p", line)),
+        node("ol", "", ...own.visits.map(v => node("li", `${typeof v.z_hat === "number" ? `${short(1e3 * v.distance_m, 4)} mm` : "free air"}${v.supply_V ? ` at ${v.supply_V.toFixed(2)} V` : ""}: ${v.throttles.map(h => short(100 * h)).join(", ")} %`))),
+      ]), ...told.notes.map(line => node("p", line)));
+    };
+    const look = async () => {
+      found = await (await fetch(`/looked?campaign=${campaign}`)).json();
+      $("#verdicts").replaceChildren(...found.verdicts.map(v => { const card = node("section", "", node("h3", v.boundary), node("p", v.headline), node("p", v.claim), node("p", v.paid), node("p", v.leaning)); card.className = "card tile"; return card; }));
+      const wanted = [...new Set(found.verdicts.flatMap(v => v.coefficients))];
+      $("#questions").replaceChildren(...[...wanted, "separate", "drift"].map(q => node("option", q)));
+      if (!$("#next [name=for]").value && wanted.length) $("#next [name=for]").value = wanted[0];
+      residuals(); soon();
+    };
+    const events = new EventSource(`/events/live?campaign=${campaign}`);
+    events.addEventListener("trials", event => {
+      const told = JSON.parse(event.data), now = performance.now();
+      if (told.fresh) trials.clear();
+      far = told.far;
+      for (const t of told.trials) trials.set(t.i, { ...t, at: trials.has(t.i) ? trials.get(t.i).at : now });
+      $("#state").textContent = `${[...trials.values()].filter(t => t.lift !== null).length} of ${told.scheduled} trials have landed`;
+      $("#refusal").hidden = !told.refusal; $("#refusal").textContent = told.refusal;
+      soon();
+    });
+    events.addEventListener("look", event => { const told = JSON.parse(event.data); $("#state").textContent = told.refused || told.words; if (!told.refused) look().then(() => $("#visits").childElementCount && ask()); });
+    $("#residuals select").addEventListener("change", residuals);
+    $("#next").addEventListener("submit", ask);
+    look();
+  };
+
+  ({ work, live })[data.page]?.();
 })();
