@@ -241,6 +241,61 @@ def topics(log: Mapping[str, Any]) -> dict[str, tuple[NDArray[np.float64], dict[
     }
 
 
+#: What ROS 2 writes of a message of floats with a header.
+DEFINED = """std_msgs/Header header
+{fields}
+================================================================================
+MSG: std_msgs/Header
+builtin_interfaces/Time stamp
+string frame_id
+================================================================================
+MSG: builtin_interfaces/Time
+int32 sec
+uint32 nanosec
+"""
+
+
+def rosbag(path: Path, log: Mapping[str, Any], late_s: float = 0.05, defined: bool = True) -> None:
+    """A bag of those topics in SQLite, messages in CDR, written `late_s` after each was measured;
+    by ROS 2 before Iron without their definitions.
+    """
+    import sqlite3
+
+    bag = sqlite3.connect(path)
+    bag.execute(
+        "CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT, type TEXT,"
+        " serialization_format TEXT, offered_qos_profiles TEXT)"
+    )
+    bag.execute(
+        "CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER,"
+        " data BLOB)"
+    )
+    if defined:
+        bag.execute(
+            "CREATE TABLE message_definitions(id INTEGER PRIMARY KEY, topic_type TEXT, encoding"
+            " TEXT, encoded_message_definition TEXT, type_description_hash TEXT)"
+        )
+    for k, (name, (clock, columns)) in enumerate(topics(log).items(), 1):
+        kind = f"logged/msg/T{k}"
+        bag.execute("INSERT INTO topics VALUES (?, ?, ?, 'cdr', '')", (k, f"/{name}", kind))
+        if defined:
+            text = DEFINED.format(fields="\n".join(f"float64 {c}" for c in columns))
+            bag.execute(
+                "INSERT INTO message_definitions VALUES (?, ?, 'ros2msg', ?, '')", (k, kind, text)
+            )
+        for i, t in enumerate(clock):
+            nano = round(t * 1e9) + 10**18
+            # encapsulation, stamp, an empty text with its end, and padding to eight bytes
+            head = struct.pack("<4siII", b"\0\1\0\0", nano // 10**9, nano % 10**9, 1) + bytes(4)
+            data = head + struct.pack(f"<{len(columns)}d", *(v[i] for v in columns.values()))
+            when = nano + round(late_s * 1e9)
+            bag.execute(
+                "INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)", (k, when, data)
+            )
+    bag.commit()
+    bag.close()
+
+
 #: What a manifest says of such topics.
 TOPICS: dict[str, Any] = {
     "acceleration": {

@@ -4,6 +4,7 @@ is right and looks odd is not.
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -13,7 +14,11 @@ from tests.calibration import flying
 from tests.calibration.flying import FLIGHT, Craft, Log
 
 from nearlift.errors import InputRefused
+from nearlift.manifest import campaign as manifests
+from nearlift.products import TRIALS
 
+from .bench_campaign import run_ingest
+from .small_run import nearlift
 from .test_flight_log import changed, ingest
 
 MOTORS = ("m1", "m2", "m3", "m4")
@@ -123,3 +128,27 @@ def test_a_log_that_begins_in_flight_has_the_floor_at_zero(log: Log, tmp_path: P
     assert good.sum() > 30
     assert trials["z_m"][good].min() > Craft().plane - 0.01
     assert FLIGHT["height"]["zero"] == "each start"
+
+
+def test_new_from_logs_is_a_campaign_of_flights(log: Log, tmp_path: Path) -> None:
+    """What the logs say is written; what nobody logs stays to be filled in."""
+    for name in ("a", "b"):
+        flying.write_csv(tmp_path / f"{name}.csv", log)
+    logs = [x for name in ("a", "b") for x in ("--from", tmp_path / f"{name}.csv")]
+    assert nearlift("new", tmp_path / "raw", *logs).exit_code == 0
+    text = (tmp_path / "raw" / "campaign.toml").read_text()
+    assert 'held            = "command"' in text
+    assert 'files  = "logs/{record}.csv"' in text
+    assert "[load_cell]" not in text
+    assert (tmp_path / "raw" / "trials.csv").read_text() == (
+        "record,boundary\na,FILL IN\nb,FILL IN\n"
+    )
+    given = flying.manifest()
+    own = tomllib.loads(text)
+    assert own["flight"]["acceleration"] == given["flight"]["acceleration"]
+    assert set(own["flight"]) == set(given["flight"])
+    filled = manifests.parse({**given, "records": own["records"], "flight": own["flight"]})
+    schedule = (tmp_path / "raw" / "trials.csv").read_text().replace("FILL IN", "ground")
+    (tmp_path / "raw" / "trials.csv").write_text(schedule)
+    _, job = run_ingest(tmp_path / "raw", tmp_path / "out", filled)
+    assert (job.read(TRIALS)["quality"] == "").sum() > 80

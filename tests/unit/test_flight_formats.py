@@ -4,7 +4,9 @@ their libraries pass over.
 
 from __future__ import annotations
 
+import sqlite3
 import struct
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +25,10 @@ from nearlift.readers.child import Child, source
 from .bench_campaign import run_ingest
 
 #: Libraries that read each format; an extra brings them.
-LIBRARIES = {"ulog": ("pyulog",), "mcap": ("mcap", "mcap_ros2")}
+LIBRARIES = {"ulog": ("pyulog",), "mcap": ("mcap", "mcap_ros2"), "rosbag": ("mcap_ros2",)}
 
 
-@pytest.fixture(params=["ulog", "mcap"])
+@pytest.fixture(params=list(LIBRARIES))
 def kind(request: pytest.FixtureRequest) -> str:
     for library in LIBRARIES[request.param]:
         pytest.importorskip(library)
@@ -49,8 +51,8 @@ def content(kind: str, log: Log, written: dict[str, bytes], folder: Path) -> byt
     if kind not in written and kind == "ulog":
         written[kind] = flying.ulog(log)
     if kind not in written:
-        flying.mcap(folder / "whole.mcap", log)
-        written[kind] = (folder / "whole.mcap").read_bytes()
+        (flying.mcap if kind == "mcap" else flying.rosbag)(folder / "whole", log)
+        written[kind] = (folder / "whole").read_bytes()
     return written[kind]
 
 
@@ -128,14 +130,32 @@ def test_bytes_that_are_no_message_are_damage(log: Log, tmp_path: Path) -> None:
         channels("ulog", tmp_path / "a.ulg")
 
 
-def test_the_stamp_in_the_header_is_when_it_was_measured(log: Log, tmp_path: Path) -> None:
-    pytest.importorskip("mcap")
-    pytest.importorskip("mcap_ros2")
-    flying.mcap(tmp_path / "a.mcap", log, late_s=0.05)
+@pytest.mark.parametrize("bag", ["mcap", "rosbag"])
+def test_the_stamp_in_the_header_is_when_it_was_measured(
+    bag: str, log: Log, tmp_path: Path
+) -> None:
+    for library in LIBRARIES[bag]:
+        pytest.importorskip(library)
+    getattr(flying, bag)(tmp_path / "a", log, late_s=0.05)
     name = "/battery_status.time"
-    measured = channels("mcap", tmp_path / "a.mcap")[name]
-    logged = channels("mcap", tmp_path / "a.mcap", {"stamps": "log"})[name]
+    measured = channels(bag, tmp_path / "a")[name]
+    logged = channels(bag, tmp_path / "a", {"stamps": "log"})[name]
     np.testing.assert_allclose(logged - measured, 0.05, atol=1e-5)
+
+
+def test_a_bag_without_definitions_says_how_to_get_them(log: Log, tmp_path: Path) -> None:
+    pytest.importorskip("mcap_ros2")
+    flying.rosbag(tmp_path / "old.db3", log, defined=False)
+    with pytest.raises(InputRefused, match=r"no definitions.*\n.*ros2 bag convert"):
+        channels("rosbag", tmp_path / "old.db3")
+
+
+def test_another_sqlite_file_is_no_bag(tmp_path: Path) -> None:
+    pytest.importorskip("mcap_ros2")
+    with closing(sqlite3.connect(tmp_path / "a.db3")) as other:
+        other.execute("CREATE TABLE names(name TEXT)")
+    with pytest.raises(Malformed, match="no tables of topics and messages"):
+        channels("rosbag", tmp_path / "a.db3")
 
 
 @pytest.mark.parametrize("name", ["ulog", "mcap"])

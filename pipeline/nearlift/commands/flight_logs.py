@@ -56,6 +56,8 @@ MOTORS = (
     re.compile(r"actuator|output|esc"),
     re.compile(r"(^|[._/])m\d"),
 )
+#: What a flight holds.
+RIG = '# a flight log: no load cell, the vehicle weighs itself\n[rig]\nheld = "command"\n'
 UNITS = {"height": "m", "velocity": "m/s", "setpoint": "m"}
 
 
@@ -97,7 +99,7 @@ def _commands(channels: Sequence[Channel]) -> tuple[Channel, ...]:
 
 
 def flight_block(found: Channels, contents: Contents) -> str:
-    """[rig] held and [flight], with what the log does not say marked FILL IN."""
+    """[flight], with what the log does not say marked FILL IN."""
     acceleration, command = found.known["acceleration"], found.commands
     unit, gravity, axes = conventions(found, contents)
     said = (
@@ -107,10 +109,6 @@ def flight_block(found: Channels, contents: Contents) -> str:
     )
     words = [unit or "FILL IN", gravity or "FILL IN", axes or "FILL IN"]
     lines = [
-        "# a flight log: no load cell, the vehicle weighs itself",
-        "[rig]",
-        'held = "command"',
-        "",
         "[flight]",
         (
             f"acceleration = {{ column = {_text(acceleration)}, unit = {json.dumps(words[0])},"

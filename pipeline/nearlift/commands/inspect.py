@@ -247,19 +247,20 @@ def block(found: Found) -> str:
     if found.table is not None:
         return trials_block(found.table)
     if found.flight is not None:
-        return _of_a_flight(found, found.flight)
+        records = flight_records(found, f"{{record}}{found.path.suffix}")
+        return (
+            f"{records}{flight_logs.RIG}\n{flight_logs.flight_block(found.flight, found.contents)}"
+        )
     return records_block(found)
 
 
-def _of_a_flight(found: Found, flight: flight_logs.Channels) -> str:
-    """[records] and [flight] of a flight log."""
-    name = f"{{record}}{found.path.suffix}"
-    lines = ["[records]", f'reader = "{found.reader}"', f"files  = {json.dumps(name)}"]
+def flight_records(found: Found, files: str) -> str:
+    """The [records] table of flight logs."""
+    lines = ["[records]", f'reader = "{found.reader}"', f"files  = {json.dumps(files)}"]
     if found.clock is not None and not found.clock.name.endswith(".time"):
         column = json.dumps(found.clock.name, ensure_ascii=False)
         lines.append(f'time   = {{ column = {column}, unit = "{found.clock.unit or "FILL IN"}" }}')
-    text = flight_logs.flight_block(flight, found.contents)
-    return "\n".join(lines) + "\n\n" + text
+    return "\n".join(lines) + "\n\n"
 
 
 def trials_block(table: Table) -> str:

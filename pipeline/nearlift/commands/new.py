@@ -12,7 +12,8 @@ from pathlib import Path, PurePosixPath
 import click
 
 from nearlift.commands.common import DIALECT, Call, declared, dialect_of
-from nearlift.commands.inspect import MEANS, Found, inspect, records_block
+from nearlift.commands.flight_logs import flight_block
+from nearlift.commands.inspect import MEANS, Found, flight_records, inspect, records_block
 from nearlift.commands.tables import Table, table_of, trials_section
 from nearlift.errors import InputRefused, UsageError
 from nearlift.manifest.campaign import BLANK
@@ -36,7 +37,7 @@ contact       = {{ ground = "FILL IN mm", ceiling = "FILL IN mm" }}   # from the
 # throttle_map = {{ points = [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]] }}   # for C_L, where no rpm is logged
 
 [rig]
-held            = "FILL IN"          # throttle | voltage | rpm | power: what a trial holds constant
+held            = "{held}"          # throttle | voltage | rpm | power: what a trial holds constant; command: of a flight
 distance_datum  = "FILL IN"          # rotor plane | airframe | blade tip | rotor axis: what `distance` is measured from
 distance_offset = "FILL IN mm"       # datum to rotor plane, ADDED to every recorded distance
 gravity         = "FILL IN m/s^2"    # 9.80665 m/s^2 is the standard one
@@ -76,6 +77,8 @@ files  = "trials/{{trial}}.csv"
 force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # sign = -1 where lift pulls the cell negative
 """
 SCHEDULE = "trial,boundary,distance,throttle"
+#: The schedule of flight logs.
+FLOWN_TRIALS = '[trials]\nfile = "trials.csv"                  # one row per log\n'
 BLANK_TRIALS = trials_section({"distance": "", "throttle": ""}, (), ordered=True)
 
 
@@ -89,7 +92,7 @@ def write_template(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _written(
-    folder: Path, records: str, trials: str, schedule: str
+    folder: Path, records: str, trials: str, schedule: str, held: str = BLANK
 ) -> tuple[list[Path], list[str]]:
     """Write the manifest, and the schedule unless it is there; what was written, and what is left
     to fill in.
@@ -106,7 +109,8 @@ def _written(
         if sorted(",".join(header).split(",")) != sorted(made.splitlines()[0].split(",")):
             raise _there(path)
     folder.mkdir(parents=True, exist_ok=True)
-    text = MANIFEST.format(name=slug(folder), records=records + "\n", trials=trials + "\n")
+    tables = {"records": records + "\n", "trials": trials + "\n"}
+    text = MANIFEST.format(name=slug(folder), held=held, **tables)
     (folder / "campaign.toml").write_text(text, encoding="utf-8")
     written = [folder / "campaign.toml"]
     if not path.exists():
@@ -181,7 +185,12 @@ def write_from(
     else:
         _of_one_kind(found)
         block, trials, copies = _records(folder, found)
-    if table is None:
+    flown = means is None and first.flight is not None
+    if flown:
+        lines = [f"{cell(record)},FILL IN" for record in trials]
+        schedule, section = "\n".join(["record,boundary", *lines]), FLOWN_TRIALS
+        more = [f"trials.csv: boundary of {len(trials)} logs"]
+    elif table is None:
         lines = [f"{cell(trial)},FILL IN,FILL IN,FILL IN" for trial in trials]
         schedule, section = "\n".join([SCHEDULE, *lines]), BLANK_TRIALS
         more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
@@ -189,7 +198,8 @@ def write_from(
         ids = trials if means is not None else table.ids(trials) or trials
         schedule, section = table.schedule(ids, means=means is not None)
         more = table.wanted(means=means is not None)
-    written, left = _written(folder, block, section, schedule)
+    held = "command" if flown else BLANK
+    written, left = _written(folder, block, section, schedule, held)
     for copy, path in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
@@ -237,13 +247,13 @@ def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict
     root = folder.resolve()
     paths = [f.path for f in found]
     inside = all(path.resolve().is_relative_to(root) for path in paths)
-    long = found[0].reader == parquet.READER.name
+    long, flight = found[0].reader == parquet.READER.name, found[0].flight
     targets = [
         path.resolve().relative_to(root).as_posix()
         if inside
         else path.name
         if long
-        else f"trials/{path.name}"
+        else f"{'logs' if flight else 'trials'}/{path.name}"
         for path in paths
     ]
     if len(set(targets)) != len(targets):
@@ -252,9 +262,12 @@ def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict
         files, trials = targets[0], parquet.trials(paths[0])
     else:
         before, after = _around(targets)
-        files = f"{before}{{trial}}{after}"
+        files = f"{before}{{{'record' if flight else 'trial'}}}{after}"
         trials = [target[len(before) : len(target) - len(after)] for target in targets]
-    block = records_block(found[0], files).replace("\n[records]", CELL + "\n[records]")
+    if flight is not None:
+        block = flight_records(found[0], files) + flight_block(flight, found[0].contents)
+    else:
+        block = records_block(found[0], files).replace("\n[records]", CELL + "\n[records]")
     return (
         block,
         trials,

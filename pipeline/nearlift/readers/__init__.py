@@ -25,6 +25,7 @@ BUILT_IN = {
     "crazyflie-usd": "usd",
     "ulog": "ulog",
     "mcap": "mcap",
+    "rosbag": "rosbag",
     "lvm": "lvm",
     "tdms": "tdms",
     "mat": "mat",

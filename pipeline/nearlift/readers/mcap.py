@@ -9,7 +9,7 @@ which it was written, which comes later.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,29 +45,48 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     ManifestError
         `stamps` is neither "header" nor "log".
     """
+    reading = library("mcap.reader", "mcap")
+    ros = library("mcap_ros2.decoder", "mcap")
+    with path.open("rb") as file:
+        reader = reading.make_reader(file, decoder_factories=[_Json(), ros.DecoderFactory()])
+        messages = (
+            (topic.topic, message.log_time, decoded)
+            for _, topic, message, decoded in reader.iter_decoded_messages()
+        )
+        return Contents(channels=channels_of(messages, dialect, names), kind="MCAP")
+
+
+def channels_of(
+    messages: Iterable[tuple[str, int, Any]], dialect: RecordsDialect, names: Names
+) -> tuple[Channel, ...]:
+    """The channels of messages: topic, when each was written in ns, and what it holds.
+
+    Raises
+    ------
+    Malformed
+        A message is of another layout than those before it.
+    ManifestError
+        `stamps` is neither "header" nor "log".
+    """
     stamps = dialect.get("stamps", "header")
     if stamps not in ("header", "log"):
         raise ManifestError(
             "records.dialect.stamps", f"{stamps!r} is no stamp", 'write "header" or "log"'
         )
-    reading = library("mcap.reader", "mcap")
-    ros = library("mcap_ros2.decoder", "mcap")
     found: dict[str, dict[str, list[float]]] = {}
-    with path.open("rb") as file:
-        reader = reading.make_reader(file, decoder_factories=[_Json(), ros.DecoderFactory()])
-        for _, topic, message, decoded in reader.iter_decoded_messages():
-            row = dict(_numbers("", decoded))
-            own = _stamp(row) if stamps == "header" else None
-            when = NANO * message.log_time if own is None else own
-            columns = found.setdefault(topic.topic, {"time": []})
-            if len(columns["time"]) == 0:
-                columns |= {field: [] for field in row if field != "time"}
-            if row.keys() - {"time"} != columns.keys() - {"time"}:
-                raise Malformed(f"has messages of two layouts on {topic.topic}")
-            columns["time"].append(when)
-            for field, value in row.items():
-                if field != "time":
-                    columns[field].append(value)
+    for topic, logged, decoded in messages:
+        row = dict(_numbers("", decoded))
+        own = _stamp(row) if stamps == "header" else None
+        when = NANO * logged if own is None else own
+        columns = found.setdefault(topic, {"time": []})
+        if len(columns["time"]) == 0:
+            columns |= {field: [] for field in row if field != "time"}
+        if row.keys() - {"time"} != columns.keys() - {"time"}:
+            raise Malformed(f"has messages of two layouts on {topic}")
+        columns["time"].append(when)
+        for field, value in row.items():
+            if field != "time":
+                columns[field].append(value)
     channels = []
     for name, columns in found.items():
         clock = np.array(columns["time"])
@@ -78,7 +97,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
                 continue
             unit = "s" if field == "time" else ""
             channels.append(Channel(name=whole, unit=unit, rate_Hz=rate, values=np.array(values)))
-    return Contents(channels=tuple(channels), kind="MCAP")
+    return tuple(channels)
 
 
 class _Json:
