@@ -325,7 +325,7 @@ CrazyPAD (`nearlift data get crazypad-2024`): 24 logs of two flights each, which
 """
 NAMELESS = """
 Of the twelve normal flights, each alone against the other five logs, {clean} have no name. M2 differs by up to 9 % from one normal log to another, which nobody declared; so small a defect as 1 mm, tape, and the
-lighter weight beside one rotor lie below what six normal logs can tell, and nothing is claimed of them. The weight between M3 and M4 is told by the one of them that is beyond its limit.
+lighter weight beside one rotor, and the weight on a string, lie below what six normal logs can tell, and nothing is claimed of them. The weight between M3 and M4 is told by the one of them that is beyond its limit.
 """
 
 

@@ -20,7 +20,8 @@ WIDTH = 1350
 def nearlift(*words: object) -> None:
     """One command."""
     answer = CliRunner().invoke(main, [str(w) for w in words])
-    assert answer.exit_code == 0, answer.output
+    # 3: some trials are left out, each listed with its reason
+    assert answer.exit_code in (0, 3), answer.output
 
 
 def keep(source: Path, name: str) -> None:

@@ -35,7 +35,7 @@ NAMES = {
     ),
     "setpoint": (
         re.compile(r"(ctrltarget|set_?point|target|desired|ref\w*)\b.*z$"),
-        re.compile(r"^(set_?point|target)\b"),
+        re.compile(r"(^|[._/])(set_?point|target)([._]z)?$"),
     ),
     "height": (
         re.compile(r"stateestimate\.z$"),
