@@ -18,8 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.compiler import compiled
-
 
 def _factor(variance: Any, amplitude: Any, memory: Any) -> Any:
     """D (n,) and W (n, J) of ``K = L diag(D) L'``."""
@@ -186,6 +184,12 @@ def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> An
     return found
 
 
-factor, forward, backward, product, near_inverse = (
-    compiled(f) for f in (_factor, _forward, _backward, _product, _near_inverse)
-)
+def __getattr__(name: str) -> Any:
+    """One of the above without its underscore, compiled; whoever only reads results needs no numba,
+    which takes 0.2 s to import.
+    """
+    if name not in ("factor", "forward", "backward", "product", "near_inverse"):
+        raise AttributeError(name)
+    from nearlift.compiler import compiled
+
+    return globals().setdefault(name, compiled(globals()[f"_{name}"]))

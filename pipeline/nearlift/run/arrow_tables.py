@@ -98,9 +98,11 @@ def _arrow_type(values: NDArray[Any]) -> Any:
 
 
 def to_numpy(column: pa.ChunkedArray) -> NDArray[Any]:
-    """A column's values; texts as objects."""
+    """A column's values; texts as objects. Numbers without pandas, which Arrow's own `to_numpy`
+    imports.
+    """
     import pyarrow as pa
 
     if pa.types.is_string(column.type):
         return np.asarray(column.to_pylist(), dtype=object)
-    return np.asarray(column.to_numpy())
+    return np.array(np.from_dlpack(column.combine_chunks()))

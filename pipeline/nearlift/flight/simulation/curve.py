@@ -9,11 +9,12 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.flight.simulation.kernel import NODES
 
 #: Above this height every table is constant; lift there is within 0.3 % of L_inf for every model
 #: declared.
 TOP = 16.0
+#: Nodes of every table, equally spaced in z.
+NODES = 2049
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
-from nearlift.flight.simulation import kernel
 from nearlift.flight.simulation.control import AWAY
-from nearlift.flight.simulation.curve import Curves
+from nearlift.flight.simulation.curve import NODES, Curves
 from nearlift.flight.simulation.groups import Groups
 from nearlift.results import IntArray
 
@@ -101,7 +100,7 @@ class FlightPlan:
             most = np.sqrt(g.most_lift)
             gains = (g.alpha, g.beta, g.gamma, delta)
             rows.append((s.target_z_hat, *gains, g.noise, side, s.droop, g.contact, most))
-        which = np.array([2 * kernel.NODES * s.curve for s in self.settings], dtype=np.int64)
+        which = np.array([2 * NODES * s.curve for s in self.settings], dtype=np.int64)
         return np.ascontiguousarray(np.array(rows, dtype=float).T), which
 
 
@@ -130,6 +129,8 @@ def _block(first: int, plan: FlightPlan, flights: int, key: int) -> NDArray[np.i
 def _integrated(
     plan: FlightPlan, first: int, flights: int, key: int, track: FloatArray
 ) -> NDArray[np.int32]:
+    from nearlift.flight.simulation import kernel
+
     columns, which = plan.columns()
     ended = np.empty((len(plan.settings), flights), dtype=np.int32)
     weather = plan.weather

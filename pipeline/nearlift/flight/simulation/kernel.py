@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.compiler import compiled
+from nearlift.flight.simulation.curve import NODES
 from nearlift.flight.simulation.stream import GOLDEN, U, begin, fill, normal
 
 #: Columns of a setting.
@@ -49,8 +50,6 @@ def _push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
     return u * u * lift * (curve[at] + (x - i) * curve[at + 1]) + load
 
 
-#: Nodes of every table of L / L_inf, equally spaced in z.
-NODES = 2049
 push = compiled(_push, inline="always")
 
 
