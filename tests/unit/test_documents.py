@@ -13,7 +13,7 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.report.documents import brief, methods, pdf, summary
-from nearlift.report.findings import listed
+from nearlift.report.findings import coverage, listed
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import diagnose, report
 
@@ -71,6 +71,19 @@ def test_the_screen_has_the_numbers_of_the_products(evidence, quoted):
         assert u == line.u_without < 0.95 * c.u
     for one in (c.influence.trial, c.influence.visit):
         assert one is None or re.search(rf"by \S+ without (trial|visit) {one.id}\b", text)
+
+
+def test_a_source_that_is_all_there_is_is_no_lead(quoted):
+    own = quoted.coefficients["K_b"]
+    sole = dataclasses.replace(own.budget[0], u=own.u, u_without=0.0, dof=50.0)
+    assert brief.leads(dataclasses.replace(own, budget=(sole,))) == []
+    half = dataclasses.replace(sole, u_without=own.u / 2)
+    assert brief.leads(dataclasses.replace(own, budget=(half,))) == [(sole.source, own.u / 2)]
+
+
+def test_no_coefficient_k_is_confused_with_the_coverage_factor():
+    assert coverage("K_b") == "k = 1"
+    assert "k" not in coverage("k").split()
 
 
 def test_the_screen_is_one(evidence):

@@ -161,7 +161,11 @@ def test_hostile_labels_are_set_as_text(table, label):
 
 def test_residuals_fill_a_grid_or_columns(small_job, make_job):
     three = drawn(draw_residuals.draw, residuals.summarise(gather(small_job)))
-    assert [ax.get_title(loc="left") for ax in three.axes[:3]] == ["ground", "ceiling", "sidewall"]
+    assert [ax.get_title(loc="left") for ax in three.axes[:3]] == [
+        "a) ground",
+        "b) ceiling",
+        "c) sidewall",
+    ]
     one = drawn(draw_residuals.draw, residuals.summarise(gather(make_job(boundaries=("ground",)))))
     labels = [ax.get_xlabel() for ax in one.axes if ax.axison]
     assert labels == [

@@ -431,6 +431,11 @@ def test_errors_stand_with_their_interval_and_the_floor(table):
     ax = panels(drawn(table))["d"]
     assert {"2.00", "0.450", "0.400"} <= {t.get_text() for t in ax.texts}
     assert ax.get_ylim()[0] == 0
+    # a low floor's number stands above its line, where it covers no axis
+    for floor, above in ((0.1, True), (1.5, False)):
+        moved = {**table, "value": np.where(table["kind"] == "floor", floor, table["value"])}
+        [number] = [t for t in panels(drawn(moved))["d"].texts if t.xy[0] == 2]
+        assert (number.xyann[1] > 0) == above
 
 
 def test_coefficient_intervals_are_the_products(table):

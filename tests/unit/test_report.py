@@ -377,7 +377,7 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     assert (
         "every effect too small to be seen acts at its plausible size K b = 2.0 1.5 to 2.5" in told
     )
-    assert "noise alone 0.41 %" in words
+    assert "noise alone 0.41&nbsp;%" in words
     assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
     assert (
         "Next: both directions, which would part height offset and saturation near the boundary."

@@ -165,6 +165,20 @@ def test_other_readers_see_the_same(tmp_path):
     assert frame["lift_N"].to_numpy() == pytest.approx(np.arange(3) / 7, rel=0)
 
 
+def test_what_only_reads_products_loads_neither_pandas_nor_numba(tmp_path):
+    """They take longer to import than most figures to draw."""
+    path = tmp_path / CLOSED.file
+    store.write_table(path, table(), CLOSED)
+    code = (
+        "import sys; from pathlib import Path; import nearlift.report.registry\n"
+        "from nearlift.run import store; from tests.unit.test_store import CLOSED\n"
+        f"before = 'pandas' in sys.modules\nstore.read_table(Path({str(path)!r}), CLOSED)\n"
+        "print(before, 'pandas' in sys.modules, 'numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["False"] * 3
+
+
 def test_the_same_content_gives_the_same_bytes(tmp_path):
     for name in "ab":
         store.write_table(tmp_path / name, table(500), CLOSED)

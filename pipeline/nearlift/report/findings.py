@@ -26,6 +26,11 @@ def along(covariate: str) -> str:
     return ALONG.get(covariate, covariate.replace("_", " "))
 
 
+def coverage(coefficient: str) -> str:
+    """What follows ±, where the coefficient may itself be called k."""
+    return "one standard uncertainty" if coefficient == "k" else "k = 1"
+
+
 def listed(words: Sequence[str], last: str = "and") -> str:
     """``a, b and c``."""
     return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))

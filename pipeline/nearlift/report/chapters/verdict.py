@@ -9,6 +9,7 @@ from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
 from nearlift.report.evidence import Evidence
+from nearlift.report.findings import coverage
 from nearlift.report.number import Number, Place, headline
 
 TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
@@ -30,6 +31,7 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         "kind": quoted.verdict.replace("_", " "),
         "verdict": brief.verdict,
         "headline": coefficients[0] if coefficients else None,
+        "coverage": coverage(quoted.headline),
         "others": coefficients[1:],
         "holds": next((c.holds for c in quoted.quotable.values()), ""),
         "refused": {letter(name): why for name, why in quoted.refused.items()},

@@ -127,12 +127,12 @@ def _sources(quoted: BoundaryResult) -> str:
 
 def leads(c: CoefficientResult) -> list[tuple[str, float]]:
     """The largest sources of a coefficient's uncertainty and u without each, those aside of which
-    repeats tell nothing.
+    repeats tell nothing, and one that is all there is.
     """
     found = [
         (line.source, line.u_without)
         for line in sorted(c.budget, key=lambda line: line.u_without)
-        if fall(line, c.u) >= LEAST_FALL and line.source not in untold(c)
+        if line.u_without > 0 and fall(line, c.u) >= LEAST_FALL and line.source not in untold(c)
     ]
     return found[:SOURCES]
 

@@ -21,7 +21,7 @@ from nearlift.report.chapters.uncertainty import SCALES, untold
 from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import listed, others
+from nearlift.report.findings import coverage, listed, others
 from nearlift.report.number import Place
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.results.quotation import CoefficientResult
@@ -291,7 +291,8 @@ def _results(evidence: Evidence) -> str:
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
         estimates = [
-            f"{mathematics(name)} = {c.estimate} ({'k = 1; ' if c.even else ''}90 %: {c.interval})"
+            f"{mathematics(name)} = {c.estimate}"
+            f" ({f'{coverage(name)}; ' if c.even else ''}90 %: {c.interval})"
             for name, c in quoted.quotable.items()
         ]
         for first in [*quoted.quotable.values()][:1]:

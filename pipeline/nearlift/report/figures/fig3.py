@@ -4,6 +4,7 @@ the downwash along the cut.
 
 from __future__ import annotations
 
+from string import ascii_lowercase
 from typing import Any
 
 import numpy as np
@@ -114,11 +115,12 @@ def draw(table: Rows, look: Style) -> Figure:
     n = len(names)
     width = look.double_in if n > 1 else look.single_in
     tall = (width - 0.9) / n * (y1 - y0) / (x1 - x0)
-    figure = Figure(figsize=(width, tall + 0.45 * tall + 0.9), layout="constrained")
+    figure = Figure(figsize=(width, tall + 0.45 * tall + 1.05), layout="constrained")
     axes = figure.subplots(2, n, squeeze=False, sharex=True, sharey="row", height_ratios=(1.0, 0.5))
     norm = Normalize(0, flow_panel.highest(table))
     shade: Any = None
-    for letter, name, upper, lower in zip("abcdef", names, axes[0], axes[1], strict=False):
+    letters = zip(ascii_lowercase, ascii_lowercase[n:], names, axes[0], axes[1], strict=False)
+    for letter, below, name, upper, lower in letters:
         mine = select(table, table["panel"] == name)
         shade = flow_panel.field(upper, mine, flow_panel.speeds(), norm)
         for x, y in flow_panel.pairs(select(mine, mine["kind"] == "span")):
@@ -127,6 +129,7 @@ def draw(table: Rows, look: Style) -> Figure:
         upper.set_ylim(y0, y1)
         upper.set_title(f"{letter}) {mine['label'][0]}")
         _section(lower, mine)
+        lower.set_title(f"{below}) along the cut")
         lower.set_xlabel(X)
     axes[0, 0].set_ylabel(Y)
     axes[1, 0].set_ylabel("downwash (m/s)")

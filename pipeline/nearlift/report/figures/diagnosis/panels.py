@@ -26,6 +26,8 @@ MEANT = {"named": "named", "rival": "rival", "worse": "accepted"}
 BESIDE, PANEL = 4.5, 0.29
 #: So many times the others' width, and an interval is cut off.
 CLIPPED = 5.0
+#: A floor lower than this part of its axis has its number above it.
+BENEATH = 1 / 6
 #: Behind numbers that stand on a line.
 PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.2}
 
@@ -142,12 +144,13 @@ def error(ax: Axes, rows: Rows) -> None:
             capsize=2,
             zorder=3,
         )
-    # numbers stand above what they belong to, the floor's beneath its line
+    top = 1.3 * float(np.nanmax([floor, *values, *high]))
+    # numbers stand above what they belong to, the floor's beneath its line if that leaves it room
     for i, (value, at) in enumerate(
         zip([*values, floor], [*np.fmax(values, high), floor], strict=True)
     ):
         if np.isfinite(value):
-            below = i == n
+            below = i == n and floor > BENEATH * top
             text = ax.annotate(
                 f"{value:#.3g}",
                 (i, at),
@@ -159,7 +162,7 @@ def error(ax: Axes, rows: Rows) -> None:
             text.set(
                 va="top" if below else "bottom", fontsize=rcParams["legend.fontsize"], bbox=PAPER
             )
-    ax.set_ylim(0, 1.3 * float(np.nanmax([floor, *values, *high])))
+    ax.set_ylim(0, top)
     ax.set_xlim(-0.6, n + 0.6)
     ax.set_xticks(range(n + 1), [*([str(w) for w in whens] if n > 1 else ["base"]), "floor"])
     ax.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 2.5, 5, 10]))

@@ -11,6 +11,7 @@ from nearlift.products import LIFT, POSTERIOR
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, distinct
 from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.findings import coverage
 from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import fixed, plain
 
@@ -124,7 +125,7 @@ def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
 def _coefficients(quoted: BoundaryResult) -> str:
     """Those to be quoted, and what ± means where it stands."""
     told = [quoted.stated(n) for n in quoted.quotable]
-    told += ["k = 1"] if any("±" in t for t in told) else []
+    told += [coverage(quoted.headline)] if any("±" in t for t in told) else []
     return ", ".join([*told, *(quoted.stated(n) for n in quoted.refused)])
 
 

@@ -163,6 +163,8 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
         )
         names.append(plain_text(label))
     ring = select(rows, rows["kind"] == "influence")
+    # about symbols or, where throttles are many, about dots
+    width = (2.6 if shade is None else 1.2) * rcParams["lines.markersize"]
     if len(ring["z_hat"]):
         handles += ax.plot(
             ring["z_hat"],
@@ -170,8 +172,8 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
             "o",
             color=FITTED,
             markerfacecolor="none",
-            markersize=2.6 * rcParams["lines.markersize"],
-            markeredgewidth=0.8,
+            markersize=width,
+            markeredgewidth=0.8 if shade is None else 0.5,
             zorder=5,
         )
         names.append("influential")

@@ -27,7 +27,7 @@ def layers(span: list[float]) -> list[Spec]:
             "domain": [{"expr": f"{end} * reach"} for end in (0.94 * span[0], 1.06 * span[1])],
             "nice": False,
         },
-        "axis": axis("", format="~g", labelOverlap=True)
+        "axis": axis("", format="~g", labelOverlap=True, labelSeparation=6)
         | {"title": {"expr": "distance == 'mm' ? 'distance (mm)' : 'ẑ = distance / rotor radius'"}},
     }
     titled = axis("") | {

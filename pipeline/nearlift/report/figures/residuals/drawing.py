@@ -53,9 +53,9 @@ def draw(table: Rows, look: Style) -> Figure:
             step="mid",
             zorder=0,
         )
-    for j, boundary in enumerate(boundaries):
-        if len(boundaries) > 1:
-            axes[0][j].set_title(boundary)
+    if len(boundaries) > 1:
+        for letter, boundary, ax in zip("abc", boundaries, axes[0], strict=False):
+            ax.set_title(f"{letter}) {boundary}")
     figure.supylabel("relative residual (%)", fontsize=look.text_pt)
     return figure
 
