@@ -26,7 +26,16 @@ def opened(tmp_path_factory):
 
 
 @pytest.mark.parametrize("width", [1200, 390])
-@pytest.mark.parametrize("path", ["/", "/history?campaign=raw/small", "/live?campaign=raw/small"])
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/",
+        "/history?campaign=raw/small",
+        "/live?campaign=raw/small",
+        "/new",
+        "/edit?campaign=raw/small",
+    ],
+)
 def test_pages_fit_and_say_nothing_on_the_console(opened, path, width):
     page, address, _ = opened
     page.open(address + path, width=width)

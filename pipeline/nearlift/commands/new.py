@@ -20,6 +20,7 @@ from nearlift.manifest.campaign import BLANK
 from nearlift.readers import csv_trial, parquet
 from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.text import TEXT
+from nearlift.run import store
 
 MANIFEST = """\
 # Facts about the rig and choices. Quantities are texts with a unit; nothing physical has a default.
@@ -108,14 +109,14 @@ def _written(
         header = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()[:1]
         if sorted(",".join(header).split(",")) != sorted(made.splitlines()[0].split(",")):
             raise _there(path)
-    folder.mkdir(parents=True, exist_ok=True)
     tables = {"records": records + "\n", "trials": trials + "\n"}
     text = MANIFEST.format(name=slug(folder), held=held, **tables)
-    (folder / "campaign.toml").write_text(text, encoding="utf-8")
     written = [folder / "campaign.toml"]
     if not path.exists():
-        path.write_text(made, encoding="utf-8")
+        store.write_bytes(path, made.encode())
         written.append(path)
+    # last: a folder with a manifest is a campaign
+    store.write_bytes(written[0], text.encode())
     left = [
         f"campaign.toml, line {i}: {line.split('#')[0].strip()}"
         for i, line in enumerate(text.splitlines(), 1)

@@ -102,12 +102,13 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     for of, at, said, schedule in _last:
         if of is campaign and (at, said) == (path, text):
             return schedule
-    schedule = _read(campaign, path, text)
+    schedule = parse_schedule(campaign, path, text)
     _last[:] = [(campaign, path, text, schedule)]
     return schedule
 
 
-def _read(campaign: Campaign, path: Path, text: str) -> Schedule:
+def parse_schedule(campaign: Campaign, path: Path, text: str) -> Schedule:
+    """The schedule that such a text would be at that path; raises as `read_schedule` does."""
     cells, notes = columns_of(campaign, path, text), unended(path, text)
     if not campaign.cuts_records:
         return of_cells(campaign, path, cells, campaign.trials.units, notes)

@@ -8,6 +8,7 @@ import functools
 import json
 import socket
 from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from nearlift.errors import NearliftError, UsageError
@@ -47,6 +48,7 @@ def application(bench: Bench) -> App:
         Route("/static/{name}", site.static),
         Route("/events/work", site.work),
         Route("/events/live", site.live),
+        Route("/upload", site.upload, methods=["POST"]),
     ]
     made: App = Starlette(routes=routes)
     return made
@@ -140,6 +142,18 @@ class Site:
                     del self.watched[place.root]
 
         return _stream(events())
+
+    async def upload(self, request: Request) -> Response:
+        """A dropped record."""
+        from nearlift.serve.draft import receive
+
+        asked = pages.Asked.of(str(request.url.query))
+        try:
+            await receive(self.bench, asked.one("name"), asked.one("file"), request.stream())
+        except NearliftError as refusal:
+            told = pages.as_json({"refusal": f"{refusal.what}; {refusal.remedy}"})
+            return _response(replace(told, status=409))
+        return _response(pages.as_json({}))
 
     async def _answered(self, make: Callable[..., pages.Answer], *given: Any) -> Response:
         from starlette.concurrency import run_in_threadpool

@@ -113,6 +113,19 @@ class Bench:
             raise NotThere(relative, "is not in this workspace", "choose one of its campaigns")
         return path
 
+    def root_of(self, given: str) -> Path:
+        """A folder with a manifest, whatever that says.
+
+        Raises
+        ------
+        NotThere
+            It has none.
+        """
+        root = self.inside(given)
+        if not self.inside(f"{given}/{MANIFEST}").is_file():
+            raise NotThere(given, f"holds no {MANIFEST}", "choose one of the workspace's campaigns")
+        return root
+
     def campaign(self, given: str) -> Place:
         """The campaign in that folder.
 
@@ -124,9 +137,7 @@ class Bench:
         from nearlift.run import history
         from nearlift.run.transaction import Homes
 
-        root = self.inside(given)
-        if not self.inside(f"{given}/{MANIFEST}").is_file():
-            raise NotThere(given, f"holds no {MANIFEST}", "choose one of the workspace's campaigns")
+        root = self.root_of(given)
         relative = root.relative_to(self.root).as_posix()
         name = history.name_of(root / MANIFEST)
         if not name.strip("."):

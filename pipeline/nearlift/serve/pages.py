@@ -51,6 +51,10 @@ class Asked:
         """All its values."""
         return self.fields.get(name, [])
 
+    def text(self, name: str) -> str:
+        """A text of many lines, which forms send with other ends of lines."""
+        return self.one(name).replace("\r\n", "\n")
+
 
 Handler = Callable[[Bench, Asked], Answer]
 
@@ -253,6 +257,114 @@ def report(bench: Bench, asked: Asked) -> Answer:
     return page(bench, "report", f"Report of {place.name}", place=place)
 
 
+def fresh(bench: Bench, asked: Asked) -> Answer:
+    """Where a new campaign begins."""
+    folders = []
+    for folder in sorted((bench.root / "raw").glob("*")):
+        inside = folder.is_dir() and folder.resolve().is_relative_to(bench.root)
+        if inside and not (folder / "campaign.toml").exists():
+            folders.append(folder.relative_to(bench.root).as_posix())
+    return page(bench, "new", "New campaign", folders=folders)
+
+
+def make(bench: Bench, asked: Asked) -> Answer:
+    """The campaign of what was dropped, or of what lies in a folder."""
+    from nearlift.serve import draft
+
+    name, chosen = asked.one("name"), asked.one("folder")
+    root = bench.inside(chosen) if chosen else draft.folder_of(bench, name)
+    given = root.relative_to(bench.root).as_posix()
+    source = root / "trials" if (root / "trials").is_dir() else root
+    if any(p.is_file() and not p.name.startswith(".") for p in source.glob("*")):
+        bench.ask(["new", given, "--from", source.relative_to(bench.root).as_posix()])
+    else:
+        bench.ask(["new", given])
+    return see("/edit", campaign=given)
+
+
+def edit(bench: Bench, asked: Asked) -> Answer:
+    """Manifest and schedule, as they stand."""
+    from nearlift.serve import draft
+
+    given = asked.one("campaign")
+    root = bench.root_of(given)
+    texts = {
+        name: path.read_text(encoding="utf-8-sig", errors="replace") if path.is_file() else ""
+        for name in (draft.MANIFEST, draft.SCHEDULE)
+        for path in (bench.inside(f"{given}/{name}"),)
+    }
+    known = {name: draft.digest(root / name) for name in texts}
+    return _edited(bench, given, texts, known, "")
+
+
+def _edited(
+    bench: Bench, given: str, texts: dict[str, str], known: dict[str, str], said: str
+) -> Answer:
+    from nearlift.serve import draft
+
+    manifest, schedule = texts[draft.MANIFEST], texts[draft.SCHEDULE]
+    return page(
+        bench,
+        "edit",
+        given,
+        given=given,
+        cmd=command_line(("run", given)),
+        manifest=manifest,
+        schedule=schedule,
+        known=known[draft.MANIFEST],
+        known_schedule=known[draft.SCHEDULE],
+        refusals=draft.check(bench.root_of(given), manifest, schedule)["refusals"],
+        said=said,
+    )
+
+
+def check(bench: Bench, asked: Asked) -> Answer:
+    """What a form says, after one of its values was set; nothing is written."""
+    from nearlift.serve import draft
+
+    root, text = bench.root_of(asked.one("campaign")), asked.text("manifest")
+    refusals = []
+    if key := asked.one("set"):
+        try:
+            text = draft.with_value(text, key, asked.one("value"))
+        except NearliftError as refusal:
+            refusals = [{"key": key, "text": f"{refusal.what}; {refusal.remedy}"}]
+    found = draft.check(root, text, asked.text("schedule"))
+    found["refusals"] += refusals
+    return as_json({**found, "manifest": text})
+
+
+def save(bench: Bench, asked: Asked) -> Answer:
+    """Manifest and schedule into their places."""
+    from nearlift.serve import draft
+
+    given = asked.one("campaign")
+    root = bench.root_of(given)
+    texts = {
+        draft.MANIFEST: asked.text("manifest"),
+        draft.SCHEDULE: asked.text("schedule"),
+    }
+    known = {draft.MANIFEST: asked.one("known"), draft.SCHEDULE: asked.one("known_schedule")}
+    try:
+        draft.save(root, texts, known)
+    except NearliftError as refusal:
+        # what was typed stays
+        return _edited(bench, given, texts, known, str(refusal))
+    known = {name: draft.digest(root / name) for name in texts}
+    return _edited(bench, given, texts, known, "saved")
+
+
+def channels(bench: Bench, asked: Asked) -> Answer:
+    """A record's channels, as they are drawn."""
+    from nearlift.serve import draft
+
+    root = bench.root_of(asked.one("campaign"))
+    path = bench.inside(f"{asked.one('campaign')}/{asked.one('file')}")
+    if not (path.is_file() and path.is_relative_to(root)):
+        raise NotThere(path.name, "is no record of this campaign", "mend [records] files")
+    return as_json(draft.channels(path))
+
+
 def file(bench: Bench, relative: str) -> Answer:
     """A product as it stands; of scripts in it, a browser runs those of nearlift's reports."""
     from nearlift.report.page.render import policy, scripts
@@ -291,6 +403,12 @@ PAGES: dict[tuple[str, str], Handler] = {
     ("GET", "/live"): live,
     ("GET", "/looked"): looked,
     ("GET", "/next"): upcoming,
+    ("GET", "/new"): fresh,
+    ("POST", "/new"): make,
+    ("GET", "/edit"): edit,
+    ("GET", "/channels"): channels,
+    ("POST", "/check"): check,
+    ("POST", "/save"): save,
     ("POST", "/begin"): begin,
     ("POST", "/cancel"): cancel,
 }

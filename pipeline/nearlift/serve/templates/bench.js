@@ -188,5 +188,111 @@
     look();
   };
 
-  ({ work, live })[data.page]?.();
+  // Dropped records, one after the other; then the form makes the campaign of them.
+  const fresh = () => {
+    const form = $("#fresh"), drop = $("#drop"), list = $("#taken"), own = $("[name=name]", form), queue = [];
+    let busy = false;
+    const next = async () => {
+      if (busy || !queue.length || !own.reportValidity()) return;
+      busy = true;
+      const file = queue.shift(), line = node("li", `${file.name}: sending`);
+      list.append(line);
+      const answer = await fetch(`/upload?name=${encodeURIComponent(own.value)}&file=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
+      line.textContent = answer?.ok ? `${file.name}: there` : `${file.name}: ${answer ? (await answer.json()).refusal : "the server has gone"}`;
+      line.className = answer?.ok ? "" : "refusal";
+      busy = false;
+      next();
+    };
+    const take = files => { queue.push(...files); next(); };
+    $("#files").addEventListener("change", event => take(event.target.files));
+    own.addEventListener("change", next);
+    for (const name of ["dragover", "drop"]) addEventListener(name, event => event.preventDefault());
+    addEventListener("drop", event => take(event.dataTransfer.files));
+    form.addEventListener("submit", event => { if (busy || queue.length) { event.preventDefault(); list.append(node("li", "wait until all are there")); } });
+  };
+
+  // Manifest and form side by side, each editing the other; what is refused stands at its field.
+  const edit = () => {
+    const manifest = $("#manifest"), schedule = $("#schedule"), fields = $("#fields"), state = $("#state"), campaign = data.campaign;
+    let timer = 0, asked = 0, values = {}, shown = [], rate = 1;
+    const post = async (where, given) => (await fetch(where, { method: "POST", body: new URLSearchParams({ campaign, manifest: manifest.value, schedule: schedule.value, ...given }) })).json();
+    const field = ({ key, value, choices }) => {
+      const label = node("label", `${key} `), box = choices.length ? node("select") : node("input"), told = node("span");
+      if (choices.length) box.append(...[...new Set([value, ...choices])].map(c => { const o = node("option", c); o.selected = c === value; return o; }));
+      else box.value = value;
+      box.dataset.key = key; box.id = `field ${key}`; label.htmlFor = box.id; told.className = "refusal"; told.id = `fault ${key}`;
+      box.addEventListener("change", () => check({ set: key, value: box.value }));
+      return node("p", "", label, box, told);
+    };
+    const check = async (given = {}) => {
+      const turn = ++asked, found = await post("/check", given);
+      if (turn !== asked) return;
+      if (found.manifest !== undefined && manifest.value !== found.manifest) manifest.value = found.manifest;
+      const keys = found.fields.map(f => f.key).join();
+      values = Object.fromEntries(found.fields.map(f => [f.key, f.value]));
+      if (fields.dataset.keys !== keys) { fields.dataset.keys = keys; fields.replaceChildren(...found.fields.map(field)); }
+      for (const f of found.fields) { const box = document.getElementById(`field ${f.key}`); if (box !== document.activeElement) box.value = f.value; document.getElementById(`fault ${f.key}`).textContent = ""; box.removeAttribute("aria-invalid"); }
+      const loose = [];
+      for (const r of found.refusals) {
+        const box = document.getElementById(`field ${r.key}`);
+        if (!box) { loose.push(`${r.key} ${r.text}`); continue; }
+        document.getElementById(`fault ${r.key}`).textContent = r.text;
+        box.setAttribute("aria-invalid", "true"); box.setAttribute("aria-describedby", `fault ${r.key}`);
+      }
+      $("#faults").replaceChildren(...loose.map(text => { const p = node("p", text); p.className = "refusal"; return p; }));
+      state.textContent = found.refusals.length ? `${found.refusals.length} to mend` : `${found.trials} trials; nothing is refused`;
+      $("#reads").textContent = found.reads;
+      if (shown.file !== found.file) await record(found.file);
+      draw();
+    };
+    const soon = () => { clearTimeout(timer); timer = setTimeout(check, 300); };
+    const record = async file => {
+      shown = file ? await (await fetch(`/channels?campaign=${encodeURIComponent(campaign)}&file=${encodeURIComponent(file)}`)).json() : [];
+      shown.file = file;
+      $("#channels").hidden = !shown.length;
+      $("#channels select").replaceChildren(...shown.map(c => { const o = node("option", c.name); o.selected = c.name === values["records.force.column"]; return o; }));
+    };
+    const draw = () => {
+      const own = shown.find(c => c.name === $("#channels select").value);
+      if (!own) return;
+      rate = parseFloat(values["load_cell.sample_rate"]) || own.rate || 1;
+      const points = own.points.map(([i, y]) => [i / rate, y, `${short(i / rate)} s: ${short(y, 5)} ${own.unit}`]), last = points.at(-1)[0], tare = parseFloat(values["load_cell.tare"]) || 0;
+      const slide = $("#tare");
+      slide.max = last; slide.step = last / 1000 || 1;
+      if (slide !== document.activeElement) slide.value = tare;
+      $("#channels output").textContent = `${short(Number(slide.value))} s`;
+      const cut = points.findIndex(p => p[0] >= Number(slide.value));
+      plot($("#channels figure"), { series: [{ name: "tare", points: points.slice(0, cut) }, { name: "lift", points: points.slice(cut) }], x: "time (s)", y: `${own.name} (${own.unit || "?"})`, title: shown.file });
+    };
+    manifest.addEventListener("input", soon);
+    schedule.addEventListener("input", soon);
+    schedule.addEventListener("paste", event => {
+      const text = event.clipboardData.getData("text/plain");
+      if (!text.includes("\t")) return;
+      event.preventDefault();
+      const cell = c => (/[",]/.test(c) ? `"${c.replaceAll('"', '""')}"` : c);
+      schedule.setRangeText(text.replaceAll("\r", "").split("\n").map(line => line.split("\t").map(cell).join(",")).join("\n"), schedule.selectionStart, schedule.selectionEnd, "end");
+      soon();
+    });
+    $("#channels select").addEventListener("change", draw);
+    $("#tare").addEventListener("input", draw);
+    $("#tare").addEventListener("change", () => check({ set: "load_cell.tare", value: `${short(Number($("#tare").value), 4)} s` }));
+    $("#channels figure").addEventListener("pointerdown", event => {
+      const drawn = event.target.closest("svg");
+      if (!drawn) return;
+      const move = e => { const box = drawn.getBoundingClientRect(), share = ((e.clientX - box.x) * 640 / box.width - 64) / (640 - 76); $("#tare").value = share * $("#tare").max; draw(); };
+      const stop = () => { removeEventListener("pointermove", move); $("#tare").dispatchEvent(new Event("change")); };
+      move(event);
+      addEventListener("pointermove", move);
+      addEventListener("pointerup", stop, { once: true });
+    });
+    $("#force").addEventListener("click", async () => {
+      const own = shown.find(c => c.name === $("#channels select").value);
+      await check({ set: "records.force.column", value: own.name });
+      if (own.unit && /^(mN|N|kN|gf|kgf|lbf|ozf)$/.test(own.unit)) await check({ set: "records.force.unit", value: own.unit });
+    });
+    check();
+  };
+
+  ({ work, live, fresh, edit })[data.page]?.();
 })();
