@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import parse_qs, quote
 
 from nearlift.errors import NearliftError, UsageError
-from nearlift.serve.bench import Bench, NotThere, Place, command_line
+from nearlift.serve.bench import MANIFEST, Bench, NotThere, Place, command_line
 from nearlift.serve.gate import POLICY
 
 HTML = "text/html; charset=utf-8"
@@ -290,7 +290,7 @@ def edit(bench: Bench, asked: Asked) -> Answer:
     root = bench.root_of(given)
     texts = {
         name: path.read_text(encoding="utf-8-sig", errors="replace") if path.is_file() else ""
-        for name in (draft.MANIFEST, draft.SCHEDULE)
+        for name in (MANIFEST, draft.SCHEDULE)
         for path in (bench.inside(f"{given}/{name}"),)
     }
     known = {name: draft.digest(root / name) for name in texts}
@@ -302,7 +302,7 @@ def _edited(
 ) -> Answer:
     from nearlift.serve import draft
 
-    manifest, schedule = texts[draft.MANIFEST], texts[draft.SCHEDULE]
+    manifest, schedule = texts[MANIFEST], texts[draft.SCHEDULE]
     return page(
         bench,
         "edit",
@@ -311,7 +311,7 @@ def _edited(
         cmd=command_line(("run", given)),
         manifest=manifest,
         schedule=schedule,
-        known=known[draft.MANIFEST],
+        known=known[MANIFEST],
         known_schedule=known[draft.SCHEDULE],
         refusals=draft.check(bench.root_of(given), manifest, schedule)["refusals"],
         said=said,
@@ -341,10 +341,10 @@ def save(bench: Bench, asked: Asked) -> Answer:
     given = asked.one("campaign")
     root = bench.root_of(given)
     texts = {
-        draft.MANIFEST: asked.text("manifest"),
+        MANIFEST: asked.text("manifest"),
         draft.SCHEDULE: asked.text("schedule"),
     }
-    known = {draft.MANIFEST: asked.one("known"), draft.SCHEDULE: asked.one("known_schedule")}
+    known = {MANIFEST: asked.one("known"), draft.SCHEDULE: asked.one("known_schedule")}
     try:
         draft.save(root, texts, known)
     except NearliftError as refusal:
