@@ -310,6 +310,15 @@ def test_wrong_signs_and_wrong_units_are_caught(spoil, says):
         doubt(spoil(mean_field()))
 
 
+def test_a_transposed_grid_is_told():
+    true = mean_field()
+    turned = dataclasses.replace(
+        true, x_m=true.y_m, y_m=true.x_m, vx_m_s=true.vx_m_s.T, vy_m_s=true.vy_m_s.T
+    )
+    with pytest.raises(InputRefused, match=r"x and y in each other's place\n.*changed over"):
+        doubt(turned)
+
+
 def test_swapped_components_are_told():
     """The wake then blows sideways, and next to nothing goes through the cut."""
     true = mean_field()

@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.flow.downwash import DEFLECTION_HAT, Cut, along_cut, over_span, span_weights
-from nearlift.flow.field import VelocityField, sign_doubt
+from nearlift.flow.field import VelocityField, sign_doubt, stands_transposed
 from nearlift.flow.scene import Scene
 
 #: A wake's speed may be this factor above or below that of the hovering vehicle (a quarter to full
@@ -68,6 +68,12 @@ def refuse_what_cannot_be(
             f"air goes through the cut at {through:.3g} m/s, and at {speed:.3g} m/s elsewhere; the"
             f" hovering vehicle's wake has {expected_m_s:.3g} m/s",
             "are the two velocity components swapped? else check thrust, across, origin, rotors",
+        )
+    if stands_transposed(mean):
+        raise InputRefused(
+            where,
+            "mass is conserved only with x and y in each other's place",
+            "the columns of the two coordinates are changed over; name them anew",
         )
     doubt = sign_doubt(mean)
     if doubt:
