@@ -448,3 +448,22 @@ def test_a_keyboard_is_enough(page, address):
     )
     assert reached == 0
     assert page.errors == []
+
+
+def test_a_screen_reader_is_told_what_everything_is(page, address):
+    """The tree that the browser gives to assistive technology, every chapter unfolded."""
+    page.open(address)
+    page.run("document.querySelectorAll('details').forEach(d => d.open = true)")
+    page.wait(f"document.querySelector('{FIG2} [aria-roledescription=cell]') !== null")
+    told = [
+        (node["role"]["value"], node.get("name", {}).get("value", "").strip())
+        for node in page.ask("Accessibility.getFullAXTree")["nodes"]
+        if not node["ignored"] and "role" in node
+    ]
+    speaking = "link button checkbox radio image img heading table columnheader DisclosureTriangle"
+    assert {role for role, name in told if role in speaking.split() and not name} == set()
+    roles = {role for role, _ in told}
+    assert {"main", "navigation", "article", "table", "checkbox", "radio", "heading"} <= roles
+    assert any(
+        role == "heading" and name.startswith("Ground Sanchez-Cuevas") for role, name in told
+    )
