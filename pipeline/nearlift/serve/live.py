@@ -1,8 +1,8 @@
 """A campaign while it is being recorded: each trial as its record lands, and what the last look at
 all of them found.
 
-A record is reduced alone, by the code of stage ingest, and so is there within a second; what needs
-every trial (levels, fits, verdicts) comes from the products of `nearlift run --watch`, and so do
+A record is reduced alone, by the code of stage ingest, and so is there at once; what needs every
+trial (levels, fits, verdicts) comes from the products of `nearlift run --watch`, and so do
 the trials of records that are known only together: one table for all, or records that are cut.
 """
 
@@ -37,8 +37,8 @@ from nearlift.stages import judge
 from nearlift.stages.rows import Rows, Task, reduce_piece
 
 #: Seconds between looks at the folder, or this many times what the last one took; records that are
-#: reduced in one look.
-PERIOD_S, TIMES, PER_LOOK = 0.25, 5.0, 64
+#: reduced in one look, where the next follows at once.
+PERIOD_S, TIMES, PER_LOOK = 0.25, 3.0, 512
 #: Characters of a look's line that is parsed.
 LONGEST = 1 << 16
 #: Columns of trials that a page shows.
@@ -54,6 +54,7 @@ class Live:
         self.turn = self.epoch = 0
         self._lock = threading.Lock()
         self._next = 0.0
+        self._behind = False
         self._stamps: tuple[object, ...] = ()
         self._seen: dict[str, tuple[int, int]] = {}
         self._campaign: Campaign | None = None
@@ -69,12 +70,14 @@ class Live:
             begun = time.monotonic()
             if begun < self._next:
                 return
+            self._behind = False
             try:
                 self._take_up()
                 self.refusal = ""
             except (NearliftError, OSError) as refusal:
                 self.refusal = str(refusal)
-            self._next = begun + max(PERIOD_S, TIMES * (time.monotonic() - begun))
+            wait = max(PERIOD_S, TIMES * (time.monotonic() - begun))
+            self._next = begun + (0.0 if self._behind else wait)
 
     def since(self, epoch: int, turn: int) -> tuple[dict[str, Any], int, int]:
         """What changed after a turn; all of it where the campaign was begun anew."""
@@ -125,6 +128,7 @@ class Live:
         found = per_trial(campaign, root, schedule.trial.tolist())
         stamped = ((trial, _stamp(path.stat())) for trial, (path, _) in found.items())
         new = [(trial, stamp) for trial, stamp in stamped if self._seen.get(trial) != stamp]
+        self._behind = len(new) > PER_LOOK
         if not new:
             return
         self._read(campaign, schedule, dict(new[:PER_LOOK]))
