@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from nearlift.errors import NearliftError, UsageError
-from nearlift.serve import pages
+from nearlift.serve import answers, pages
 from nearlift.serve.bench import Bench
 from nearlift.serve.gate import App, Gate
 
@@ -70,9 +70,11 @@ class Site:
             async for part in request.stream():
                 content += part
                 if len(content) > MOST_FORM:
-                    return _response(pages.Answer(body=b"too large\n", kind=pages.TEXT, status=413))
+                    return _response(
+                        answers.Answer(body=b"too large\n", kind=answers.TEXT, status=413)
+                    )
             text = content.decode("utf-8", "replace")
-        return await self._answered(handler, self.bench, pages.Asked.of(text))
+        return await self._answered(handler, self.bench, answers.Asked.of(text))
 
     async def file(self, request: Request) -> Response:
         """A product."""
@@ -147,15 +149,15 @@ class Site:
         """A dropped record."""
         from nearlift.serve.draft import receive
 
-        asked = pages.Asked.of(str(request.url.query))
+        asked = answers.Asked.of(str(request.url.query))
         try:
             await receive(self.bench, asked.one("name"), asked.one("file"), request.stream())
         except NearliftError as refusal:
-            told = pages.as_json({"refusal": f"{refusal.what}; {refusal.remedy}"})
+            told = answers.as_json({"refusal": f"{refusal.what}; {refusal.remedy}"})
             return _response(replace(told, status=409))
-        return _response(pages.as_json({}))
+        return _response(answers.as_json({}))
 
-    async def _answered(self, make: Callable[..., pages.Answer], *given: Any) -> Response:
+    async def _answered(self, make: Callable[..., answers.Answer], *given: Any) -> Response:
         from starlette.concurrency import run_in_threadpool
 
         try:
@@ -164,7 +166,7 @@ class Site:
             return _response(await run_in_threadpool(pages.refused, self.bench, refusal))
 
 
-def _response(answer: pages.Answer) -> Response:
+def _response(answer: answers.Answer) -> Response:
     from starlette.responses import Response
 
     return Response(answer.body, answer.status, dict(answer.headers), answer.kind)

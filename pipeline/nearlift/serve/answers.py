@@ -1,0 +1,56 @@
+"""What a page is asked with, and what goes back."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from urllib.parse import parse_qs, quote
+
+HTML = "text/html; charset=utf-8"
+TEXT = "text/plain; charset=utf-8"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What goes back."""
+
+    body: bytes
+    kind: str = HTML
+    status: int = 200
+    headers: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """The fields of a request, each a list."""
+
+    fields: Mapping[str, list[str]]
+
+    @classmethod
+    def of(cls, text: str) -> Asked:
+        """Those of a query or a form."""
+        return cls(parse_qs(text, keep_blank_values=True, max_num_fields=100))
+
+    def one(self, name: str, otherwise: str = "") -> str:
+        """A field's first value."""
+        return self.fields.get(name, [otherwise])[0]
+
+    def all(self, name: str) -> list[str]:
+        """All its values."""
+        return self.fields.get(name, [])
+
+    def text(self, name: str) -> str:
+        """A text of many lines, which forms send with other ends of lines."""
+        return self.one(name).replace("\r\n", "\n")
+
+
+def see(path: str, **query: str) -> Answer:
+    """Go there."""
+    where = path + ("?" + "&".join(f"{k}={quote(v)}" for k, v in query.items()) if query else "")
+    return Answer(body=b"", status=303, headers={"location": where})
+
+
+def as_json(content: object) -> Answer:
+    """A JSON answer."""
+    return Answer(body=json.dumps(content).encode(), kind="application/json")
