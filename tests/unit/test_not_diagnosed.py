@@ -18,7 +18,7 @@ from nearlift.stages import report
 from . import small_run
 
 TABLE = "a published table: 15, with lift_sd for each and their order unknown"
-REASON = f"24 usable trials are too few; at least 45 are wanted to tell a noise floor from structure ({TABLE})"
+REASON = f"24 usable trials are too few; at least 45 trials are wanted to tell a noise floor from structure ({TABLE})"
 
 
 @pytest.fixture(scope="module")

@@ -148,7 +148,7 @@ def fit(
         raise NotConverged(
             f"fit of {model.name}",
             f"{data.n} usable trials for {p + levels} unknowns",
-            f"at least {p + levels + 2} are wanted",
+            f"at least {p + levels + 2} trials are wanted",
         )
     theta = np.array([q.value for q in model.parameters])
     settled = scatter or Noise(relative=0.01)

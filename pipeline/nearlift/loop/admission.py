@@ -51,15 +51,15 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
         # structure
         table = f"a published table: {LEAST_CELLS}, with lift_sd for each and their order unknown"
         remedy = (
-            f"at least {LEAST_TRIALS + unknowns} are wanted to tell a noise floor from structure"
-            f" ({table})"
+            f"at least {LEAST_TRIALS + unknowns} trials are wanted to tell a noise floor from"
+            f" structure ({table})"
         )
         raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
     if data.n < wanted:
         what = (
-            f"at least {wanted} are wanted ({unknowns} levels and coefficients are unknown), each"
-            " with its standard deviation"
+            f"at least {wanted} trials are wanted ({unknowns} levels and coefficients are unknown),"
+            " each with its standard deviation"
         )
         raise NotConverged(where, f"{data.n} usable trials are too few", what)
     bare = int(np.sum(~(data.u_lift_N > 0)))

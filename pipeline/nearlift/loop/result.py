@@ -112,7 +112,8 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
     alike = ", and what this design cannot tell from it" if len(answer.accepted) > 1 else ""
     if stage.independent:
         return f"Allows for {errors} with {named} in the model{alike}"
-    return f"Allows for {errors}, for an inexact formula of {named}{alike}"
+    also = "; also for what this design cannot tell from it" if alike else ""
+    return f"Allows for {errors}, and for an inexact formula of {named}, which is taken out{also}"
 
 
 def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> list[Doubt]:

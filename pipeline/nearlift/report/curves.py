@@ -82,9 +82,9 @@ class Curve:
 
     def parts(self, span: float) -> bool:
         """Whether least squares can be told from `middle` in a panel whose data span so much; a
-        prior, or a curve that bends, parts them.
+        prior, a curve that bends, or structure that is carried parts them.
         """
-        return self.sampled and bool(
+        return bool(
             np.nanmax(np.abs(self.least_squares - self.middle), initial=0.0) > VISIBLE * span
         )
 

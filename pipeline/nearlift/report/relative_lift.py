@@ -49,18 +49,25 @@ def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
     return evidence.quoted(boundary).effects if evidence.has(LOOP_RESIDUALS) else ()
 
 
+def as_quoted(evidence: Evidence, boundary: Boundary) -> bool:
+    """Whether the quoted coefficients are others than those of the base fit."""
+    unexplained = evidence.quoted(boundary).verdict == "unexplained"
+    return unexplained or bool(named(evidence, boundary))
+
+
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
     """The quoted model's L / L_inf - 1 over distance, its effects aside, and its 90 % band; of a
     model with a refused coefficient what least squares would say, without a band.
     """
     model, fit = evidence.base(boundary)
-    if evidence.quoted(boundary).refused:
-        plain = curves.band(evidence, boundary, model, z_hat).least_squares
+    quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
+    believed = curves.band(evidence, boundary, model, z_hat)
+    plain = believed.least_squares
+    if quoted.refused:
         none = np.full_like(plain, np.nan)
         return curves.Curve(middle=plain, low=none, high=none, least_squares=plain, sampled=False)
-    if not named(evidence, boundary):
-        return curves.band(evidence, boundary, model, z_hat)
-    quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
+    if not as_quoted(evidence, boundary):
+        return believed
     among = quoted.correlation
     free = [n for n in among.parameters if n in quoted.coefficients]
     rows = [among.parameters.index(n) for n in free]
@@ -68,14 +75,16 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     covariance = np.outer(u, u) * np.array(among.values)[np.ix_(rows, rows)]
     values = fit.values | {n: c.value for n, c in quoted.coefficients.items()}
     middle = curves.ratio(model, z_hat, {**known, **values}) - 1
+    if named(evidence, boundary):
+        plain = middle
     if not np.isfinite(covariance).all() or not free:
         none = np.full_like(middle, np.nan)
-        return curves.Curve(middle=middle, low=none, high=none, least_squares=middle, sampled=False)
+        return curves.Curve(middle=middle, low=none, high=none, least_squares=plain, sampled=False)
     reach = curves.NORMAL_90 * curves.uncertainty(
         model, z_hat, known, values, ParameterCovariance.of(free, covariance)
     )
     return curves.Curve(
-        middle=middle, low=middle - reach, high=middle + reach, least_squares=middle, sampled=False
+        middle=middle, low=middle - reach, high=middle + reach, least_squares=plain, sampled=False
     )
 
 

@@ -68,11 +68,11 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
     apart = distinct(table["panel"][table["kind"] == fig2.LEAST_SQUARES])
     beside = (
         f"thin line: least squares, which parts from it visibly ({', '.join(apart)}), as where a"
-        " prior still has a say"
+        " prior still has a say or structure stays unexplained"
         if apart
         else "least squares falls on the same line"
     )
-    plainly = [b for b in evidence.boundaries if fig2.named(evidence, b)]
+    plainly = [b for b in evidence.boundaries if fig2.as_quoted(evidence, b)]
     beside += (
         f"; {', '.join(plainly)}: the quoted coefficients', with the band of their uncertainties"
         if plainly

@@ -239,6 +239,8 @@ def _models(
         if refused
         else f"as quoted, beside {' and '.join(map(titled, effects))}"
         if effects
+        else "as quoted, with what is unexplained"
+        if fig2.as_quoted(evidence, boundary)
         else "posterior median"
         if own.sampled
         else "least squares"

@@ -172,6 +172,11 @@ def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
     return relative_lift.named(evidence, boundary) if by_fit(evidence) else ()
 
 
+def as_quoted(evidence: Evidence, boundary: Boundary) -> bool:
+    """Whether the line is that of the quoted coefficients where these are not the base fit's."""
+    return by_fit(evidence) and relative_lift.as_quoted(evidence, boundary)
+
+
 def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
     """The curves of the literature that belong beside this vehicle's data."""
     several = evidence.campaign.vehicle.rotors > 1
