@@ -12,6 +12,7 @@ from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import LOOK, Without, told
+from nearlift.results.quotation import Shift
 
 from .simulated import campaign
 
@@ -99,3 +100,15 @@ def test_no_single_trial_decides_at_which_throttle_coefficients_hold():
     for i in range(8):
         rest = derive(data.take(np.arange(data.n) != i), np.ones(data.n - 1))
         assert rest.geometry["throttle_ref"] == whole
+
+
+def test_a_visit_that_moves_the_answer_by_more_than_u_is_told_before_a_trial(quoted):
+    headline = quoted.coefficients["K_b"]
+
+    def leaning(shift):
+        influence = replace(headline.influence, visit=Shift(id="7", shift=shift * headline.u))
+        moved = {**quoted.coefficients, "K_b": replace(headline, influence=influence)}
+        return replace(quoted, coefficients=moved).leaning
+
+    assert leaning(0.9) == leaning(-0.9) == ""
+    assert leaning(-1.1).startswith("it rests on visit 7: without it K_b moves by -")

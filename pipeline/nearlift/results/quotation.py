@@ -280,17 +280,21 @@ class BoundaryResult:
 
     @property
     def leaning(self) -> str:
-        """That the answer rests on a single trial, in words; empty where it does not."""
-        if self.rests_on is None:
+        """That the answer rests on a single visit or trial, whichever moves it more, in words; empty
+        where it does not.
+        """
+        on = self.rests_on
+        c = self.quotable.get(self.headline)
+        visit = c.influence.visit if c else None
+        if c and visit and abs(visit.shift) > max(c.u, abs(on.shift) if on else 0.0):
+            moves = f"{letter(self.headline)} moves by {visit.shift:+.2g}"
+            return f"it rests on visit {visit.id}: without it {moves}"
+        if on is None:
             return ""
-        other = (
-            f"the verdict is {self.rests_on.verdict} and "
-            if self.rests_on.verdict != self.verdict
-            else ""
-        )
+        other = f"the verdict is {on.verdict} and " if on.verdict != self.verdict else ""
         return (
-            f"it rests on trial {self.rests_on.trial}: without it {other}{letter(self.headline)}"
-            f" moves by {self.rests_on.shift:+.2g}"
+            f"it rests on trial {on.trial}: without it {other}{letter(self.headline)} moves by"
+            f" {on.shift:+.2g}"
         )
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
