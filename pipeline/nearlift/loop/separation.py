@@ -21,6 +21,9 @@ from nearlift.results.outlook import Alternative, NextExperiment, NextSession
 
 #: Trials in a proposed session.
 SESSION = 160
+#: A session that brings less expected evidence per trial than this parts nothing, and is not
+#: proposed.
+POINTLESS = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,6 +189,8 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
             ranked.append((gain / proposal.added.n, proposal))
         ranked.sort(key=lambda item: -item[0])
         rate, proposal = ranked[0]
+        if rate < POINTLESS:
+            continue
         wanted = max(9.0 + 4.0 - now, 0.0)
         found.append(
             NextSession(
@@ -193,7 +198,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
                 measure=proposal.text,
                 trials=proposal.added.n,
                 expected_evidence=rate * proposal.added.n,
-                trials_to_separate=int(np.ceil(wanted / rate)) if rate > 1e-6 else None,
+                trials_to_separate=int(np.ceil(wanted / rate)),
                 alternatives=tuple(
                     Alternative(measure=p.text, expected_evidence=r * p.added.n)
                     for r, p in ranked[1:4]

@@ -78,9 +78,7 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextExperiment:
-    """What to measure to part two explanations; `trials_to_separate` is None where that session
-    never would.
-    """
+    """What to measure to part two explanations."""
 
     separates: tuple[str, ...]
     measure: str
@@ -92,5 +90,5 @@ class NextSession(NextExperiment):
 
     trials: int
     expected_evidence: float
-    trials_to_separate: int | None
+    trials_to_separate: int
     alternatives: tuple[Alternative, ...]

@@ -280,8 +280,8 @@ class BoundaryResult:
 
     @property
     def leaning(self) -> str:
-        """That the answer rests on a single visit or trial, whichever moves it more, in words; empty
-        where it does not.
+        """That the answer rests on a single visit or trial, whichever moves it more, in words;
+        empty where it does not.
         """
         on = self.rests_on
         c = self.quotable.get(self.headline)
