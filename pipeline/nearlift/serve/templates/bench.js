@@ -122,12 +122,12 @@
       for (const boundary of new Set(landed.map(t => t.boundary).filter(b => b !== "none"))) {
         const level = t => far[boundary]?.[Number(t.throttle.toPrecision(6))] ?? far.none?.[Number(t.throttle.toPrecision(6))];
         const own = landed.filter(t => t.boundary === boundary && t.z !== null && level(t)), bad = t => codes(t).some(c => c === c.toUpperCase());
-        const point = t => [t.z, 100 * (t.lift / level(t) - 1), `${t.trial}: z/R ${short(t.z)}, ${short(100 * t.throttle)} %, ${short(1e3 * t.lift, 4)} mN ${codes(t).join(" ")}`];
+        const point = t => [t.z, 100 * (t.lift / level(t) - 1), `${t.trial}: ẑ ${short(t.z)}, ${short(100 * t.throttle)} %, ${short(1e3 * t.lift, 4)} mN ${codes(t).join(" ")}`];
         const by = [...new Set(own.map(t => t.throttle))].sort((a, b) => a - b);
         const series = by.map(h => ({ name: `${short(100 * h)} %`, points: own.filter(t => t.throttle === h && !bad(t)).map(point) }));
         const good = series.flatMap(s => s.points.map(p => p[1])), wrong = own.filter(bad).map(point).filter(p => !good.length || Math.abs(p[1]) < 5 * Math.max(...good.map(Math.abs), 1));
         if (wrong.length) series.push({ name: "rejected", cross: true, points: wrong });
-        plot(figure($("#fig2"), boundary), { series, line: found.curves[boundary] ?? [], log: true, x: "z/R", y: "ΔL (%)", title: boundary });
+        plot(figure($("#fig2"), boundary), { series, line: found.curves[boundary] ?? [], log: true, x: "ẑ = distance / rotor radius", y: "ΔL (%)", title: boundary });
       }
       $("#trials tbody").replaceChildren(...landed.sort((a, b) => b.at - a.at || b.i - a.i).slice(0, 60).map(t => {
         const row = node("tr", "", node("th", t.trial), node("td", t.boundary), node("td", t.z === null ? "free air" : short(t.z)), node("td", `${short(100 * t.throttle)} %`), node("td", `${short(1e3 * t.lift, 4)} ± ${short(1e3 * t.u, 2)}`), node("td", codes(t).join(" ") || "good"));
