@@ -36,8 +36,8 @@ from nearlift.stages.observe import observe
 
 HEAD = """# Measured campaigns
 
-Made by `python docs/tabulate_measured.py DATA OUT` of measured data that are not in this repository. *Error*: root mean square over trials left out in folds,
-in per cent of lift, of the base model and of what the loop ends with; *floor*: what no model could remove. *Moves*: how far the quoted coefficient moves
+Made by `python docs/tabulate_measured.py DATA OUT` of measured data that are not in this repository. *Error*: root mean square over visits left out in folds (trials, where
+their order is unknown), in per cent of lift, of the base model and of what the loop ends with; *floor*: what no model could remove. *Moves*: how far the quoted coefficient moves
 without the one trial, and the one visit (for a table, the distance), that moves it most. *Holds*: in how many of the campaigns that lack one visit (of more than 24, one distance), or one trial (of more than 24, the one that moves the coefficient most),
 the verdict is the same and, where there is a name, the loop names it again, alone or among rivals.
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import dataclasses
 import json
 import re
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 
 import nearlift
 from nearlift.commands import compare
-from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED
 from nearlift.report.chapters import diagnosis, doubts, verdict
 from nearlift.report.documents import methods
 from nearlift.stages import report
@@ -54,6 +56,21 @@ def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     )
     assert any(doubt.text.startswith("not diagnosed") for doubt in doubts.doubts(evidence))
     assert diagnosis.facts(evidence)["not_diagnosed"] == {"ground": REASON}
+
+
+def test_what_moves_the_headline_stands_before_what_might(evidence: report.Evidence):
+    u = evidence.quoted("ground").coefficients["K_b"].u
+    suspects = [
+        {"kind": "trial", "id": t, "trials": [t], "outlying": True, "shift": k * u, "text": t}
+        for t, k in (("a little", 0.1), ("much", -3.0), ("most", 26.0))
+    ]
+    fits = copy.deepcopy(evidence.document(FIT))
+    fits["influence"]["ground"]["suspects"] = [{**s, "without": None} for s in suspects]
+    found = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: fits})
+    told = [d.text.split(",")[0] for d in doubts.of(found, "ground")]
+    assert told[:3] == ["most", "much", "not diagnosed"]
+    assert told.count("most") == 1
+    assert "a little" in told[3:]
 
 
 def test_every_file_that_the_page_links_is_there(out: Path):

@@ -264,6 +264,12 @@ def test_without_the_extra_it_says_what_to_install(monkeypatch, tmp_path):
     assert 'pip install "nearlift[serve]"' in told.output
 
 
+def test_a_workspace_that_is_no_folder_is_refused(tmp_path):
+    told = nearlift("serve", tmp_path / "lift")
+    assert told.exit_code == 2
+    assert f"{tmp_path / 'lift'}: is no folder" in told.output
+
+
 def test_a_port_that_is_taken_is_refused(client, tmp_path):
     told = nearlift("serve", tmp_path, "--port", client.port)
     assert told.exit_code == 2

@@ -15,9 +15,7 @@ PACKAGES = ("starlette", "uvicorn")
 
 
 @declared("serve")
-@click.argument(
-    "workspace", type=click.Path(path_type=Path, file_okay=False, exists=True), default=Path()
-)
+@click.argument("workspace", type=click.Path(path_type=Path), default=Path())
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
@@ -33,6 +31,12 @@ def command(call: Call, workspace: Path, port: int) -> None:
             "nearlift serve",
             f"needs {' and '.join(missing)}",
             'pip install "nearlift[serve]"',
+        )
+    if not workspace.is_dir():
+        raise UsageError(
+            str(workspace),
+            "is no folder",
+            "name one, new or with campaigns in it; without a name it is the current one",
         )
     from nearlift.serve.app import serve
     from nearlift.serve.bench import Bench

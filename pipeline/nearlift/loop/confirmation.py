@@ -1,4 +1,4 @@
-"""Error on trials that took no part in choosing: the whole search repeated without some visits,
+"""Error on visits that took no part in choosing: the whole search repeated without some visits,
 scored on them.
 """
 

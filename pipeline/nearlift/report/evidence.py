@@ -123,6 +123,13 @@ class Evidence:
         found = self.diagnosis.get(boundary)
         return found if isinstance(found, BoundaryDiagnosis) else None
 
+    @property
+    def left_out(self) -> str:
+        """What is left out together to judge a prediction: visits, but trials where nobody knows
+        which of them one visit held.
+        """
+        return "visits" if self.campaign.trials.order == "run" else "trials"
+
     def not_diagnosed(self, boundary: Boundary) -> str:
         """Why a boundary could not be diagnosed; empty where it was, or where nobody tried."""
         return self.diagnosis[boundary].reason if boundary in self.diagnosis else ""

@@ -60,6 +60,7 @@ def _section(evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis) -
         "structure": structure,
         "along": [s for s in structure if s["significant"]] or structure[:1],
         "error": _error(place),
+        "left_out": evidence.left_out,
         "outcome": loop_words.outcome(found.error),
         "folds": loop_words.folds(place, found),
         "within": loop_words.within(place, found.within_trial),

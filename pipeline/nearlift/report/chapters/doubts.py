@@ -88,7 +88,12 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     model, fit = evidence.base(boundary)
     found, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
     said = [quoted.leaning] if quoted.leaning else []
+    suspects = evidence.fits.influence[boundary].suspects
     if evidence.not_diagnosed(boundary):
+        # what is known to move the headline is graver than what might
+        u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
+        grave = sorted((s for s in suspects if abs(s.shift) > u), key=lambda s: -abs(s.shift))
+        said += [s.text for s in grave]
         said.append("not diagnosed, so an effect of any size may be in the coefficient")
     if found and found.look:
         said.append(f"the campaign is still growing: {found.look.text}")
@@ -110,7 +115,7 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         )
         told.append(Reservation(boundaries=(boundary,), text=text))
     further = [text for e in found.effects for text in _alike(found, e)] if found else []
-    further += [s.text for s in evidence.fits.influence[boundary].suspects]
+    further += [s.text for s in suspects if s.text not in said]
     further += [
         f"{letter(name)} ends at a bound of its range"
         for name, c in quoted.quotable.items()

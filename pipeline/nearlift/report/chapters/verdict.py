@@ -40,6 +40,7 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         # the residual is drawn in the chapter of the loop, not on the card
         "seen": quoted.verdict in ("effect", "unexplained"),
         "error": _error(evidence, boundary) if quoted.error else None,
+        "left_out": evidence.left_out,
         "doubt": brief.doubts[0] if brief.doubts else "",
         "next": brief.next,
         "tone": TONES.get(quoted.verdict, "bad" if strays else "fair"),

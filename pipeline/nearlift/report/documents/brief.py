@@ -64,7 +64,7 @@ def briefs(evidence: Evidence) -> list[Brief]:
             verdict=verdict(evidence, b),
             quoted=(own := evidence.quoted(b)),
             omits=_omits(evidence, b),
-            error=_error(own),
+            error=_error(own, evidence.left_out),
             sources=_sources(own),
             doubts=tuple(titled(d.text) for d in held if b in d.boundaries or not d.boundaries),
             influence=_influence(own),
@@ -103,8 +103,8 @@ def _omits(evidence: Evidence, boundary: Boundary) -> str:
     return f"errors of {listed(words)}: none is declared" if words else ""
 
 
-def _error(quoted: BoundaryResult) -> str:
-    """Error of predicting visits left out, before and after, in percent of lift."""
+def _error(quoted: BoundaryResult, of: str) -> str:
+    """Error of predicting what was left out, before and after, in percent of lift."""
     error = quoted.error
     if error is None:
         return ""
@@ -113,7 +113,7 @@ def _error(quoted: BoundaryResult) -> str:
         fixed(100 * e, places) for e in (error.before, error.after, error.noise_floor)
     )
     then = f", {after} % with the effect" if quoted.verdict == "effect" else ""
-    return f"{before} % of lift on visits left out of the fit{then}; noise alone {floor} %"
+    return f"{before} % of lift on {of} left out of the fit{then}; noise alone {floor} %"
 
 
 def _sources(quoted: BoundaryResult) -> str:

@@ -261,8 +261,8 @@ def _loop(evidence: Evidence) -> str:
             )
             then = f" to {after}" if found.verdict == "effect" else ""
             said += (
-                f" (error on trials that took no part in choosing: {before}{then} of lift; noise"
-                f" floor {floor})"
+                f" (error on {evidence.left_out} that took no part in choosing: {before}{then} of"
+                f" lift; noise floor {floor})"
             )
         if could := found.sensitivity:
             said += f"; {could.trials} trials {titled(str(could))}"

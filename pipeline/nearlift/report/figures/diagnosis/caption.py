@@ -52,8 +52,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
     if (table["part"] == "error").any():
         parts.append(
-            f"Held-out error ({_letters(table, 'error')}): visits left out of the search, 90 %;"
-            " dashed: noise floor."
+            f"Held-out error ({_letters(table, 'error')}): {evidence.left_out} left out of"
+            " the search, 90 %; dashed: noise floor."
         )
     if (table["part"] == "coefficient").any():
         parts.append(
