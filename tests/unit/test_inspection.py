@@ -160,7 +160,15 @@ def test_4_for_a_file_that_cannot_be_read(tmp_path, content, text):
 
 def test_4_for_what_is_no_file(tmp_path):
     assert "is missing" in nearlift("inspect", tmp_path / "no").stderr
-    assert "is not a regular file" in nearlift("inspect", tmp_path).stderr
+    told = nearlift("inspect", tmp_path).stderr
+    assert "is not a regular file" in told
+    assert "`nearlift new DIR --from FOLDER` takes them all" in told
+
+
+def test_a_clock_without_a_unit_says_which_rate_seconds_would_make(tmp_path):
+    rows = "".join(f"{i / 500:.3f},{0.1 + i % 7 / 100}\n" for i in range(100))
+    path = written.put(tmp_path, "a.csv", b"time,force\n" + rows.encode())
+    assert 'unit = "FILL IN" }   # in s the rate is 500 Hz' in nearlift("inspect", path).stdout
 
 
 def test_sparklines():

@@ -169,6 +169,15 @@ def test_trials_alone_are_told_nothing(tmp_path: Path) -> None:
     assert "many lifts" not in answer.stderr
 
 
+@pytest.mark.parametrize("zero", [-0.3, -0.05, 0.0, 0.05, 0.3])
+def test_a_zero_that_is_not_tared_makes_no_sweep_of_one_lift(zero: float) -> None:
+    rng = np.random.default_rng(3)
+    one = np.repeat([0.0, 0.25], [1000, 2000]) + zero + rng.normal(0, 1.5e-3, 3000)
+    three = np.repeat([0.0, 0.1, 0.2, 0.4], 750) + zero + rng.normal(0, 1.5e-3, 3000)
+    assert not moves(one)
+    assert moves(three)
+
+
 # ---- from ramps to a coefficient
 
 

@@ -101,7 +101,9 @@ def inspect(path: Path, dialect: RecordsDialect | None = None, *, record: bool =
         raise InputRefused(
             str(path),
             "is not a regular file",
-            "a record is a plain file, no folder, pipe or device",
+            "name a file in it; `nearlift new DIR --from FOLDER` takes them all"
+            if path.is_dir()
+            else "a record is a plain file, no folder, pipe or device",
         )
     length = path.stat().st_size
     if length == 0:
@@ -349,9 +351,11 @@ def records_block(found: Found, files: str | None = None) -> str:
         )
     if found.clock is not None and found.clock is not found.force and not doubt:
         # a clock whose unit cannot be right is left out
+        seconds = None if found.clock.unit else meaning.clock_rate(replace(found.clock, unit="s"))
         lines.append(
             f"time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit ="
             f' "{found.clock.unit or "FILL IN"}" }}'
+            + (f"   # in s the rate is {seconds:.6g} Hz" if seconds else "")
         )
     cut = "" if found.ramp is None or files is not None else f"\n{found.ramp.segments}"
     return "\n".join(lines) + "\n" + cut

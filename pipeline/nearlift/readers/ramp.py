@@ -62,10 +62,15 @@ class Ramp:
 
 
 def moves(force: FloatArray) -> bool:
-    """Whether a record's force (n,), rest aside, takes lifts far apart."""
+    """Whether a record's force (n,), rest aside, takes lifts far apart, whatever reading rest has:
+    a zero that is not tared and one lift are one trial.
+    """
     means = _means(force[np.isfinite(force)])
-    if len(force) < FEWEST:
-        return False
+    return len(force) >= FEWEST and _apart(means) and _apart(means - means[0])
+
+
+def _apart(means: FloatArray) -> bool:
+    """Whether means of stretches, those near zero aside, lie far apart."""
     size = means if abs(means.max()) >= abs(means.min()) else -means
     # neighbours differ by noise, or by steps, which are few
     noise = SD_PER_MAD * float(np.median(np.abs(np.diff(size)))) / np.sqrt(2)
