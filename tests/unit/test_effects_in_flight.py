@@ -5,7 +5,6 @@ the simulation is written apart from the effects' formulas.
 from __future__ import annotations
 
 import dataclasses
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -98,16 +97,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def campaign(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Any:
     return _observed(folder, tmp_path_factory.mktemp("out"), FLIGHT)
-
-
-@pytest.mark.parametrize("seed", [860_010, 860_091])
-def test_gusts_that_outlast_windows_are_no_structure(seed: int, tmp_path: Path) -> None:
-    """The mean of a gust over a start is no level of that start: one is over when the next begins."""
-    rng = np.random.default_rng([seed, zlib.crc32(b"nothing")])
-    in_flight.record(tmp_path, in_flight.craft_of("nothing", rng), "nothing", rng)
-    given, data = _observed(tmp_path, tmp_path / "out", FLIGHT)
-    found = diagnose(data, BASE, budget.components(given), Options(), confirm=False)
-    assert found.findings.verdict == "adequate"
 
 
 def _observed(folder: Path, out: Path, flight: dict[str, Any], **changes: Any) -> Any:

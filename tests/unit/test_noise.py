@@ -267,23 +267,6 @@ def test_a_part_of_a_campaign_has_the_drift_of_the_whole():
     )
 
 
-def test_what_drifts_in_a_flight_is_over_when_the_next_one_starts():
-    data = campaign(seed=3)
-    start = np.repeat([1.0, 2.0, 1.0], [data.n // 3, data.n // 3, data.n - 2 * (data.n // 3)])
-    record = np.repeat([0, 1], [2 * (data.n // 3), data.n - 2 * (data.n // 3)])
-    data = dataclasses.replace(
-        data,
-        covariates={**data.covariates, "flight": start},
-        record=record,
-        visit=np.arange(data.n),
-    )
-    scatter = Noise(relative=0.01, drift=(0.01, 0.01, 0.01, 0.01))
-    for some in (data, data.take(np.arange(data.n) % 5 > 0)):
-        tied = noise.trial_covariance(some, scatter, np.zeros(some.n)).dense() > 1e-11
-        assert np.array_equal(tied, some.starts[:, None] == some.starts)
-        assert len(np.unique(some.starts)) == 3
-
-
 def test_trials_that_share_no_visit_have_nothing_in_common():
     data = campaign(4, visits=4)
     told = estimate(dataclasses.replace(data, visit=np.arange(data.n)))

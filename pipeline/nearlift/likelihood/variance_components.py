@@ -17,8 +17,6 @@ from nearlift.results import IntArray, Observations
 #: Trials over which the drifts forget; a drift is looked for where a boundary has four times as
 #: many.
 DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
-#: Starts of flights lie apart by so many times the longest, so that nothing outlasts one.
-APART = 20.0
 
 
 #: Scale and degrees of freedom of the half-t prior on each size: a fraction of lift, of the median
@@ -72,9 +70,6 @@ def ages(data: Observations) -> FloatArray:
             start if np.isfinite(start).all() else np.arange(data.n, dtype=float)
         )
     lengths: FloatArray = np.array(DRIFT_LENGTHS)
-    if data.in_flight:
-        # what drifts in a flight is over when the next one starts: a gust, not a bench
-        elapsed = elapsed + APART * lengths[-1] * data.starts
     return elapsed[:, None] / lengths
 
 

@@ -28,6 +28,9 @@ def instruments(data: Observations) -> FloatArray | None:
     if not data.in_flight:
         return None
     history = [values for name, values in sorted(known.items()) if name.startswith(BOOKKEEPING)]
+    record = data.session if data.record is None else data.record
+    both = np.stack([record, known["flight"]])
+    start = np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
     aside = [
         powers(values, 2)
         for name, values in sorted(known.items())
@@ -35,8 +38,8 @@ def instruments(data: Observations) -> FloatArray | None:
     ]
     return np.hstack(
         [
-            indicators(data.starts),
-            powers(since_start(data.starts).astype(float), WITHIN),
+            indicators(start),
+            powers(since_start(start).astype(float), WITHIN),
             cosines(known["run_order"], SLOW),
             instruments_of(np.stack(history, axis=1), 0.0, data.radius_m),
             *aside,

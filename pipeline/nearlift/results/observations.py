@@ -14,9 +14,6 @@ from nearlift.results.levels import LevelCurve
 
 IntArray = NDArray[np.int64]
 
-#: More starts than a log can hold.
-MOST_STARTS = 100_000
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observations:
@@ -75,12 +72,6 @@ class Observations:
     def in_flight(self) -> bool:
         """Whether the trials are windows of flights."""
         return "flight" in self.covariates
-
-    @property
-    def starts(self) -> IntArray:
-        """A number for each start of a flight, the same in any part of a campaign, (n,)."""
-        record = 0 * self.session if self.record is None else self.record
-        return record * MOST_STARTS + self.covariates["flight"].astype(np.int64)
 
     @property
     def n(self) -> int:
