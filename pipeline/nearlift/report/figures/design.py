@@ -298,11 +298,13 @@ def _confused(ax: Axes, rows: Rows) -> None:
         if chance >= LEAST:
             table[truth.index(a), taken.index(b)] = 100 * chance
     ax.imshow(table, cmap="Blues", vmin=0, vmax=130, aspect="auto")
+    # "100" stays within its cell
+    size = min(rcParams["legend.fontsize"], 105 / len(taken))
     for i, j in zip(*np.nonzero(np.isfinite(table)), strict=True):
         own = truth[i] == taken[j]
         ax.text(
             j, i, f"{table[i, j]:.0f}", ha="center", va="center",
-            fontsize=rcParams["legend.fontsize"], fontweight="bold" if own else "normal",
+            fontsize=size, fontweight="bold" if own else "normal",
             color="white" if table[i, j] > 70 else "black",
         )  # fmt: skip
     ax.set_xticks(np.arange(len(taken)), [effects(str(t)) for t in taken], rotation=90)
