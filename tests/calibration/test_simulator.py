@@ -264,16 +264,21 @@ def test_every_kind_can_be_drawn(kind):
             }
             low, high = strengths.get(
                 kind.name,
-                {"strange": (STRONG, 1.0), "tables": (1.0, 3.0), "growing": (0.3, 0.6)}.get(
-                    kind.group, (0.3, 1.0)
-                ),
+                {
+                    "strange": (STRONG, 1.0),
+                    "tables": (1.0, 3.0),
+                    "growing": (0.3, 0.6),
+                    "experiments": (0.2, 1.0),
+                }.get(kind.group, (0.3, 1.0)),
             )
             assert all(
                 low - 1e-6 <= r <= high + 1e-6
                 for k, r in campaign.truth.rho.items()
                 if kind.name != "two" or r < 0.4
             )
-            if kind.group not in ("records", "strange", "tables"):
+            if kind.name.startswith("rivals_"):
+                assert len(campaign.truth.rho) == 1
+            elif kind.group not in ("records", "strange", "tables"):
                 assert bool(campaign.truth.rho) == bool(seed // 3 % 2)
             elif kind.group != "tables":
                 assert len(campaign.truth.rho) == {"null": 0, "within": 0, "two": 2}.get(

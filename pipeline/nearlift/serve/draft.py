@@ -42,8 +42,12 @@ CHOICES = {
     "records.force.sign": ("1", "-1"),
 }
 _NAME = re.compile(r"[^\s./\\\0][^/\\\0]{0,199}")
-_KEY = re.compile(r"""\s*((?:[\w-]+|"[^"\n]*"|'[^'\n]*')(?:\s*\.\s*[\w-]+)*)\s*=[ \t]*""")
-_HEAD = re.compile(r"[ \t]*(\[\[?)\s*([\w.-]+)\s*\]\]?")
+# what stands before is looked at so that no place within blanks or a word is tried again
+_KEY = re.compile(
+    r"""(?<![\w.\- \t])[ \t]*+((?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
+    r"""(?:[ \t]*+\.[ \t]*+[\w-]++)*+)[ \t]*+=[ \t]*+"""
+)
+_HEAD = re.compile(r"(?<![ \t])[ \t]*+(\[\[?)[ \t]*+([\w.-]++)[ \t]*+\]\]?")
 _PART = re.compile(
     r'"""(?:[^"\\]|\\[\s\S]|"(?!""))*"{3,5}'
     r"|'''(?:[^']|'(?!''))*'{3,5}"
@@ -71,7 +75,7 @@ def spans(text: str) -> dict[str, tuple[int, int]]:
 
 
 def _plain(key: str) -> str:
-    return re.sub(r"\s*\.\s*", ".", key).strip("\"'")
+    return ".".join(part.strip() for part in key.split(".")).strip("\"'")
 
 
 def _put(found: dict[str, tuple[int, int]], key: str, text: str, begin: int, end: int) -> None:
