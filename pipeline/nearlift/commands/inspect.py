@@ -332,7 +332,8 @@ def records_block(found: Found, files: str | None = None) -> str:
             )
         else:
             told = [] if unit in FORCE_UNITS else ["the file does not say the unit"]
-            if _pulls_down(found.force):
+            known = found.force.values[np.isfinite(found.force.values)]
+            if len(known) and -float(known.min()) > 3 * abs(float(known.max())):
                 told.append("sign = -1 if lift makes these numbers negative")
             remark = "   # " + "; ".join(told) if told else ""
             lines.append(
@@ -359,12 +360,6 @@ def records_block(found: Found, files: str | None = None) -> str:
         )
     cut = "" if found.ramp is None or files is not None else f"\n{found.ramp.segments}"
     return "\n".join(lines) + "\n" + cut
-
-
-def _pulls_down(force: Channel) -> bool:
-    """Whether the force's largest numbers are negative."""
-    known = force.values[np.isfinite(force.values)]
-    return len(known) > 0 and -float(known.min()) > 3 * abs(float(known.max()))
 
 
 def as_json(found: Found) -> dict[str, object]:
