@@ -240,6 +240,27 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     assert "No band (ground)" in fig2_words.caption(moved, fig2.summarise(moved))
 
 
+def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evidence, monkeypatch):
+    """The base fit stands beside as least squares; a band is the interval, however uneven."""
+    own, before = evidence.quoted("ground"), type(evidence).quoted
+    K_b = dataclasses.replace(own.coefficients["K_b"], value=1.5, lo90=1.4, hi90=2.5)
+    away = dataclasses.replace(
+        own, verdict="unexplained", coefficients={**own.coefficients, "K_b": K_b}
+    )
+    monkeypatch.setattr(
+        type(evidence), "quoted", lambda self, b: away if b == "ground" else before(self, b)
+    )
+    model, fit = evidence.base("ground")
+    table = fig2.summarise(evidence)
+    line, plain = (rows(table, panel="ground", kind=kind) for kind in ("band", fig2.LEAST_SQUARES))
+    known = evidence.known("ground", model)
+    for column, value in (("delta_L_percent", 1.5), ("lo90_percent", 1.4), ("hi90_percent", 2.5)):
+        drawn = 100 * (model(line["z_hat"], **known, K_b=value) - 1)
+        np.testing.assert_allclose(line[column], drawn, rtol=1e-9)
+    fitted = 100 * (model(plain["z_hat"], **known, **fit.values) - 1)
+    np.testing.assert_allclose(plain["delta_L_percent"], fitted, rtol=1e-9)
+
+
 def test_symbols_that_hang_on_a_few_visits_are_said_to(by_farthest, monkeypatch):
     evidence, table = by_farthest, fig2.summarise(by_farthest)
     data = evidence.observations["ground"]

@@ -80,6 +80,20 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     if not np.isfinite(covariance).all() or not free:
         none = np.full_like(middle, np.nan)
         return curves.Curve(middle=middle, low=none, high=none, least_squares=plain, sampled=False)
+    if len(free) == 1:
+        # one coefficient moves the whole curve: the band is its interval, however uneven
+        (name,) = free
+        ends = [
+            curves.ratio(model, z_hat, {**known, **values, name: end}) - 1
+            for end in (quoted.coefficients[name].lo90, quoted.coefficients[name].hi90)
+        ]
+        return curves.Curve(
+            middle=middle,
+            low=np.minimum(*ends),
+            high=np.maximum(*ends),
+            least_squares=plain,
+            sampled=False,
+        )
     reach = curves.NORMAL_90 * curves.uncertainty(
         model, z_hat, known, values, ParameterCovariance.of(free, covariance)
     )
