@@ -133,6 +133,13 @@ def a_table_of_means(root: Path) -> tuple[list[object], Stands]:
     return ["inspect", path], {"DIR": str(root / "raw"), "FILE": str(path)}
 
 
+def a_folder_of_records(root: Path) -> tuple[list[object], Stands]:
+    for name in ("r1", "r2"):
+        written.put(root, f"logs/{name}.lvm", written.lvm(FORCE))
+    folder = root / "logs"
+    return ["inspect", folder], {"DIR": str(root / "raw"), "FOLDER": str(folder)}
+
+
 def a_table_of_trials(root: Path) -> tuple[list[object], Stands]:
     path = written.put(root, "log book.csv", b"file,distance_cm,pwm\nr1,5,1100\nr2,9,1100\n")
     for name in ("r1", "r2"):
@@ -145,6 +152,7 @@ def a_table_of_trials(root: Path) -> tuple[list[object], Stands]:
 STATES: dict[str, list[Callable[[Path], tuple[list[object], Stands]]]] = {
     "nearlift new DIR": [nothing, a_key_is_missing],
     "nearlift new DIR --from FILES": [files_without_manifest],
+    "nearlift new DIR --from FOLDER": [a_folder_of_records],
     "nearlift new DIR --from FILE": [a_table_of_means, a_table_of_trials],
     "nearlift describe": [no_such_symbol, no_such_model],
     "nearlift plan CAMPAIGN": [not_ingested],
