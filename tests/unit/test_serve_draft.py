@@ -85,14 +85,14 @@ def test_spans_see_tables_in_arrays_and_long_values():
 def test_a_refusal_stands_at_its_field(tmp_path):
     root = small_run.write(tmp_path / "raw" / "small", visits=2)
     text, schedule = ((root / n).read_text() for n in ("campaign.toml", "trials.csv"))
-    assert draft.check(root, text, schedule)["refusals"] == []
+    assert draft.check(root, text, schedule).refusals == []
     wrong = draft.with_value(text, "vehicle.mass", "27 mm")
-    (refusal,) = draft.check(root, wrong, schedule)["refusals"]
+    (refusal,) = draft.check(root, wrong, schedule).refusals
     assert refusal["key"] == "vehicle.mass"
     assert "27 mm" in refusal["text"]
-    (refusal,) = draft.check(root, text, schedule.replace("ground", "grund"))["refusals"]
+    (refusal,) = draft.check(root, text, schedule.replace("ground", "grund")).refusals
     assert "trials.csv" in refusal["text"]
-    blank = draft.check(root, TEMPLATE, schedule)["refusals"]
+    blank = draft.check(root, TEMPLATE, schedule).refusals
     assert {"vehicle.mass", "rig.held"} <= {r["key"] for r in blank}
 
 
@@ -102,7 +102,7 @@ def test_the_hover_weight_tells_unit_and_sign(tmp_path):
     schedule = (root / "trials.csv").read_text()
 
     def reads(key, value):
-        return draft.check(root, draft.with_value(text, key, value), schedule)["reads"]
+        return draft.check(root, draft.with_value(text, key, value), schedule).reads
 
     mass = leaves(text)["vehicle.mass"]
     assert f"hover weight {mass}" in reads("records.force.sign", "1")

@@ -24,6 +24,8 @@ from nearlift.manifest.quantities import (
 
 #: What stands for a record's id in ``[records] files`` where records are cut into trials.
 RECORD_MARK = "{record}"
+#: What a distance may be measured from.
+DATUMS = ("rotor plane", "airframe", "blade tip", "rotor axis")
 #: Acceleration of free fall, m/s^2, with room for rounding.
 GRAVITY = (9.7, 9.9)
 
@@ -40,14 +42,13 @@ class Rig(Section):
 
     @model_validator(mode="after")
     def _known_datums(self) -> Self:
-        allowed = ("rotor plane", "airframe", "blade tip", "rotor axis")
         for datum in (
             self.distance_datum.values()
             if isinstance(self.distance_datum, dict)
             else (self.distance_datum,)
         ):
-            if datum not in allowed:
-                raise ValueError(f"distance_datum {datum!r} is none of {', '.join(allowed)}")
+            if datum not in DATUMS:
+                raise ValueError(f"distance_datum {datum!r} is none of {', '.join(DATUMS)}")
         if not GRAVITY[0] <= self.gravity <= GRAVITY[1]:
             raise ValueError(
                 f"gravity {self.gravity:g} m/s^2 is nowhere on Earth: it is 9.76 to 9.84 there;"

@@ -124,16 +124,26 @@ def posterior_quantiles(
     )
 
 
+def least_squares(
+    evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray
+) -> FloatArray:
+    """The base model's L / L_inf - 1 at recorded distances as least squares has it, taken where the
+    rotor stood, by the height error that the fit found.
+    """
+    fit = evidence.base(boundary)[1]
+    stood = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
+    return ratio(model, stood, {**evidence.known(boundary, model), **fit.values}) - 1
+
+
 def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray) -> Curve:
     """The base model's curve as believed, with its 90 % band, and as least squares has it.
 
     `z_hat` is as recorded; the model is taken where the rotor stood, by the height error that the
     fit found.
     """
-    fit = evidence.base(boundary)[1]
+    fit, fitted = evidence.base(boundary)[1], least_squares(evidence, boundary, model, z_hat)
     z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
     known = evidence.known(boundary, model)
-    fitted = ratio(model, z_hat, {**known, **fit.values}) - 1
     drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
     if drawn is None:
         reach = quantile90(fit) * uncertainty(model, z_hat, known, fit.values, fit.covariance)

@@ -7,15 +7,17 @@ belong to a line of distance alone. Without one it is the lift itself.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.products import LOOP_RESIDUALS
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, lift_inf_N
 from nearlift.results.fit import ParameterCovariance
+from nearlift.results.quotation import BoundaryResult
 
 #: Relative step of a distance by which a curve's slope is taken.
 STEP = 1e-4
@@ -61,45 +63,44 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
     """
     model, fit = evidence.base(boundary)
     quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
-    believed = curves.band(evidence, boundary, model, z_hat)
-    plain = believed.least_squares
-    if quoted.refused:
-        none = np.full_like(plain, np.nan)
-        return curves.Curve(middle=plain, low=none, high=none, least_squares=plain, sampled=False)
-    if not as_quoted(evidence, boundary):
-        return believed
+    if not (quoted.refused or as_quoted(evidence, boundary)):
+        return curves.band(evidence, boundary, model, z_hat)
+    effects = named(evidence, boundary)
+    values = fit.values | {n: c.value for n, c in quoted.coefficients.items()}
+    middle = plain = curves.least_squares(evidence, boundary, model, z_hat)
+    low = high = np.full_like(plain, np.nan)
+    if not quoted.refused:
+        middle = curves.ratio(model, z_hat, {**known, **values}) - 1
+        plain = middle if effects else plain
+        low, high = _band(quoted, model, z_hat, {**known, **values}, middle)
+    return curves.Curve(middle=middle, low=low, high=high, least_squares=plain, sampled=False)
+
+
+def _band(
+    quoted: BoundaryResult,
+    model: LiftModel,
+    z_hat: FloatArray,
+    values: Mapping[str, float],
+    middle: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Ends of the 90 % band of a curve by the quoted coefficients; nan where they have no end."""
     among = quoted.correlation
     free = [n for n in among.parameters if n in quoted.coefficients]
     rows = [among.parameters.index(n) for n in free]
     u = np.array([quoted.coefficients[n].u for n in free])
     covariance = np.outer(u, u) * np.array(among.values)[np.ix_(rows, rows)]
-    values = fit.values | {n: c.value for n, c in quoted.coefficients.items()}
-    middle = curves.ratio(model, z_hat, {**known, **values}) - 1
-    if named(evidence, boundary):
-        plain = middle
     if not np.isfinite(covariance).all() or not free:
         none = np.full_like(middle, np.nan)
-        return curves.Curve(middle=middle, low=none, high=none, least_squares=plain, sampled=False)
+        return none, none
     if len(free) == 1:
         # one coefficient moves the whole curve: the band is its interval, however uneven
-        (name,) = free
-        ends = [
-            curves.ratio(model, z_hat, {**known, **values, name: end}) - 1
-            for end in (quoted.coefficients[name].lo90, quoted.coefficients[name].hi90)
-        ]
-        return curves.Curve(
-            middle=middle,
-            low=np.minimum(*ends),
-            high=np.maximum(*ends),
-            least_squares=plain,
-            sampled=False,
-        )
-    reach = curves.NORMAL_90 * curves.uncertainty(
-        model, z_hat, known, values, ParameterCovariance.of(free, covariance)
+        c = quoted.coefficients[free[0]]
+        ends = [curves.ratio(model, z_hat, {**values, free[0]: x}) - 1 for x in (c.lo90, c.hi90)]
+        return np.minimum(*ends), np.maximum(*ends)
+    spread = curves.uncertainty(
+        model, z_hat, values, values, ParameterCovariance.of(free, covariance)
     )
-    return curves.Curve(
-        middle=middle, low=middle - reach, high=middle + reach, least_squares=plain, sampled=False
-    )
+    return middle - curves.NORMAL_90 * spread, middle + curves.NORMAL_90 * spread
 
 
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:

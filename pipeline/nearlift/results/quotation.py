@@ -279,22 +279,27 @@ class BoundaryResult:
         return f"{letter(name)} = {c.estimate}{ends}"
 
     @property
-    def leaning(self) -> str:
-        """That the answer rests on a single visit or trial, whichever moves it more, in words;
-        empty where it does not.
+    def hinge(self) -> tuple[Literal["visit", "trial"], Shift] | None:
+        """The single visit or trial that the answer rests on, whichever moves it more; None where
+        it rests on none.
         """
-        on = self.rests_on
-        c = self.quotable.get(self.headline)
+        c, on = self.quotable.get(self.headline), self.rests_on
         visit = c.influence.visit if c else None
         if c and visit and abs(visit.shift) > max(c.u, abs(on.shift) if on else 0.0):
-            moves = f"{letter(self.headline)} moves by {visit.shift:+.2g}"
-            return f"it rests on visit {visit.id}: without it {moves}"
-        if on is None:
+            return "visit", visit
+        return ("trial", Shift(id=on.trial, shift=on.shift)) if on else None
+
+    @property
+    def leaning(self) -> str:
+        """What the answer rests on in words; empty where it rests on nothing single."""
+        if self.hinge is None:
             return ""
-        other = f"the verdict is {on.verdict} and " if on.verdict != self.verdict else ""
+        kind, moved = self.hinge
+        verdict = self.rests_on.verdict if self.rests_on and kind == "trial" else self.verdict
+        other = f"the verdict is {verdict} and " if verdict != self.verdict else ""
         return (
-            f"it rests on trial {on.trial}: without it {other}{letter(self.headline)} moves by"
-            f" {on.shift:+.2g}"
+            f"it rests on {kind} {moved.id}: without it {other}{letter(self.headline)} moves by"
+            f" {moved.shift:+.2g}"
         )
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:

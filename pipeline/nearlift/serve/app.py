@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 from nearlift.errors import NearliftError, UsageError
 from nearlift.serve import answers, pages
 from nearlift.serve.bench import Bench
-from nearlift.serve.gate import App, Gate
+from nearlift.serve.gate import Gate
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from starlette.requests import Request
     from starlette.responses import Response
+    from starlette.types import ASGIApp
 
     from nearlift.serve.live import Live
 
@@ -33,7 +34,7 @@ CLIENTS = 64
 Events = AsyncIterator[tuple[str, object]]
 
 
-def application(bench: Bench) -> App:
+def application(bench: Bench) -> ASGIApp:
     """Every route of the page."""
     from starlette.applications import Starlette
     from starlette.routing import Route
@@ -50,8 +51,7 @@ def application(bench: Bench) -> App:
         Route("/events/live", site.live),
         Route("/upload", site.upload, methods=["POST"]),
     ]
-    made: App = Starlette(routes=routes)
-    return made
+    return Starlette(routes=routes)
 
 
 class Site:

@@ -13,8 +13,8 @@ import os
 import re
 import shutil
 from collections.abc import AsyncIterator, Iterator
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from nearlift.commands.inspect import Found, inspect
 from nearlift.errors import InputRefused, ManifestError, NearliftError, UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.manifest import toml
+from nearlift.manifest.flight_log import STANDARD_G
+from nearlift.manifest.rig import DATUMS
 from nearlift.readers.files import inside
 from nearlift.readers.schedule import parse_schedule
 from nearlift.reduction import plausibility
@@ -37,7 +39,7 @@ DRAWN = 600
 #: Choices of a key.
 CHOICES = {
     "rig.held": ("throttle", "voltage", "rpm", "power"),
-    "rig.distance_datum": ("rotor plane", "airframe", "blade tip", "rotor axis"),
+    "rig.distance_datum": DATUMS,
     "records.force.unit": ("mN", "N", "kN", "gf", "kgf", "ozf", "lbf", "count"),
     "records.force.sign": ("1", "-1"),
 }
@@ -126,12 +128,23 @@ def with_value(text: str, key: str, value: str) -> str:
     return made
 
 
-def check(root: Path, text: str, schedule: str) -> dict[str, Any]:
-    """What the form shows: every value by key, what is refused and where, how many trials there
-    are, and whether the force can be this vehicle's.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Checked:
+    """What the form shows: every value by key with its choices, what is refused and at which key,
+    how many trials there are, the first record, and whether the force can be this vehicle's.
     """
+
+    fields: list[dict[str, object]]
+    refusals: list[dict[str, str]]
+    trials: int
+    file: str
+    reads: str
+
+
+def check(root: Path, text: str, schedule: str) -> Checked:
+    """What these texts say; nothing is written."""
     refusals: list[dict[str, str]] = []
-    values: dict[str, Any] = {}
+    values: dict[str, object] = {}
     trials = 0
     try:
         raw = toml.loads(text.encode(), MANIFEST)
@@ -140,19 +153,19 @@ def check(root: Path, text: str, schedule: str) -> dict[str, Any]:
         trials = len(parse_schedule(campaign, root / SCHEDULE, schedule))
     except NearliftError as refusal:
         refusals = list(_by_key(refusal, values))
-    fields = [
+    fields: list[dict[str, object]] = [
         {"key": key, "value": _told(value), "choices": CHOICES.get(key, ())}
         for key, value in values.items()
         if key != "schema"
     ]
     first = next(records(root, values), None)
-    return {
-        "fields": fields,
-        "refusals": refusals,
-        "trials": trials,
-        "file": first.relative_to(root).as_posix() if first else "",
-        "reads": reads(root, values),
-    }
+    return Checked(
+        fields=fields,
+        refusals=refusals,
+        trials=trials,
+        file=first.relative_to(root).as_posix() if first else "",
+        reads=reads(root, values),
+    )
 
 
 def _told(value: object) -> str:
@@ -160,7 +173,7 @@ def _told(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _by_key(refusal: NearliftError, values: dict[str, Any]) -> Iterator[dict[str, str]]:
+def _by_key(refusal: NearliftError, values: dict[str, object]) -> Iterator[dict[str, str]]:
     """Each fault with the key at which it is, empty where there is none."""
     lines = refusal.what.split("\n  ")
     where = refusal.where if refusal.where in values else ""
@@ -172,7 +185,7 @@ def _by_key(refusal: NearliftError, values: dict[str, Any]) -> Iterator[dict[str
         yield {"key": key if known else where, "text": told + more}
 
 
-def records(root: Path, values: dict[str, Any]) -> Iterator[Path]:
+def records(root: Path, values: dict[str, object]) -> Iterator[Path]:
     """The files that the manifest's pattern names, the first first."""
     pattern = str(values.get("records.files", ""))
     plain = re.sub(r"\{(trial|record)\}", "*", pattern)
@@ -193,7 +206,7 @@ def inspected(path: Path) -> Found:
     return _inspected(path, (status.st_size, status.st_mtime_ns))
 
 
-def reads(root: Path, values: dict[str, Any]) -> str:
+def reads(root: Path, values: dict[str, object]) -> str:
     """What the first record says against the hover weight, by the values as they stand; empty where
     they do not say enough.
     """
@@ -205,16 +218,18 @@ def reads(root: Path, values: dict[str, Any]) -> str:
         rate = float(str(values["load_cell.sample_rate"]).split()[0])
         head = str(values["load_cell.tare"]).split()[0]
         tare = round(float(head) * rate) if head != "none" else 0
-        lift = force.values * scale * float(values["records.force.sign"])
+        lift = force.values * scale * float(str(values["records.force.sign"]))
         zero = float(np.nanmean(lift[:tare])) if tare else 0.0
         lift_N = float(np.nanmedian(lift[tare:])) - zero
-        number, unit = str(values["vehicle.mass"]).split()
-        kg = units.to_si(unit, "mass", "vehicle.mass")[0] * float(number)
+        kg = units.quantity(values["vehicle.mass"], "mass", "vehicle.mass")
     except (StopIteration, KeyError, ValueError, IndexError, NearliftError):
         return ""
-    weight = 9.80665 * kg
+    weight = STANDARD_G * kg
     ratio = lift_N / weight
-    told = f"hover weight {number} {unit}: {path.name} reads {lift_N:.4g} N, {ratio:.3g} times it"
+    told = (
+        f"hover weight {values['vehicle.mass']}: {path.name} reads {lift_N:.4g} N,"
+        f" {ratio:.3g} times it"
+    )
     if ratio < 0:
         return f"{told}. Lift pulls the cell the other way: change the sign"
     try:
@@ -233,9 +248,9 @@ def reads(root: Path, values: dict[str, Any]) -> str:
     return told
 
 
-def channels(path: Path) -> list[dict[str, Any]]:
+def channels(path: Path) -> list[dict[str, object]]:
     """Each channel of a record, thinned to the lowest and highest of each stretch."""
-    found = []
+    found: list[dict[str, object]] = []
     for c in inspected(path).contents.channels:
         n = len(c.values)
         if not n or not np.isfinite(c.values).any():

@@ -12,15 +12,12 @@ from __future__ import annotations
 
 import hmac
 import secrets
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
-from typing import Any
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qs
 
-Scope = MutableMapping[str, Any]
-Message = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[Message]]
-Send = Callable[[Message], Awaitable[None]]
-App = Callable[[Scope, Receive, Send], Awaitable[None]]
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 #: What the page's own documents may do: nothing within the text, nothing from elsewhere.
 POLICY = (
@@ -42,7 +39,7 @@ DOOR = "/open"
 class Gate:
     """The application behind its checks."""
 
-    def __init__(self, app: App, port: int) -> None:
+    def __init__(self, app: ASGIApp, port: int) -> None:
         self.app, self.host = app, f"127.0.0.1:{port}"
         self.token, self._secret = secrets.token_urlsafe(32), secrets.token_urlsafe(32)
         self._cookie = f"nearlift-{port}"

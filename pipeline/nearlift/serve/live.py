@@ -79,7 +79,7 @@ class Live:
             wait = max(PERIOD_S, TIMES * (time.monotonic() - begun))
             self._next = begun + (0.0 if self._behind else wait)
 
-    def since(self, epoch: int, turn: int) -> tuple[dict[str, Any], int, int]:
+    def since(self, epoch: int, turn: int) -> tuple[dict[str, object], int, int]:
         """What changed after a turn; all of it where the campaign was begun anew."""
         with self._lock:
             turn = turn if epoch == self.epoch else 0
@@ -93,7 +93,7 @@ class Live:
             }
             return told, self.epoch, self.turn
 
-    def _told(self, i: int) -> dict[str, Any]:
+    def _told(self, i: int) -> dict[str, object]:
         """One trial."""
         of = {name: self._table[name][i] for name in SHOWN}
         codes = of["quality"].split()
@@ -214,7 +214,7 @@ def watching(bench: Bench, place: Place) -> Work | None:
     )
 
 
-def looks(lines: list[str]) -> Iterator[dict[str, Any]]:
+def looks(lines: list[str]) -> Iterator[dict[str, object]]:
     """The looks among what `nearlift run --watch --json` says."""
     for line in lines:
         if line.startswith("{") and len(line) < LONGEST:
@@ -223,7 +223,7 @@ def looks(lines: list[str]) -> Iterator[dict[str, Any]]:
                 yield {key: found[key] for key in ("words", "refused", "good", "scheduled")}
 
 
-def looked(place: Place) -> dict[str, Any]:
+def looked(place: Place) -> dict[str, object]:
     """What the last look found: verdicts, curves, residuals, single trials that count for much."""
     home, reports = place.homes.processed, place.homes.reports
     quoted = store.load_if_whole(home / RESULTS.file, Results(boundaries={})).boundaries

@@ -8,6 +8,7 @@ import functools
 import json
 import mimetypes
 from collections.abc import Callable
+from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -40,7 +41,7 @@ def _templates() -> Any:
 
 def page(bench: Bench, name: str, title: str, **facts: Any) -> Answer:
     """A page of the template of that name."""
-    given: dict[str, Any] = {"title": title, "workspace": str(bench.root), **facts}
+    given: dict[str, object] = {"title": title, "workspace": str(bench.root), **facts}
     template = _templates().get_template(f"{name}.html.j2")
     return Answer(body=template.render(given).encode())
 
@@ -264,7 +265,7 @@ def _edited(
         schedule=schedule,
         known=known[MANIFEST],
         known_schedule=known[draft.SCHEDULE],
-        refusals=draft.check(bench.root_of(given), manifest, schedule)["refusals"],
+        refusals=draft.check(bench.root_of(given), manifest, schedule).refusals,
         said=said,
     )
 
@@ -281,8 +282,8 @@ def check(bench: Bench, asked: Asked) -> Answer:
         except NearliftError as refusal:
             refusals = [{"key": key, "text": f"{refusal.what}; {refusal.remedy}"}]
     found = draft.check(root, text, asked.text("schedule"))
-    found["refusals"] += refusals
-    return as_json({**found, "manifest": text})
+    every = [*found.refusals, *refusals]
+    return as_json({**asdict(found), "refusals": every, "manifest": text})
 
 
 def save(bench: Bench, asked: Asked) -> Answer:

@@ -88,10 +88,11 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     model, fit = evidence.base(boundary)
     found, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
     said = [quoted.leaning] if quoted.leaning else []
+    hinge = quoted.hinge
     suspects = [
         s
         for s in evidence.fits.influence[boundary].suspects
-        if f"on {s.kind} {s.id}:" not in quoted.leaning
+        if hinge is None or (s.kind, s.id) != (hinge[0], hinge[1].id)
     ]
     if evidence.not_diagnosed(boundary):
         # what is known to move the headline is graver than what might
