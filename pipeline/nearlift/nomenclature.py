@@ -100,6 +100,14 @@ SYMBOLS: tuple[Symbol, ...] = (
         r"\hat{\ell}",
     ),
     _s("diagonal_hat", r"\hat{b}", "1", "distance of opposite rotor axes over rotor radius"),
+    _s("gap_hat", r"\hat{g}", "1", "distance from ground to ceiling over rotor radius"),
+    _s(
+        "edge_hat",
+        r"\hat{e}",
+        "1",
+        "distance of the ground's straight edge, along x, from the middle of the rotors over rotor"
+        " radius; negative where that is beyond it",
+    ),
     _s(
         "layout_hat",
         r"(\hat{x}, \hat{y})_i",
@@ -155,6 +163,7 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s(
         "alpha", r"\alpha", "1", "strength of the ceiling's effect on the inflow; theory 1/8", "1/8"
     ),
+    _s("kappa", r"\kappa", "1", "share of an image that the ceiling of a corridor gives"),
     _s("gamma", r"\gamma", "1", "power far away over power near the ceiling, at the same thrust"),
     _s(
         "a",

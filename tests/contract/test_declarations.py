@@ -18,7 +18,14 @@ from nearlift.models import MODELS as BUILT_IN
 from nearlift.models.images import square
 from nearlift.nomenclature import symbol
 
-GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23, "layout_hat": square(65 / 23)}
+GEOMETRY = {
+    "spacing_hat": 65 / 23,
+    "diagonal_hat": 92 / 23,
+    "layout_hat": square(65 / 23),
+    "gap_hat": math.inf,
+    "edge_hat": 4.0,
+    "tilt_rad": 0.02,
+}
 MODELS = catalogue.models()
 every_model = pytest.mark.parametrize("model", MODELS, ids=lambda m: m.name)
 every_declaration = pytest.mark.parametrize(

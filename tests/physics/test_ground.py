@@ -5,17 +5,19 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nearlift.models import (
     cheeseman_bennett,
+    corridor,
     images,
     power_law,
     sanchez_cuevas,
     sanchez_cuevas_as_printed,
 )
-from nearlift.models.images import covered_by_half_plane, gain_per_rotor, square, tilted
+from nearlift.models.images import at_edge, gain_per_rotor, share, square, tilted
+from nearlift.models.inflow import image
 
 Z = np.geomspace(0.4, 40, 60)
 spacing = st.floats(2.0, 8.0)
@@ -163,47 +165,102 @@ def test_rotor_in_the_boundary_has_no_ratio():
 # --- partial ground
 
 
-def test_half_plane_covers_all_half_or_nothing():
-    layout = ((0.0, 0.0), (-5.0, 0.0), (5.0, 0.0), (-1.0, 3.0), (1.0, 3.0))
-    np.testing.assert_allclose(
-        covered_by_half_plane(layout, 0.0), [0.5, 1.0, 0.0, 1.0, 0.0], atol=1e-12
-    )
+def counted(edge, z, along=0.0, across=0.0):
+    """Share of an image up to the edge, from sources counted one by one over the boundary."""
+    step = np.sinh(6 * np.linspace(-1, 1, 401)) / math.sinh(6) * 40 * math.hypot(z, along, across)
+    x, y = np.meshgrid(step, step, indexing="ij")
+    area = np.outer(np.gradient(step), np.gradient(step))
+    to = (np.hypot(x - s * along / 2, y - s * across / 2) ** 2 + z**2 for s in (1, -1))
+    weight = area / math.prod(to) ** 1.5
+    return weight[x <= edge].sum() / weight.sum()
 
 
-@given(x=st.floats(-2, 2), edge=st.floats(-2, 2))
-def test_covered_share_is_the_area_of_the_disk(x, edge):
-    share = covered_by_half_plane(((x, 0.0),), edge)[0]
-    u = np.linspace(-1, 1, 20001)
-    chord = 2 * np.sqrt(1 - u**2)
-    counted = np.where(x + u <= edge, chord, 0.0).sum() * (u[1] - u[0]) / math.pi
-    assert share == pytest.approx(counted, abs=2e-4)
-    assert covered_by_half_plane(((-x, 0.0),), -edge)[0] == pytest.approx(1 - share, abs=1e-12)
+@pytest.mark.parametrize("edge", [-2.0, -0.5, 0.0, 0.7, 3.0])
+@pytest.mark.parametrize("z", [0.5, 1.0, 3.0])
+def test_own_image_is_the_sum_over_the_boundary_that_is_there(edge, z):
+    assert share(edge, 2 * z, 0.0) == pytest.approx(counted(edge, z), abs=6e-3)
+    assert share(edge, 2 * z, 0.0) + share(-edge, 2 * z, 0.0) == pytest.approx(1)
+
+
+@pytest.mark.parametrize(("z", "off"), [(0.5, 0.0035), (1.0, 0.0020), (2.0, 0.0006)])
+def test_a_vehicle_at_an_edge_is_off_by_what_the_model_says(z, off):
+    layout = square(65 / 23)
+    for edge in (-3.0, -1.0, 0.0, 1.0, 2.0):
+        sums = [
+            sum(
+                image(2 * z, math.dist(i, j))
+                * counted(edge - (i[0] + j[0]) / 2, z, j[0] - i[0], j[1] - i[1])
+                for j in layout
+            )
+            for i in layout
+        ]
+        exact = np.mean([1 / (1 - s) for s in sums])
+        assert at_edge(z, layout_hat=layout, edge_hat=edge) == pytest.approx(exact, abs=off)
 
 
 def test_two_distant_rotors_over_half_a_plane_gain_half():
     layout = ((-500.0, 0.0), (500.0, 0.0))
-    gains = gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, 0.0))
+    gains = gain_per_rotor(1.0, layout_hat=layout, edge_hat=0.0)
     np.testing.assert_allclose(gains, [float(cheeseman_bennett.THEORY(1.0)), 1.0], rtol=1e-8)
 
 
-def test_half_plane_under_a_square_leaves_the_images_of_a_pair():
+@given(z=height)
+def test_an_edge_far_away_is_the_whole_ground_and_one_far_behind_is_none(z):
     layout = square(2.83)
-    gains = gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, 0.0))
-    pair = images.MODEL(1.0, layout_hat=[p for p in layout if p[0] < 0])
-    np.testing.assert_allclose(gains[[1, 2]], float(pair), rtol=1e-12)
-    assert (gains[[0, 3]] < gains[[1, 2]]).all()  # the images next door still help
-    assert (gains > 1).all()
+    whole = float(images.MODEL(z, layout_hat=layout))
+    for edge, expected in ((np.inf, whole), (1e4, whole), (-1e4, 1.0)):
+        assert images.EDGE(z, layout_hat=layout, edge_hat=edge) == pytest.approx(expected, abs=1e-6)
+    part = [float(images.EDGE(z, layout_hat=layout, edge_hat=e)) for e in np.linspace(-9, 9, 19)]
+    assert (np.diff(part) > 0).all()
+    assert 1 < part[0] < part[-1] < whole
 
 
-def test_whole_plane_is_no_edge_and_no_plane_is_no_effect():
-    layout = square(2.83)
-    np.testing.assert_allclose(
-        gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, 9.0)),
-        gain_per_rotor(1.0, layout_hat=layout),
-    )
-    np.testing.assert_array_equal(
-        gain_per_rotor(1.0, layout_hat=layout, covered=covered_by_half_plane(layout, -9.0)), 1.0
-    )
+# --- ground and ceiling at once
+
+
+@settings(max_examples=15)
+@given(z=st.floats(0.5, 3.0), more=st.floats(0.3, 4.0), d=spacing, kappa=st.floats(0, 1))
+def test_a_corridor_is_every_image_mirrored_one_by_one(z, more, d, kappa):
+    gap, layout = z + more, square(d)
+    cancelled = 0.0
+    for ceiling in (False, True):
+        height, sense, weight = z, -1.0, 1.0
+        for n in range(60):
+            # in the plane that did not make it last; a mirror turns the way that it blows round
+            height, sense = (2 * gap - height if ceiling else -height), -sense
+            weight *= kappa if ceiling else 1.0
+            apart = [image(abs(height - z), math.dist(layout[0], j)) for j in layout]
+            # of an alternating sum the last counts by half
+            cancelled += sense * weight * float(np.sum(apart)) * (0.5 if n == 59 else 1.0)
+            ceiling = not ceiling
+    got = corridor.cancelled_per_rotor(z, layout, gap, kappa)
+    assert got == pytest.approx(np.full(4, cancelled), abs=2e-4 / gap**2)
+
+
+@given(z=height, d=spacing, kappa=st.floats(0, 1))
+def test_a_gap_without_end_or_no_ceiling_is_the_ground(z, d, kappa):
+    ground = float(images.MODEL(z, layout_hat=square(d)))
+    wide = corridor.MODEL(z, layout_hat=square(d), gap_hat=1e4, kappa=kappa)
+    none = corridor.MODEL(z, layout_hat=square(d), gap_hat=z + 1, kappa=0.0)
+    assert [wide, none] == pytest.approx([ground, ground], nan_ok=True, abs=1e-6)
+
+
+def test_between_two_mirrors_up_and_down_are_alike_and_the_middle_gains_least():
+    z = np.linspace(0.5, 3.5, 61)
+    between = corridor.MODEL(z, layout_hat=square(2.83), gap_hat=4.0, kappa=1.0)
+    np.testing.assert_allclose(between, between[::-1], rtol=2e-5)
+    assert np.argmin(between) == 30
+    one = corridor.MODEL(z, layout_hat=((0.0, 0.0),), gap_hat=4.0, kappa=1.0)
+    s = (math.pi / 4) ** 2 * (1 / np.sin(math.pi * z / 4) ** 2 - 1 / 3) / 16
+    np.testing.assert_allclose(one, 1 / (1 - s), rtol=1e-5)
+
+
+def test_a_corridor_has_no_ratio_at_its_ceiling_or_beyond_and_free_air_is_free():
+    known = {"layout_hat": square(2.83), "gap_hat": 4.0}
+    got = corridor.MODEL(np.array([2.0, 4.0, 5.0, np.inf]), **known)
+    np.testing.assert_array_equal(np.isnan(got), [False, True, True, False])
+    assert got[3] == 1.0
+    assert corridor.gradient(np.array([np.inf]), kappa=0.5, **known)[0] == [0.0]
 
 
 # --- Sanchez-Cuevas

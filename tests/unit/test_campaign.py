@@ -82,6 +82,17 @@ def test_no_geometry_is_invented():
     assert good(rotor_spacing=None).vehicle.geometry() == {}
 
 
+def test_gap_and_edge_are_geometry_where_the_rig_gives_them():
+    raw = tomllib.loads(GOOD)
+    assert not {"gap_hat", "edge_hat"} & set(campaign.parse(raw).geometry())
+    raw["rig"] |= {"gap": "92 mm", "edge": "-23 mm"}
+    known = campaign.parse(raw).geometry()
+    assert [known["gap_hat"], known["edge_hat"]] == pytest.approx([4.0, -1.0])
+    raw["rig"]["arena"] = "80 mm"
+    with pytest.raises(ManifestError, match=r"gap 0.092 m is more than the arena of 0.08 m"):
+        campaign.parse(raw)
+
+
 def test_offset_and_datum_by_boundary():
     raw = tomllib.loads(GOOD)
     raw["rig"] |= {

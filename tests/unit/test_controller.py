@@ -25,11 +25,13 @@ from nearlift.flight.export import c_header, json_document
 from nearlift.flight.export import closed_form as closed
 from nearlift.flight.export.hermite import hermite_table
 from nearlift.flight.export.model_export import ModelExport, exported
-from nearlift.products import DIAGNOSIS, TRIALS
+from nearlift.models.images import at_edge as at_edge_of_a_table
+from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.stages import export as controller
 from nearlift.stages.quoted_lift import fitted_lift
 
 from . import quoted
+from .conftest import raw_manifest
 
 SIDES = ("ground", "ceiling", "sidewall")
 GCC = shutil.which("gcc") or shutil.which("cc")
@@ -315,6 +317,39 @@ def test_a_model_of_each_rotor_is_exported_rotor_by_rotor(beliefs):
     (boundary,) = json_document.document(whole(row))["boundaries"].values()
     assert len(boundary["rotors"]) == 3
     assert boundary["omitted"] == ["height_offset"]
+
+
+def other_model(job, name, parameters, tilt_rad=None):
+    """The campaign with another base model at the ground, on another rig, before its export."""
+    content = job.read_json(RESULTS)
+    ground = content["boundaries"]["ground"]
+    was = ground["coefficients"]["K_b"]
+    ground |= {"base_model": name, "coefficients": dict.fromkeys(parameters, was)}
+    job.write_json(RESULTS, content)
+    if tilt_rad is not None:
+        trials = job.read(TRIALS)
+        job.write(TRIALS, trials | {"tilt_rad": np.resize(tilt_rad, len(trials["z_hat"]))})
+    return job
+
+
+def test_what_a_model_needs_is_known_or_refused_and_never_taken_for_one(remake):
+    rig = raw_manifest()["rig"] | {"edge": "10 mm", "gap": "92 mm"}
+    at_edge = fitted_lift(other_model(remake("ground", rig=rig), "images_edge", ()), "ground", 2)
+    assert at_edge.arguments["edge_hat"] == pytest.approx(10 / 23)
+    level = np.array([0.6, 1.0, 3.0])
+    layout = at_edge.arguments["layout_hat"]
+    each = exported(replace(at_edge, measured_z_hat=(0.6, 5.0))).rotors
+    assert np.mean([rotor(level) for rotor in each], axis=0) == pytest.approx(
+        at_edge_of_a_table(level, layout_hat=layout, edge_hat=10 / 23), rel=1e-6
+    )
+    with pytest.raises(InputRefused, match="lift between two boundaries is for fits"):
+        fitted_lift(other_model(remake("ground", rig=rig), "corridor", ("kappa",)), "ground", 2)
+    tilted = other_model(remake("ground"), "images_tilted", (), tilt_rad=[0.05])
+    assert fitted_lift(tilted, "ground", 2).arguments["tilt_rad"] == 0.05
+    for angles in ([0.05, -0.05], None):
+        job = other_model(remake("ground"), "images_tilted", (), tilt_rad=angles)
+        with pytest.raises(InputRefused, match="needs tilt_rad, which is not one and the same"):
+            fitted_lift(job, "ground", 2)
 
 
 def test_a_ratio_that_stands_for_two_heights_has_no_inverse(beliefs):

@@ -161,6 +161,14 @@ class Campaign(Section):
         value: float | None = getattr(place, on)
         return value
 
+    def geometry(self) -> dict[str, Any]:
+        """What lift models may need that is the same for all trials, scaled by rotor radius: the
+        vehicle's, `gap_hat` and `edge_hat`.
+        """
+        around = {"gap_hat": self.rig.gap, "edge_hat": self.rig.edge}
+        r = self.vehicle.rotor_radius
+        return self.vehicle.geometry() | {n: v / r for n, v in around.items() if v is not None}
+
     def contact_m(self, boundary: Boundary) -> float:
         """Rotor plane to boundary, m, where the vehicle first touches it.
 

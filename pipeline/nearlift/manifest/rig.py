@@ -31,12 +31,19 @@ GRAVITY = (9.7, 9.9)
 
 
 class Rig(Section):
-    """How distance is measured and what a trial holds constant."""
+    """How distance is measured, what a trial holds constant, and what is around the vehicle.
+
+    `gap` is the distance from ground to ceiling where both are near (`corridor`); `edge` how far,
+    along the vehicle's x, the ground's straight edge is from the middle of its rotors, negative
+    where that is beyond it (`images_edge`).
+    """
 
     held: Literal["throttle", "voltage", "rpm", "power", "command"]
     distance_datum: str | dict[Boundary, str]
     distance_offset: Length | dict[Boundary, Length]
     arena: PositiveLength | None = None
+    gap: PositiveLength | None = None
+    edge: Length | None = None
     air_density: Density | None = None
     gravity: Acceleration
 
@@ -53,6 +60,11 @@ class Rig(Section):
             raise ValueError(
                 f"gravity {self.gravity:g} m/s^2 is nowhere on Earth: it is 9.76 to 9.84 there;"
                 ' write "9.80665 m/s^2", or your own value'
+            )
+        if self.gap is not None and self.arena is not None and self.gap > self.arena:
+            raise ValueError(
+                f"gap {self.gap:g} m is more than the arena of {self.arena:g} m: it is the distance"
+                " from ground to ceiling"
             )
         return self
 

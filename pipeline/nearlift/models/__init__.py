@@ -8,6 +8,7 @@ from nearlift.declare import LiftModel
 from nearlift.models import (
     ceiling_empirical,
     cheeseman_bennett,
+    corridor,
     exponential,
     hayden,
     hsiao_chirarattananon,
@@ -26,6 +27,9 @@ MODELS: tuple[LiftModel, ...] = (
     sanchez_cuevas.FREE_EXPONENT,
     sanchez_cuevas_as_printed.MODEL,
     images.MODEL,
+    images.TILTED,
+    images.EDGE,
+    corridor.MODEL,
     cheeseman_bennett.MODEL,
     cheeseman_bennett.CONSTANT_POWER,
     cheeseman_bennett.THEORY,

@@ -138,7 +138,7 @@ class Evidence:
         """What `model` needs besides its parameters, one value for a whole curve: geometry, else
         the covariate's median.
         """
-        geometry = self.campaign.vehicle.geometry()
+        geometry = self.campaign.geometry()
         data = self.observations[boundary]
         own = {"throttle": data.throttle, **data.covariates}
         return {

@@ -33,11 +33,18 @@ from nearlift.stages import flown, screening
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
 
+#: What of the manifest gives a model the geometry that it needs; the rest is columns of trials.
+GIVEN_BY = {
+    **dict.fromkeys(("spacing_hat", "diagonal_hat", "layout_hat"), "rotor_spacing in [vehicle]"),
+    "gap_hat": "gap in [rig]",
+    "edge_hat": "edge in [rig]",
+}
+
 
 def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[LiftModel, ...]]:
     """Base model and rivals of one boundary: the manifest's, else the vehicle's defaults."""
     chosen = campaign.fit.of(boundary)
-    vehicle, geometry = campaign.vehicle, campaign.vehicle.geometry()
+    vehicle, geometry = campaign.vehicle, campaign.geometry()
     base = catalogue.model(
         chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors)
     )
@@ -55,12 +62,12 @@ def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[Lif
                 f"{model.name} is a {model.boundary} model",
                 f"`nearlift describe` lists those of the {boundary}",
             )
-        lacking = [n for n in model.needs if n not in geometry]
-        if lacking and model is base:
+        lacking = [n for n in model.needs if n in GIVEN_BY and n not in geometry]
+        if lacking:
             raise ManifestError(
                 f"fit.{boundary}",
                 f"{model.name} needs {', '.join(lacking)}",
-                "give rotor_spacing in [vehicle], or another `base`",
+                f"give {', '.join(dict.fromkeys(GIVEN_BY[n] for n in lacking))}, or another model",
             )
     return base, tuple(m for m in rivals if m.name != base.name)
 

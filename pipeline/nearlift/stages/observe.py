@@ -64,7 +64,7 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         visit=np.asarray(trials["visit"][mine], dtype=np.int64),
         session=_in_order(session),
         radius_m=campaign.vehicle.rotor_radius,
-        geometry=campaign.vehicle.geometry(),
+        geometry=campaign.geometry(),
         covariates=covariates,
         record=record,
         u_zero_N=u_zero_N,

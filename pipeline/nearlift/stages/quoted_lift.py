@@ -9,17 +9,57 @@ known, and does not fly as if it were.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import catalogue
-from nearlift.declare import Boundary, compose
+from nearlift.declare import Boundary, LiftModel, compose
+from nearlift.errors import InputRefused
 from nearlift.flight.fitted_lift import FittedLift, QuotedInterval, drawn_parameters
+from nearlift.manifest.campaign import Campaign
 from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected
 from nearlift.results.diagnosis import DiagnosisResults
 from nearlift.results.quotation import Results
 from nearlift.run.job import Job
+from nearlift.run.store import Table
+
+#: Stand at their reference, where they change nothing: a supply's fall over a flight is told apart,
+#: as its droop, and a flight has the speed that its throttle gives.
+AT_REFERENCE = ("supply_V", "supply_ref_V", "speed_hat")
+
+
+def _arguments(
+    model: LiftModel, campaign: Campaign, trials: Table, mine: NDArray[np.bool_]
+) -> dict[str, Any]:
+    """What a model needs beside its parameters, the same for a whole flight.
+
+    Raises
+    ------
+    InputRefused
+        It cannot be told from one distance, or from the trials.
+    """
+    known = dict.fromkeys(AT_REFERENCE, 1.0) | campaign.geometry()
+    if "gap_hat" in model.needs:
+        raise InputRefused(
+            f"model {model.name}",
+            "lift between two boundaries is for fits: flights, detection and exports know one"
+            " distance to one boundary, and would have it fade where the ceiling begins",
+            "choose another `base` for them",
+        )
+    for name in (n for n in model.needs if n not in known):
+        values = np.unique(trials[name][mine]) if name in trials else np.array([np.nan])
+        if len(values) != 1 or np.isnan(values[0]):
+            raise InputRefused(
+                f"model {model.name}",
+                f"needs {name}, which is not one and the same in all trials, and a flight has one",
+                "choose another `base`, or exclude the trials that differ",
+            )
+        known[name] = float(values[0])
+    return {n: known[n] for n in model.needs}
 
 
 def fitted_lift(job: Job, boundary: Boundary, number: int) -> FittedLift:
@@ -46,7 +86,6 @@ def fitted_lift(job: Job, boundary: Boundary, number: int) -> FittedLift:
     rng = generator(job.seed, "belief", boundary, model.name)
     best, draws = drawn_parameters(parameters, intervals, quoted.correlation, number, rng)
     whole = compose(model, *flying) if flying else model
-    geometry = job.campaign.vehicle.geometry()
     trials = job.read(TRIALS)
     mine = (trials["boundary"] == boundary) & ~rejected(trials["quality"])
     z_hat = trials["z_hat"][mine]
@@ -55,9 +94,7 @@ def fitted_lift(job: Job, boundary: Boundary, number: int) -> FittedLift:
     return FittedLift(
         boundary=boundary,
         model=whole,
-        # the supply's fall over a flight is told apart, as its droop: here it stands at its
-        # reference
-        arguments={n: geometry.get(n, 1.0) for n in whole.needs},
+        arguments=_arguments(whole, job.campaign, trials, mine),
         best=best,
         intervals={name: intervals[name] for name in best if name in intervals},
         number=len(next(iter(draws.values()))) if draws else 1,

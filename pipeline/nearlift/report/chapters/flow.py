@@ -139,7 +139,7 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
     )
     if not cases:
         return None
-    vehicle, geometry = evidence.campaign.vehicle, evidence.campaign.vehicle.geometry()
+    vehicle, geometry = evidence.campaign.vehicle, evidence.campaign.geometry()
     z_hat = np.array([c.z_hat for c in cases], dtype=float)
     fitted = evidence.fits.boundaries.get(boundary, {})
     rows, base = [], None
