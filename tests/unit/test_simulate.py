@@ -14,9 +14,13 @@ from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.simulation import maps, presets
+from nearlift.flight.simulation.control import poles
 from nearlift.flight.simulation.corridor import BASES
+from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED
 from nearlift.flight.simulation.curve import tabulate
+from nearlift.flight.simulation.fitted import conditions
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly
+from nearlift.flight.simulation.groups import gains_for
 from nearlift.manifest import campaign as manifest
 from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
 from nearlift.report.chapters import safety as chapter
@@ -67,6 +71,9 @@ def test_products_obey_their_schema_and_say_what_flew(flown):
     assert set(rates["member"][fitted].tolist()) == {-1, 0, 1, 2}
     assert rates["cost_paper"] == pytest.approx(rates["ratio"] ** -1.5)
     assert not len(job.read(CRASH_MAP)["rate"])
+    flying = job.read_json(SAFETY)["fitted"]["ground"]["gains"]
+    # a Crazyflie of the paper's size: its gains to 2 %
+    assert [flying[k] for k in ("kP", "kD", "kI")] == pytest.approx([-316, -316, -31.6], rel=0.02)
     histories = job.read(FLIGHTS)
     assert set(histories["model"]) == {"none", "sanchez_cuevas", "hsiao_chirarattananon"}
     assert (
@@ -393,6 +400,35 @@ def test_what_cannot_be_flown_is_refused_as_the_manifest_is_read(changes, words)
     route = {"route": ROUTE | changes["route"]} if "route" in changes else {}
     with pytest.raises(ManifestError, match=words):
         manifest.parse(raw_manifest(simulate=QUICK | changes | route))
+
+
+@pytest.mark.parametrize("own", [True, False], ids=["own gains", "carried over"])
+def test_gains_for_a_payload_keep_the_poles_or_are_kept(own):
+    bare = replace(CRAZYFLIE_AS_PRINTED, most_lift_N=0.6)
+    loaded = replace(bare, mass_kg=bare.mass_kg + 0.005)
+    gains = {"proportional": "-316 1/m/s", "derivative": "-316 1/m", "integral": "-31.6 1/m/s^2"}
+    found = {}
+    for payload_gains, craft in (("scaled", loaded), ("kept", loaded), ("none", bare)):
+        asked = {"gains": {"ground": gains}} if own else {}
+        if payload_gains != "none":
+            asked |= {"payload": "5 g", "payload_gains": payload_gains}
+        chosen = manifest.parse(raw_manifest(simulate=asked)).simulate
+        groups, _ = conditions(chosen, "ground", craft, 0.0, 0, map)
+        found[payload_gains] = gains_for(groups, craft), groups.noise * craft.weight_N
+    bare_poles = poles(found["none"][0], bare, "ground")
+    assert poles(found["scaled"][0], loaded, "ground") == pytest.approx(bare_poles)
+    assert found["scaled"][0].kP == pytest.approx(found["none"][0].kP * np.sqrt(32 / 27))
+    assert found["kept"][0].kD == pytest.approx(found["none"][0].kD)
+    assert found["kept"][1] == found["scaled"][1] == pytest.approx(found["none"][1])
+
+
+def test_a_payload_flies_and_one_that_the_rotors_cannot_carry_is_refused(remake):
+    asked = QUICK | {"payload": "5 g"}
+    vehicle = raw_manifest()["vehicle"] | {"thrust_limit": "0.31 N"}
+    job = remake("ground", simulate=asked | {"presets": [], "flights": 20}, vehicle=vehicle)
+    assert simulate.vehicle(job, job.campaign.simulate).mass_kg == pytest.approx(0.032)
+    with pytest.raises(ManifestError, match=r"at most 0.31 N of a weight of 0.314 N"):
+        simulate.run(job)
 
 
 def test_the_usual_set_points_begin_above_what_the_vehicle_touches(remake):

@@ -15,6 +15,7 @@ from nearlift.flight.simulation.corridor import Nearness, nearness
 from nearlift.flight.simulation.craft import Craft
 from nearlift.flight.simulation.crash_rate import refuse_few
 from nearlift.flight.simulation.fitted import FittedFlights, conditions, fitted_flights
+from nearlift.flight.simulation.groups import gains_for
 from nearlift.flight.simulation.monte_carlo import StepTest, Sweep
 from nearlift.flight.simulation.published import Rows, histories, published_flights
 from nearlift.flight.simulation.roll import RollResult, fitted_roll
@@ -89,22 +90,22 @@ def _counting(job: Job, chosen: Simulate) -> Say:
 
 
 def vehicle(job: Job, chosen: Simulate) -> Craft:
-    """The campaign's vehicle as the simulation knows it."""
+    """The campaign's vehicle as the simulation knows it, with its payload."""
     v, rig = job.campaign.vehicle, job.campaign.rig
-    fits = job.load(FitResults)
+    fits, mass_kg = job.load(FitResults), v.mass + (chosen.payload or 0.0)
     most = max(
         (e.value for b in fits.boundaries for e in fits.of_base(b).L_inf_N.values()), default=0.0
     )
     return Craft(
         radius_m=v.rotor_radius,
-        mass_kg=v.mass,
+        mass_kg=mass_kg,
         gravity_m_s2=rig.gravity,
         density_kg_m3=rig.air_density or AIR,
         C_L=chosen.lift_coefficient,
         rotors=v.rotors,
         motor_lag_s=v.motor_lag,
         # a bench that never carried the weight says nothing of the most
-        most_lift_N=v.thrust_limit or (most if most > v.mass * rig.gravity else math.inf),
+        most_lift_N=v.thrust_limit or (most if most > mass_kg * rig.gravity else math.inf),
     )
 
 
@@ -150,6 +151,7 @@ def _fitted(
         entry, flown[boundary], rows = fitted_flights(
             lift, chosen, groups, how, held, radius_m, job.seed
         )
+        entry = replace(entry, gains=gains_for(groups, craft))
         rates += rows
         tests[f"fitted {boundary}"] = entry.convergence
         if chosen.maps:

@@ -29,9 +29,13 @@ class Gains:
     kD: float
     kI: float
 
+    def times(self, factor: float) -> Gains:
+        """All three so many times as large."""
+        return Gains(kP=factor * self.kP, kD=factor * self.kD, kI=factor * self.kI)
+
     def mirrored(self) -> Gains:
         """The same controller at the opposite boundary."""
-        return Gains(kP=-self.kP, kD=-self.kD, kI=-self.kI)
+        return self.times(-1.0)
 
 
 #: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.

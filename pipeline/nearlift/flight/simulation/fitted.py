@@ -96,6 +96,8 @@ class FittedFlights:
     best_set_points : tuple of BestSetPoint
     maps : StepTest or None
         Of the maps, where they were flown.
+    gains : Gains or None
+        Those of `groups` in SI units, for whoever sets a controller.
     """
 
     model: str
@@ -120,6 +122,7 @@ class FittedFlights:
     front_z_hat: FloatArray
     best_set_points: tuple[BestSetPoint, ...]
     maps: StepTest | None = optional()
+    gains: Gains | None = optional()
 
 
 def conditions(
@@ -136,18 +139,22 @@ def conditions(
     like = presets.preset("converged")
     carried = like.groups(boundary)
     given, g = chosen.gains.get(boundary), chosen.gusts
+    bare = replace(craft, mass_kg=craft.mass_kg - (chosen.payload or 0.0))
     gains = (
         Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
         if given
-        else gains_for(carried, craft)
+        else gains_for(carried, bare)
     )
+    if chosen.payload_gains == "scaled":
+        # the loop's poles go by gain over the frequency of hover
+        gains = gains.times(craft.hover_Hz / bare.hover_Hz)
     stable(gains, craft, boundary)
     gusts = (
         Disturbance(sd_N=g.sd, hold_s=g.hold, correlation_s=g.correlation)
         if g
-        else disturbance_for(carried, craft)
+        else disturbance_for(carried, bare)
     )
-    duration_s = chosen.duration or carried.duration * craft.time_s
+    duration_s = chosen.duration or carried.duration * bare.time_s
     if duration_s < gusts.hold_s:
         raise ManifestError(
             "simulate.duration",
@@ -160,6 +167,13 @@ def conditions(
     step_s = chosen.step or gusts.hold_s / parts
     contact = contact_m / craft.radius_m
     groups = dimensionless(craft, gains, gusts, duration_s, contact, chosen.estimator_delay)
+    if craft.most_lift_N < craft.weight_N:
+        raise ManifestError(
+            "simulate.payload" if chosen.payload else "vehicle.thrust_limit",
+            f"the rotors lift at most {craft.most_lift_N:.3g} N of a weight of"
+            f" {craft.weight_N:.3g} N",
+            "no such vehicle flies: give less mass, or a larger thrust_limit",
+        )
     return groups, MonteCarlo(
         scheme=chosen.scheme,
         step_s=step_s,

@@ -73,6 +73,7 @@ def _fitted(place: Place, boundary: str) -> dict[str, object]:
         "contact": place.number("contact_z_hat", places=2),
         "contact_mm": place.number("contact_m", scale=1e3, digits=3, how="in mm"),
         "nearest": place.number("measured_z_hat", 0, places=2),
+        "gains": [place.number("gains", k, digits=3) for k in ("kP", "kD", "kI")],
         "droop": place.percent("droop", digits=2) if own["droop"] else None,
         "converged": own["convergence"]["converged"],
         "levels": [
