@@ -5,6 +5,7 @@ result.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -25,6 +26,8 @@ Spread = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
 #: Flights in one block: enough that compiled work outweighs the call, few enough to share among
 #: threads.
 BLOCK = 50
+#: Blocks that a plan has at least.
+LEAST_BLOCKS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,8 +125,8 @@ def steps_per_hold(hold_s: float, step_s: float, where: str = "simulate.step") -
     return n
 
 
-def _block(first: int, plan: FlightPlan, flights: int, key: int) -> NDArray[np.int32]:
-    return _integrated(plan, first, min(BLOCK, flights - first), key, np.empty((0, 0)))
+def _block(first: int, plan: FlightPlan, flights: int, size: int, key: int) -> NDArray[np.int32]:
+    return _integrated(plan, first, min(size, flights - first), key, np.empty((0, 0)))
 
 
 def _integrated(
@@ -163,8 +166,10 @@ def fly(plan: FlightPlan, flights: int, key: int, spread: Spread = map) -> NDArr
     With common gusts, flight f meets the same ones in every setting and every plan with this key.
     `spread` is an executor's map; what comes out does not depend on it.
     """
-    block = functools.partial(_block, plan=plan, flights=flights, key=key)
-    return np.concatenate(list(spread(block, range(0, flights, BLOCK))), axis=1)
+    # few flights in blocks alike, or one worker would fly nearly all of them
+    size = min(BLOCK, math.ceil(flights / LEAST_BLOCKS))
+    block = functools.partial(_block, plan=plan, flights=flights, size=size, key=key)
+    return np.concatenate(list(spread(block, range(0, flights, size))), axis=1)
 
 
 def trace(plan: FlightPlan, flight: int, key: int) -> FloatArray:

@@ -27,6 +27,9 @@ from nearlift.results import IntArray
 
 #: Share of the flights, and least number of them, that are flown again with half the step.
 CHECKED, LEAST_CHECKED = 0.25, 50
+#: Set-points farther than the last with a crash at which the step is tested: crashes fall with
+#: distance, by any step.
+BEYOND = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -266,12 +269,16 @@ def sweep(
     # the step at what was asked for: what is added stands where flights graze
     tested = [members[0] for members in stated.curves]
     asked = np.isin(z_hat, target_z_hat)
-    again = settings(z_hat[asked], tested)
+    again, before = list[FlightSetting](), list[NDArray[np.bool_]]()
+    for c in tested:
+        seen = crashed[c][asked]
+        hit = np.flatnonzero(seen.any(axis=1))
+        upto = (int(hit[-1]) + 1 if len(hit) else 0) + BEYOND
+        again += settings(z_hat[asked][:upto], [c])
+        before.append(seen[:upto])
     return Sweep(
         target_z_hat=z_hat,
         crashed=crashed,
         ratio=curves.at(z_hat),
-        step_test=how.step_test(
-            boundary, again, curves, crashed[tested][:, asked].reshape(len(again), -1)
-        ),
+        step_test=how.step_test(boundary, again, curves, np.concatenate(before)),
     )
