@@ -184,6 +184,18 @@ def test_a_picture_that_ends_just_above_the_ground_shows_the_zone_too():
     assert areas[1] == pytest.approx(areas[0], rel=0.2)
 
 
+@pytest.mark.parametrize(("flow", "reference"), [(impinging, 8.0), (demo_like, U)])
+@pytest.mark.parametrize("share", [0.05, 0.2])
+def test_vectors_that_are_missing_everywhere_hardly_change_the_zone(flow, reference, share):
+    whole, rng = flow(0.71, 0.25, 0.5), generator(1, "missing")
+    area = wake_topology(whole, GROUND, reference).numbers["stagnation_area_hat2"]
+    for _ in range(4):
+        lost = rng.random(whole.shape) < share
+        vx, vy = (np.where(lost, np.nan, v) for v in (whole.vx_m_s, whole.vy_m_s))
+        holed = wake_topology(replace(whole, vx_m_s=vx, vy_m_s=vy), GROUND, reference).numbers
+        assert holed["stagnation_area_hat2"] == pytest.approx(area, rel=0.1)
+
+
 def split(wake: Wake) -> float:
     return wake_topology(mean_of(wake), wake.scene, U).numbers["split_angle_deg"]
 

@@ -36,7 +36,7 @@ INNER_HAT = 0.5
 NEAR_HAT = 1.0
 #: Vortices are not looked for nearer than this to the rotor plane, where blades and body are.
 PLANE_HAT = 0.25
-#: Rows by which a picture that ends above the ground is carried on to it, at most.
+#: Rows by which a picture that ends above the ground is carried on to it, and gaps are, at most.
 CARRIED = 3
 #: Steps along x and y in which the zone, which is flat, is added up, over radius.
 STEPS_HAT = 0.04, 0.01
@@ -213,7 +213,7 @@ def stagnation(field: VelocityField, scene: Scene, reference_m_s: float) -> Stag
     fine, on_ground = np.zeros((len(y), len(x))), np.zeros(len(ground))
     for component in (field.vx_m_s, field.vy_m_s):
         v = np.pad(np.where(seen, component, np.nan), ((unseen, 0), (0, 0)), constant_values=np.nan)
-        v = _to_the_ground(v)
+        v = _carried(v)
         along = take_columns(v, (x - field.x_m[0]) / field.dx_m)
         fine = np.hypot(fine, take_columns(along.T, (y - first) / field.dy_m).T)
         at = (ground - first) / field.dy_m
@@ -236,17 +236,23 @@ def stagnation(field: VelocityField, scene: Scene, reference_m_s: float) -> Stag
     )
 
 
-def _to_the_ground(values: FloatArray) -> FloatArray:
-    """The same where there are none below the lowest two of each column, on the line through
-    them.
+def _carried(values: FloatArray) -> FloatArray:
+    """Each column carried on below its lowest two on the line through them, and straight across
+    gaps of at most `CARRIED` nodes.
     """
     values, rows = values.copy(), np.arange(len(values))
     for column in values.T:
-        lowest = np.flatnonzero(np.isfinite(column))[:2]
-        if len(lowest) == 2:
-            rise = np.diff(column[lowest]) / np.diff(lowest)
-            below = rows < lowest[0]
-            column[below] = column[lowest[0]] + rise * (rows[below] - lowest[0])
+        known = np.flatnonzero(np.isfinite(column))
+        if len(known) < 2:
+            continue
+        lowest = known[:2]
+        rise = np.diff(column[lowest]) / np.diff(lowest)
+        below = rows < lowest[0]
+        column[below] = column[lowest[0]] + rise * (rows[below] - lowest[0])
+        above = np.searchsorted(known, rows)
+        inside = (above > 0) & (above < len(known)) & ~np.isfinite(column)
+        inside[inside] = np.diff(known)[above[inside] - 1] - 1 <= CARRIED
+        column[inside] = np.interp(rows[inside], known, column[known])
     return values
 
 
