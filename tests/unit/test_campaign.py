@@ -13,6 +13,7 @@ import pytest
 
 from nearlift.errors import ManifestError
 from nearlift.manifest import campaign
+from nearlift.stages.fit import choice
 
 FOLDER = Path(__file__).with_name("broken_manifests")
 GOOD = (FOLDER / "good.txt").read_text(encoding="utf-8")
@@ -91,6 +92,20 @@ def test_gap_and_edge_are_geometry_where_the_rig_gives_them():
     raw["rig"]["arena"] = "80 mm"
     with pytest.raises(ManifestError, match=r"gap 0.092 m is more than the arena of 0.08 m"):
         campaign.parse(raw)
+
+
+def test_a_gap_or_an_edge_brings_its_model_among_the_rivals_and_is_asked_for():
+    raw = tomllib.loads(GOOD)
+    assert not {"corridor", "images_edge"} & {m.name for m in choice(good(), "ground")[1]}
+    raw["rig"] |= {"gap": "0.3 m", "edge": "20 mm"}
+    assert {"corridor", "images_edge"} < {m.name for m in choice(campaign.parse(raw), "ground")[1]}
+    raw["rig"].pop("gap")
+    raw["fit"] = {"ground": {"base": "corridor"}}
+    with pytest.raises(ManifestError, match=r"corridor needs gap_hat\n  give gap in \[rig\]"):
+        choice(campaign.parse(raw), "ground")
+    # a tilt is a column of the trials, which the manifest cannot promise
+    raw["fit"] = {"ground": {"base": "images_tilted"}}
+    assert choice(campaign.parse(raw), "ground")[0].needs == ("layout_hat", "tilt_rad")
 
 
 def test_offset_and_datum_by_boundary():
