@@ -98,9 +98,9 @@ class Page:
         return answer["result"].get("value")
 
     def wait(self, script: str) -> Any:
-        """Until an expression comes true."""
+        """Until an expression comes true; an element has no value, and is true."""
         deadline = time.monotonic() + PATIENCE_S
-        while not (found := self.run(script)):
+        while not (found := self.run(f"(v => (v instanceof Node ? true : v))({script})")):
             assert time.monotonic() < deadline, f"never true: {script}"
             time.sleep(0.05)
         return found
@@ -130,6 +130,69 @@ class Page:
     def point(self, x: float, y: float) -> None:
         """Move the mouse there."""
         self.ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
+
+    def place(self, selector: str) -> tuple[float, float, float, float]:
+        """Where an element is, once it was scrolled to: left, top, width, height."""
+        self.wait(f"document.querySelector({json.dumps(selector)})")
+        x, y, width, height = self.run(
+            f"(e => {{ e.scrollIntoView({{ block: 'center', behavior: 'instant' }});"
+            " const b = e.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })"
+            f"(document.querySelector({json.dumps(selector)}))"
+        )
+        return x, y, width, height
+
+    def drag(self, selector: str, *shares: float) -> None:
+        """Press the mouse within an element, at a share of its width, and move it on."""
+        x, y, width, height = self.place(selector)
+        kinds = ["mousePressed", *["mouseMoved"] * (len(shares) - 1), "mouseReleased"]
+        for kind, share in zip(kinds, [*shares, shares[-1]], strict=True):
+            self.ask(
+                "Input.dispatchMouseEvent",
+                type=kind,
+                x=x + share * width,
+                y=y + height / 2,
+                button="left",
+                buttons=int(kind != "mouseReleased"),
+                clickCount=1,
+            )
+
+    def click(self, selector: str) -> None:
+        """The mouse on an element."""
+        self.drag(selector, 0.5)
+
+    def write(self, selector: str, text: str) -> None:
+        """Type a text in place of what a field holds, and go on to the next."""
+        self._focus(selector)
+        self.ask("Input.insertText", text=text)
+        self.press("Tab")
+
+    def _focus(self, selector: str) -> None:
+        """Click into a field until it is hit, which may move on meanwhile, and select all of it."""
+        while not self.run(f"document.activeElement.matches({json.dumps(selector)})"):
+            self.click(selector)
+        self.run("document.activeElement.select()")
+
+    def paste(self, selector: str, text: str) -> None:
+        """Paste a text in place of what a field holds."""
+        self._focus(selector)
+        self.run(
+            "(text => { const data = new DataTransfer(); data.setData('text/plain', text); document.activeElement.dispatchEvent(new"
+            " ClipboardEvent('paste', { clipboardData: data, bubbles: true, cancelable: true }));"
+            f" }})({json.dumps(text)})"
+        )
+
+    def drop(self, selector: str, *paths: Path) -> None:
+        """Drop files or folders on an element."""
+        x, y, width, height = self.place(selector)
+        data = {"items": [], "files": [str(p) for p in paths], "dragOperationsMask": 1}
+        for kind in ("dragEnter", "dragOver", "drop"):
+            self.ask(
+                "Input.dispatchDragEvent",
+                type=kind,
+                x=x + width / 2,
+                y=y + height / 2,
+                data=data,
+            )
 
     def press(self, key: str) -> None:
         """A key, down and up."""

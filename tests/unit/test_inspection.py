@@ -239,6 +239,24 @@ def test_new_from_files_in_the_folder_leaves_them_where_they_are(tmp_path):
     assert not (tmp_path / "c" / "trials").exists()
 
 
+def test_new_from_sweeps_cuts_them_and_asks_for_no_throttle(tmp_path):
+    throttle = np.repeat([0, 40, 60, 80, 0], 320)
+    lift = 12 * throttle**1.5 + np.random.default_rng(1).normal(0, 2, len(throttle))
+    table = np.c_[np.arange(len(throttle)) / 80, throttle, lift]
+    (tmp_path / "sweeps").mkdir()
+    for k in range(2):
+        path = tmp_path / "sweeps" / f"r{k}.csv"
+        np.savetxt(path, table, "%.4f", ",", header="t,throttle,force", comments="")
+    answer = nearlift("new", tmp_path / "stand", "--from", tmp_path / "sweeps")
+    assert answer.exit_code == 0
+    made = tomllib.loads((tmp_path / "stand" / "campaign.toml").read_text())
+    assert made["records"]["files"] == "trials/{record}.csv"
+    assert made["segments"]["by"] == "throttle"
+    assert set(made["trials"]["units"]) == {"distance"}
+    schedule = (tmp_path / "stand" / "trials.csv").read_text().splitlines()
+    assert schedule == ["record,boundary,distance", "r0,FILL IN,FILL IN", "r1,FILL IN,FILL IN"]
+
+
 def test_new_refuses_a_mixture(tmp_path):
     a, b = (
         written.put(tmp_path, "a.lvm", written.lvm(FORCE)),

@@ -82,6 +82,26 @@ def test_spans_see_tables_in_arrays_and_long_values():
     }
 
 
+def test_a_unit_that_a_column_wants_is_asked_for_at_a_field_of_its_own(tmp_path):
+    root = small_run.write(tmp_path / "raw" / "small", visits=2)
+    schedule = (root / "trials.csv").read_text()
+    text = draft.with_value((root / "campaign.toml").read_text(), "trials.units.start", "")
+    found = draft.check(root, text, schedule)
+    (refusal,) = found.refusals
+    assert refusal["key"] == "trials.units.start"
+    (asked,) = (f for f in found.fields if f["key"] == "trials.units.start")
+    assert (asked["value"], "s" in asked["choices"]) == ("", True)
+    made = draft.with_value(text, "trials.units.start", "s")
+    assert draft.check(root, made, schedule).refusals == []
+
+
+def test_what_is_said_of_a_key_stands_beside_it(tmp_path):
+    fields = {f["key"]: f["remark"] for f in draft.check(tmp_path, TEMPLATE, "").fields}
+    assert fields["rig.held"].startswith("throttle | voltage")
+    assert fields["vehicle.contact.ground"].startswith("from the datum")
+    assert fields["vehicle.name"] == ""
+
+
 def test_a_refusal_stands_at_its_field(tmp_path):
     root = small_run.write(tmp_path / "raw" / "small", visits=2)
     text, schedule = ((root / n).read_text() for n in ("campaign.toml", "trials.csv"))
@@ -215,8 +235,9 @@ def test_saving_touches_manifest_and_schedule_alone(client):
     root = client.root / "raw" / "small"
     before = state(root)
     text = (root / "campaign.toml").read_text() + "# a remark\n"
-    status, _, said = client.ask("POST", "/save", fields(root, manifest=text))
-    assert (status, "saved" in said) == (200, True)
+    status, headers, _ = client.ask("POST", "/save", fields(root, manifest=text))
+    assert status == 303
+    assert "saved" in client.ask("GET", headers["Location"])[2]
     after = state(root)
     changed = {n for n in before.keys() | after.keys() if before.get(n) != after.get(n)}
     assert {name.split("/")[-1] for name in changed} <= {"campaign.toml", "raw/small"}

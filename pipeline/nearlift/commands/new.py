@@ -191,13 +191,20 @@ def write_from(
         lines = [f"{cell(record)},FILL IN" for record in trials]
         schedule, section = "\n".join(["record,boundary", *lines]), FLOWN_TRIALS
         more = [f"trials.csv: boundary of {len(trials)} logs"]
+    elif table is None and means is None and _swept(found):
+        # the throttle is what the pieces say
+        lines = [f"{cell(record)},FILL IN,FILL IN" for record in trials]
+        schedule = "\n".join(["record,boundary,distance", *lines])
+        section = trials_section({"distance": ""}, (), ordered=True)
+        more = [f"trials.csv: boundary and distance of {len(trials)} records"]
     elif table is None:
         lines = [f"{cell(trial)},FILL IN,FILL IN,FILL IN" for trial in trials]
         schedule, section = "\n".join([SCHEDULE, *lines]), BLANK_TRIALS
         more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
     else:
         ids = trials if means is not None else table.ids(trials) or trials
-        schedule, section = table.schedule(ids, means=means is not None)
+        of_records = means is None and bool(_swept(found))
+        schedule, section = table.schedule(ids, means=means is not None, of_records=of_records)
         more = table.wanted(means=means is not None)
     held = "command" if flown else BLANK
     written, left = _written(folder, block, section, schedule, held)
@@ -249,6 +256,7 @@ def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict
     paths = [f.path for f in found]
     inside = all(path.resolve().is_relative_to(root) for path in paths)
     long, flight = found[0].reader == parquet.READER.name, found[0].flight
+    cut = _swept(found)
     targets = [
         path.resolve().relative_to(root).as_posix()
         if inside
@@ -263,17 +271,24 @@ def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict
         files, trials = targets[0], parquet.trials(paths[0])
     else:
         before, after = _around(targets)
-        files = f"{before}{{{'record' if flight else 'trial'}}}{after}"
+        files = f"{before}{{{'record' if flight or cut else 'trial'}}}{after}"
         trials = [target[len(before) : len(target) - len(after)] for target in targets]
     if flight is not None:
         block = flight_records(found[0], files) + flight_block(flight, found[0].contents)
     else:
         block = records_block(found[0], files).replace("\n[records]", CELL + "\n[records]")
+        block += f"\n{cut}" if cut else ""
     return (
         block,
         trials,
         {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)},
     )
+
+
+def _swept(found: Sequence[Found]) -> str:
+    """The [segments] of records that are all sweeps of the throttle; empty of others."""
+    ramps = [f.ramp for f in found]
+    return ramps[0].segments if ramps[0] is not None and all(ramps) else ""
 
 
 def _within(folder: Path) -> list[Path]:

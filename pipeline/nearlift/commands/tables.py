@@ -93,11 +93,14 @@ class Table:
             f" coefficient, {enough} a diagnosis as well"
         ]
 
-    def schedule(self, ids: list[str], means: bool) -> tuple[str, str]:
+    def schedule(self, ids: list[str], means: bool, of_records: bool = False) -> tuple[str, str]:
         """The table as trials.csv, and the [trials] section that goes with it; `means`: with the
-        columns of mean lifts.
+        columns of mean lifts; `of_records`: a row is a record, whose pieces say their throttle.
         """
-        left_out = () if means else MEANS
+        left_out: tuple[str, ...] = () if means else MEANS
+        wanted = [n for n in REQUIRED[1:] if n not in self.meant]
+        if of_records:
+            left_out, wanted = (*left_out, "throttle"), [n for n in wanted if n != "throttle"]
         names = {
             place: name
             for name, (place, _) in self.meant.items()
@@ -108,13 +111,15 @@ class Table:
         ]
         out = io.StringIO()
         write = csv.writer(out, lineterminator="\n")
-        write.writerow(["trial", *(names.get(i, self.names[i]) for i in places)])
+        write.writerow(
+            ["record" if of_records else "trial", *(names.get(i, self.names[i]) for i in places)]
+        )
         write.writerows(
             [trial, *(row[i] for i in places)] for trial, row in zip(ids, self.rows, strict=True)
         )
         return out.getvalue(), trials_section(
             {n: u for n, (_, u) in self.meant.items() if n in names.values()},
-            [n for n in REQUIRED[1:] if n not in self.meant],
+            wanted,
             ordered=not means or "start" in self.meant,
         )
 

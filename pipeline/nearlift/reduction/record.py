@@ -83,7 +83,8 @@ def reduce_record(
     Raises
     ------
     InputRefused
-        The clock runs at another rate than the manifest says (by more than 1 %).
+        The clock runs at another rate than the manifest says (by more than 1 %, and by more than
+        a sample over the record).
     """
     found = list(codes)
     rate_Hz, tare_s, settle_s = conditions.rate_Hz, conditions.tare_s, conditions.settle_s

@@ -124,7 +124,9 @@ def _longest_run(at: NDArray[np.intp]) -> int:
 # a damaged clock may hold anything: it then has no steady rate
 @np.errstate(over="ignore", invalid="ignore")
 def clock_codes(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
-    """Gaps and stumbles of a clock column; refuses one that runs at another rate."""
+    """Gaps and stumbles of a clock column; refuses one that runs at another rate, by more than 1 %
+    and by more than a sample over the whole.
+    """
     if steady(time_s, rate_Hz):
         return []
     found: list[str] = []
@@ -137,7 +139,8 @@ def clock_codes(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) 
         found, steps = ["clock"], np.where(was_set, steps - HOUR_S * hours, steps)
         shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
     usual = float(np.median(steps)) * rate_Hz
-    if not abs(usual - 1.0) <= 0.01:
+    # a few steps of a clock that jitters do not tell its rate to a hundredth
+    if not abs(usual - 1.0) <= max(0.01, 1 / len(steps)):
         rate = f"{rate_Hz / usual:.6g} Hz" if usual > 0 else "no steady rate"
         raise InputRefused(
             where,

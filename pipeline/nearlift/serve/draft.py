@@ -25,6 +25,7 @@ from nearlift.manifest import campaign as manifests
 from nearlift.manifest import toml
 from nearlift.manifest.flight_log import STANDARD_G
 from nearlift.manifest.rig import DATUMS
+from nearlift.readers.columns import BY_NAME
 from nearlift.readers.files import inside
 from nearlift.readers.schedule import parse_schedule
 from nearlift.reduction import plausibility
@@ -43,6 +44,7 @@ CHOICES = {
     "records.force.unit": ("mN", "N", "kN", "gf", "kgf", "ozf", "lbf", "count"),
     "records.force.sign": ("1", "-1"),
 }
+UNITS = "trials.units."
 _NAME = re.compile(r"[^\s./\\\0][^/\\\0]{0,199}")
 # what stands before is looked at so that no place within blanks or a word is tried again
 _KEY = re.compile(
@@ -80,6 +82,16 @@ def _plain(key: str) -> str:
     return ".".join(part.strip() for part in key.split(".")).strip("\"'")
 
 
+def remark(text: str, end: int) -> str:
+    """What stands behind a value on its line, or behind the table that it is in."""
+    for part in _PART.finditer(text, end):
+        if part[0] == "\n":
+            break
+        if part[0].startswith("#"):
+            return part[0].lstrip("# ")
+    return ""
+
+
 def _put(found: dict[str, tuple[int, int]], key: str, text: str, begin: int, end: int) -> None:
     """A value, and those within it where it is an inline table."""
     found[key] = begin, end
@@ -103,7 +115,8 @@ def _end(text: str, begin: int, stops: tuple[str, ...]) -> int:
 
 
 def with_value(text: str, key: str, value: str) -> str:
-    """The manifest with another value of a key; a line's is taken out by an empty one.
+    """The manifest with another value of a key; a line's is taken out by an empty one, and a unit
+    that is not there is put under its table's head.
 
     Raises
     ------
@@ -111,17 +124,26 @@ def with_value(text: str, key: str, value: str) -> str:
         The text has no such key, or would say something else elsewhere.
     """
     where = spans(text).get(key)
+    number = re.fullmatch(r"-?\d+(\.\d+)?|true|false", value) and not key.endswith("name")
+    told = value if number else json.dumps(value, ensure_ascii=False)
+    head = re.search(r"^[ \t]*\[trials\.units\][^\n]*\n", text, re.MULTILINE)
+    if where is None and key.startswith(UNITS) and head:
+        made = f"{text[: head.end()]}{key.removeprefix(UNITS)} = {told}\n{text[head.end() :]}"
+        return _only(key, text, made)
     if where is None:
         raise ManifestError(key, "stands nowhere in the text", "write it there")
     begin, end = where
-    number = re.fullmatch(r"-?\d+(\.\d+)?|true|false", value) and not key.endswith("name")
-    told = value if number else json.dumps(value, ensure_ascii=False)
     first = text.rfind("\n", 0, begin) + 1
     if value or not re.fullmatch(r"[\w-]+\s*=\s*", text[first:begin].lstrip()):
         made = text[:begin] + told + text[end:]
     else:
         last = text.find("\n", end) + 1 or len(text)
         made = text[:first] + text[last:]
+    return _only(key, text, made)
+
+
+def _only(key: str, text: str, made: str) -> str:
+    """The text as it was `made`, if it differs in that key alone."""
     before, after = (dict(manifests.leaves(toml.loads(t.encode(), MANIFEST))) for t in (text, made))
     if {k for k in before | after if before.get(k) != after.get(k)} - {key}:
         raise ManifestError(key, "cannot be set from here", "write it in the text")
@@ -149,12 +171,19 @@ def check(root: Path, text: str, schedule: str) -> Checked:
     try:
         raw = toml.loads(text.encode(), MANIFEST)
         values = dict(manifests.leaves(raw))
+        values |= dict.fromkeys(_without_unit(values, schedule), "")
         campaign = manifests.parse(raw, MANIFEST)
         trials = len(parse_schedule(campaign, root / SCHEDULE, schedule))
     except NearliftError as refusal:
         refusals = list(_by_key(refusal, values))
+    where = spans(text)
     fields: list[dict[str, object]] = [
-        {"key": key, "value": _told(value), "choices": CHOICES.get(key, ())}
+        {
+            "key": key,
+            "value": _told(value),
+            "choices": _choices(key),
+            "remark": remark(text, where[key][1]) if key in where else "",
+        }
         for key, value in values.items()
         if key != "schema"
     ]
@@ -168,6 +197,26 @@ def check(root: Path, text: str, schedule: str) -> Checked:
     )
 
 
+def _choices(key: str) -> tuple[str, ...]:
+    """What a key may say, where that is a list; of a column's unit the usual ones."""
+    column = BY_NAME.get(key.removeprefix(UNITS)) if key.startswith(UNITS) else None
+    if column is None or column.kind != "quantity":
+        return CHOICES.get(key, ())
+    common = tuple(unit for unit, dimension in units.COMMON if dimension == column.dimension)
+    return units.USUAL.get(column.dimension, common)
+
+
+def _without_unit(values: dict[str, object], schedule: str) -> Iterator[str]:
+    """Keys of the units that columns of the schedule still want."""
+    header = schedule.split("\n", 1)[0].strip("\ufeff\r ").split(",")
+    for name in header:
+        column = BY_NAME.get(name.strip())
+        key = f"{UNITS}{name.strip()}"
+        wants = column is not None and column.kind == "quantity" and not column.own_unit
+        if wants and key not in values:
+            yield key
+
+
 def _told(value: object) -> str:
     """A value as it is typed into a field."""
     return str(value).lower() if isinstance(value, bool) else str(value)
@@ -176,7 +225,9 @@ def _told(value: object) -> str:
 def _by_key(refusal: NearliftError, values: dict[str, object]) -> Iterator[dict[str, str]]:
     """Each fault with the key at which it is, empty where there is none."""
     lines = refusal.what.split("\n  ")
-    where = refusal.where if refusal.where in values else ""
+    column = re.search(r", column '(\w+)'$", refusal.where)
+    unit = f"{UNITS}{column[1]}" if column else ""
+    where = unit if values.get(unit) == "" else refusal.where if refusal.where in values else ""
     for line in lines:
         key, _, said = line.partition(": ")
         known = bool(said) and (key in values or any(k.startswith(f"{key}.") for k in values))

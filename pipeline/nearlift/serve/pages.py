@@ -246,7 +246,7 @@ def edit(bench: Bench, asked: Asked) -> Answer:
         for path in (bench.inside(f"{given}/{name}"),)
     }
     known = {name: draft.digest(root / name) for name in texts}
-    return _edited(bench, given, texts, known, "")
+    return _edited(bench, given, texts, known, "saved" if asked.one("said") == "saved" else "")
 
 
 def _edited(
@@ -302,8 +302,9 @@ def save(bench: Bench, asked: Asked) -> Answer:
     except NearliftError as refusal:
         # what was typed stays
         return _edited(bench, given, texts, known, str(refusal))
-    known = {name: draft.digest(root / name) for name in texts}
-    return _edited(bench, given, texts, known, "saved")
+    if then := asked.one("then"):
+        return begin(bench, Asked({"do": [then], "campaign": [given]}))
+    return see("/edit", campaign=given, said="saved")
 
 
 def channels(bench: Bench, asked: Asked) -> Answer:

@@ -190,47 +190,64 @@
 
   // Dropped records, one after the other; then the form makes the campaign of them.
   const fresh = () => {
-    const form = $("#fresh"), drop = $("#drop"), list = $("#taken"), own = $("[name=name]", form), queue = [];
-    let busy = false;
+    const form = $("#fresh"), list = $("#taken"), own = $("[name=name]", form), queue = [];
+    let busy = false, given = 0, there = 0;
+    const tell = () => { $("#count").textContent = given ? `${there} of ${given} files are there` : ""; };
+    const fault = text => { const line = node("li", text); line.className = "refusal"; list.append(line); };
     const next = async () => {
       if (busy || !queue.length || !own.reportValidity()) return;
       busy = true;
-      const file = queue.shift(), line = node("li", `${file.name}: sending`);
-      list.append(line);
-      const answer = await fetch(`/upload?name=${encodeURIComponent(own.value)}&file=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
-      line.textContent = answer?.ok ? `${file.name}: there` : `${file.name}: ${answer ? (await answer.json()).refusal : "the server has gone"}`;
-      line.className = answer?.ok ? "" : "refusal";
+      const file = queue.shift(), answer = await fetch(`/upload?name=${encodeURIComponent(own.value)}&file=${encodeURIComponent(file.name)}`, { method: "POST", body: file }).catch(() => null);
+      if (answer?.ok) there += 1;
+      else fault(`${file.name}: ${answer ? (await answer.json()).refusal : "the server has gone"}`);
       busy = false;
+      tell();
       next();
     };
-    const take = files => { queue.push(...files); next(); };
+    const take = files => { queue.push(...files); given += files.length; tell(); next(); };
+    // of a folder its own plain files, as `nearlift new --from FOLDER` takes them
+    const within = async folder => {
+      const reader = folder.createReader(), files = [];
+      for (let some; (some = await new Promise((done, no) => reader.readEntries(done, no))).length;) files.push(...some);
+      return Promise.all(files.filter(f => f.isFile && !f.name.startsWith(".")).map(f => new Promise((done, no) => f.file(done, no))));
+    };
     $("#files").addEventListener("change", event => take(event.target.files));
     own.addEventListener("change", next);
     for (const name of ["dragover", "drop"]) addEventListener(name, event => event.preventDefault());
-    addEventListener("drop", event => take(event.dataTransfer.files));
-    form.addEventListener("submit", event => { if (busy || queue.length) { event.preventDefault(); list.append(node("li", "wait until all are there")); } });
+    addEventListener("drop", async event => {
+      const entries = [...event.dataTransfer.items].map(i => i.webkitGetAsEntry?.()), files = [...event.dataTransfer.files];
+      take(files.filter((_, i) => !entries[i]?.isDirectory));
+      for (const folder of entries.filter(e => e?.isDirectory)) take(await within(folder));
+    });
+    form.addEventListener("submit", event => { if (busy || queue.length) { event.preventDefault(); fault("wait until all are there"); } });
   };
 
   // Manifest and form side by side, each editing the other; what is refused stands at its field.
   const edit = () => {
     const manifest = $("#manifest"), schedule = $("#schedule"), fields = $("#fields"), state = $("#state"), campaign = data.campaign;
-    let timer = 0, asked = 0, values = {}, shown = [], rate = 1;
+    const said = state.textContent;
+    let timer = 0, last = Promise.resolve(), rows = new Map(), values = {}, shown = [], typed = "";
     const post = async (where, given) => (await fetch(where, { method: "POST", body: new URLSearchParams({ campaign, manifest: manifest.value, schedule: schedule.value, ...given }) })).json();
-    const field = ({ key, value, choices }) => {
-      const label = node("label", `${key} `), box = choices.length ? node("select") : node("input"), told = node("span");
+    const field = ({ key, value, choices, remark }) => {
+      const label = node("label", `${key} `), box = choices.length ? node("select") : node("input"), told = node("span"), note = node("span", remark);
       if (choices.length) box.append(...[...new Set([value, ...choices])].map(c => { const o = node("option", c); o.selected = c === value; return o; }));
       else box.value = value;
-      box.dataset.key = key; box.id = `field ${key}`; label.htmlFor = box.id; told.className = "refusal"; told.id = `fault ${key}`;
+      box.dataset.key = key; box.id = `field ${key}`; label.htmlFor = box.id; told.className = "refusal"; told.id = `fault ${key}`; note.className = "note"; note.id = `note ${key}`;
+      box.addEventListener("focus", () => { if (/FILL IN/.test(box.value)) box.select?.(); });
       box.addEventListener("change", () => check({ set: key, value: box.value }));
-      return node("p", "", label, box, told);
+      return node("p", "", label, box, told, note);
     };
-    const check = async (given = {}) => {
-      const turn = ++asked, found = await post("/check", given);
-      if (turn !== asked) return;
-      if (found.manifest !== undefined && manifest.value !== found.manifest) manifest.value = found.manifest;
-      const keys = found.fields.map(f => f.key).join();
+    // one after the other, so that no edit is made to a text that lacks the one before
+    const check = given => { last = last.then(() => checked(given ?? {})).catch(() => { state.textContent = "the server has gone"; }); return last; };
+    const checked = async given => {
+      const sent = manifest.value, found = await post("/check", given);
+      // typed on meanwhile: what was set is set in that, and what was typed has its own check
+      if (manifest.value !== sent) { if (given.set) await checked(given); return; }
+      manifest.value = found.manifest;
       values = Object.fromEntries(found.fields.map(f => [f.key, f.value]));
-      if (fields.dataset.keys !== keys) { fields.dataset.keys = keys; fields.replaceChildren(...found.fields.map(field)); }
+      // one that stays is left where it is, and keeps the focus and what is being typed
+      for (const [key, row] of rows) if (!(key in values)) { row.remove(); rows.delete(key); }
+      found.fields.forEach((f, i) => { if (!rows.has(f.key)) { rows.set(f.key, field(f)); fields.insertBefore(rows.get(f.key), fields.children[i] ?? null); } });
       for (const f of found.fields) { const box = document.getElementById(`field ${f.key}`); if (box !== document.activeElement) box.value = f.value; document.getElementById(`fault ${f.key}`).textContent = ""; box.removeAttribute("aria-invalid"); }
       const loose = [];
       for (const r of found.refusals) {
@@ -240,12 +257,14 @@
         box.setAttribute("aria-invalid", "true"); box.setAttribute("aria-describedby", `fault ${r.key}`);
       }
       $("#faults").replaceChildren(...loose.map(text => { const p = node("p", text); p.className = "refusal"; return p; }));
-      state.textContent = found.refusals.length ? `${found.refusals.length} to mend` : `${found.trials} trials; nothing is refused`;
+      const text = manifest.value + schedule.value;
+      typed ||= text;
+      state.textContent = `${text === typed ? said && `${said}; ` : "not saved yet; "}${found.refusals.length ? `${found.refusals.length} to mend` : `${found.trials} trials; nothing is refused`}`;
       $("#reads").textContent = found.reads;
       if (shown.file !== found.file) await record(found.file);
       draw();
     };
-    const soon = () => { clearTimeout(timer); timer = setTimeout(check, 300); };
+    const soon = () => { clearTimeout(timer); timer = setTimeout(() => check(), 300); };
     const record = async file => {
       shown = file ? await (await fetch(`/channels?campaign=${encodeURIComponent(campaign)}&file=${encodeURIComponent(file)}`)).json() : [];
       shown.file = file;
@@ -255,14 +274,15 @@
     const draw = () => {
       const own = shown.find(c => c.name === $("#channels select").value);
       if (!own) return;
-      rate = parseFloat(values["load_cell.sample_rate"]) || own.rate || 1;
-      const points = own.points.map(([i, y]) => [i / rate, y, `${short(i / rate)} s: ${short(y, 5)} ${own.unit}`]), last = points.at(-1)[0], tare = parseFloat(values["load_cell.tare"]) || 0;
+      const rate = parseFloat(values["load_cell.sample_rate"]) || own.rate || 0, unit = rate ? "s" : "samples", by = rate || 1;
+      const points = own.points.map(([i, y]) => [i / by, y, `${short(i / by)} ${unit}: ${short(y, 5)} ${own.unit}`]), last = points.at(-1)[0], tare = parseFloat(values["load_cell.tare"]) || 0;
       const slide = $("#tare");
+      slide.disabled = !rate;
       slide.max = last; slide.step = last / 1000 || 1;
       if (slide !== document.activeElement) slide.value = tare;
-      $("#channels output").textContent = `${short(Number(slide.value))} s`;
+      $("#channels output").textContent = rate ? `${short(Number(slide.value))} s` : "once load_cell.sample_rate is given";
       const cut = points.findIndex(p => p[0] >= Number(slide.value));
-      plot($("#channels figure"), { series: [{ name: "tare", points: points.slice(0, cut) }, { name: "lift", points: points.slice(cut) }], x: "time (s)", y: `${own.name} (${own.unit || "?"})`, title: shown.file });
+      plot($("#channels figure"), { series: [{ name: "tare", points: points.slice(0, cut) }, { name: "lift", points: points.slice(cut) }], x: rate ? "time (s)" : "sample", y: `${own.name} (${own.unit || "?"})`, title: shown.file });
     };
     manifest.addEventListener("input", soon);
     schedule.addEventListener("input", soon);
@@ -278,9 +298,9 @@
     $("#tare").addEventListener("input", draw);
     $("#tare").addEventListener("change", () => check({ set: "load_cell.tare", value: `${short(Number($("#tare").value), 4)} s` }));
     $("#channels figure").addEventListener("pointerdown", event => {
-      const drawn = event.target.closest("svg");
-      if (!drawn) return;
-      const move = e => { const box = drawn.getBoundingClientRect(), share = ((e.clientX - box.x) * 640 / box.width - 64) / (640 - 76); $("#tare").value = share * $("#tare").max; draw(); };
+      if (!event.target.closest("svg") || $("#tare").disabled) return;
+      // every move draws it anew
+      const move = e => { const box = $("#channels svg").getBoundingClientRect(), share = ((e.clientX - box.x) * 640 / box.width - 64) / (640 - 76); $("#tare").value = share * $("#tare").max; $("#tare").focus(); draw(); };
       const stop = () => { removeEventListener("pointermove", move); $("#tare").dispatchEvent(new Event("change")); };
       move(event);
       addEventListener("pointermove", move);
