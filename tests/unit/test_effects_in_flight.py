@@ -215,7 +215,7 @@ def test_the_set_point_tells_the_lag_that_feedback_biases(tmp_path: Path) -> Non
         rng = np.random.default_rng(200 + k)
         starts = [flying.fly(craft, rng, flying.heights(rng, 20)) for _ in range(2)]
         flying.write_csv(tmp_path / f"{k}.csv", flying.joined(*starts))
-        log = flights.read(given, tmp_path, readers.reader("text"), tmp_path / f"{k}.csv")
+        log = flights.read(given, tmp_path, readers.reader("text"), tmp_path / f"{k}.csv", 0.03)
         assert isinstance(log, flights.Weighed)
         stretches += log.stretches
     honest = motor_lag.estimate(stretches)

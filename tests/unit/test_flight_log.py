@@ -91,6 +91,26 @@ def test_a_flight_becomes_trials(log: Log, tmp_path: Path) -> None:
     assert counted.startswith(f"1 log cut into {good.sum()} windows")
 
 
+def test_a_window_of_a_climb_stands_where_the_curve_has_its_mean(tmp_path: Path) -> None:
+    """Brisk starts, without gusts or noise: by the mean height the first quarter second would gain
+    0.7 % too little.
+    """
+    still = Craft(climb=0.0, gust_N=1e-6, height_noise=1e-5, acceleration_noise=1e-4)
+    rng = np.random.default_rng(5)
+    starts = [flying.fly(still, rng, np.array([0.3, 0.2])) for _ in range(3)]
+    trials, _ = ingest(tmp_path, {"a": flying.joined(*starts)}, flight={"lag": "75 ms"})
+    good = trials["quality"] == ""
+    flown = {name: values[good] for name, values in trials.items()}
+    near = np.array([flying.ground(float(z), still) for z in flown["z_m"]])
+    told = flown["throttle"] * flown["supply_V"] / (still.hover * still.supply_V)
+    left = np.log(flown["lift_N"] / (still.mass * flying.G) / near) - 1.7 * np.log(told)
+    first = np.flatnonzero(np.diff(flown["flight"], prepend=0.0))
+    assert len(first) == 3
+    assert np.all(flown["climb_m_s"][first] > 0.2)
+    assert np.abs(left[first]).max() < 0.004
+    assert np.abs(np.delete(left, first)).max() < 0.002
+
+
 @pytest.mark.parametrize("version", [1, 2])
 def test_binary_logs_say_the_same(log: Log, tmp_path: Path, version: int) -> None:
     text, _ = ingest(tmp_path / "text", {"a": log})

@@ -348,3 +348,32 @@ def test_cells_are_pairs_of_distance_and_throttle():
     }
     assert all(len(set(members.tolist())) == 1 and len(members) == 3 for members in pairs.values())
     assert len(set(label.tolist())) == len(pairs)
+
+
+def test_drift_lasts_from_session_to_session_on_a_stand_and_begins_anew_at_a_start() -> None:
+    """What ties the trials of a bench in time stays; a gust does not outlast a landing."""
+    stand = quiet(campaign(1, visits=4))
+    one = np.zeros(stand.n, dtype=np.int64)
+    stand = dataclasses.replace(stand, covariates={}, session=one)
+    half = np.arange(stand.n) >= stand.n // 2
+    scatter = Noise(relative=0.004, drift=(2e-3, 3e-3, 1e-3))
+    flat = np.zeros(stand.n)
+    parted = dataclasses.replace(stand, session=half.astype(np.int64))
+    tied = noise.trial_covariance(stand, scatter, flat).dense()
+    apart = np.abs(np.arange(stand.n)[:, None] - np.arange(stand.n))
+    sizes = zip(scatter.drift, variance_components.DRIFT_LENGTHS, strict=False)
+    drifts = sum(size**2 * np.exp(-apart / length) for size, length in sizes)
+    np.testing.assert_allclose(tied, np.diag(np.full(stand.n, 0.004**2)) + drifts, rtol=1e-12)
+    np.testing.assert_array_equal(noise.trial_covariance(parted, scatter, flat).dense(), tied)
+    # two starts of one log, then two logs of one start each
+    starts = {"flight": 1.0 + half}
+    flights = (
+        dataclasses.replace(stand, covariates=starts),
+        dataclasses.replace(parted, covariates={"flight": np.ones(stand.n)}),
+    )
+    same = half[:, None] == half
+    for flown in flights:
+        found = noise.trial_covariance(flown, scatter, flat)
+        np.testing.assert_allclose(found.dense(), np.where(same, tied, 0.0), rtol=1e-12, atol=1e-40)
+        inverse = found.unwhiten(found.whiten(np.eye(stand.n)))
+        np.testing.assert_allclose(inverse @ found.dense(), np.eye(stand.n), atol=1e-9)

@@ -44,6 +44,10 @@ CLIP = 3.5
 DETERMINED = 1e-8
 
 
+#: So many times the time over which a drift forgets, and nothing is left of it.
+FORGOTTEN = 100.0
+
+
 #: Steps of the search for the likeliest sizes at most.
 MOST_STEPS = 40
 #: Revisits that tell what visits share beside distance, and visits that tell it from a drift.
@@ -70,7 +74,8 @@ def ages(data: Observations) -> FloatArray:
             start if np.isfinite(start).all() else np.arange(data.n, dtype=float)
         )
     lengths: FloatArray = np.array(DRIFT_LENGTHS)
-    return elapsed[:, None] / lengths
+    # what drifts in a flight begins anew with the next: between them a vehicle stood on its feet
+    return elapsed[:, None] / lengths + FORGOTTEN * data.flight_start[:, None]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

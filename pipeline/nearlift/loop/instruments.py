@@ -28,9 +28,7 @@ def instruments(data: Observations) -> FloatArray | None:
     if not data.in_flight:
         return None
     history = [values for name, values in sorted(known.items()) if name.startswith(BOOKKEEPING)]
-    record = data.session if data.record is None else data.record
-    both = np.stack([record, known["flight"]])
-    start = np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
+    start = data.flight_start
     aside = [
         powers(values, 2)
         for name, values in sorted(known.items())

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 BROUGHT = ("distance", "supply", "tilt")
 #: How long before a window's middle the set-point's history is kept, s.
 HISTORY_S = (0.0, 0.1, 0.2, 0.4, 0.8)
+#: Nothing is averaged nearer than so many rotor radii, where one over a distance is all noise.
+LEAST_HEIGHT = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,8 +59,11 @@ class Weighed:
     counts: Counter[str]
 
 
-def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> Weighed | Contents:
-    """The windows of one log, or what was found of a file that holds no sample.
+def read(
+    campaign: Campaign, root: Path, reader: Reader, path: Path, offset_m: float | None
+) -> Weighed | Contents:
+    """The windows of one log, or what was found of a file that holds no sample; `offset_m` is from
+    the logged height to the rotor plane, None in free air.
 
     Raises
     ------
@@ -70,15 +75,18 @@ def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> Weighed 
     log = flight_log.read(campaign, root, reader, path)
     if isinstance(log, Contents):
         return log
-    return _Cut(campaign, log, str(path)).weighed()
+    return _Cut(campaign, log, str(path), offset_m).weighed()
 
 
 class _Cut:
     """A log that is being cut."""
 
-    def __init__(self, campaign: Campaign, log: FlightLog, where: str) -> None:
+    def __init__(
+        self, campaign: Campaign, log: FlightLog, where: str, offset_m: float | None
+    ) -> None:
         assert campaign.flight is not None
         self.campaign, self.flight, self.log, self.where = campaign, campaign.flight, log, where
+        self.offset_m = offset_m
         self.step_s = log.step_s
         said = self.flight.acceleration
         # gravity that was taken out is put in again
@@ -118,6 +126,8 @@ class _Cut:
             name: np.add.reduceat(values, first, axis=-1) / length_of
             for name, values in {**self._series(found), "behind": means}.items()
         }
+        if self.offset_m is not None:
+            of_window["distance"] = 1 / of_window["distance"] - self.offset_m
         pieces = tuple(self._piece(k, window, of_window) for k, window in enumerate(cut))
         counts = Counter({w.code: 0 for w in cut})
         for w in cut:
@@ -197,10 +207,15 @@ class _Cut:
 
     def _series(self, found: Phases) -> dict[str, FloatArray]:
         """What windows are told by their means of, (n,): the schedule's columns, how the vehicle
-        moved, and what each rotor was told beside the others.
+        moved, and what each rotor was told beside the others. Near a boundary its distance stands
+        as one over that of the rotor plane, which a gain follows more nearly: lift goes with the
+        mean of the curve, and while a vehicle climbs that is not the curve at the mean distance.
         """
         log = self.log
         series = {"distance": log.height_m - found.floor_m}
+        if self.offset_m is not None:
+            least = LEAST_HEIGHT * self.campaign.vehicle.rotor_radius
+            series["distance"] = 1 / np.maximum(series["distance"] + self.offset_m, least)
         if log.supply_V is not None:
             series["supply"] = log.supply_V
         if self.flight.tells_tilt and self.tilt is not None:

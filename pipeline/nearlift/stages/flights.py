@@ -83,7 +83,8 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
     source = source_of(task.root, path)
     fault = ""
     try:
-        whole = flights.read(campaign, task.root, readers.reader(campaign.records.reader), path)
+        reader = readers.reader(campaign.records.reader)
+        whole = flights.read(campaign, task.root, reader, path, task.offset_m.get(record))
     except Malformed as damage:
         whole = Contents(channels=(), codes=("MALFORMED",))
         fault = f"{source}: {damage}"

@@ -113,11 +113,7 @@ class Determined:
         instruments = None
         # no disturbance of the height moves it: it is an instrument of its own
         aside = [known["level_speed_m_s"] ** 2] if "level_speed_m_s" in known else []
-        # starts of all logs, counted on
-        start = np.stack(
-            [data.record if data.record is not None else 0 * data.session, known["flight"]]
-        )
-        label = np.unique(start, axis=1, return_inverse=True)[1].astype(np.int64)
+        label = data.flight_start
         if self.has_setpoint:
             history = np.stack([known[f"setpoint_m_{k}"] for k in range(len(HISTORY_S))], axis=1)
             shapes = closed_loop.instruments_of(

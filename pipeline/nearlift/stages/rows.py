@@ -5,7 +5,7 @@ workers column by column.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +33,8 @@ class Task:
     piece: Piece
     tare_after_N: Mapping[str, float]
     inputs: Mapping[str, str]
+    #: Of records that are flights: from the logged height to the rotor plane, if near a boundary.
+    offset_m: Mapping[str, float] = field(default_factory=dict)
 
 
 class Rows:

@@ -101,6 +101,11 @@ def rows_of(
 def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) -> Iterator[Task]:
     after = schedule.covariates.get("tare_after_N")
     zero = dict(zip(schedule.trial, after, strict=True)) if after is not None else {}
+    rig, near = job.campaign.rig, schedule.boundary != "none"
+    offset = {
+        trial: rig.offset(side)
+        for trial, side in zip(schedule.trial[near], schedule.boundary[near], strict=True)
+    }
     for piece in pieces(there):
         yield Task(
             root=job.root,
@@ -108,6 +113,7 @@ def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) 
             piece=piece,
             tare_after_N={trial: zero[trial] for trial in piece.trials if trial in zero},
             inputs=job.inputs,
+            offset_m={trial: offset[trial] for trial in piece.trials if trial in offset},
         )
 
 
