@@ -5,6 +5,7 @@ their logs hold.
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,15 @@ import numpy as np
 import pytest
 from tests.unit.bench_campaign import run_ingest
 
+from nearlift import catalogue
 from nearlift.datasets import crazypad, registry
 from nearlift.fit import hover
 from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
 from nearlift.run.store import Table
 from nearlift.stages import hovering
+from nearlift.stages.flown import Determined
+from nearlift.stages.observe import observe
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "crazypad-2024"
 pytestmark = pytest.mark.skipif(
@@ -55,6 +59,25 @@ def test_each_log_holds_two_flights_and_the_second_starts_from_zero(
             low = trials["z_m"][mine & (trials["flight"] == start)].min()
             # rotor plane 30 mm above feet that have left the floor, a brisk window higher at most
             assert 0.03 < low < 0.30
+
+
+def test_take_offs_show_the_ground_and_no_coefficient(flown: tuple[Any, Table]) -> None:
+    """By hand 9 % of lift at 2.25 radii, falling off exponentially by 0.7 per radius; K_b goes from
+    0.5 to 4.8 with 50 mm of the rotor plane's height, which nobody measured.
+    """
+    given, trials = flown
+    sound = {k: v[trials["condition"] == SOUND] for k, v in trials.items()}
+    told = Determined(given, observe(sound, given, "ground"))
+    found = told.determined()
+    gain, decay = found["gain_at_2"], found["decay_length"]
+    assert gain.lo90 < 0.09 * np.exp(0.7 * 0.25) < gain.hi90
+    assert decay.lo90 < 1 / 0.7 < decay.hi90
+    assert gain.lo90 > 0.02
+    for c in found.values():
+        assert "since no set-point was logged" in c.holds
+    model = catalogue.model("sanchez_cuevas")
+    plain = replace(gain, unit="1")
+    assert told.coefficients(model, {"K_b": plain})["K_b"].refused
 
 
 def test_hover_names_what_stands_above_its_limits_and_nothing_else(

@@ -133,6 +133,14 @@ def test_the_lag_can_be_given(log: Log, tmp_path: Path) -> None:
     assert np.corrcoef(change, near)[0, 1] > 0.99
 
 
+def test_the_lag_is_that_of_the_motors_and_not_of_the_windows(log: Log, tmp_path: Path) -> None:
+    said = [
+        next(n for n in ingest(tmp_path / w, {"a": log}, {"window": f"{w} s"})[1] if "lag is" in n)
+        for w in ("0.25", "0.5")
+    ]
+    assert said[0] == said[1]
+
+
 def test_a_lag_is_found_where_nothing_feeds_back() -> None:
     """Commands that answer nothing: the estimate covers the truth, four standard errors wide."""
     rng = np.random.default_rng(5)

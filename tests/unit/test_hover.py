@@ -56,13 +56,17 @@ def test_one_rotor_has_no_others() -> None:
 
 @pytest.fixture(scope="module")
 def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Table]:
-    """Six sound logs, two with a rotor that gives a sixth less, two with nothing wrong."""
+    """Six sound logs, two with a rotor that gives a sixth less, two with nothing wrong, and two
+    that are told a tenth more throughout.
+    """
     root = tmp_path_factory.mktemp("hover")
     (root / "logs").mkdir()
     rng, rows = np.random.default_rng(14), ["record,boundary,condition"]
-    for condition, count, health in (("sound", 6, 1.0), ("cut", 2, 0.84), ("painted", 2, 1.0)):
+    kinds = (("sound", 6, 1.0), ("cut", 2, 0.84), ("painted", 2, 1.0), ("laden", 2, 1.0))
+    for condition, count, health in kinds:
         for k in range(count):
             craft = Craft(
+                hover=Craft().hover * (1.1 if condition == "laden" else 1.0),
                 health=(1.0, 1.0, health, 1.0),
                 shares=tuple(np.array(Craft().shares) + rng.normal(0, 0.004, 4)),
             )
@@ -96,6 +100,14 @@ def test_what_is_as_sound_as_the_others_shows_nothing(flown: tuple[Any, Table]) 
     assert "shows nothing" in found["painted0"].text
     assert not any(found[f"sound{k}"].effects for k in range(6))
     assert found["sound0"].sound_logs == 5
+
+
+def test_all_rotors_together_are_a_mass_or_a_gain_of_the_session(flown: tuple[Any, Table]) -> None:
+    laden = told(flown)["laden0"]
+    assert (laden.effects, laden.rivals) == (("vehicle_mass",), ("session_gain",))
+    assert [s.rotor for s in laden.shifts if s.stands_out] == [0]
+    # log 1.1; the battery sags further
+    assert laden.shifts[0].value == pytest.approx(0.095, abs=0.02)
 
 
 def test_hover_without_a_comparison_is_refused(flown: tuple[Any, Table]) -> None:

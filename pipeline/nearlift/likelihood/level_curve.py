@@ -11,6 +11,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.likelihood.covariance import visits_by_size
 from nearlift.results import Observations
 from nearlift.results.levels import LevelCurve
 
@@ -87,8 +88,10 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
     visit = np.unique(data.visit, return_inverse=True)[1]
     if visit.max() < 2:
         visit = np.arange(data.n) * PARTS // data.n
-    blocks = [np.flatnonzero(visit == v) for v in range(visit.max() + 1)]
-    inside = [data.foretold_by(visit != v)[own] for v, own in enumerate(blocks)]
+    blocks = visits_by_size(visit)
+    inside = np.empty(data.n, dtype=bool)
+    for v in range(visit.max() + 1):
+        inside[visit == v] = data.foretold_by(visit != v)[visit == v]
     shapes, y, found = _shapes(data), np.log(data.lift_N), {}
     for degree in range(1, MOST_DEGREE + 1):
         curve = dataclasses.replace(data.curve, degree=degree)
@@ -97,12 +100,12 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
             break
         q, _ = np.linalg.qr(columns)
         left = y - q @ (q.T @ y)
-        errors = (
-            np.linalg.lstsq(np.eye(len(b)) - q[b] @ q[b].T, left[b], rcond=1e-9)[0] for b in blocks
-        )
-        found[degree] = np.array(
-            [np.sum(e[here] ** 2) for e, here in zip(errors, inside, strict=True)]
-        )
+        errors = np.zeros(data.n)
+        for own in blocks:
+            kept = np.eye(own.shape[1]) - q[own] @ q[own].swapaxes(1, 2)
+            undone = np.linalg.pinv(kept, rcond=1e-9, hermitian=True)
+            errors[own] = (undone @ left[own][..., None])[..., 0]
+        found[degree] = np.bincount(visit, (errors * inside) ** 2)
     return found
 
 

@@ -141,6 +141,9 @@ def _tried(
     separators = (
         SEPARATORS if given.separator is None else (NAMED.get(given.separator, given.separator),)
     )
+    # those that stand nowhere cut nothing, all alike: the first speaks for them
+    absent = [s for s in SEPARATORS[:4] if not any(s in line for line in lines)]
+    separators = tuple(s for s in separators if s not in absent[1:])
     decimals = (".", ",") if given.decimal is None else (given.decimal,)
     for strict in (True, False):
         for separator in separators:

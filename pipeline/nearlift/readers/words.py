@@ -30,7 +30,7 @@ def value_of(text: str, decimal: str = ".") -> float | None:
     if NUMBER.fullmatch(plain):
         value = float(plain)
         return value if math.isfinite(value) else math.nan
-    words = (plain.lower(), text.strip().lower())
+    words = {plain.lower(), text.strip().lower()}
     return math.nan if any(map(NO_NUMBER.fullmatch, words)) else None
 
 

@@ -36,6 +36,8 @@ SENT_S = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6, 0.8)
 FEEDBACK_S = 0.014
 #: A flight is parted into stretches of so long, s, that are left out in turn, or so many parts.
 STRETCH_S, PARTS = 4.0, 100
+#: A share of a command that no number shows any more.
+FORGOTTEN = 1e-18
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,16 +73,18 @@ def filtered(
 
     A command holds from its sample to the next, so that at a sample it has not acted yet.
     """
-    from scipy.signal import lfilter
-
     lags = np.atleast_1d(np.asarray(lag_s, dtype=np.float64))
-    out = np.empty((len(lags), len(command)))
     known = np.nan_to_num(command)
+    kept = np.array([math.exp(-step_s / lag) if lag > 0 else 0.0 for lag in lags])[:, None]
+    out = (1 - kept) * np.concatenate([known[:1], known[:-1]])
     edges = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(command)]
-    for own, lag in zip(out, lags, strict=True):
-        keep = math.exp(-step_s / lag) if lag > 0 else 0.0
-        for a, b in itertools.pairwise(edges):
-            own[a:b] = lfilter([0.0, 1 - keep], [1, -keep], known[a:b], zi=known[a : a + 1])[0]
+    for a, b in itertools.pairwise(edges):
+        out[:, a : a + 1] = known[a]
+        # each round adds as many samples of the past again
+        reach, keeps = 1, kept
+        while reach < b - a and keeps.max() > FORGOTTEN:
+            out[:, a + reach : b] += keeps * out[:, a : b - reach]
+            reach, keeps = 2 * reach, keeps * keeps
     return out if np.ndim(lag_s) else out[0]
 
 

@@ -31,6 +31,8 @@ from nearlift.stages.segments import Answer, answers_of, each_record, rows_of
 #: What a trial's log lift changes by per second of lag: the covariate by which a lag left over, and
 #: the estimate's own uncertainty, act.
 SLOPE = "lag_slope"
+#: A command that acts behind one lag of the grid alone.
+UNITS = np.eye(len(GRID))
 #: The power of the command that lift goes with where no flight tells it.
 USUAL_POWER = 1.7
 
@@ -181,19 +183,21 @@ def _behind(windows: Sequence[FlightPiece], lag: Lag) -> tuple[FlightPiece, ...]
     were the lag another.
     """
     step = float(GRID[1] - GRID[0])
+    # what each point of the grid weighs at the lag and a step to either side
+    weights = np.array(
+        [np.interp(lag.value_s + away, GRID, unit) for away in (-step, 0.0, step) for unit in UNITS]
+    ).reshape(3, -1)
     found = []
     for piece in windows:
         if piece.codes:
             found.append(piece)
             continue
-        at = [
-            float(np.interp(lag.value_s + away, GRID, piece.command)) for away in (-step, 0.0, step)
-        ]
-        slope = lag.power * np.log(at[2] / at[0]) / (2 * step)
+        at = weights @ piece.command
+        slope = lag.power * float(np.log(at[2] / at[0])) / (2 * step)
         found.append(
             replace(
                 piece,
-                brought={**piece.brought, "throttle": at[1]},
+                brought={**piece.brought, "throttle": float(at[1])},
                 covariates={
                     **piece.covariates,
                     SLOPE: (slope, np.nan),
