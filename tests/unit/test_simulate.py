@@ -408,13 +408,13 @@ def test_gains_for_a_payload_keep_the_poles_or_are_kept(own):
     loaded = replace(bare, mass_kg=bare.mass_kg + 0.005)
     gains = {"proportional": "-316 1/m/s", "derivative": "-316 1/m", "integral": "-31.6 1/m/s^2"}
     found = {}
-    for payload_gains, craft in (("scaled", loaded), ("kept", loaded), ("none", bare)):
+    for name, craft in (("scaled", loaded), ("kept", loaded), ("none", bare)):
         asked = {"gains": {"ground": gains}} if own else {}
-        if payload_gains != "none":
-            asked |= {"payload": "5 g", "payload_gains": payload_gains}
+        if craft is loaded:
+            asked |= {"mass": "32 g", "scale_gains": name == "scaled"}
         chosen = manifest.parse(raw_manifest(simulate=asked)).simulate
-        groups, _ = conditions(chosen, "ground", craft, 0.0, 0, map)
-        found[payload_gains] = gains_for(groups, craft), groups.noise * craft.weight_N
+        groups, _ = conditions(chosen, "ground", craft, 0.0, 0, map, bare.mass_kg)
+        found[name] = gains_for(groups, craft), groups.noise * craft.weight_N
     bare_poles = poles(found["none"][0], bare, "ground")
     assert poles(found["scaled"][0], loaded, "ground") == pytest.approx(bare_poles)
     assert found["scaled"][0].kP == pytest.approx(found["none"][0].kP * np.sqrt(32 / 27))
@@ -423,7 +423,7 @@ def test_gains_for_a_payload_keep_the_poles_or_are_kept(own):
 
 
 def test_a_payload_flies_and_one_that_the_rotors_cannot_carry_is_refused(remake):
-    asked = QUICK | {"payload": "5 g"}
+    asked = QUICK | {"mass": "32 g"}
     vehicle = raw_manifest()["vehicle"] | {"thrust_limit": "0.31 N"}
     job = remake("ground", simulate=asked | {"presets": [], "flights": 20}, vehicle=vehicle)
     assert simulate.vehicle(job, job.campaign.simulate).mass_kg == pytest.approx(0.032)

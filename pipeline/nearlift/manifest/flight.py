@@ -125,16 +125,16 @@ class Route(Section):
 class Simulate(Section):
     """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's,
     carried over so that the groups stay. What counts as a crash, its motors' lag and its largest
-    thrust stand in [vehicle]. Gains and gusts are those of the bare vehicle; with a `payload` the
-    gains are scaled so that the loop keeps its poles, or kept.
+    thrust stand in [vehicle]. Gains and gusts are those of the vehicle without a payload; with
+    another `mass` in flight the gains are scaled so that the loop keeps its poles, or kept.
     """
 
     flights: int = Field(default=1000, ge=20, le=1_000_000)
     presets: Annotated[list[str], AfterValidator(_unlike)] = Field(default=["paper", "converged"])
     gains: dict[Flown, GainSet] = Field(default={})
     gusts: Gusts | None = None
-    payload: Mass | None = None
-    payload_gains: Literal["scaled", "kept"] = "scaled"
+    mass: Mass | None = None
+    scale_gains: bool = True
     lift_coefficient: float = Field(default=1.6, gt=0)
     scheme: Literal["euler", "semi-implicit", "rk4"] = "rk4"
     step: PositiveDuration | None = None

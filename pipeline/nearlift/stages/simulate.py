@@ -90,9 +90,9 @@ def _counting(job: Job, chosen: Simulate) -> Say:
 
 
 def vehicle(job: Job, chosen: Simulate) -> Craft:
-    """The campaign's vehicle as the simulation knows it, with its payload."""
+    """The campaign's vehicle as the simulation knows it, with the mass that it flies with."""
     v, rig = job.campaign.vehicle, job.campaign.rig
-    fits, mass_kg = job.load(FitResults), v.mass + (chosen.payload or 0.0)
+    fits, mass_kg = job.load(FitResults), chosen.mass or v.mass
     most = max(
         (e.value for b in fits.boundaries for e in fits.of_base(b).L_inf_N.values()), default=0.0
     )
@@ -144,7 +144,9 @@ def _fitted(
         job.say(f"simulate fitted {boundary}")
         lift = fitted_lift(job, boundary, chosen.draws)
         contact_m = job.campaign.contact_m(boundary)
-        groups, how = conditions(chosen, boundary, craft, contact_m, key, job.executor.map)
+        groups, how = conditions(
+            chosen, boundary, craft, contact_m, key, job.executor.map, job.campaign.vehicle.mass
+        )
         # the command of a flight is its throttle
         said, radius_m = job.campaign.rig.held, craft.radius_m
         held = "throttle" if said == "command" else said

@@ -126,10 +126,17 @@ class FittedFlights:
 
 
 def conditions(
-    chosen: Simulate, boundary: Boundary, craft: Craft, contact_m: float, key: int, spread: Spread
+    chosen: Simulate,
+    boundary: Boundary,
+    craft: Craft,
+    contact_m: float,
+    key: int,
+    spread: Spread,
+    bare_kg: float | None = None,
 ) -> tuple[Groups, MonteCarlo]:
     """Groups, scheme and step of a campaign's flights: the manifest's, else the paper's carried
-    over to the vehicle. `contact_m` is how near its rotor plane comes before it touches.
+    over to the vehicle. `contact_m` is how near its rotor plane comes before it touches, `bare_kg`
+    the mass that gains and gusts are for: the craft's own if not given.
 
     Raises
     ------
@@ -139,13 +146,13 @@ def conditions(
     like = presets.preset("converged")
     carried = like.groups(boundary)
     given, g = chosen.gains.get(boundary), chosen.gusts
-    bare = replace(craft, mass_kg=craft.mass_kg - (chosen.payload or 0.0))
+    bare = replace(craft, mass_kg=bare_kg or craft.mass_kg)
     gains = (
         Gains(kP=given.proportional, kD=given.derivative, kI=given.integral)
         if given
         else gains_for(carried, bare)
     )
-    if chosen.payload_gains == "scaled":
+    if chosen.scale_gains:
         # the loop's poles go by gain over the frequency of hover
         gains = gains.times(craft.hover_Hz / bare.hover_Hz)
     stable(gains, craft, boundary)
@@ -169,7 +176,7 @@ def conditions(
     groups = dimensionless(craft, gains, gusts, duration_s, contact, chosen.estimator_delay)
     if craft.most_lift_N < craft.weight_N:
         raise ManifestError(
-            "simulate.payload" if chosen.payload else "vehicle.thrust_limit",
+            "simulate.mass" if chosen.mass else "vehicle.thrust_limit",
             f"the rotors lift at most {craft.most_lift_N:.3g} N of a weight of"
             f" {craft.weight_N:.3g} N",
             "no such vehicle flies: give less mass, or a larger thrust_limit",
