@@ -196,11 +196,12 @@ class Estimator:
         """
         names, free = self.problem.names, [int(i) for i in np.flatnonzero(~self.fixed)]
         blocks = deletion.visits_of(self.problem, self.theta, free, self.offset_m, self.slope)
-        moved = deletion.influence_on(self.problem.data, names, free, blocks)
+        data = self.problem.data
+        moved = deletion.influence_on(data, names, free, blocks)
         return {
             name: LargestShifts(
-                trial=largest(moved.trial, moved.of_trial[:, i]),
-                visit=largest(moved.visit, moved.of_visit[:, i]),
+                trial=largest(moved.trial, moved.of_trial[:, i], data.trial, data.z_hat),
+                visit=largest(moved.visit, moved.of_visit[:, i], data.visit, data.z_hat),
             )
             for i, name in enumerate(names)
         }
@@ -255,9 +256,14 @@ class Estimator:
             )
 
 
-def largest(ids: NDArray[np.generic], shift: FloatArray) -> Shift | None:
-    """The largest of the shifts (m,) that are known."""
+def largest(
+    ids: NDArray[np.generic], shift: FloatArray, of: NDArray[np.generic], z_hat: FloatArray
+) -> Shift | None:
+    """The largest of the shifts (m,) that are known, of trials or visits `ids` (m,); `of` (n,) says
+    to which each trial belongs, `z_hat` (n,) where it stood.
+    """
     if not np.isfinite(shift).any():
         return None
     i = int(np.nanargmax(np.abs(shift)))
-    return Shift(id=str(ids[i]), shift=float(shift[i]))
+    at = float(np.mean(z_hat[of == ids[i]]))
+    return Shift(id=str(ids[i]), shift=float(shift[i]), z_hat=at if np.isfinite(at) else None)

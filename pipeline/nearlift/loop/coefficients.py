@@ -118,6 +118,8 @@ class Answers:
     members : tuple of (str, pair of arrays)
         Every explanation that was accepted, the best first, its form uncertain; else the base fit,
         with what is left carried.
+    weights : (m,)
+        How likely each of them is beside the others.
     conditional : pair of arrays
         If the best answer is exactly the truth.
     constrained : pair of arrays
@@ -132,6 +134,7 @@ class Answers:
     dof: FloatArray
     before: Pair
     members: tuple[tuple[str, Pair], ...]
+    weights: FloatArray
     conditional: Pair
     constrained: Pair
     carried: tuple[str, ...] = ()
@@ -139,8 +142,10 @@ class Answers:
 
     @property
     def value(self) -> FloatArray:
-        """The values quoted."""
-        return self.conditional[0]
+        """The values quoted: the mean over what the design cannot tell apart, so that nothing jumps
+        where two of them change places.
+        """
+        return self.weights @ np.array([value for _, (value, _) in self.members])
 
     def spans(self, i: int) -> list[tuple[float, float]]:
         """Value and standard uncertainty of coefficient i by every answer, the best with its form
@@ -193,6 +198,7 @@ def answers(stage: SearchProblem, answer: Answer, declared: dict[str, float]) ->
         dof=_freedom(stage),
         before=spread(stage, stage.base_fit),
         members=members,
+        weights=weights(answer),
         conditional=members[0][1] if carried else conditional,
         constrained=spread(
             stage, best, np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])
@@ -200,6 +206,15 @@ def answers(stage: SearchProblem, answer: Answer, declared: dict[str, float]) ->
         carried=tuple(carried),
         unnamed=unnamed,
     )
+
+
+def weights(answer: Answer) -> FloatArray:
+    """How likely each explanation that was accepted is beside the others, (m,); 1 where the base
+    fit stands alone.
+    """
+    told = np.array([e.evidence.plausibility for e in answer.accepted] or [0.0])
+    raised = np.exp(told - told.max())
+    return raised / raised.sum()
 
 
 def _freedom(stage: SearchProblem) -> FloatArray:

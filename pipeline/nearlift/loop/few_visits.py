@@ -260,6 +260,7 @@ def answers(
         dof=np.full(len(stage.theta), freedom(stage)),
         before=left_out_in_turn(stage.base_fit),
         members=members,
+        weights=coefficients.weights(answer),
         conditional=(value, u),
         constrained=(value, constrained),
         unnamed=np.zeros((stage.data.n, 0)),

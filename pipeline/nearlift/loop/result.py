@@ -212,4 +212,5 @@ def _with_unknowns(
 def _of_visits(stage: SearchProblem, fitted: Fitted, i: int) -> Shift | None:
     """The visit whose omission moves coefficient i most, by refits."""
     moved = few_visits.without_each(stage, fitted)[:, i] - fitted.vector[i]
-    return largest(np.unique(stage.data.visit), moved)
+    visits = stage.data.visit
+    return largest(np.unique(visits), moved, visits, stage.data.z_hat)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
+from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Verdict
 
 #: No trial is left out if the closed form says that none moves the headline by this part of its
 #: standard uncertainty.
@@ -48,7 +48,7 @@ def told(quoted: BoundaryResult, without: Callable[[str], Without]) -> BoundaryR
     headline = quoted.coefficients[name]
     value, low, high = again.intervals[name]
     shift = value - headline.value
-    influence = replace(headline.influence, trial=Shift(id=most.id, shift=shift))
+    influence = replace(headline.influence, trial=replace(most, shift=shift))
     coefficients = {
         **quoted.coefficients,
         name: replace(headline, influence=influence),

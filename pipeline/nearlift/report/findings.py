@@ -26,6 +26,12 @@ def along(covariate: str) -> str:
     return ALONG.get(covariate, covariate.replace("_", " "))
 
 
+def structure_along(found: BoundaryDiagnosis) -> str:
+    """The covariates along which structure is significant, the foremost two by name."""
+    every = [along(s.covariate) for s in found.structure if s.significant]
+    return listed(every if len(every) < 3 else [*every[:2], "others"])
+
+
 def coverage(coefficient: str) -> str:
     """What follows ±, where the coefficient may itself be called k."""
     return "one standard uncertainty" if coefficient == "k" else "k = 1"

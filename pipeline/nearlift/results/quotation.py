@@ -25,7 +25,7 @@ from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.results.hover import HoverComparison
 from nearlift.results.serial import Unbounded, keyed, optional
-from nearlift.rounding import like, plus_minus
+from nearlift.rounding import like, plain, plus_minus
 
 #: Levels of the intervals, in percent.
 LEVELS = (68, 90, 95)
@@ -74,10 +74,18 @@ class BudgetLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shift:
-    """A trial or visit, and the coefficient without it less what it is."""
+    """A trial or visit, where it stood on average (None in free air), and the coefficient without
+    it less what it is.
+    """
 
     id: str
     shift: float
+    z_hat: float | None = None
+
+    @property
+    def place(self) -> str:
+        """Which one it is, in words."""
+        return self.id if self.z_hat is None else f"{self.id} (z_hat {plain(self.z_hat, 2)})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -287,7 +295,8 @@ class BoundaryResult:
         visit = c.influence.visit if c else None
         if c and visit and abs(visit.shift) > max(c.u, abs(on.shift) if on else 0.0):
             return "visit", visit
-        return ("trial", Shift(id=on.trial, shift=on.shift)) if on else None
+        trial = c.influence.trial if c else None
+        return ("trial", replace(trial, shift=on.shift)) if on and trial else None
 
     @property
     def leaning(self) -> str:
@@ -298,7 +307,7 @@ class BoundaryResult:
         verdict = self.rests_on.verdict if self.rests_on and kind == "trial" else self.verdict
         other = f"the verdict is {verdict} and " if verdict != self.verdict else ""
         return (
-            f"it rests on {kind} {moved.id}: without it {other}{letter(self.headline)} moves by"
+            f"it rests on {kind} {moved.place}: without it {other}{letter(self.headline)} moves by"
             f" {moved.shift:+.2g}"
         )
 

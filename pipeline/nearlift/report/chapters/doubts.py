@@ -16,7 +16,7 @@ from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.chapters.uncertainty import SCALES
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import along, listed
+from nearlift.report.findings import listed, structure_along
 from nearlift.report.number import LEAST_CHANCE, Number, Place
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect, wandering
 from nearlift.results.fit import UndeclaredInput
@@ -113,10 +113,10 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         said += [wandering(found.wander)] if found.wander is not None else []
     told = [Reservation(boundaries=(boundary,), text=text) for text in said]
     if found and found.verdict == "unexplained" and not found.contradicted:
-        where = [f" along {along(line.covariate)}" for line in found.structure[:1]]
+        where = structure_along(found)
         text = (
-            f"what the base model leaves{''.join(where)} is unexplained, and may be in the"
-            " coefficient too"
+            f"what the base model leaves{' along ' if where else ''}{where} is unexplained, and may"
+            " be in the coefficient too"
         )
         told.append(Reservation(boundaries=(boundary,), text=text))
     further = [text for e in found.effects for text in _alike(found, e)] if found else []
@@ -130,7 +130,8 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         # by the noise of the fit; after the loop the conditions say it by the loop's
         further += [d.text for d in fit.degeneracies[:1]]
     told += [Reservation(boundaries=(boundary,), text=text) for text in further]
-    told += _undeclared(evidence, boundary)
+    hidden = [*_undeclared(evidence, boundary), *_unseen(evidence, boundary)]
+    told += [own for _, own in sorted(hidden, key=lambda pair: -pair[0])]
     unseen = [catalogue.titled(name) for name in found.untestable] if found else []
     if unseen:
         text = f"nothing was logged that could tell of {listed(unseen)}"
@@ -169,17 +170,37 @@ def undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Unde
     return sorted((pair for pair in worth if pair[0] > 0), key=lambda pair: -pair[0])
 
 
-def _undeclared(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
-    """Those of which a plausible error would move the headline by more than its u."""
-    name = evidence.quoted(boundary).headline
+def _undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Reservation]]:
+    """Those of which a plausible error would move the headline by more than its u, and the most by
+    how many of it.
+    """
+    name, grave = evidence.quoted(boundary).headline, undeclared(evidence, boundary)
     told = ", ".join(
         f"{plain(SCALES[a.unit][0] * a.size, 2)} {SCALES[a.unit][1]} in {INPUT_WORDS[a.on]} by"
         f" {plain(abs(a.shift[name]), 2)}"
-        for by, a in undeclared(evidence, boundary)
+        for by, a in grave
         if by > 1
     )
     text = f"errors that are not declared could move {letter(name)}: {told}"
-    return [Reservation(boundaries=(boundary,), text=text)] if told else []
+    return [(grave[0][0], Reservation(boundaries=(boundary,), text=text))] if told else []
+
+
+def _unseen(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Reservation]]:
+    """The effect that could move the headline most without being seen, and by how many of its u;
+    none where that is less than one.
+    """
+    quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    own = quoted.quotable.get(quoted.headline)
+    if not (own and found and found.silent):
+        return []
+    most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
+    shift = most.bias_at_detection_limit * most.u
+    text = (
+        f"{most.effect}, though too small to be seen, could move {letter(quoted.headline)} by"
+        f" {plain(shift, 2)}"
+    )
+    by = shift / own.u
+    return [(by, Reservation(boundaries=(boundary,), text=text))] if by > 1 else []
 
 
 def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:

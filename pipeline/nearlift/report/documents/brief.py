@@ -15,7 +15,7 @@ from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared
 from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
-from nearlift.report.findings import along, listed, others, to_log
+from nearlift.report.findings import listed, others, structure_along, to_log
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, plain, signed
 
@@ -89,8 +89,7 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
         apart = f"; this design cannot tell it from {rivals}" if rivals else ""
         return f"{model} alone does not describe the data: the rest is explained by {named}{apart}."
     if quoted.verdict == "unexplained":
-        found_in = [s.covariate for s in found.structure if s.significant] if found else []
-        where = f" along {along(found_in[0])}" if found_in else ""
+        where = f" along {told}" if found and (told := structure_along(found)) else ""
         return f"{model} leaves structure{where} that no known effect explains."
     return f"Not diagnosed: {quoted.reason.removesuffix(f'; {quoted.wanted}')}."
 
@@ -143,7 +142,7 @@ def _influence(quoted: BoundaryResult) -> str:
         return ""
     c = quoted.coefficients[quoted.headline]
     moves = [
-        f"by {signed(one.shift, decimals(c.u) + 1)} without {kind} {one.id}"
+        f"by {signed(one.shift, decimals(c.u) + 1)} without {kind} {one.place}"
         for kind, one in (("trial", c.influence.trial), ("visit", c.influence.visit))
         if one is not None
     ]
@@ -162,8 +161,8 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     words = to_log(found)
     if quoted.verdict == "unexplained":
         # what has no name is looked for first; a better input does not find it
-        where = found.structure[:1] if found else ()
-        words += [f"whatever else changes along {along(s.covariate)}" for s in where]
+        where = structure_along(found) if found else ""
+        words += [f"whatever else changes along {where}"] if where else []
     elif grave := [INPUT_WORDS[a.on] for by, a in undeclared(evidence, boundary) if by > 1]:
         each = " each" if len(grave) > 1 else ""
         said.append(f"measure the {listed(grave)}, and declare how well{each or ' it'} is known")
