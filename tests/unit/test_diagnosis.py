@@ -258,6 +258,21 @@ def test_what_is_named_does_not_hang_on_the_seed(ambiguous):
     assert sum(s == sets[0] for s in sets) >= 14
 
 
+def test_the_value_over_rivals_does_not_jump_where_two_change_places(ambiguous):
+    """The mean of theirs by plausibility, whichever is called the best."""
+    _, answer = ambiguous
+    assert len(answer.accepted) > 1
+    first, second, *rest = answer.accepted
+    swapped = dataclasses.replace(answer, accepted=(second, first, *rest))
+    found, again = (loop.coefficients_of(a, {}) for a in (answer, swapped))
+    assert found.value == pytest.approx(again.value, rel=1e-9)
+    odds = np.exp(second.evidence.plausibility - first.evidence.plausibility)
+    alone = dataclasses.replace(answer, accepted=(first, second))
+    pair = loop.coefficients_of(alone, {})
+    (one, _), (other, _) = (member for _, member in pair.members)
+    assert pair.value == pytest.approx((one + odds * other) / (1 + odds))
+
+
 def test_every_explanation_is_held_against_one_threshold(ambiguous):
     stage, answer = ambiguous
     every = (*answer.singles, *answer.pairs)

@@ -59,6 +59,28 @@ def test_structure_without_a_name_is_said(evidence):
     )
 
 
+def test_structure_along_several_covariates_is_said_to_be(evidence):
+    def words(*covariates):
+        tests = [{"covariate": c, "p_value": 1e-9, "significant": True} for c in covariates]
+        unnamed = {"verdict": "unexplained", "effects": [], "structure": tests}
+        texts = [d.text for d in said(evidence, lambda f: f.update(unnamed))]
+        (told,) = (t for t in texts if t.startswith("what the base model leaves"))
+        return told.removeprefix("what the base model leaves along ").partition(" is ")[0]
+
+    assert words("supply") == "the supply voltage"
+    assert words("supply", "tilt") == "the supply voltage and tilt"
+    assert words("supply", "tilt", "session") == "the supply voltage, tilt and others"
+
+
+@pytest.mark.parametrize(("bias", "grave"), [(3.0, True), (0.5, False)])
+def test_the_effect_that_hides_best_is_a_doubt_where_it_could_do_more_than_u(evidence, bias, grave):
+    hidden = {"effect": "tilt", "absorbed_by": "K_b", "bias_at_detection_limit": bias, "u": 0.2}
+    lesser = hidden | {"effect": "reynolds", "bias_at_detection_limit": 0.8 * bias}
+    texts = [d.text for d in said(evidence, lambda f: f.update(silent=[lesser, hidden]))]
+    told = [t for t in texts if "though too small to be seen" in t]
+    assert told == ["tilt, though too small to be seen, could move K_b by 0.6"] * grave
+
+
 def test_a_campaign_that_grows_is_said(evidence):
     told = said(evidence, lambda f: f.update(look={"text": "a look at 240 of 480 trials"}))
     assert any(

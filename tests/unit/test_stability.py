@@ -106,9 +106,10 @@ def test_a_visit_that_moves_the_answer_by_more_than_u_is_told_before_a_trial(quo
     headline = quoted.coefficients["K_b"]
 
     def leaning(shift):
-        influence = replace(headline.influence, visit=Shift(id="7", shift=shift * headline.u))
+        visit = Shift(id="7", shift=shift * headline.u, z_hat=1.25)
+        influence = replace(headline.influence, visit=visit)
         moved = {**quoted.coefficients, "K_b": replace(headline, influence=influence)}
         return replace(quoted, coefficients=moved).leaning
 
     assert leaning(0.9) == leaning(-0.9) == ""
-    assert leaning(-1.1).startswith("it rests on visit 7: without it K_b moves by -")
+    assert leaning(-1.1).startswith("it rests on visit 7 (z_hat = 1.2): without it K_b moves by -")

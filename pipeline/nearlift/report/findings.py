@@ -27,8 +27,11 @@ def along(covariate: str) -> str:
 
 
 def structure_along(found: BoundaryDiagnosis) -> str:
-    """The covariates along which structure is significant, the foremost two by name."""
-    every = [along(s.covariate) for s in found.structure if s.significant]
+    """The covariates along which structure is significant, the foremost two by name; the foremost
+    where none is by itself.
+    """
+    told = [s for s in found.structure if s.significant] or found.structure[:1]
+    every = [along(s.covariate) for s in told]
     return listed(every if len(every) < 3 else [*every[:2], "others"])
 
 

@@ -85,7 +85,7 @@ class Shift:
     @property
     def place(self) -> str:
         """Which one it is, in words."""
-        return self.id if self.z_hat is None else f"{self.id} (z_hat {plain(self.z_hat, 2)})"
+        return self.id if self.z_hat is None else f"{self.id} (z_hat = {plain(self.z_hat, 2)})"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

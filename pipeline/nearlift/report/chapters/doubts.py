@@ -200,7 +200,7 @@ def _unseen(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Reserva
         f" {plain(shift, 2)}"
     )
     by = shift / own.u
-    return [(by, Reservation(boundaries=(boundary,), text=text))] if by > 1 else []
+    return [(by, Reservation(boundaries=(boundary,), text=text))] if 1 < by < math.inf else []
 
 
 def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
