@@ -145,7 +145,7 @@ class Answers:
         """The values quoted: the mean over what the design cannot tell apart, so that nothing jumps
         where two of them change places.
         """
-        return self.weights @ np.array([value for _, (value, _) in self.members])
+        return np.average([value for _, (value, _) in self.members], axis=0, weights=self.weights)
 
     def spans(self, i: int) -> list[tuple[float, float]]:
         """Value and standard uncertainty of coefficient i by every answer, the best with its form
@@ -212,9 +212,9 @@ def weights(answer: Answer) -> FloatArray:
     """How likely each explanation that was accepted is beside the others, (m,); 1 where the base
     fit stands alone.
     """
-    told = np.array([e.evidence.plausibility for e in answer.accepted] or [0.0])
-    raised = np.exp(told - told.max())
-    return raised / raised.sum()
+    from scipy.special import softmax
+
+    return softmax([e.evidence.plausibility for e in answer.accepted] or [0.0])
 
 
 def _freedom(stage: SearchProblem) -> FloatArray:

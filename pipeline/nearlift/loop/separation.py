@@ -223,10 +223,7 @@ def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment
         elif limit.rests_on:
             z_hat = limit.rests_on.z_hat
             other = f"the one visit at z_hat = {z_hat:.2g}"
-            measure = (
-                f"more visits around z_hat = {z_hat:.2g}, in other sessions and with other states"
-                " of what else changes between visits"
-            )
+            measure = f"more visits around z_hat = {z_hat:.2g}, in other sessions"
         else:
             continue
         found.append(NextExperiment(separates=(limit.coefficient, other), measure=measure))

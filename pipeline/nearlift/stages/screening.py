@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import replace
 
@@ -14,6 +15,9 @@ from nearlift.reduction import outliers
 from nearlift.results.influence import Influence, Suspect
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.run.store import Table
+
+#: A standard uncertainty that changes by less than this, in its logarithm, is not worth a word.
+ANOTHER_U = 0.2
 
 
 def screen(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> Influence:
@@ -54,28 +58,30 @@ def words(fitted: Fit, found: Influence) -> list[str]:
         what = (
             s.id
             if s.kind == "trial"
-            else f"visit {s.id}, trials {s.trials[0]} to {s.trials[-1]} at one stop,"
+            else f"visit {s.id} (trials {s.trials[0]} to {s.trials[-1]}, one stop)"
         )
         if s.without is None or headline is None:
             return f"{what} stands out, and without it the base model does not fit"
         alone = s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u)
-        ratio = f"{abs(s.shift) / min(headline.u, s.without.u):.2g}"
-        moves = (
-            f"moves {name} by {ratio} standard uncertainties"
-            if alone
-            else f"moves {name} with others that stand out"
-        )
-        why = "stands beyond what noise allows" if s.outlying else moves
         beside = (
             " and the trials named"
             if s.kind == "visit" and any(o.kind == "trial" for o in found.suspects)
             else ""
         )
+        if s.outlying:
+            without = f"{what} stands beyond what noise allows: without it"
+        elif alone:
+            without = f"without {what}"
+        else:
+            without = f"{what} moves {name} with others that stand out: without it"
         moved = f"{like(abs(s.shift), s.without.u)} {'higher' if s.shift > 0 else 'lower'}"
-        return (
-            f"{what} {why}: without it{beside} the base fit’s {name} is {moved}, ±"
-            f" {plain(s.without.u, 2)} for ± {plain(headline.u, 2)}"
+        ratio = plain(abs(s.shift) / min(headline.u, s.without.u), 2)
+        known = (
+            f", and its u {plain(s.without.u, 2)} in place of {plain(headline.u, 2)}"
+            if abs(math.log(s.without.u / headline.u)) > ANOTHER_U
+            else ""
         )
+        return f"{without}{beside} the base fit’s {name} is {moved}, {ratio} u{known}"
 
     return [said(s) for s in found.suspects]
 

@@ -95,9 +95,10 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         if hinge is None or (s.kind, s.id) != (hinge[0], hinge[1].id)
     ]
     if evidence.not_diagnosed(boundary):
-        # what is known to move the headline is graver than what might
-        u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
-        grave = sorted((s for s in suspects if abs(s.shift) > u), key=lambda s: -abs(s.shift))
+        # what is known to move the headline out of its interval is graver than what might
+        own = quoted.coefficients.get(quoted.headline)
+        reach = 0.5 * (own.hi90 - own.lo90) if own else math.inf
+        grave = sorted((s for s in suspects if abs(s.shift) > reach), key=lambda s: -abs(s.shift))
         said += [s.text for s in grave]
         said.append("not diagnosed, so an effect of any size may be in the coefficient")
     if found and found.look:
