@@ -313,6 +313,12 @@ def letter(coefficient: str) -> str:
     return text if len(head) == 1 or "/" in head else text.replace("_", " ").strip()
 
 
+def noun(coefficient: str) -> str:
+    """Its letter within a sentence, where a bare a would be read as an article."""
+    said = letter(coefficient)
+    return f"coefficient {said}" if said.isascii() and len(said) == 1 else said
+
+
 def mathematics(coefficient: str) -> str:
     """A coefficient's name between dollars, as LaTeX, Markdown and figures set it; one without a
     letter in words.

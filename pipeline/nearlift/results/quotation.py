@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
-from nearlift.nomenclature import letter
+from nearlift.nomenclature import letter, noun
 from nearlift.results.hover import HoverComparison
 from nearlift.results.serial import Unbounded, keyed, optional
 from nearlift.rounding import like, plain, plus_minus
@@ -307,7 +307,7 @@ class BoundaryResult:
         verdict = self.rests_on.verdict if self.rests_on and kind == "trial" else self.verdict
         other = f"the verdict is {verdict} and " if verdict != self.verdict else ""
         return (
-            f"it rests on {kind} {moved.place}: without it {other}{letter(self.headline)} moves by"
+            f"it rests on {kind} {moved.place}: without it {other}{noun(self.headline)} moves by"
             f" {moved.shift:+.2g}"
         )
 

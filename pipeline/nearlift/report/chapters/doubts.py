@@ -11,7 +11,7 @@ from nearlift import catalogue
 from nearlift.declare import Boundary
 from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
-from nearlift.nomenclature import letter
+from nearlift.nomenclature import letter, noun
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.chapters.uncertainty import SCALES
@@ -182,7 +182,7 @@ def _undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Res
         for by, a in grave
         if by > 1
     )
-    text = f"errors that are not declared could move {letter(name)}: {told}"
+    text = f"errors that are not declared could move {noun(name)}: {told}"
     return [(grave[0][0], Reservation(boundaries=(boundary,), text=text))] if told else []
 
 
@@ -197,7 +197,7 @@ def _unseen(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Reserva
     most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
     shift = most.bias_at_detection_limit * most.u
     text = (
-        f"{most.effect}, though too small to be seen, could move {letter(quoted.headline)} by"
+        f"{most.effect}, though too small to be seen, could move {noun(quoted.headline)} by"
         f" {plain(shift, 2)}"
     )
     by = shift / own.u
