@@ -22,6 +22,7 @@ USUAL = {
     "force": ("N", "mN", "gf", "kgf", "lbf", "ozf"),
     "torque": ("N*m", "mN*m"),
     "fraction": ("fraction", "percent"),
+    "throttle": ("fraction", "percent", "us"),
     "rotation": ("rpm", "Hz", "rad/s"),
 }
 
@@ -65,6 +66,7 @@ _FACTORS = {
 SI = {dimension: next(iter(factors)) for dimension, factors in _FACTORS.items()} | {
     "rotation": "Hz",
     "fraction": "dimensionless",
+    "throttle": "dimensionless",
 }
 #: (unit, dimension) -> factor and offset to SI.
 COMMON = {
@@ -72,6 +74,9 @@ COMMON = {
     for dimension, factors in _FACTORS.items()
     for unit, factor in factors.items()
 }
+# a servo's pulse: idle at 1000 us, full at 2000 us
+COMMON |= {(u, "throttle"): COMMON[u, "fraction"] for u in ("fraction", "percent")}
+COMMON["us", "throttle"] = (1e-3, -1.0)
 
 #: A decimal number as people and instruments write it.
 NUMBER = re.compile(r"[-+]?(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][-+]?\d++)?")
@@ -170,7 +175,7 @@ def quantity(text: object, dimension: str, where: str) -> float:
             f'write it as text with a unit, such as "{example}"',
         )
     value, unit = measure(text)
-    if value is None or (not unit and dimension != "fraction"):
+    if value is None or (not unit and SI[dimension] != "dimensionless"):
         raise ManifestError(
             where, f"{brief(repr(text))} is not a number with a unit", f'write it as "{example}"'
         )

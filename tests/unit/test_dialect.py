@@ -327,3 +327,10 @@ def test_a_text_column_may_have_decimal_commas_beside_it(tmp_path):
     found = read(tmp_path, b"side;z;F\nground;5;1,5\nground;10;2,25\n")
     assert [c.name for c in found.channels] == ["z", "F"]
     assert found.channels[1].values.tolist() == [1.5, 2.25]
+
+
+def test_a_label_between_values_is_what_a_record_is_cut_at(tmp_path):
+    content = b"".join(b"Throttle: %d\n" % (10 * i) + b"10.1\n" * 60 for i in range(1, 5))
+    with pytest.raises(InputRefused) as refusal:
+        read(tmp_path, content)
+    assert 'begin = "Throttle: {level}"' in str(refusal.value.remedy)

@@ -19,8 +19,8 @@ from nearlift.stages import report
 
 from . import small_run
 
-TABLE = "a published table: 15, with lift_sd for each and their order unknown"
-REASON = f"24 usable trials are too few; at least 45 trials are wanted to tell a noise floor from structure ({TABLE})"
+TABLE = "of a published table 15, with lift_sd for each"
+REASON = f"24 usable trials are too few; at least 45 trials are wanted, 21 more ({TABLE})"
 
 
 @pytest.fixture(scope="module")

@@ -34,6 +34,9 @@ from nearlift.errors import ManifestError
         ("1 kHz", "frequency", 1000.0),
         ("60 rpm", "rotation", 1.0),  # turns, not radians: pint alone makes this 6.28
         ("16700 rpm", "rotation", 278.333333),
+        ("1500 us", "throttle", 0.5),
+        ("30 percent", "throttle", 0.3),
+        ("0.3", "throttle", 0.3),
         ("6.283185307 rad/s", "rotation", 1.0),
     ],
 )
@@ -58,6 +61,8 @@ def test_quantity(text, dimension, value):
         ("1e400 mm", "length", "'1e400 mm' is not finite"),
         ("1 kg", "force", "'kg' is not a unit of force\n  use one of: N, mN, gf, kgf, lbf, ozf"),
         ("1 g", "force", "'g' is not a unit of force"),
+        ("1 us", "fraction", "'us' is not a unit of fraction"),
+        ("1 ms", "throttle", "is not a unit of throttle\n  use one of: fraction, percent, us"),
         (
             "1 furlongs2",
             "length",

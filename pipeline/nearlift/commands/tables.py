@@ -155,8 +155,7 @@ def trials_section(given: Mapping[str, str], lacking: Collection[str], *, ordere
 def _remark(name: str) -> str:
     """What to fill in for a column's unit."""
     usual = units.USUAL.get(BY_NAME[name].dimension, (units.SI[BY_NAME[name].dimension],))
-    more = "; of a pulse width in us: convert it" if name == "throttle" else ""
-    return f"{'':<11}# {' | '.join(usual)}{more}"
+    return f"{'':<11}# {' | '.join(usual)}"
 
 
 def table_of(path: Path, dialect: RecordsDialect) -> Table | None:

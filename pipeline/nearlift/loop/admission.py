@@ -49,10 +49,10 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     if data.ordered:
         # with an order come drifts, and of so few trials nobody has counted how often they pass for
         # structure
-        table = f"a published table: {LEAST_CELLS}, with lift_sd for each and their order unknown"
+        least = LEAST_TRIALS + unknowns
         remedy = (
-            f"at least {LEAST_TRIALS + unknowns} trials are wanted to tell a noise floor from"
-            f" structure ({table})"
+            f"at least {least} trials are wanted, {least - data.n} more (of a published table"
+            f" {LEAST_CELLS}, with lift_sd for each)"
         )
         raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)

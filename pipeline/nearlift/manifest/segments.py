@@ -39,7 +39,7 @@ class ColumnOfRecord(Section):
             There is no unit where one is needed, or it is of another dimension.
         """
         if self.full is not None:
-            if dimension != "fraction" or self.full == self.zero:
+            if dimension != "throttle" or self.full == self.zero:
                 raise ManifestError(
                     f"{key}.full",
                     "is no command's full throttle",
@@ -50,7 +50,7 @@ class ColumnOfRecord(Section):
             return 1.0, 0.0
         if self.unit is None:
             hint = (
-                ', or full = ..., "the number at full throttle"' if dimension == "fraction" else ""
+                ', or full = ..., "the number at full throttle"' if dimension == "throttle" else ""
             )
             raise ManifestError(
                 f"{key}.unit",

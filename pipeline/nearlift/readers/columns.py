@@ -47,7 +47,7 @@ KNOWN = (
     Known(name="boundary", inside="boundary", kind="text"),
     Known(name="distance", inside="distance_m", dimension="length"),
     Known(name="reached", inside="reached_m", dimension="length"),
-    Known(name="throttle", inside="throttle", dimension="fraction"),
+    Known(name="throttle", inside="throttle", dimension="throttle"),
     Known(name="start", inside="start_s", dimension="time"),
     Known(name="session", inside="session", kind="text"),
     Known(name="supply", inside="supply_V", dimension="voltage"),
@@ -147,7 +147,8 @@ def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True
     """
     unit = unit or known.own_unit
     if not unit:
-        si = "percent" if known.dimension == "fraction" else units.SI[known.dimension]
+        si = units.SI[known.dimension]
+        si = "percent" if si == "dimensionless" else si
         raise ManifestError(
             "trials.units",
             f"the column {known.name!r} has no unit",

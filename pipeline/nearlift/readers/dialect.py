@@ -236,13 +236,19 @@ def _fit(
     texts = tuple(i for i, value in enumerate(first) if value is None)
     if texts and row[texts[0]].endswith(":") and len(row) > texts[0] + 1:
         # what the number beside it is differs from line to line
+        said, following = row[texts[0]], next(iter(lines[start + 1 :]), "")
+        among = not texts[0] and not following.lstrip().startswith(said)
         raise _Unfit(
             len(lines),
             InputRefused(
                 f"{where}, line {start + 1}",
                 f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}",
-                "such cells are read by dialect = { labels = true } under [records], where every"
-                " line has the same",
+                f'if it tells of the values beneath it: [segments] by = "markers", begin = "{said}'
+                ' {level}" cuts the record there, with dialect = { columns = ["force"] } under'
+                " [records]"
+                if among
+                else "such cells are read by dialect = { labels = true } under [records], where"
+                " every line has the same",
             ),
         )
     reading: list[tuple[float | None, ...]] = []

@@ -143,15 +143,12 @@ def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None
     for i, value in enumerate(throttle):
         if value < 0 or value > 1 + 1e-9:
             other = [
-                u for u in units.plausible(float(cells.texts[i]), "fraction", 0.0, 1.0) if u != unit
+                u for u in units.plausible(float(cells.texts[i]), "throttle", 0.0, 1.0) if u != unit
             ]
             raise InputRefused(
                 cells.at(i),
                 f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
-                f"{other[0]}?"
-                if other
-                else "throttle is a part of full throttle; a pulse of 1000 to 2000 us is"
-                " (pulse - 1000) / 10 percent of it",
+                f"{other[0]}?" if other else "throttle is a part of full throttle",
             )
     largest = int(np.argmax(np.nan_to_num(throttle)))
     if unit != "fraction" and 0 < throttle[largest] <= 0.01 + 1e-9:

@@ -304,12 +304,14 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
+        own = self.coefficients[self.headline]
         verdict = self.rests_on.verdict if self.rests_on and kind == "trial" else self.verdict
+        moves = f"{noun(self.headline)} moves by {moved.shift:+.2g}"
+        if abs(moved.shift) <= own.u:
+            return f"the verdict is a near thing: without {kind} {moved.place} it is {verdict}"
         other = f"the verdict is {verdict} and " if verdict != self.verdict else ""
-        return (
-            f"it rests on {kind} {moved.place}: without it {other}{noun(self.headline)} moves by"
-            f" {moved.shift:+.2g}"
-        )
+        to = like(own.value + moved.shift, own.u)
+        return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}"
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
         """The same with further doubts, by coefficient."""

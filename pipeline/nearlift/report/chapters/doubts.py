@@ -20,6 +20,7 @@ from nearlift.report.findings import listed, structure_along
 from nearlift.report.number import LEAST_CHANCE, Number, Place
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect, wandering
 from nearlift.results.fit import UndeclaredInput
+from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import plain
 
 #: A base model whose chi2 is less likely than this by chance is called rejected.
@@ -120,7 +121,7 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
             " be in the coefficient too"
         )
         told.append(Reservation(boundaries=(boundary,), text=text))
-    further = [text for e in found.effects for text in _alike(found, e)] if found else []
+    further = [text for e in found.effects for text in _alike(found, e, quoted)] if found else []
     further += [s.text for s in suspects if s.text not in said]
     further += [
         f"{letter(name)} ends at a bound of its range"
@@ -140,16 +141,27 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     return told
 
 
-def _alike(found: BoundaryDiagnosis, effect: NamedEffect) -> list[str]:
-    """That a named effect has rivals: alone, and two together."""
+def _alike(found: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult) -> list[str]:
+    """That a named effect has rivals, alone and two together, and what the headline would be with
+    each.
+    """
     others = found.stand_ins(effect)
     alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
+    own = quoted.quotable.get(quoted.headline)
+    values = {d.condition: plain(d.value, 2) for d in own.doubts} if own else {}
+
+    def told(name: str, condition: str, equals: str = "") -> str:
+        return f"{name} ({equals}{values[condition]})" if condition in values else name
+
     said = []
     if alone:
-        said.append(
-            f"{effect.name} and {listed(alone)} look alike in this design; the one that is more"
-            " plausible beforehand is named"
+        best = told(
+            effect.name,
+            f"{effect.name} is all, exactly in its declared form",
+            f"{letter(quoted.headline)} = ",
         )
+        rivals = [told(o, f"it is {o} in place of {effect.name}") for o in alone]
+        said.append(f"this design cannot tell {best} from {listed(rivals, 'or')}")
     if together:
         said.append(
             f"{effect.name} alone would do, but {listed(together, 'or')} is likelier, if not"

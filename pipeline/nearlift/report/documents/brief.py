@@ -16,6 +16,7 @@ from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.findings import listed, others, structure_along, to_log
+from nearlift.results.outlook import NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, plain, signed
 
@@ -90,7 +91,7 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
         return f"{model} alone does not describe the data: the rest is explained by {named}{apart}."
     if quoted.verdict == "unexplained":
         where = f" along {told}" if found and (told := structure_along(found)) else ""
-        return f"{model} leaves structure{where} that no known effect explains."
+        return f"{model} leaves structure{where} that no effect testable here explains."
     return f"Not diagnosed: {quoted.reason.removesuffix(f'; {quoted.wanted}')}."
 
 
@@ -156,7 +157,11 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     """
     found = evidence.diagnosed(boundary)
     if found and found.next_experiment:
-        return titled(found.next_experiment[0].measure)
+        first = found.next_experiment[0]
+        if not isinstance(first, NextSession):
+            return titled(first.measure)
+        parts = " from ".join(first.separates)
+        return titled(f"to tell {parts}: {first.measure} ({first.trials} trials)")
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
     words = to_log(found)
     if quoted.verdict == "unexplained":

@@ -145,6 +145,7 @@ def _view(
         data["overlays"] = beside
     on = [c.value for c in choices if c.on]
     span = [float(cells["z_hat"].min()), float(cells["z_hat"].max())]
+    made = layers(span, len(fig2.named(evidence, boundary)))
     spec = frame(
         f"Lift change near the {boundary} against distance over rotor radius",
         height=HEIGHT,
@@ -161,7 +162,7 @@ def _view(
             low=0,
             high=1,
         ),
-        layers=[layer for layer in layers(span) if layer["data"].get("name", "cells") in data],
+        layers=[layer for layer in made if layer["data"].get("name", "cells") in data],
     )
     return View(
         name=boundary,

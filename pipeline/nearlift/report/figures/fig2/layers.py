@@ -15,9 +15,9 @@ TOOLTIP = (
 )
 
 
-def layers(span: list[float]) -> list[Spec]:
+def layers(span: list[float], without: int) -> list[Spec]:
     """From back to front: zero, bands, curves, bars, points, further data. Only the points decide
-    how far the ordinate reaches.
+    how far the ordinate reaches; so many effects are taken out of Delta L.
     """
     x: Spec = {
         "field": "x",
@@ -30,8 +30,9 @@ def layers(span: list[float]) -> list[Spec]:
         "axis": axis("", format="~g", labelOverlap=True, labelSeparation=6)
         | {"title": {"expr": "distance == 'mm' ? 'distance (mm)' : 'ẑ = distance / rotor radius'"}},
     }
+    out = f", effect{'s' * (without > 1)} taken out" if without else ""
     titled = axis("") | {
-        "title": {"expr": "quantity == 'delta' ? 'ΔL (%)' : 'lift (' + quantity + ')'"}
+        "title": {"expr": f"quantity == 'delta' ? 'ΔL{out} (%)' : 'lift (' + quantity + ')'"}
     }
     far: Spec = {"calculate": "datum.z_hat * reach", "as": "x"}
     y: Spec = {
