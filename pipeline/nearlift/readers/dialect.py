@@ -22,7 +22,7 @@ from nearlift.errors import InputRefused
 from nearlift.readers import table
 from nearlift.readers.channel import split_unit, unit_word
 from nearlift.readers.layout import SPOKEN, UNGIVEN, Given, Layout, encoding_of
-from nearlift.readers.table import BLANKS, NONE, Cells, label, row_of
+from nearlift.readers.table import BLANKS, NONE, Cells, cut_at, label, row_of
 from nearlift.readers.words import value_of
 from nearlift.units import NUMBER
 
@@ -236,19 +236,16 @@ def _fit(
     texts = tuple(i for i, value in enumerate(first) if value is None)
     if texts and row[texts[0]].endswith(":") and len(row) > texts[0] + 1:
         # what the number beside it is differs from line to line
-        said, following = row[texts[0]], next(iter(lines[start + 1 :]), "")
-        among = not texts[0] and not following.lstrip().startswith(said)
+        said, below = row[texts[0]], "".join(lines[start + 1 : start + 2]).split(":")[0]
         raise _Unfit(
             len(lines),
             InputRefused(
                 f"{where}, line {start + 1}",
                 f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}",
-                f'if it tells of the values beneath it: [segments] by = "markers", begin = "{said}'
-                ' {level}" cuts the record there, with dialect = { columns = ["force"] } under'
-                " [records]"
-                if among
-                else "such cells are read by dialect = { labels = true } under [records], where"
-                " every line has the same",
+                "such cells are read by dialect = { labels = true } under [records], where every"
+                " line has the same"
+                if texts[0] or f"{below.strip()}:" == said
+                else cut_at(said),
             ),
         )
     reading: list[tuple[float | None, ...]] = []
@@ -271,7 +268,9 @@ def _fit(
                 InputRefused(
                     place,
                     f"{found[bad]!r} in column {names[bad]!r} is not a number",
-                    "mend the line, or say the dialect under [records]",
+                    cut_at(f"{mark[0]}:")
+                    if (mark := label(found[bad])) and value_of(mark[1], cells.decimal) is not None
+                    else "mend the line, or say the dialect under [records]",
                 ),
             )
         if len(reading) < READ:

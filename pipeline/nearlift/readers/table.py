@@ -100,6 +100,15 @@ def label(cell: str) -> tuple[str, str] | None:
     return (name.strip(), rest.strip()) if colon and len(rest.split()) <= 1 else None
 
 
+def cut_at(words: str) -> str:
+    """What reads values that are parted by lines of these words and a number."""
+    return (
+        "if it tells of the values beneath it:"
+        f' [segments] by = "markers", begin = "{words} {{level}}" cuts the record there, with'
+        ' dialect = { columns = ["force"] } under [records]'
+    )
+
+
 def read(
     body: bytes,
     where: str,
