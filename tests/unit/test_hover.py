@@ -14,6 +14,7 @@ from nearlift.errors import InputRefused
 from nearlift.fit.hover import shifts
 from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
+from nearlift.report.chapters.verdict import hovering as hovering_told
 from nearlift.results.hover import HoverComparison
 from nearlift.results.serial import decode, encode
 from nearlift.run.store import Table
@@ -108,6 +109,16 @@ def test_all_rotors_together_are_a_mass_or_a_gain_of_the_session(flown: tuple[An
     assert [s.rotor for s in laden.shifts if s.stands_out] == [0]
     # log 1.1; the battery sags further
     assert laden.shifts[0].value == pytest.approx(0.095, abs=0.02)
+
+
+def test_the_page_tells_what_is_found_and_what_shows_nothing(flown: tuple[Any, Table]) -> None:
+    given, trials = flown
+    cut, laden, painted = hovering_told(hovering.compared(given, trials, "ground"), given.flight)
+    assert cut.startswith("in hover cut (2 logs) against 6 sound logs differs in motor voltage")
+    assert "all rotors +" in laden
+    assert painted == "in hover painted shows nothing"
+    two = [h for h in told(flown).values() if not h.effects and h.condition != "sound"] * 2
+    assert hovering_told(two, given.flight) == ["in hover painted and painted show nothing"]
 
 
 def test_hover_without_a_comparison_is_refused(flown: tuple[Any, Table]) -> None:

@@ -105,7 +105,8 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
             kept = np.eye(own.shape[1]) - q[own] @ q[own].swapaxes(1, 2)
             undone = np.linalg.pinv(kept, rcond=1e-9, hermitian=True)
             errors[own] = (undone @ left[own][..., None])[..., 0]
-        found[degree] = np.bincount(visit, (errors * inside) ** 2)
+        squares = np.bincount(visit, (errors * inside) ** 2)
+        found[degree] = np.asarray(squares, dtype=np.float64)
     return found
 
 

@@ -138,7 +138,7 @@ def _tried(
     """Every dialect that fits, and why each other does not, with how far it came."""
     fits: list[tuple[Layout, Reading]] = []
     failed: list[tuple[int, InputRefused]] = []
-    separators = (
+    separators: tuple[str, ...] = (
         SEPARATORS if given.separator is None else (NAMED.get(given.separator, given.separator),)
     )
     # those that stand nowhere cut nothing, all alike: the first speaks for them

@@ -76,7 +76,7 @@ def filtered(
     lags = np.atleast_1d(np.asarray(lag_s, dtype=np.float64))
     known = np.nan_to_num(command)
     kept = np.array([math.exp(-step_s / lag) if lag > 0 else 0.0 for lag in lags])[:, None]
-    out = (1 - kept) * np.concatenate([known[:1], known[:-1]])
+    out: FloatArray = (1 - kept) * np.concatenate([known[:1], known[:-1]])
     edges = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(command)]
     for a, b in itertools.pairwise(edges):
         out[:, a : a + 1] = known[a]

@@ -4,6 +4,9 @@ gravest doubt, and what to measure next.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
+from nearlift.manifest.flight_log import Flight
 from nearlift.nomenclature import letter
 from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
@@ -11,6 +14,7 @@ from nearlift.report.documents.brief import Brief, briefs
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import coverage
 from nearlift.report.number import Number, Place, headline
+from nearlift.results.hover import HoverComparison
 
 TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
 
@@ -35,7 +39,7 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         "others": coefficients[1:],
         "holds": next((c.holds for c in quoted.quotable.values()), ""),
         "refused": {letter(name): why for name, why in quoted.refused.items()},
-        "hover": [comparison.text for comparison in quoted.hover or () if comparison.effects],
+        "hover": hovering(quoted.hover or (), evidence.campaign.flight),
         "omits": brief.omits,
         # the residual is drawn in the chapter of the loop, not on the card
         "seen": quoted.verdict in ("effect", "unexplained"),
@@ -45,6 +49,19 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         "next": brief.next,
         "tone": TONES.get(quoted.verdict, "bad" if strays else "fair"),
     }
+
+
+def hovering(compared: Iterable[HoverComparison], flight: Flight | None) -> list[str]:
+    """What hover shows of each condition; those that show nothing together, and no sound log
+    beside its likes unless it is found different.
+    """
+    each = list(compared)
+    quiet = [c.condition for c in each if not c.effects and flight and c.condition != flight.sound]
+    found = [c.text for c in each if c.effects]
+    if quiet:
+        whole = " and ".join(filter(None, (", ".join(quiet[:-1]), quiet[-1])))
+        found.append(f"in hover {whole} {'show' if len(quiet) > 1 else 'shows'} nothing")
+    return found
 
 
 def _error(evidence: Evidence, boundary: str) -> dict[str, Number]:
