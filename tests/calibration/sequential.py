@@ -3,7 +3,7 @@
 
     python -m tests.calibration.sequential coefficient --count 99 --seed 820000 --out rows.jsonl
 
-Kinds: `coefficient` (no effect; visits until u of the first coefficient is that of the full plan at
+Kinds: `stations` (ground; visits as below, at the stations of each design), `coefficient` (no effect; visits until u of the first coefficient is that of the full plan at
 `FULL` visits; then its 90 % interval, and claims at looks and at the stop), `rivals` (height_offset
 with rho 0.5 at the ceiling; visits until its evidence is 2 ln B > 9 beyond near_wall_saturation's),
 `supply` (supply_sag that a falling battery hides behind gain_drift; the same). A row per campaign;
@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
-from tests.calibration.bench import stream
+from tests.calibration.bench import DESIGNS, stream
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, simulate
 
 from nearlift import catalogue
@@ -130,9 +130,10 @@ def u_of(stage: SearchProblem) -> float:
     return float(coefficients.spread(stage, stage.base_fit)[1][0])
 
 
-def coefficient(boundary: str, seed: int) -> dict[str, Any]:
-    """Visits until u of the first coefficient is what the full plan has after `FULL`."""
-    pool = Pool(Spec(boundary=boundary, visits=MOST // 3, sessions=1, errors=Errors()), seed)
+def counted(pool: Pool, seed: int) -> tuple[np.ndarray, dict[str, int]]:
+    """Visits until u of the first coefficient is what the full plan has after `FULL`: their order,
+    and how many it took, was foretold, and takes by the fixed plan.
+    """
     rng, stations = stream(seed, "plan"), len(pool.z_hat)
     target = u_of(known(pool.run(full(stations, FULL, stream(seed, "full"))), pool))
     order = full(stations, stations, rng)
@@ -143,6 +144,21 @@ def coefficient(boundary: str, seed: int) -> dict[str, Any]:
             ahead = plan.until(target, BATCH, np.random.default_rng(seed))
             told = MOST if ahead is None else len(order) + len(ahead)
         order = np.append(order, plan.menu.station[plan.batch(BATCH, rng)])
+    fixed_order = fixed(stations, 2 * MOST, stream(seed, "fixed"))
+    by_fixed = _first(lambda n: u_of(known(pool.run(fixed_order[:n]), pool)) <= target)
+    return order, {"next": len(order), "fixed": by_fixed, "told": told}
+
+
+def stations(design: str, seed: int) -> dict[str, Any]:
+    """The same near the ground, at the stations of that design, counted alone."""
+    spec = Spec(boundary="ground", design=design, visits=MOST // 3, sessions=1, errors=Errors())
+    return {**counted(Pool(spec, seed), seed)[1]}
+
+
+def coefficient(boundary: str, seed: int) -> dict[str, Any]:
+    """Visits until u of the first coefficient is what the full plan has after `FULL`."""
+    pool = Pool(Spec(boundary=boundary, visits=MOST // 3, sessions=1, errors=Errors()), seed)
+    order, counts = counted(pool, seed)
     # what the loop says halfway, where a claim pays for the look, and at the stop
     half = len(order) // 2 // BATCH * BATCH
     rate = InterimLook(trials=half, scheduled=len(order)).level(Options().false_alarm_rate)
@@ -150,11 +166,8 @@ def coefficient(boundary: str, seed: int) -> dict[str, Any]:
     answer = decide(_set_up(pool.run(order)), False, Options().false_alarm_rate).answer
     quoted = coefficients_of(answer, {}).estimates().after
     name, true = next(iter(pool.campaign.truth.theta.items()))
-    fixed_order = fixed(stations, 2 * MOST, stream(seed, "fixed"))
     return {
-        "next": len(order),
-        "fixed": _first(lambda n: u_of(known(pool.run(fixed_order[:n]), pool)) <= target),
-        "told": told,
+        **counts,
         "covered": bool(quoted[name].lo90 <= true <= quoted[name].hi90),
         "claim_at_look": early.verdict != "adequate",
         "claim_at_end": answer.verdict != "adequate",
@@ -250,6 +263,9 @@ def _evidence(stage: SearchProblem, fitted: Fitted) -> float:
     return float(here.log(scores)[0]) + outside(fitted, scores)
 
 
+KINDS = {"stations": stations, "coefficient": coefficient, "rivals": rivals, "supply": supply}
+
+
 def rows(kind: str, count: int, seed: int, out: Path) -> None:
     """Append a row per campaign, boundaries in turn; what stands there already is not run again."""
     done = (
@@ -258,11 +274,9 @@ def rows(kind: str, count: int, seed: int, out: Path) -> None:
     for i in range(count):
         if seed + i in done:
             continue
-        boundary = ("ground", "ceiling", "sidewall")[i % 3]
+        boundary = (DESIGNS if kind == "stations" else ("ground", "ceiling", "sidewall"))[i % 3]
         try:
-            row = {"coefficient": coefficient, "rivals": rivals, "supply": supply}[kind](
-                boundary, seed + i
-            )
+            row = KINDS[kind](boundary, seed + i)
         except Unreachable:
             continue
         with out.open("a") as sink:
@@ -276,7 +290,9 @@ def tabulate(path: Path) -> str:
     read = [json.loads(line) for line in path.read_text().splitlines()]
     lines = []
     for boundary in (
-        dict.fromkeys(r["boundary"] for r in read) if read[0]["kind"] == "coefficient" else ("",)
+        dict.fromkeys(r["boundary"] for r in read)
+        if read[0]["kind"] in ("coefficient", "stations")
+        else ("",)
     ):
         mine = [r for r in read if boundary in ("", r["boundary"])]
         parts = []
@@ -294,7 +310,7 @@ def tabulate(path: Path) -> str:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("kind", choices=("coefficient", "rivals", "supply"))
+    parser.add_argument("kind", choices=tuple(KINDS))
     parser.add_argument("--count", type=int, default=99)
     parser.add_argument("--seed", type=int, default=820_000)
     parser.add_argument("--out", type=Path, required=True)

@@ -77,6 +77,8 @@ def test_a_trial_is_told_soon_and_thousands_take_little(tmp_path, capsys):
                 pass
             waits.append(time.monotonic() - begun)
         last = resident_MB(own.process.pid)
+        answer.close()
+        line.close()
     waits.sort()
     with capsys.disabled():
         print(

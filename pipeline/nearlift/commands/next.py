@@ -74,5 +74,6 @@ def _text(found: NextVisits) -> str:
         supply = f"{v.supply_V:6.2f} V" if v.supply_V is not None else ""
         throttles = " ".join(f"{100 * t:.3g}" for t in v.throttles)
         ratio = "" if free else f"{v.z_hat:.3g}"
-        lines.append(f"{i + 1:>5}{where}{ratio:>8}{supply}   {throttles} %")
+        via = f", from {1e3 * v.via_m:.2f} mm" if v.via_m is not None else ""
+        lines.append(f"{i + 1:>5}{where}{ratio:>8}{supply}   {throttles} %{via}")
     return "\n".join([*lines, "", *found.lines, *(f"note: {note}" for note in found.notes)])

@@ -14,12 +14,18 @@ from nearlift.rounding import plain
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextVisit:
-    """One visit: `z_hat` is infinite in free air, `supply_V` None where it is left as it is."""
+    """One visit: `z_hat` is infinite in free air, `supply_V` None where it is left as it is.
+
+    `approach` is +1 where the last move leads away from the boundary, -1 where closer; `via_m` where
+    the traverse drives to first, to arrive so, None where it comes so anyway.
+    """
 
     z_hat: float
     distance_m: float
     throttles: tuple[float, ...]
     supply_V: float | None
+    approach: int
+    via_m: float | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

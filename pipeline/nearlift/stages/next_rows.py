@@ -41,15 +41,12 @@ def as_schedule(job: Job, found: Sequence[NextVisits]) -> str:
     start_s = trials["start_s"] if timed else np.zeros(1)
     spacing = float(np.median(np.diff(start_s))) if len(start_s) > 1 else 0.0
     session = str(trials["session"][-1]) if "session" in trials else ""
-    here = float("inf")
     for of in found:
         for visit in of.visits:
             # records that hold several throttles are listed once
             throttles = visit.throttles if "throttle" in header else (np.nan,)
             side = "none" if np.isinf(visit.z_hat) else str(of.boundary)
-            away = visit.z_hat > here
-            here = visit.z_hat
-            for throttle in throttles:
+            for i, throttle in enumerate(throttles):
                 at = float(start_s[-1]) + spacing * (len(rows) + 1)
                 cells = {
                     "trial": next(ids),
@@ -58,7 +55,9 @@ def as_schedule(job: Job, found: Sequence[NextVisits]) -> str:
                     "throttle": outside(campaign, "throttle", throttle),
                     "start": outside(campaign, "start", round(at, 1)) if timed else "",
                     "session": session,
-                    "approach": "+1" if away else "-1",
+                    "approach": f"{visit.approach:+d}",
+                    # driven once, on the way to the visit
+                    "via": outside(campaign, "distance", visit.via_m or np.nan) if i == 0 else "",
                     "supply": outside(campaign, "supply", visit.supply_V or np.nan),
                 }
                 rows.append({name: cells.get(name, "") for name in header})

@@ -30,7 +30,6 @@ from nearlift.loop.next_visits import Plan, Question
 from nearlift.loop.proposals import APART, Point
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
-from nearlift.manifest.campaign import Campaign
 from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.randomness import generator
@@ -46,6 +45,7 @@ from nearlift.stages.asked import Asked
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
+from nearlift.stages.traverse import Traverse, traverse
 
 COUNT = 10
 #: An effect whose fit lowers chi2 by less is supposed at its plausible size.
@@ -160,7 +160,7 @@ def _at(
         count,
         options,
         notes,
-        _distances(trials, job.campaign, data.boundary),
+        traverse(trials, stage.data, job.campaign),
     )
 
 
@@ -172,7 +172,7 @@ def _told(
     count: int,
     options: Options,
     notes: list[str],
-    distance_m: Mapping[float, float],
+    along: Traverse,
 ) -> NextVisits:
     """The batch, and what is to be said of it."""
     boundary, parts = stage.data.boundary, len(aim) > 1
@@ -190,6 +190,9 @@ def _told(
     known = (lambda u: float(u**-2)) if parts else float
     menu = plan.menu
     visit = menu.trials.throttle.reshape(len(menu), -1)
+    z_hat = [float(menu.z_hat[menu.station[v]]) for v in visits]
+    sides = generator(options.seed, "sides", boundary, *aim)
+    ways = along.ways(z_hat, float(menu.z_hat[plan.last]), sides)
     return NextVisits(
         boundary=boundary,
         base_model=stage.base.name,
@@ -214,8 +217,10 @@ def _told(
         sees_evenly=next_visits.SEEN,
         visits=tuple(
             NextVisit(
-                z_hat=float(menu.z_hat[menu.station[v]]),
-                distance_m=distance_m[float(menu.z_hat[menu.station[v]])],
+                z_hat=z_hat[i],
+                distance_m=along.shown_m[z_hat[i]],
+                approach=ways[i][0],
+                via_m=ways[i][1],
                 throttles=tuple(
                     generator(options.seed, "throttles", boundary, str(i)).permutation(visit[v])
                 ),
@@ -368,10 +373,3 @@ def _stations(trials: store.Table, boundary: Boundary, base: LiftModel) -> Float
     )
     low, high = base.valid_z_hat
     return np.unique(z_hat[(z_hat > low) & ((z_hat <= high) | np.isinf(z_hat))])
-
-
-def _distances(trials: store.Table, campaign: Campaign, boundary: Boundary) -> dict[float, float]:
-    """What the traverse shows at each z_hat, m; infinite in free air."""
-    mine = np.isin(trials["boundary"], [boundary, "none"])
-    shown = trials["z_m"][mine] - campaign.rig.offset(boundary)
-    return dict(zip(trials["z_hat"][mine].tolist(), shown.tolist(), strict=True))

@@ -161,7 +161,7 @@
       if (told.refusal) { const refused = node("p", told.refusal); refused.className = "refusal"; $("#visits").replaceChildren(code, refused); return; }
       $("#visits").replaceChildren(code, ...Object.entries(told.boundaries).flatMap(([boundary, own]) => [
         node("h3", boundary), ...own.text.map(line => node("p", line)),
-        node("ol", "", ...own.visits.map(v => node("li", `${typeof v.z_hat === "number" ? `${short(1e3 * v.distance_m, 4)} mm` : "free air"}${v.supply_V ? ` at ${v.supply_V.toFixed(2)} V` : ""}: ${v.throttles.map(h => short(100 * h)).join(", ")} %`))),
+        node("ol", "", ...own.visits.map(v => node("li", `${typeof v.z_hat === "number" ? `${short(1e3 * v.distance_m, 4)} mm` : "free air"}${v.supply_V ? ` at ${v.supply_V.toFixed(2)} V` : ""}: ${v.throttles.map(h => short(100 * h)).join(", ")} %${typeof v.via_m === "number" ? `, coming from ${short(1e3 * v.via_m, 4)} mm` : ""}`))),
       ]), ...told.notes.map(line => node("p", line)));
     };
     const look = async () => {
