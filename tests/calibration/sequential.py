@@ -40,6 +40,8 @@ from nearlift.results.diagnosis import FORM_SD
 #: of a session.
 FULL, MOST, BATCH, SESSION = 150, 300, 10, 50
 APART = 9.0
+#: Of the supply: visits before the first that is planned, and between looks.
+FEW, EVERY = 4, 2
 #: A true exponent, what a battery loses over a session, and by how much a visit's supply is moved.
 EXPONENT, FALLS_V, VOLTS = 2.0, 0.3, 4.0
 
@@ -219,11 +221,12 @@ def _parted(pool: Pool, names: tuple[str, str], seed: int, most: int) -> dict[st
     """
     row: dict[str, Any] = {}
     stations, moves = len(pool.z_hat), names[0] == "supply_sag"
+    start, step = (FEW, EVERY) if moves else (stations, BATCH)
     for how in ("full", "next"):
         rng = stream(seed, "parted")
-        start = BATCH if moves else stations
         whole = full(stations, most, rng)
         order, settings = whole[:start], np.full(start, np.nan)
+        ahead, volts = np.zeros(0, dtype=int), np.zeros(0)
         while True:
             data = pool.run(order, settings)
             if moves:
@@ -238,18 +241,20 @@ def _parted(pool: Pool, names: tuple[str, str], seed: int, most: int) -> dict[st
             if abs(apart) > APART or len(order) >= most:
                 break
             if how == "full":
-                order = whole[: len(order) + BATCH]
+                order = whole[: len(order) + step]
                 settings = np.full(len(order), np.nan)
                 continue
-            question = next_visits.of_rivals(
-                stage,
-                (one.candidate.effects, one.vector),
-                (other.candidate.effects, other.vector),
-            )
-            menu = next_visits.menu(stage.data, pool.z_hat, moves)
-            picks = next_visits.plan(stage, question, menu).batch(BATCH, rng)
-            order = np.append(order, menu.station[picks])
-            settings = np.r_[settings, menu.supply_V[picks] / VOLTS - 1]
+            if not len(ahead):
+                question = next_visits.of_rivals(
+                    stage,
+                    (one.candidate.effects, one.vector),
+                    (other.candidate.effects, other.vector),
+                )
+                menu = next_visits.menu(stage.data, pool.z_hat, moves)
+                picks = next_visits.plan(stage, question, menu).batch(BATCH, rng)
+                ahead, volts = menu.station[picks], menu.supply_V[picks] / VOLTS - 1
+            order, ahead = np.append(order, ahead[:step]), ahead[step:]
+            settings, volts = np.r_[settings, volts[:step]], volts[step:]
         row |= {how: len(order), f"{how}_wrong": apart < -APART, f"{how}_open": abs(apart) <= APART}
     return row
 

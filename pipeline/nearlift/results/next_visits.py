@@ -16,8 +16,8 @@ from nearlift.rounding import plain
 class NextVisit:
     """One visit: `z_hat` is infinite in free air, `supply_V` None where it is left as it is.
 
-    `approach` is +1 where the last move leads away from the boundary, -1 where closer; `via_m` where
-    the traverse drives to first, to arrive so, None where it comes so anyway.
+    `approach` is +1 where the last move leads away from the boundary, -1 where closer; `via_m` is
+    where to drive to first, to arrive so, None where that is so anyway.
     """
 
     z_hat: float
