@@ -4,6 +4,7 @@ whatever state its record is in.
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import time
@@ -13,6 +14,8 @@ import pytest
 
 from nearlift.products import TRIALS
 from nearlift.run import graph
+from nearlift.serve import pages
+from nearlift.serve.answers import Asked
 from nearlift.serve.bench import Bench
 from nearlift.serve.live import Live, looked, looks
 
@@ -105,6 +108,20 @@ def test_a_manifest_half_saved_is_refused_until_it_is_mended(bench):
 def test_before_the_first_look_nothing_is_claimed(bench):
     found = looked(bench.campaign("raw/small"))
     assert (found["verdicts"], found["suspects"], found["curves"]) == ([], [], {})
+
+
+def test_what_to_measure_next_is_what_the_command_says(bench):
+    bench.ask(["ingest", "raw/small"])
+    asked = Asked.of("campaign=raw/small&for=K_b&until=0.02")
+    shown = json.loads(pages.upcoming(bench, asked).body)
+    words = ["next", "raw/small", "--for=K_b", "--until=0.02"]
+    assert shown.pop("command") == "nearlift next raw/small --for=K_b --until=0.02"
+    assert shown == json.loads(bench.ask([*words, "--json"]))
+    assert "more trials;" in " ".join(shown["boundaries"]["ground"]["text"])
+    rows = pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_b&as=csv")).body.decode()
+    assert rows == bench.ask(["next", "raw/small", "--for=K_b", "--csv"])
+    refused = json.loads(pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_x")).body)
+    assert "no base model of this campaign has that coefficient" in refused["refusal"]
 
 
 def test_looks_are_read_among_other_lines():

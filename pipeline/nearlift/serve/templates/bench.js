@@ -22,6 +22,8 @@
     const enter = (stage, done) => {
       if (current) { current.className = "done"; current.removeAttribute("aria-current"); }
       if (done) { stage.className = "done"; $("span", stage).textContent = "up to date"; return; }
+      // those that were passed over
+      for (const s of stages.slice(0, stages.indexOf(stage))) if (!s.className) { s.className = "done"; $("span", s).textContent = "nothing to do"; }
       current = stage; began = performance.now();
       current?.setAttribute("aria-current", "step");
     };
@@ -30,8 +32,8 @@
       const spent = (performance.now() - began) / 1000, last = Number(current.dataset.seconds);
       const own = share > 0.02 ? spent * (1 - share) / share : last - spent;
       const later = stages.slice(stages.indexOf(current) + 1).reduce((sum, s) => sum + Number(s.dataset.seconds), 0);
-      const seconds = Math.max(own, 0) + later;
-      return last || share ? `, about ${seconds < 90 ? `${Math.ceil(seconds)} s` : `${Math.round(seconds / 60)} min`} left` : "";
+      const seconds = Math.max(own, 0) + later, ever = stages.some(s => Number(s.dataset.seconds));
+      return last || share ? `, about ${seconds < 90 ? `${Math.ceil(seconds)} s` : `${Math.round(seconds / 60)} min`} left${ever ? "" : ` of ${current.dataset.stage}`}` : "";
     };
     events.addEventListener("lines", event => {
       for (const line of JSON.parse(event.data)) {
@@ -185,6 +187,8 @@
     events.addEventListener("look", event => { const told = JSON.parse(event.data); $("#state").textContent = told.refused || told.words; if (!told.refused) look().then(() => $("#visits").childElementCount && ask()); });
     $("#residuals select").addEventListener("change", residuals);
     $("#next").addEventListener("submit", ask);
+    // rivals stop where they part
+    $("#next [name=for]").addEventListener("input", event => { $("#next [name=until]").disabled = /^(separate|drift)/.test(event.target.value); });
     look();
   };
 
