@@ -92,7 +92,8 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
     inside = np.empty(data.n, dtype=bool)
     for v in range(visit.max() + 1):
         inside[visit == v] = data.foretold_by(visit != v)[visit == v]
-    shapes, y, found = _shapes(data), np.log(data.lift_N), {}
+    shapes, y = _shapes(data), np.log(data.lift_N)
+    found: dict[int, FloatArray] = {}
     for degree in range(1, MOST_DEGREE + 1):
         curve = dataclasses.replace(data.curve, degree=degree)
         columns = np.hstack([curve.columns(data.of_levels), shapes])
@@ -105,8 +106,7 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
             kept = np.eye(own.shape[1]) - q[own] @ q[own].swapaxes(1, 2)
             undone = np.linalg.pinv(kept, rcond=1e-9, hermitian=True)
             errors[own] = (undone @ left[own][..., None])[..., 0]
-        squares = np.bincount(visit, (errors * inside) ** 2)
-        found[degree] = np.asarray(squares, dtype=np.float64)
+        found[degree] = np.bincount(visit, (errors * inside) ** 2).astype(np.float64)
     return found
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import codecs
 import csv
+import itertools
 import re
 from collections import Counter
 from collections.abc import Sequence
@@ -138,25 +139,23 @@ def _tried(
     """Every dialect that fits, and why each other does not, with how far it came."""
     fits: list[tuple[Layout, Reading]] = []
     failed: list[tuple[int, InputRefused]] = []
-    separators: tuple[str, ...] = (
-        SEPARATORS if given.separator is None else (NAMED.get(given.separator, given.separator),)
-    )
+    said = given.separator
+    wanted = SEPARATORS if said is None else (NAMED.get(said, said),)
     # those that stand nowhere cut nothing, all alike: the first speaks for them
     absent = [s for s in SEPARATORS[:4] if not any(s in line for line in lines)]
-    separators = tuple(s for s in separators if s not in absent[1:])
+    separators = [s for s in wanted if s not in absent[1:]]
     decimals = (".", ",") if given.decimal is None else (given.decimal,)
     for strict in (True, False):
-        for separator in separators:
-            for decimal in decimals:
-                if separator == decimal:
-                    continue
-                cells = Cells(
-                    separator=separator, decimal=decimal, ignore=given.ignore, labels=given.labels
-                )
-                try:
-                    fits.append(_fit(lines, where, cells, given, strict=strict))
-                except _Unfit as unfit:
-                    failed.append((unfit.lines, unfit.refusal))
+        for separator, decimal in itertools.product(separators, decimals):
+            if separator == decimal:
+                continue
+            cells = Cells(
+                separator=separator, decimal=decimal, ignore=given.ignore, labels=given.labels
+            )
+            try:
+                fits.append(_fit(lines, where, cells, given, strict=strict))
+            except _Unfit as unfit:
+                failed.append((unfit.lines, unfit.refusal))
         if fits:
             break
     return [fit for fit in fits if not any(_numbers_of(fit[0], other[0]) for other in fits)], failed
@@ -249,8 +248,7 @@ def _fit(
             ),
         )
     reading: list[tuple[float | None, ...]] = []
-    for at in range(start, len(lines)):
-        line = lines[at]
+    for at, line in enumerate(lines[start:], start):
         if cells.skips(line):
             continue
         place = f"{where}, line {at + 1}"
@@ -269,20 +267,19 @@ def _fit(
                     place,
                     f"{found[bad]!r} in column {names[bad]!r} is not a number",
                     cut_at(f"{mark[0]}:")
-                    if (mark := label(found[bad])) and value_of(mark[1], cells.decimal) is not None
+                    if (mark := label(found[bad])) and NUMBER.fullmatch(mark[1])
                     else "mend the line, or say the dialect under [records]",
                 ),
             )
         if len(reading) < READ:
             reading.append(tuple(0.5 if value != value else value for value in values))
-    above = tuple(line for line in lines[: top - 1] if not cells.skips(line))
     layout = Layout(
         encoding="",
         cells=cells,
         names=tuple(names),
         units=tuple(units),
         first=start + 1,
-        preamble=above,
+        preamble=tuple(line for line in lines[: top - 1] if not cells.skips(line)),
         texts=texts,
     )
     return layout, (tuple(names), tuple(reading))

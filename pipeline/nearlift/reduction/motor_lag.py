@@ -85,7 +85,8 @@ def filtered(
         while reach < b - a and keeps.max() > FORGOTTEN:
             out[:, a + reach : b] += keeps * out[:, a : b - reach]
             reach, keeps = 2 * reach, keeps * keeps
-    return out if np.ndim(lag_s) else out[0]
+    behind: FloatArray = out if np.ndim(lag_s) else out[0]
+    return behind
 
 
 def moments(
