@@ -342,3 +342,13 @@ def test_changes_are_told_by_key_and_comments_do_not_count():
     )
     assert history.changes(old, b"# nothing else\n" + old) == ()
     assert history.changes(old, b"a = \n[b]")[0] == ("line 0", "a = 1 # one", "a = ")
+
+
+@pytest.mark.parametrize("name", ["..", ".hidden", "a/b", ""])
+def test_a_name_that_leads_elsewhere_is_none(tmp_path, name):
+    file = tmp_path / "campaign.toml"
+    file.write_text(f'name = "{name}"\n')
+    with pytest.raises(ManifestError, match="names no campaign"):
+        history.name_of(file)
+    file.write_text('name = "rig-2.1"\n')
+    assert history.name_of(file) == "rig-2.1"

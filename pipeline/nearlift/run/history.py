@@ -256,7 +256,7 @@ def name_of(path: Path) -> str:
     if not path.is_file():
         raise ManifestError(str(path), "is missing", "name the campaign's folder")
     head = re.split(r"^\s*\[", path.read_text(errors="replace"), maxsplit=1, flags=re.MULTILINE)[0]
-    found = re.search(r"""^\s*name\s*=\s*["']([\w.-]+)["']""", head, re.MULTILINE)
+    found = re.search(r"""^\s*name\s*=\s*["'](\w[\w.-]*)["']""", head, re.MULTILINE)
     if found is None:
         raise ManifestError(str(path), "names no campaign", 'say `name = "..."` above its tables')
     return found[1]
