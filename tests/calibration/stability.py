@@ -28,7 +28,7 @@ from nearlift.loop import stability
 
 KINDS = ("null", "one", "two", "outside", "outliers", "bad_visit", "t3", "noisier_near")
 MOST, AT_RANDOM = 3, 1
-LOOK = stability.LOOK
+LOOK, TRIES = stability.LOOK, stability.TRIES
 
 Row = dict[str, Any]
 Job = tuple[str, str, int]
@@ -63,7 +63,7 @@ def assess(kind: str, boundary: str, seed: int) -> Row:
     headline, rests = whole.coefficients[name], whole.rests_on
     moves = {}
     # whether the rest in turn hangs on a trial is not asked
-    stability.LOOK = inf
+    stability.LOOK, stability.TRIES = inf, 0
     for i in suspects(campaign):
         # visits left out have their say only where the search does not find the same again
         for confirm in (False, True):
@@ -72,7 +72,7 @@ def assess(kind: str, boundary: str, seed: int) -> Row:
             moves[str(campaign.data.trial[i])] = (float(shift), again.verdict)
             if abs(shift) <= 1 and again.verdict == whole.verdict:
                 break
-    stability.LOOK = LOOK
+    stability.LOOK, stability.TRIES = LOOK, TRIES
     far = {t: m for t, m in moves.items() if abs(m[0]) > 1 or m[1] != whole.verdict}
     return {
         "kind": kind,

@@ -11,7 +11,7 @@ from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
-from nearlift.loop.stability import LOOK, Without, told
+from nearlift.loop.stability import LOOK, Without, tipping, told
 from nearlift.results.quotation import Shift
 
 from .simulated import campaign
@@ -93,6 +93,32 @@ def test_where_no_trial_matters_nothing_is_made_again(quoted):
     assert told(quiet, pytest.fail) is quiet
     unknown = replace(quoted, coefficients={"K_b": replace(headline, u=np.inf)})
     assert told(unknown, pytest.fail) is unknown
+
+
+def test_the_trials_that_speak_most_for_a_hardly_earned_name_are_tried():
+    after = np.random.default_rng(1).normal(0, 0.005, 400)
+    before = after.copy()
+    before[7], before[9] = 0.02, 0.012
+    ids, z_hat = np.array([f"t{i}" for i in range(400)]), np.full(400, 1.5)
+    assert [s.id for s in tipping(4.0, before, after, ids, z_hat)] == ["t7", "t9"]
+    assert [s.id for s in tipping(12.0, before, after, ids, z_hat)] == ["t7"]
+    assert tipping(40.0, before, after, ids, z_hat) == ()
+
+
+def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
+    headline = quoted.coefficients["K_b"]
+    first = headline.influence.trial.id
+
+    def without(trial):
+        value = headline.value + (0.1 if trial == first else -1.5) * headline.u
+        intervals = {"K_b": (value, value - 1.0, value + 1.0)}
+        verdict = quoted.verdict if trial == first else "effect"
+        return Without(verdict=verdict, effects=(), intervals=intervals)
+
+    found = told(quoted, without, (Shift(id="t9", shift=0.0, z_hat=1.5),))
+    assert found.rests_on.trial == "t9"
+    assert found.leaning.startswith("it rests on trial t9 (z_hat = 1.5): without it the verdict is")
+    assert told(quoted, without).rests_on is None
 
 
 def test_no_single_trial_decides_at_which_throttle_coefficients_hold():

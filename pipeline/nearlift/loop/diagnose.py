@@ -5,6 +5,7 @@ and after.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +34,7 @@ from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Heard, unheard
+from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
@@ -45,7 +47,7 @@ from nearlift.loop.within_trial import heating
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
-from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
+from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError, Shift
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,7 +169,9 @@ def diagnose(
     )
     if confirm:
         quoted = stability.told(
-            quoted, lambda trial: _without(ground, trial, rate, decided, declared)
+            quoted,
+            lambda trial: _without(ground, trial, rate, decided, declared),
+            _tipping(answer, answers, quoted, residuals),
         )
     return Diagnosis(findings=findings, residuals=residuals, quoted=quoted)
 
@@ -247,6 +251,27 @@ def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.
     """What the coefficients are under every answer that may be right."""
     answers = few_visits.answers if answer.stage.independent else coefficients.answers
     return answers(answer.stage, answer, declared)
+
+
+def _tipping(
+    answer: Answer,
+    answers: coefficients.Answers,
+    quoted: BoundaryResult,
+    residuals: Mapping[str, NDArray[Any]],
+) -> tuple[Shift, ...]:
+    """The trials on which the name hangs, where the headline without a name would be another."""
+    if not (answer.accepted and quoted.headline):
+        return ()
+    i, own = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
+    if not abs(answers.before[0][i] - own.value) > own.u:
+        return ()
+    return stability.tipping(
+        answer.accepted[0].evidence.over_none - CREDIT,
+        residuals["before"],
+        residuals["after"],
+        residuals["trial"],
+        answer.stage.data.z_hat,
+    )
 
 
 def _without(
