@@ -66,6 +66,17 @@ def test_a_record_is_there_once_it_has_landed_and_only_that_is_told(bench, tmp_p
     assert not told["fresh"]
 
 
+def test_a_record_that_is_taken_away_is_told_no_more(bench, tmp_path):
+    place = bench.campaign("raw/small")
+    live = Live(place)
+    whole = everything(live)
+    record = sorted((place.root / "trials").iterdir())[5]
+    shutil.move(record, tmp_path / record.name)
+    assert whole.keys() - everything(live).keys() == {record.stem}
+    shutil.move(tmp_path / record.name, record)
+    assert everything(live).keys() == whole.keys()
+
+
 def test_a_glitch_in_the_tare_is_called_out(bench):
     place = bench.campaign("raw/small")
     record = sorted((place.root / "trials").iterdir())[3]

@@ -126,6 +126,9 @@ class Live:
             self._from_product()
             return
         found = per_trial(campaign, root, schedule.trial.tolist())
+        if self._seen.keys() - found.keys():
+            # a record was taken away
+            self._begin()
         stamped = ((trial, _stamp(path.stat())) for trial, (path, _) in found.items())
         new = [(trial, stamp) for trial, stamp in stamped if self._seen.get(trial) != stamp]
         self._behind = len(new) > PER_LOOK
