@@ -100,8 +100,9 @@ MODEL = LiftModel(
     title="Corridor, images of ground and ceiling",
     formula=(
         r"\frac{L}{L_\infty} = \frac{1}{m} \sum_i \frac{1}{1 - s_i}, \quad"
-        r" s_i = \sum_j \left\{I_{ij}(2 \hat{z}) + \sum_{n \geq 1} \kappa^n \left[I_{ij}(2 n \hat{g}"
-        r" + 2 \hat{z}) + I_{ij}(2 n \hat{g} - 2 \hat{z}) - 2 I_{ij}(2 n \hat{g})\right]\right\}, \quad"
+        r" s_i = \sum_j \left\{I_{ij}(2 \hat{z}) + \sum_{n \geq 1} \kappa^n"
+        r" \left[I_{ij}(2 n \hat{g} + 2 \hat{z}) + I_{ij}(2 n \hat{g} - 2 \hat{z})"
+        r" - 2 I_{ij}(2 n \hat{g})\right]\right\}, \quad"
         r" I_{ij}(H) = \frac{H / 4}{(\hat{h}_{ij}^2 + H^2)^{3/2}}"
     ),
     evaluate=evaluate,
