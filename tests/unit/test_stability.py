@@ -139,4 +139,4 @@ def test_a_visit_that_moves_the_answer_by_more_than_u_is_told_before_a_trial(quo
         return replace(quoted, coefficients=moved).leaning
 
     assert leaning(0.9) == leaning(-0.9) == ""
-    assert leaning(-1.1).startswith("it rests on visit 7 (z_hat = 1.2): without it K_b moves by -")
+    assert leaning(-1.1).startswith("it rests on visit 7 (z_hat = 1.2): without it K_b moves by −")

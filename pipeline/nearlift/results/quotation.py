@@ -306,7 +306,8 @@ class BoundaryResult:
         kind, moved = self.hinge
         own = self.coefficients[self.headline]
         verdict = self.rests_on.verdict if self.rests_on and kind == "trial" else self.verdict
-        moves = f"{noun(self.headline)} moves by {moved.shift:+.2g}"
+        sign = "+" if moved.shift > 0 else ""
+        moves = f"{noun(self.headline)} moves by {sign}{plain(moved.shift, 2)}"
         if abs(moved.shift) <= own.u:
             return f"the verdict is a near thing: without {kind} {moved.place} it is {verdict}"
         other = f"the verdict is {verdict} and " if verdict != self.verdict else ""

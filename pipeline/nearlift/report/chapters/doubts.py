@@ -121,8 +121,7 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
             " be in the coefficient too"
         )
         told.append(Reservation(boundaries=(boundary,), text=text))
-    further = [text for e in found.effects for text in _alike(found, e, quoted)] if found else []
-    further += [s.text for s in suspects if s.text not in said]
+    further = [s.text for s in suspects if s.text not in said]
     further += [
         f"{letter(name)} ends at a bound of its range"
         for name, c in quoted.quotable.items()
@@ -134,6 +133,9 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     told += [Reservation(boundaries=(boundary,), text=text) for text in further]
     hidden = [*_undeclared(evidence, boundary), *_unseen(evidence, boundary)]
     told += [own for _, own in sorted(hidden, key=lambda pair: -pair[0])]
+    # what the interval is over anyway comes after what it leaves out
+    rivals = [text for e in found.effects for text in _alike(found, e, quoted)] if found else []
+    told += [Reservation(boundaries=(boundary,), text=text) for text in rivals]
     unseen = [catalogue.titled(name) for name in found.untestable] if found else []
     if unseen:
         text = f"nothing was logged that could tell of {listed(unseen)}"
@@ -163,8 +165,9 @@ def _alike(found: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult
         rivals = [told(o, f"it is {o} in place of {effect.name}") for o in alone]
         said.append(f"this design cannot tell {best} from {listed(rivals, 'or')}")
     if together:
+        pairs = [told(o, f"it is {o} in place of {effect.name}") for o in together]
         said.append(
-            f"{effect.name} alone would do, but {listed(together, 'or')} is likelier, if not"
+            f"{listed(pairs, 'or')} together would be likelier than {effect.name} alone, if not"
             " plainly"
         )
     return said

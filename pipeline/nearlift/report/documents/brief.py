@@ -158,7 +158,7 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     found = evidence.diagnosed(boundary)
     if found and found.next_experiment:
         first = found.next_experiment[0]
-        if not isinstance(first, NextSession):
+        if not (isinstance(first, NextSession) and quoted.verdict == "effect"):
             return titled(first.measure)
         parts = " from ".join(first.separates)
         return titled(f"to tell {parts}: {first.measure} ({first.trials} trials)")
