@@ -130,17 +130,23 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     if quoted.verdict == NOT_DIAGNOSED:
         # by the noise of the fit; after the loop the conditions say it by the loop's
         further += [d.text for d in fit.degeneracies[:1]]
-    told += [Reservation(boundaries=(boundary,), text=text) for text in further]
-    hidden = [*_undeclared(evidence, boundary), *_unseen(evidence, boundary)]
-    told += [own for _, own in sorted(hidden, key=lambda pair: -pair[0])]
-    # what the interval is over anyway comes after what it leaves out
     rivals = [text for e in found.effects for text in _alike(found, e, quoted)] if found else []
-    told += [Reservation(boundaries=(boundary,), text=text) for text in rivals]
-    unseen = [catalogue.titled(name) for name in found.untestable] if found else []
-    if unseen:
-        text = f"nothing was logged that could tell of {listed(unseen)}"
-        told.append(Reservation(boundaries=(boundary,), text=text))
-    return told
+    left_out = _undeclared(evidence, boundary)
+    # the interval is over rivals, so where they hardly differ what it leaves out is graver
+    further += [*rivals, *left_out] if _apart(quoted) else [*left_out, *rivals]
+    further += _unseen(evidence, boundary)
+    unlogged = [catalogue.titled(name) for name in found.untestable] if found else []
+    if unlogged:
+        further.append(f"nothing was logged that could tell of {listed(unlogged)}")
+    return told + [Reservation(boundaries=(boundary,), text=text) for text in further]
+
+
+def _apart(quoted: BoundaryResult) -> bool:
+    """Whether the headline with some rival is farther than u from what is quoted."""
+    own = quoted.quotable.get(quoted.headline)
+    return own is not None and any(
+        " in place of " in d.condition and abs(d.value - own.value) > own.u for d in own.doubts
+    )
 
 
 def _alike(found: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult) -> list[str]:
@@ -186,10 +192,8 @@ def undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Unde
     return sorted((pair for pair in worth if pair[0] > 0), key=lambda pair: -pair[0])
 
 
-def _undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Reservation]]:
-    """Those of which a plausible error would move the headline by more than its u, and the most by
-    how many of it.
-    """
+def _undeclared(evidence: Evidence, boundary: Boundary) -> list[str]:
+    """Those of which a plausible error would move the headline by more than its u."""
     name, grave = evidence.quoted(boundary).headline, undeclared(evidence, boundary)
     told = ", ".join(
         f"{plain(SCALES[a.unit][0] * a.size, 2)} {SCALES[a.unit][1]} in {INPUT_WORDS[a.on]} by"
@@ -197,13 +201,12 @@ def _undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Res
         for by, a in grave
         if by > 1
     )
-    text = f"errors that are not declared could move {noun(name)}: {told}"
-    return [(grave[0][0], Reservation(boundaries=(boundary,), text=text))] if told else []
+    return [f"errors that are not declared could move {noun(name)}: {told}"] if told else []
 
 
-def _unseen(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Reservation]]:
-    """The effect that could move the headline most without being seen, and by how many of its u;
-    none where that is less than one.
+def _unseen(evidence: Evidence, boundary: Boundary) -> list[str]:
+    """The effect that could move the headline by most of its u without being seen, if by more than
+    one.
     """
     quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
     own = quoted.quotable.get(quoted.headline)
@@ -215,8 +218,7 @@ def _unseen(evidence: Evidence, boundary: Boundary) -> list[tuple[float, Reserva
         f"{most.effect}, though too small to be seen, could move {noun(quoted.headline)} by"
         f" {plain(shift, 2)}"
     )
-    by = shift / own.u
-    return [(by, Reservation(boundaries=(boundary,), text=text))] if 1 < by < math.inf else []
+    return [text] if own.u < shift < math.inf else []
 
 
 def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
