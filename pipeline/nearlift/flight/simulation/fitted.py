@@ -174,9 +174,9 @@ def conditions(
     step_s = chosen.step or gusts.hold_s / parts
     contact = contact_m / craft.radius_m
     groups = dimensionless(craft, gains, gusts, duration_s, contact, chosen.estimator_delay)
-    if craft.most_lift_N < craft.weight_N:
+    if chosen.mass and craft.most_lift_N < craft.weight_N:
         raise ManifestError(
-            "simulate.mass" if chosen.mass else "vehicle.thrust_limit",
+            "simulate.mass",
             f"the rotors lift at most {craft.most_lift_N:.3g} N of a weight of"
             f" {craft.weight_N:.3g} N",
             "no such vehicle flies: give less mass, or a larger thrust_limit",
