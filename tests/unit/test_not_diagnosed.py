@@ -19,7 +19,7 @@ from nearlift.stages import report
 
 from . import small_run
 
-TABLE = "of a published table 15, with lift_sd for each"
+TABLE = "of a published table 15 in all, with lift_sd for each"
 REASON = f"24 usable trials are too few; at least 45 trials are wanted, 21 more ({TABLE})"
 
 

@@ -52,7 +52,7 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
         least = LEAST_TRIALS + unknowns
         remedy = (
             f"at least {least} trials are wanted, {least - data.n} more (of a published table"
-            f" {LEAST_CELLS}, with lift_sd for each)"
+            f" {LEAST_CELLS} in all, with lift_sd for each)"
         )
         raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)

@@ -312,7 +312,13 @@ class BoundaryResult:
             return f"the verdict is a near thing: without {kind} {moved.place} it is {verdict}"
         other = f"the verdict is {verdict} and " if verdict != self.verdict else ""
         to = like(own.value + moved.shift, own.u)
-        return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}"
+        turns = self.rests_on if kind == "visit" else None
+        also = (
+            f"; without trial {turns.trial} the verdict is {turns.verdict}"
+            if turns and turns.verdict != self.verdict
+            else ""
+        )
+        return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
         """The same with further doubts, by coefficient."""

@@ -16,7 +16,7 @@ from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.findings import listed, others, structure_along, to_log
-from nearlift.results.outlook import NextSession
+from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, plain, signed
 
@@ -86,11 +86,23 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
         )
     if quoted.verdict == "effect":
         named = listed([titled(e) for e in quoted.effects])
-        rivals = others(found)
-        apart = f"; this design cannot tell it from {rivals}" if rivals else ""
+        rivals = [r for e in found.effects for r in found.stand_ins(e)] if found else []
+        beside = {n for r in rivals for n in r.split(" + ")} - {*quoted.effects}
+        if rivals and all(" + " in r for r in rivals) and beside:
+            with_them = listed([titled(n) for n in sorted(beside)], "or")
+            apart = f", alone or with {with_them}; this design cannot tell which"
+        else:
+            apart = f"; this design cannot tell it from {others(found)}" if rivals else ""
         return f"{model} alone does not describe the data: the rest is explained by {named}{apart}."
     if quoted.verdict == "unexplained":
         where = f" along {told}" if found and (told := structure_along(found)) else ""
+        fits = found.not_confirmed if found else None
+        if fits:
+            told = titled(" with ".join(fits[0]))
+            return (
+                f"{model} leaves structure{where}; {told} would fit it, but foretells nothing on"
+                f" {evidence.left_out} left out."
+            )
         return f"{model} leaves structure{where} that no effect testable here explains."
     return f"Not diagnosed: {quoted.reason.removesuffix(f'; {quoted.wanted}')}."
 
@@ -157,11 +169,11 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     """
     found = evidence.diagnosed(boundary)
     if found and found.next_experiment:
-        first = found.next_experiment[0]
-        if not (isinstance(first, NextSession) and quoted.verdict == "effect"):
-            return titled(first.measure)
-        parts = " from ".join(first.separates)
-        return titled(f"to tell {parts}: {first.measure} ({first.trials} trials)")
+        leans = quoted.hinge is not None and quoted.hinge[0] == "visit"
+        # what mends that on which the answer rests comes first
+        return _proposal(
+            min(found.next_experiment, key=lambda n: leans == isinstance(n, NextSession))
+        )
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
     words = to_log(found)
     if quoted.verdict == "unexplained":
@@ -184,5 +196,17 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
                 )
                 break
     if words:
-        said.append(f"log {listed(words)}")
+        of = [catalogue.titled(name) for name in found.untestable] if found else []
+        for_what = (
+            f", to test {listed(of) if len(of) < 3 else f'{len(of)} effects more'}" if of else ""
+        )
+        said.append(f"log {listed(words)}{for_what}")
     return "; ".join(said)
+
+
+def _proposal(experiment: NextExperiment) -> str:
+    """One experiment, with what it would tell apart and in how many trials."""
+    if not isinstance(experiment, NextSession):
+        return titled(experiment.measure)
+    parts = " from ".join(experiment.separates)
+    return titled(f"to tell {parts}: {experiment.measure} ({experiment.trials} trials)")
