@@ -578,11 +578,10 @@ def test_variants_change_gains_and_noise_and_nothing_else():
     )
     one = {name: found["ground", 0.0, name][0] for name, _, _ in published.VARIANTS}
     assert one["noise x 0.7"] < level(PAPER, "ground", 0.0, 0.5, 1.15, 60) < one["noise x 1.4"]
-    # their step is tested too, and the printed one is too long for them as well
-    assert (tested.converged, tested.settings) == (
-        False,
-        2 * len(published.VARIANTS) * len(published.VARIED_TARGETS["ground"]),
-    )
+    # their step is tested too, where flights can crash, and the printed one is too long for them
+    every = 2 * len(published.VARIANTS) * len(published.VARIED_TARGETS["ground"])
+    assert not tested.converged
+    assert every / 2 < tested.settings < every
     # power 0 is no model
     assert all(found["ground", 1.4, n][0] < found["ground", 0.0, n][0] for n in one)
 

@@ -35,6 +35,10 @@ OPTIONS = (
 PATIENCE_S = 120.0
 
 
+class Navigated(Exception):
+    """The page was left while it was asked."""
+
+
 class Page:
     """One page: `errors` and `requests` list what it said and what it asked for since it was
     opened.
@@ -85,6 +89,8 @@ class Page:
         deadline = time.monotonic() + PATIENCE_S
         while (answer := self._receive(deadline)).get("id") != own:
             pass
+        if "navigated" in answer.get("error", {}).get("message", ""):
+            raise Navigated(method)
         assert "error" not in answer, answer
         result: dict[str, Any] = answer["result"]
         return result
@@ -100,10 +106,13 @@ class Page:
     def wait(self, script: str) -> Any:
         """Until an expression comes true; an element has no value, and is true."""
         deadline = time.monotonic() + PATIENCE_S
-        while not (found := self.run(f"(v => (v instanceof Node ? true : v))({script})")):
+        while True:
+            # where the page is left meanwhile, the next one is asked
+            with contextlib.suppress(Navigated):
+                if found := self.run(f"(v => (v instanceof Node ? true : v))({script})"):
+                    return found
             assert time.monotonic() < deadline, f"never true: {script}"
             time.sleep(0.05)
-        return found
 
     def open(self, address: str, width: int = 1200, dark: bool = False, media: str = "") -> None:
         """Load a page at a width, in a scheme, and wait until its charts are drawn."""

@@ -11,13 +11,17 @@ from typing import Any
 
 from .browser import Page
 
+#: What is clicked or dropped before a page's script has run is lost.
+LOADED = "location.pathname === '{}' && document.readyState === 'complete'"
 STATE = "document.querySelector('#state').textContent"
 
 
 def make(page: Page, name: str, *dropped: Path) -> None:
     """Drop files on *New campaign*, and make the campaign of them."""
     files = sum(len(list(p.iterdir())) if p.is_dir() else 1 for p in dropped)
+    page.wait(LOADED.format("/"))
     page.click("nav a[href='/new']")
+    page.wait(LOADED.format("/new"))
     page.drop("#drop", *dropped)
     page.write("[name=name]", name)
     page.wait(

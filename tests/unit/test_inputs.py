@@ -152,7 +152,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         (pytest.approx(4.4 * spacing / radius), "rotor_spacing"),
     ]
     [own] = doubts._undeclared(known(radius / 4.4), "ground")
-    assert own.text.startswith(
+    assert own.startswith(
         f"errors that are not declared could move K_b: 1 % in rotor radius by {radius:.2g}"
     )
     assert doubts._undeclared(known(10 * radius), "ground") == []

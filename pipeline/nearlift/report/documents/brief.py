@@ -171,10 +171,11 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     if found and found.next_experiment:
         leans = quoted.hinge is not None and quoted.hinge[0] == "visit"
         # what mends that on which the answer rests comes first
-        return _proposal(
-            min(found.next_experiment, key=lambda n: leans == isinstance(n, NextSession))
-        )
+        ranked = sorted(found.next_experiment, key=lambda n: leans == isinstance(n, NextSession))
+        return "; ".join(_proposal(n) for n in ranked[: 1 + leans])
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
+    if said and quoted.hinge and quoted.hinge[0] == "visit" and quoted.hinge[1].z_hat is not None:
+        said.append(f"more visits around z_hat = {plain(quoted.hinge[1].z_hat, 2)}")
     words = to_log(found)
     if quoted.verdict == "unexplained":
         # what has no name is looked for first; a better input does not find it
