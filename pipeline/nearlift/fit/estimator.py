@@ -265,5 +265,4 @@ def largest(
     if not np.isfinite(shift).any():
         return None
     i = int(np.nanargmax(np.abs(shift)))
-    at = float(np.mean(z_hat[of == ids[i]]))
-    return Shift(id=str(ids[i]), shift=float(shift[i]), z_hat=at if np.isfinite(at) else None)
+    return Shift.at(float(np.mean(z_hat[of == ids[i]])), str(ids[i]), float(shift[i]))

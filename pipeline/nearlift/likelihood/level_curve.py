@@ -91,7 +91,8 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
     blocks = visits_by_size(visit)
     inside = np.empty(data.n, dtype=bool)
     for v in range(visit.max() + 1):
-        inside[visit == v] = data.foretold_by(visit != v)[visit == v]
+        own = visit == v
+        inside[own] = data.foretold_by(~own)[own]
     shapes, y = _shapes(data), np.log(data.lift_N)
     found: dict[int, FloatArray] = {}
     for degree in range(1, MOST_DEGREE + 1):
@@ -102,10 +103,10 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
         q, _ = np.linalg.qr(columns)
         left = y - q @ (q.T @ y)
         errors = np.zeros(data.n)
-        for own in blocks:
-            kept = np.eye(own.shape[1]) - q[own] @ q[own].swapaxes(1, 2)
+        for alike in blocks:
+            kept = np.eye(alike.shape[1]) - q[alike] @ q[alike].swapaxes(1, 2)
             undone = np.linalg.pinv(kept, rcond=1e-9, hermitian=True)
-            errors[own] = (undone @ left[own][..., None])[..., 0]
+            errors[alike] = (undone @ left[alike][..., None])[..., 0]
         found[degree] = np.bincount(visit, (errors * inside) ** 2).astype(np.float64)
     return found
 

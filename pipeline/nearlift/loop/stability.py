@@ -48,20 +48,18 @@ def tipping(
     gain = 0.5 * (before**2 - after**2) * MEDIAN / np.median(after**2)
     foremost = np.argsort(-gain)[:TRIES]
     return tuple(
-        Shift(id=str(trial[i]), shift=0.0, z_hat=float(z_hat[i]) if np.isfinite(z_hat[i]) else None)
-        for i in foremost
-        if gain[i] > PART * margin
+        Shift.at(float(z_hat[i]), str(trial[i]), 0.0) for i in foremost if gain[i] > PART * margin
     )
 
 
 def told(
-    quoted: BoundaryResult, without: Callable[[str], Without], tipping: Sequence[Shift] = ()
+    quoted: BoundaryResult, without: Callable[[str], Without], others: Sequence[Shift] = ()
 ) -> BoundaryResult:
     """The result with the headline's largest shift by a single trial made exact, and where the
     answer rests on that trial, saying so.
 
     `without` makes the diagnosis again without one trial, by its id; besides the trial of the
-    largest influence those of `tipping` are tried.
+    largest influence the `others` are tried.
     """
     name = quoted.headline
     most = quoted.coefficients[name].influence.trial if name else None
@@ -70,7 +68,7 @@ def told(
     headline = quoted.coefficients[name]
     tried = [
         (one, again, again.intervals[name][0] - headline.value)
-        for one in (*([most] if abs(most.shift) >= LOOK * headline.u else []), *tipping)
+        for one in (*([most] if abs(most.shift) >= LOOK * headline.u else []), *others)
         for again in [without(one.id)]
     ]
     if not tried:

@@ -82,6 +82,11 @@ class Shift:
     shift: float
     z_hat: float | None = None
 
+    @classmethod
+    def at(cls, z_hat: float, name: str, shift: float) -> Shift:
+        """That of a trial or visit at a distance, infinite in free air."""
+        return cls(id=name, shift=shift, z_hat=z_hat if math.isfinite(z_hat) else None)
+
     @property
     def place(self) -> str:
         """Which one it is, in words."""

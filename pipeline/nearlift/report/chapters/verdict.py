@@ -12,7 +12,7 @@ from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import coverage
+from nearlift.report.findings import coverage, listed
 from nearlift.report.number import Number, Place, headline
 from nearlift.results.hover import HoverComparison
 
@@ -59,8 +59,7 @@ def hovering(compared: Iterable[HoverComparison], flight: Flight | None) -> list
     quiet = [c.condition for c in each if not c.effects and flight and c.condition != flight.sound]
     found = [c.text for c in each if c.effects]
     if quiet:
-        whole = " and ".join(filter(None, (", ".join(quiet[:-1]), quiet[-1])))
-        found.append(f"in hover {whole} {'show' if len(quiet) > 1 else 'shows'} nothing")
+        found.append(f"in hover {listed(quiet)} {'show' if len(quiet) > 1 else 'shows'} nothing")
     return found
 
 

@@ -168,14 +168,16 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     or what matters most in the budget, and what to log.
     """
     found = evidence.diagnosed(boundary)
+    visit = quoted.hinge[1] if quoted.hinge and quoted.hinge[0] == "visit" else None
     if found and found.next_experiment:
-        leans = quoted.hinge is not None and quoted.hinge[0] == "visit"
         # what mends that on which the answer rests comes first
-        ranked = sorted(found.next_experiment, key=lambda n: leans == isinstance(n, NextSession))
-        return "; ".join(_proposal(n) for n in ranked[: 1 + leans])
+        ranked = sorted(
+            found.next_experiment, key=lambda n: (visit is None) != isinstance(n, NextSession)
+        )
+        return "; ".join(_proposal(n) for n in ranked[: 2 if visit else 1])
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
-    if said and quoted.hinge and quoted.hinge[0] == "visit" and quoted.hinge[1].z_hat is not None:
-        said.append(f"more visits around z_hat = {plain(quoted.hinge[1].z_hat, 2)}")
+    if said and visit and visit.z_hat is not None:
+        said.append(f"more visits around z_hat = {plain(visit.z_hat, 2)}")
     words = to_log(found)
     if quoted.verdict == "unexplained":
         # what has no name is looked for first; a better input does not find it
