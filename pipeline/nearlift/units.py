@@ -76,6 +76,8 @@ COMMON = {
 }
 # a servo's pulse: idle at 1000 us, full at 2000 us
 COMMON |= {(u, "throttle"): COMMON[u, "fraction"] for u in ("fraction", "percent")}
+# numbers that are in SI already
+COMMON |= {(SI[d], d): (1.0, 0.0) for d in ("fraction", "throttle")}
 COMMON["us", "throttle"] = (1e-3, -1.0)
 
 #: A decimal number as people and instruments write it.

@@ -96,6 +96,7 @@ def fold(text: str) -> str:
     return " ".join(plain.split())
 
 
+@functools.lru_cache(maxsize=1024)
 def split_unit(name: str) -> tuple[str, str]:
     """Name and unit of ``Thrust (gf)`` or ``weight[g]``; the unit is empty where there is none."""
     plain = name.rstrip()

@@ -4,8 +4,9 @@ were told, how high it was and how it moved.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -39,22 +40,27 @@ LEAST_HEIGHT = 0.3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPiece(PieceOfRecord):
-    """A window of a flight; `command` is the mean of its rotors behind each lag of the grid."""
+    """A window of a flight: samples from `first` to before `end`; clean ones have no code."""
 
+    first: int
+    end: int
     codes: tuple[str, ...]
-    command: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Weighed:
-    """One log cut into windows; `stretches` are what its lag is estimated from."""
+    """One log cut into windows; `lift_N` (n,) is that of its samples, `command` (windows, T) the
+    mean of the rotors behind each lag of the grid, and `stretches` are what its lag is estimated
+    from.
+    """
 
     source: str
-    samples: int
     step_s: float
     codes: tuple[str, ...]
     notes: tuple[str, ...]
     pieces: tuple[FlightPiece, ...]
+    lift_N: FloatArray
+    command: FloatArray
     stretches: tuple[Moments, ...]
     counts: Counter[str]
 
@@ -124,21 +130,21 @@ class _Cut:
         length_of = np.diff([*first, len(told)])
         of_window = {
             name: np.add.reduceat(values, first, axis=-1) / length_of
-            for name, values in {**self._series(found), "behind": means}.items()
+            for name, values in self._series(found).items()
         }
         if self.offset_m is not None:
             of_window["distance"] = 1 / of_window["distance"] - self.offset_m
-        pieces = tuple(self._piece(k, window, of_window) for k, window in enumerate(cut))
         counts = Counter({w.code: 0 for w in cut})
         for w in cut:
             counts[w.code] += w.end - w.first
         return Weighed(
             source=log.source,
-            samples=len(log.time_s),
             step_s=self.step_s,
             codes=log.codes,
             notes=log.notes,
-            pieces=pieces,
+            pieces=tuple(self._pieces(cut, {**of_window, **self._placed(cut)})),
+            lift_N=self.lift_N,
+            command=(np.add.reduceat(means, first, axis=-1) / length_of).T,
             stretches=tuple(self._stretches(found, means)),
             counts=counts,
         )
@@ -229,40 +235,40 @@ class _Cut:
             series[f"command_share_{k + 1}"] = log.command[:, k] / together
         return series
 
-    def _piece(self, k: int, window: Window, of_window: Mapping[str, FloatArray]) -> FlightPiece:
-        own, clean = slice(window.first, window.end), not window.code
+    def _pieces(
+        self, cut: Sequence[Window], of_window: Mapping[str, FloatArray]
+    ) -> Iterator[FlightPiece]:
+        """The windows with what they are told by, (windows,) each."""
+        names = [name for name in of_window if name not in BROUGHT]
+        bring = [name for name in of_window if name in BROUGHT]
+        beside = zip(*(of_window[name].tolist() for name in names), strict=True)
+        brought = zip(*(of_window[name].tolist() for name in bring), strict=True)
         # what is left out may stand at any height, and behind any command
-        told = {
-            name: float(values[k]) if clean else float("nan")
-            for name, values in of_window.items()
-            if name != "behind"
-        }
-        brought = {name: told.pop(name) for name in BROUGHT if name in told}
-        return FlightPiece(
-            number=k + 1,
-            force_N=self.lift_N[own],
-            time_s=None,
-            tare_N=np.empty(0),
-            since_s=float(self.log.time_s[window.first]),
-            brought={**brought, "throttle": float("nan")},
-            # what moves within a window is no scatter of what it was
-            covariates={
-                name: (value, np.nan) for name, value in {**told, **self._placed(window)}.items()
-            }
-            if clean
-            else {},
-            codes=() if clean else (window.code,),
-            command=of_window["behind"][:, k],
-        )
+        unknown = dict.fromkeys([*bring, "throttle"], math.nan)
+        since = self.log.time_s[[w.first for w in cut]].tolist()
+        for k, (window, own, more) in enumerate(zip(cut, brought, beside, strict=True)):
+            clean = not window.code
+            yield FlightPiece(
+                number=k + 1,
+                since_s=since[k],
+                brought={**unknown, **dict(zip(bring, own, strict=True))} if clean else unknown,
+                # what moves within a window is no scatter of what it was
+                covariates={n: (v, math.nan) for n, v in zip(names, more, strict=True)}
+                if clean
+                else {},
+                first=window.first,
+                end=window.end,
+                codes=() if clean else (window.code,),
+            )
 
-    def _placed(self, window: Window) -> dict[str, float]:
-        """The start that a window follows, and where the set-point stood before its middle."""
-        found = {"flight": float(window.start)}
+    def _placed(self, cut: Sequence[Window]) -> dict[str, FloatArray]:
+        """The start that each window follows, and where the set-point stood before its middle."""
+        found = {"flight": np.array([float(w.start) for w in cut])}
         if self.log.setpoint_m is not None:
-            middle = (window.first + window.end) // 2
+            middle = np.array([(w.first + w.end) // 2 for w in cut])
             for k, ago in enumerate(HISTORY_S):
-                at = max(middle - round(ago / self.step_s), 0)
-                found[f"setpoint_m_{k}"] = float(self.log.setpoint_m[at])
+                at = np.maximum(middle - round(ago / self.step_s), 0)
+                found[f"setpoint_m_{k}"] = self.log.setpoint_m[at]
         return found
 
     def _stretches(self, found: Phases, means: FloatArray) -> list[Moments]:

@@ -31,18 +31,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PieceOfRecord:
-    """A piece of a record that is a trial.
+    """What is told of a piece of a record that is a trial.
 
     Attributes
     ----------
     number : int
         From 1 in the record's order.
-    force_N : (n,) float array
-        Its settled samples; tare not removed.
-    time_s : (n,) float array or None
-        Their clock, where there is one that can tell gaps.
-    tare_N : (m,) float array
-        Samples of its zero.
     since_s : float
         From the record's first sample to its own.
     brought : mapping of str to float
@@ -52,12 +46,38 @@ class PieceOfRecord:
     """
 
     number: int
-    force_N: FloatArray
-    time_s: FloatArray | None
-    tare_N: FloatArray
     since_s: float
     brought: Mapping[str, float]
     covariates: Mapping[str, tuple[float, float]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutPiece(PieceOfRecord):
+    """A piece with its samples.
+
+    Attributes
+    ----------
+    force_N : (n,) float array
+        Settled; tare not removed.
+    time_s : (n,) float array or None
+        Their clock, where there is one that can tell gaps.
+    tare_N : (m,) float array
+        Samples of its zero.
+    """
+
+    force_N: FloatArray
+    time_s: FloatArray | None
+    tare_N: FloatArray
+
+    @property
+    def told(self) -> PieceOfRecord:
+        """The piece without them."""
+        return PieceOfRecord(
+            number=self.number,
+            since_s=self.since_s,
+            brought=self.brought,
+            covariates=self.covariates,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +88,7 @@ class Segmented:
 
     record: Record
     cuts: cuts.Cuts
-    pieces: tuple[PieceOfRecord, ...]
+    pieces: tuple[CutPiece, ...]
     at_rest: int = 0
 
 
@@ -155,7 +175,7 @@ def _cut(campaign: Campaign, opened: Opened) -> Segmented:
         _lowest(pieces, values, cut.hold) if cell.tare == "level 0" and values is not None else ()
     )
     further = _further(cut, found, whole, [c for c, _ in bring.values() if c is not None], campaign)
-    trials: list[PieceOfRecord] = []
+    trials: list[CutPiece] = []
     for piece in pieces.pieces:
         own = slice(piece.start, piece.end)
         place = next(k for k, (a, b) in enumerate(edges) if a <= piece.start < b)
@@ -174,7 +194,7 @@ def _cut(campaign: Campaign, opened: Opened) -> Segmented:
             level |= {name: factor * mean, f"u_{name}": abs(factor) * u}
         mask = kept[own]
         trials.append(
-            PieceOfRecord(
+            CutPiece(
                 number=piece.number,
                 force_N=whole.force_N[own][mask],
                 time_s=None if time_s is None else time_s[own],

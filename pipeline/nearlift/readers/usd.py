@@ -18,7 +18,7 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -58,7 +58,7 @@ OLDER = re.compile(rb"[\x01-\xff](?:[\w.]{1,60}\([BbHhIiLlQqefd]\),){1,}")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Event:
-    """One type of record: its name and the layout of its bytes, clock first."""
+    """One type of record: its name and the layout of its bytes: its id's, clock, the rest."""
 
     name: str
     layout: np.dtype[Any]
@@ -105,8 +105,7 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
         raise Malformed(f"byte {end} begins no record, though the check sum is right")
     channels = []
     for number, event in events.items():
-        starts = np.array(found[number], dtype=np.int64)
-        records = _gathered(content, starts + 2, event.layout)
+        records = np.frombuffer(b"".join(found[number]), dtype=event.layout)
         clock = records["time"].astype(np.float64) * unit_s
         rate = rate_of(clock) if len(clock) > 2 else None
         channels.append(Channel(name=f"{event.name}.time", unit="s", rate_Hz=rate, values=clock))
@@ -153,8 +152,16 @@ def _head(content: bytes, where: str) -> tuple[dict[int, Event], float, int]:
             fields.append((variable, kind))
         if number in events or not name:
             raise Malformed(f"describes event {number} twice, or without a name")
-        events[number] = Event(name=name, layout=np.dtype(fields))
+        events[number] = Event(name=name, layout=_behind_id(fields))
     return events, unit_s, at
+
+
+def _behind_id(fields: Sequence[tuple[str, str]]) -> np.dtype[Any]:
+    """The layout of packed fields behind two bytes that are none of them."""
+    names, kinds = zip(*fields, strict=True)
+    sizes = [np.dtype(kind).itemsize for kind in kinds]
+    *offsets, end = np.cumsum([2, *sizes]).tolist()
+    return np.dtype({"names": names, "formats": kinds, "offsets": offsets, "itemsize": end})
 
 
 def _is_older(head: bytes) -> bool:
@@ -229,30 +236,38 @@ def _name(content: bytes, at: int) -> tuple[str, int]:
 
 def _walk(
     content: bytes, events: Mapping[int, Event], at: int, end: int
-) -> tuple[dict[int, list[int]], int]:
-    """Where the records of each event begin, and the byte at which no further whole record of a
-    known event begins.
+) -> tuple[dict[int, list[bytes]], int]:
+    """The records of each event, those that follow each other as one, and the byte at which no
+    further whole record of a known event begins.
     """
-    sizes = {number: 2 + event.layout.itemsize for number, event in events.items()}
-    found: dict[int, list[int]] = {number: [] for number in events}
+    found: dict[int, list[bytes]] = {number: [] for number in events}
     while at + 2 <= end:
         number = content[at] | content[at + 1] << 8
-        size = sizes.get(number)
-        if size is None or at + size > end:
+        event = events.get(number)
+        if event is None or at + event.layout.itemsize > end:
             break
-        found[number].append(at)
-        at += size
+        upto = _same(content, at, end, event.layout.itemsize)
+        found[number].append(content[at:upto])
+        at = upto
     return found, at
 
 
-def _gathered(content: bytes, starts: Any, layout: np.dtype[Any]) -> Any:
-    """The records that begin at these bytes."""
-    every = np.frombuffer(content, dtype=np.uint8)
-    return (
-        every[starts[:, None] + np.arange(layout.itemsize)].reshape(-1).view(layout)
-        if len(starts)
-        else np.empty(0, dtype=layout)
-    )
+def _same(content: bytes, at: int, end: int, size: int) -> int:
+    """Where the records of one event end that begin at byte `at` and follow each other."""
+    own, count, ahead = content[at : at + 2], 1, 1
+    most = (end - at) // size
+    while count < most:
+        # twice as far as before, while that is all of one kind
+        upto = min(count + ahead, most)
+        first, last = at + count * size, at + (upto - 1) * size + 1
+        for byte in (0, 1):
+            column = content[first + byte : last + byte : size]
+            rest = column.lstrip(own[byte : byte + 1])
+            upto = min(upto, count + len(column) - len(rest))
+        if upto < count + ahead:
+            return at + upto * size
+        count, ahead = upto, 2 * ahead
+    return at + count * size
 
 
 READER = reader_of(

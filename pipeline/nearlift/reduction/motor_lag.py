@@ -110,37 +110,46 @@ def moments(
         What moves the vehicle, and no disturbance moves.
     """
     size = max(round(BLOCK_S / step_s), 1)
-    found = []
-    for number in range(1, int(group.max(initial=0)) + 1):
-        mine = np.flatnonzero(group == number)
-        blocks = len(mine) // size
-        if blocks < 2 * (len(beside) + 2):
-            continue
-        mine = mine[: blocks * size]
+    places = np.flatnonzero(group)
+    parts = np.split(places, np.flatnonzero(np.diff(group[places])) + 1)
+    parts = [own[: len(own) // size * size] for own in parts]
+    parts = [own for own in parts if len(own) >= 2 * size * (len(beside) + 2)]
+    if not parts:
+        return []
+    mine = np.concatenate(parts)
+    ends = np.cumsum([len(own) // size for own in parts]).tolist()
 
-        def means(values: FloatArray, mine: NDArray[np.intp] = mine) -> FloatArray:
-            blocked = values[..., mine].reshape(*values.shape[:-1], -1, size)
-            return np.asarray(blocked.mean(axis=-1), dtype=np.float64)
+    def means(values: FloatArray) -> FloatArray:
+        own = values[..., mine]
+        whole = own[..., ::size].copy()
+        for k in range(1, size):
+            whole += own[..., k::size]
+        return np.asarray(whole / size, dtype=np.float64)
 
-        y = np.log(np.maximum(means(lift_N), 1e-9))
-        fixed = [y, *(means(x) for x in beside)]
-        logs = np.log(np.maximum(means(commands), 1e-9))
-        columns = np.stack(
-            [
-                np.broadcast_to(fixed[0], logs.shape),
-                logs,
-                *(np.broadcast_to(x, logs.shape) for x in fixed[1:]),
-            ],
-            axis=-1,
-        )
-        columns = columns - columns.mean(axis=1, keepdims=True)
-        own = Moments(products=columns.swapaxes(1, 2) @ columns, step_s=step_s)
-        if instruments is not None:
-            sent = means(instruments)
-            sent = sent - sent.mean(axis=1, keepdims=True)
-            own = replace(own, seen=sent @ columns, instruments=sent @ sent.T)
-        found.append(own)
-    return found
+    told = np.log(np.maximum(means(commands), 1e-9))
+    fixed = np.stack([np.log(np.maximum(means(lift_N), 1e-9)), *(means(x) for x in beside)])
+    sent = None if instruments is None else means(instruments)
+    return [
+        _sums(told[:, a:b], fixed[:, a:b], None if sent is None else sent[:, a:b], step_s)
+        for a, b in itertools.pairwise([0, *ends])
+    ]
+
+
+def _sums(told: FloatArray, fixed: FloatArray, sent: FloatArray | None, step_s: float) -> Moments:
+    """The sums of one stretch, from log command (T, n) and what no lag changes (k - 1, n)."""
+    told, fixed = (x - x.mean(axis=1, keepdims=True) for x in (told, fixed))
+    beside = [0, *range(2, len(fixed) + 1)]
+    products = np.empty((len(told), len(fixed) + 1, len(fixed) + 1))
+    products[:, np.array(beside)[:, None], beside] = fixed @ fixed.T
+    products[:, beside, 1] = products[:, 1, beside] = told @ fixed.T
+    products[:, 1, 1] = np.einsum("ti,ti->t", told, told)
+    if sent is None:
+        return Moments(products=products, step_s=step_s)
+    sent = sent - sent.mean(axis=1, keepdims=True)
+    seen = np.empty((len(told), len(sent), len(fixed) + 1))
+    seen[:, :, beside] = sent @ fixed.T
+    seen[:, :, 1] = told @ sent.T
+    return Moments(products=products, step_s=step_s, seen=seen, instruments=sent @ sent.T)
 
 
 def estimate(stretches: Sequence[Moments], given_s: float | None = None) -> Lag | None:

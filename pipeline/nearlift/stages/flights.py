@@ -6,21 +6,24 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import readers
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import flights
 from nearlift.readers.channel import Contents, Malformed
 from nearlift.readers.expanded import schedule_of_trials
 from nearlift.readers.files import source_of
-from nearlift.readers.flights import FlightPiece
+from nearlift.readers.flights import FlightPiece, Weighed
 from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
+from nearlift.readers.segments import PieceOfRecord
 from nearlift.reduction import motor_lag, quality
 from nearlift.reduction.motor_lag import GRID, Lag, Moments
 from nearlift.reduction.record import Reduced
@@ -33,15 +36,19 @@ from nearlift.stages.segments import Answer, answers_of, each_record, rows_of
 SLOPE = "lag_slope"
 #: A command that acts behind one lag of the grid alone.
 UNITS = np.eye(len(GRID))
+STEP_S = float(GRID[1] - GRID[0])
 #: The power of the command that lift goes with where no flight tells it.
 USUAL_POWER = 1.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flown(Answer):
-    """What one worker answers for one log; its pieces are windows of flight."""
+    """What one worker answers for one log; its pieces are windows of flight, `command` (windows, T)
+    is what their rotors were told behind each lag of the grid.
+    """
 
     windows: tuple[FlightPiece, ...] = ()
+    command: FloatArray = field(default_factory=lambda: np.empty((0, len(GRID))))
     stretches: tuple[Moments, ...] = ()
 
 
@@ -56,7 +63,8 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
     """
     answers = answers_of(job, reader, schedule, cut_logs)
     lag, notes = _lag(job.campaign, answers)
-    pieces = {r: _behind(a.windows, lag) for r, a in answers.items()}
+    weights = _weights(lag)
+    pieces = {r: _behind(a, lag, weights) for r, a in answers.items()}
     trials = schedule_of_trials(job.campaign, job.root, pieces)
     rows, unlisted = rows_of(job, schedule, trials, answers, Rows(len(trials)))
     counted = _counted(list(answers.values()))
@@ -104,46 +112,66 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
     rows = tuple(
         Row(
             trial=f"{record}#{piece.number}",
-            reduced=_reduced(piece, whole.step_s, whole.codes),
-            samples=len(piece.force_N),
+            reduced=reduced,
+            samples=piece.end - piece.first,
             notes=whole.notes if piece is whole.pieces[-1] else (),
             source=source,
             source_sha256=sha,
         )
-        for piece in whole.pieces
+        for piece, reduced in zip(whole.pieces, _reduced(whole), strict=True)
     )
-    bare = tuple(replace(p, force_N=np.empty(0)) for p in whole.pieces)
     return Flown(
         record=record,
         rows=rows,
-        windows=bare,
+        windows=whole.pieces,
+        command=whole.command,
         stretches=whole.stretches,
         counts=whole.counts,
     )
 
 
-def _reduced(piece: FlightPiece, step_s: float, codes: tuple[str, ...]) -> Reduced:
-    """Mean lift of a window, and its standard error from the scatter about a straight line: what a
-    vehicle does in a quarter of a second is no noise. What windows share, the noise model finds.
+def _reduced(whole: Weighed) -> list[Reduced]:
+    """Mean lift of each window, and its standard error from the scatter about a straight line: what
+    a vehicle does in a quarter of a second is no noise. What windows share, the noise model finds.
     """
-    force = piece.force_N[np.isfinite(piece.force_N)]
-    n = len(force)
-    codes = (*piece.codes, *(c for c in codes if not quality.code(c).rejects))
-    if n < 3:
-        return Reduced(codes=codes if piece.codes else (*codes, "NO_DATA"))
-    along = np.arange(n) - (n - 1) / 2
-    slope = float(along @ force / (along @ along))
-    rest = force - force.mean() - slope * along
-    sd = float(np.sqrt(rest @ rest / (n - 2)))
-    return Reduced(
-        lift_N=float(force.mean()),
-        u_lift_N=sd / np.sqrt(n),
-        n=n,
-        n_eff=float(n),
-        drift_N_s=slope / step_s,
-        sd_N=float(force.std(ddof=1)),
-        codes=codes,
-    )
+    known = np.isfinite(whole.lift_N)
+    also = tuple(c for c in whole.codes if not quality.code(c).rejects)
+    codes = [(*piece.codes, *also) for piece in whole.pieces]
+    found = [
+        Reduced(codes=own if piece.codes else (*own, "NO_DATA"))
+        for piece, own in zip(whole.pieces, codes, strict=True)
+    ]
+    # windows of as many samples are reduced together
+    alike: dict[int, list[tuple[int, NDArray[np.intp]]]] = {}
+    for k, piece in enumerate(whole.pieces):
+        mine = piece.first + np.flatnonzero(known[piece.first : piece.end])
+        alike.setdefault(len(mine), []).append((k, mine))
+    for n, windows in alike.items():
+        if n < 3:
+            continue
+        force = whole.lift_N[np.array([mine for _, mine in windows])]
+        along = np.asarray(np.arange(n) - (n - 1) / 2, dtype=np.float64)
+        mean = force.mean(axis=1)
+        slope = _dot(force, along) / (along @ along)
+        rest = force - mean[:, None] - slope[:, None] * along
+        u = np.sqrt(_dot(rest, rest) / (n - 2)) / np.sqrt(n)
+        told = np.stack([mean, u, slope / whole.step_s, force.std(axis=1, ddof=1)])
+        for (k, _), (lift, u_lift, drift, sd) in zip(windows, told.T.tolist(), strict=True):
+            found[k] = Reduced(
+                lift_N=lift,
+                u_lift_N=u_lift,
+                n=n,
+                n_eff=float(n),
+                drift_N_s=drift,
+                sd_N=sd,
+                codes=codes[k],
+            )
+    return found
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The products of rows, summed."""
+    return np.asarray((a[:, None, :] @ b[..., None])[:, 0, 0])
 
 
 def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[str]]:
@@ -178,28 +206,33 @@ def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[st
     return found, [note]
 
 
-def _behind(windows: Sequence[FlightPiece], lag: Lag) -> tuple[FlightPiece, ...]:
+def _weights(lag: Lag) -> FloatArray:
+    """What each point of the grid weighs at the lag and a step to either side, (3, T)."""
+    places = lag.value_s + STEP_S * np.array([-1.0, 0.0, 1.0])
+    return np.stack([np.interp(places, GRID, unit) for unit in UNITS], axis=1)
+
+
+def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> tuple[PieceOfRecord, ...]:
     """The windows with the command behind the lag for a throttle, and what log lift changes by
     were the lag another.
     """
-    step = float(GRID[1] - GRID[0])
-    # what each point of the grid weighs at the lag and a step to either side
-    weights = np.array(
-        [np.interp(lag.value_s + away, GRID, unit) for away in (-step, 0.0, step) for unit in UNITS]
-    ).reshape(3, -1)
-    found = []
-    for piece in windows:
-        if piece.codes:
-            found.append(piece)
+    if not answer.windows:
+        return ()
+    less, at, more = (weights @ answer.command[..., None])[..., 0].T
+    slopes = lag.power * np.log(more / less) / (2 * STEP_S)
+    found: list[PieceOfRecord] = []
+    told = zip(answer.windows, at.tolist(), slopes.tolist(), strict=True)
+    for window, throttle, slope in told:
+        if window.codes:
+            found.append(window)
             continue
-        at = weights @ piece.command
-        slope = lag.power * float(np.log(at[2] / at[0])) / (2 * step)
         found.append(
-            replace(
-                piece,
-                brought={**piece.brought, "throttle": float(at[1])},
+            PieceOfRecord(
+                number=window.number,
+                since_s=window.since_s,
+                brought={**window.brought, "throttle": throttle},
                 covariates={
-                    **piece.covariates,
+                    **window.covariates,
                     SLOPE: (slope, np.nan),
                     "u_lag_s": (lag.u_s, np.nan),
                 },

@@ -25,11 +25,10 @@ from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import MARK, Piece, Reader
 from nearlift.reduction import plausibility, quality
 from nearlift.reduction.record import prepare
-from nearlift.run import copies, intact, store
-from nearlift.run.executors import Threads, ordered
+from nearlift.run import intact, store
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import flights, judge, segments, sums
-from nearlift.stages.rows import Rows, Task, reduce_piece
+from nearlift.stages.rows import WORTH_A_THREAD, Rows, Task, answered, reduce_piece
 
 #: What a manifest says wrong if all records carry a code.
 MISDESCRIBED = {
@@ -57,8 +56,6 @@ IN_FLIGHT = {
 SWEEP, FEW_SWEEPS = 0.1, 3
 #: Samples of a tare that show whether it is one level.
 FEW_OF_TARE = 20
-#: Bytes of a record from which on threads are worth their turns.
-WORTH_A_THREAD = 1 << 20
 
 
 def inputs(root: Path, campaign: Campaign) -> list[str]:
@@ -294,20 +291,10 @@ def _of_the_tare(campaign: Campaign) -> list[str]:
 def _answers(
     job: Job, reader: Reader, pieces: deque[Piece], after: Mapping[str, float]
 ) -> Iterator[list[Row]]:
-    """The rows of each piece; over small records, threads of one interpreter lose more by taking
-    turns than they gain.
-    """
+    """The rows of each piece."""
     records, size = sum(len(piece.trials) for piece in pieces), sum(piece.bytes for piece in pieces)
-    tasks = _tasks(job, pieces, after)
-    if (
-        not isinstance(job.executor, Threads)
-        or reader.reduce_piece is not None
-        or size >= WORTH_A_THREAD * records
-    ):
-        return ordered(job.executor, reduce_piece, tasks)
-    return copies.shared_out(
-        reduce_piece, list(tasks), job.executor.workers if copies.alone() else 1
-    )
+    small = reader.reduce_piece is None and size < WORTH_A_THREAD * records
+    return answered(job.executor, reduce_piece, _tasks(job, pieces, after), small)
 
 
 def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:

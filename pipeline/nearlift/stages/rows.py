@@ -4,9 +4,11 @@ workers column by column.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,10 +20,14 @@ from nearlift.readers.row import Row, row_of
 from nearlift.readers.seam import Piece
 from nearlift.reduction.conditions import Conditions, Limits
 from nearlift.reduction.record import Reduced
-from nearlift.run import store
+from nearlift.run import copies, store
+from nearlift.run.executors import Threads, ordered
 
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
+#: Bytes of a record from which on threads are worth their turns.
+WORTH_A_THREAD = 1 << 20
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,6 +91,17 @@ class Rows:
             if source in faults:
                 self.codes[i] = tuple(dict.fromkeys((*self.codes[i], "MALFORMED")))
                 self.fault[i] = faults[source]
+
+
+def answered(
+    executor: Executor, task: Callable[[Task], Answer], tasks: Iterator[Task], small: bool
+) -> Iterator[Answer]:
+    """What workers answer, in order; over `small` records threads of one interpreter lose more by
+    taking turns than they gain.
+    """
+    if not (small and isinstance(executor, Threads)):
+        return ordered(executor, task, tasks)
+    return copies.shared_out(task, list(tasks), executor.workers if copies.alone() else 1)
 
 
 def reduce_piece(task: Task) -> list[Row]:

@@ -22,9 +22,17 @@ from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import PieceOfRecord, Segmented
 from nearlift.reduction.record import Reduced, reduce_record
-from nearlift.run.executors import ordered
 from nearlift.run.job import Job
-from nearlift.stages.rows import Rows, Task, conditions_of, digest_of, is_of_the_record, malformed
+from nearlift.stages.rows import (
+    WORTH_A_THREAD,
+    Rows,
+    Task,
+    answered,
+    conditions_of,
+    digest_of,
+    is_of_the_record,
+    malformed,
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +71,8 @@ def answers_of(
 ) -> dict[str, Found]:
     """What workers answer for each record that is there; raises as `from_records`."""
     campaign, ids = job.campaign, schedule.trial.tolist()
-    segments.format_of(reader).checked_dialect(campaign.records.dialect)
+    form = segments.format_of(reader)
+    form.checked_dialect(campaign.records.dialect)
     there = per_trial(campaign, job.root, ids)
     if not there:
         raise InputRefused(
@@ -73,7 +82,8 @@ def answers_of(
         )
     answers: dict[str, Found] = {}
     refusals: list[InputRefused] = []
-    for found in ordered(job.executor, cut, _tasks(job, there, schedule)):
+    small = not form.child and sum(n for _, n in there.values()) < WORTH_A_THREAD * len(there)
+    for found in answered(job.executor, cut, _tasks(job, there, schedule), small):
         for answer in found:
             answers[answer.record] = answer
             refusals += [r.refusal for r in answer.rows if r.refusal is not None][:1]
@@ -191,9 +201,8 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Answer:
                 source_sha256=sha,
             )
         )
-    none = np.empty(0)
-    bare = tuple(replace(p, force_N=none, time_s=None, tare_N=none) for p in whole.pieces)
-    return Answer(record=record, rows=tuple(rows), pieces=bare, counts=_counts(whole))
+    told = tuple(piece.told for piece in whole.pieces)
+    return Answer(record=record, rows=tuple(rows), pieces=told, counts=_counts(whole))
 
 
 def _counts(whole: Segmented) -> Counter[str]:
