@@ -21,8 +21,9 @@ from nearlift.results import IntArray
 #: With more stations than this the triangle costs more than whitening every trial, and only the
 #: model is asked by station.
 MOST = 400
-#: Numbers held at once by one batch.
-BATCH = 4_000_000
+#: Numbers held at once by one batch: few enough that they stay in a cache, and no new memory is
+#: asked for at every step.
+BATCH = 50_000
 
 
 def distinct(problem: Problem) -> tuple[IntArray, Problem]:
