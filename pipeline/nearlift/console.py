@@ -3,12 +3,14 @@ interrupted in it.
 """
 
 import os
+import signal
 import sys
 import threading
 
 
 def main() -> None:
     """Run the command line."""
+    sys.unraisablehook = _heard
     try:
         from nearlift import cli
 
@@ -20,6 +22,16 @@ def main() -> None:
     except SystemExit as end:
         _leave(end.code)
         raise
+
+
+def _heard(lost: "sys.UnraisableHookArgs") -> None:
+    """Send an interrupt again that landed where none can be raised, as in a callback from C."""
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        again = signal.SIGINT if heard else signal.SIGTERM
+        threading.Timer(0.05, os.kill, (os.getpid(), again)).start()
+    else:
+        sys.__unraisablehook__(lost)
 
 
 def _leave(code: object) -> None:

@@ -299,8 +299,8 @@ def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
     raw = small_run.write(tmp_path / "raw")
     # what a shell starts in the background ignores SIGINT, and so do its children
     start = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); from nearlift.cli"
-        " import main; main()"
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler);"
+        " from nearlift.console import main; main()"
     )
     words = [sys.executable, "-c", start, "run", str(raw), "--out", str(tmp_path)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT / "pipeline")}
@@ -321,6 +321,27 @@ def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
         for p in (tmp_path / "processed").rglob("*")
         if p.name.endswith((".tmp", ".lock", ".staged", ".commit.json"))
     ]
+
+
+def test_an_interrupt_that_lands_in_a_callback_from_c_is_not_lost(tmp_path):
+    """Of the just-in-time compiler's, say, in which nothing can be raised."""
+    script = (
+        "import ctypes, sys, time, types\n"
+        "from nearlift import console\n"
+        "def heavy():\n"
+        "    call = ctypes.CFUNCTYPE(None)(lambda: interrupted())\n"
+        "    call()\n"
+        "    time.sleep(30)\n"
+        "def interrupted(): raise KeyboardInterrupt\n"
+        "sys.modules['nearlift.cli'] = types.SimpleNamespace(main=heavy)\n"
+        "import nearlift; nearlift.cli = sys.modules['nearlift.cli']\n"
+        "console.main()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "pipeline")}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=20
+    )
+    assert (done.returncode, done.stderr) == (130, "interrupted; nothing was begun\n")
 
 
 def test_a_flipped_bit_in_a_raw_file_that_was_ingested_stops_the_run(tmp_path):
