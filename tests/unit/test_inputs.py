@@ -139,23 +139,51 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     assert set(listed) == {"rotor_radius", "rotor_spacing", "height"}
     one = fitted(data, (part("rotor_radius"),))
     assert {u.on for u in inputs.undeclared(one)} == {"rotor_spacing", "height"}
-    entry = SimpleNamespace(undeclared=(listed["rotor_spacing"], listed["rotor_radius"]))
+    radius, spacing, height = (
+        abs(listed[on].shift["K_b"]) for on in ("rotor_radius", "rotor_spacing", "height")
+    )
 
-    def known(u):
+    def known(u, *inputs, found=None):
+        entry = SimpleNamespace(undeclared=tuple(listed[on] for on in inputs))
         quoted = SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
-        return SimpleNamespace(quoted=lambda _: quoted, base=lambda _: (None, entry))
+        return SimpleNamespace(
+            quoted=lambda _: quoted, base=lambda _: (None, entry), diagnosed=lambda _: found
+        )
 
-    radius, spacing = (abs(listed[on].shift["K_b"]) for on in ("rotor_radius", "rotor_spacing"))
-    ranked = doubts.undeclared(known(radius / 4.4), "ground")
-    assert [(by, a.on) for by, a in ranked] == [
+    both = known(radius / 4.4, "rotor_spacing", "rotor_radius")
+    assert [(e.in_u, e.on) for e in doubts.undeclared(both, "ground")] == [
         (pytest.approx(4.4), "rotor_radius"),
         (pytest.approx(4.4 * spacing / radius), "rotor_spacing"),
     ]
-    [own] = doubts._undeclared(known(radius / 4.4), "ground")
+    [own] = doubts._undeclared(both, "ground")
     assert own.startswith(
         f"errors that are not declared could move K_b: 1 % in rotor radius by {radius:.2g}"
     )
-    assert doubts._undeclared(known(10 * radius), "ground") == []
+    assert doubts._undeclared(known(10 * radius, "rotor_radius"), "ground") == []
+
+    # an offset that the diagnosis would have seen is not held against the number
+    u = height / 40
+
+    def diagnosed(verdict, **hidden):
+        silent = SimpleNamespace(effect="height_offset", u=u, **hidden)
+        return SimpleNamespace(verdict=verdict, untestable={}, silent=(silent,) if hidden else ())
+
+    def worst(found):
+        [error] = doubts.undeclared(known(u, "height", found=found), "ground")
+        return error.size / listed["height"].size, error.in_u, error.at_most
+
+    limit = {"bias_at_detection_limit": 10.0, "hidden": False}
+    assert worst(diagnosed("adequate", **limit)) == pytest.approx((0.25, 10, True))
+    assert worst(diagnosed("adequate")) == pytest.approx((1 / 40, 1, True))
+    for unlimited in (
+        diagnosed("unexplained", **limit),
+        diagnosed("adequate", **limit | {"hidden": True}),
+        None,
+    ):
+        assert worst(unlimited) == pytest.approx((1, 40, False))
+    own = doubts._undeclared(known(u, "height", found=diagnosed("adequate", **limit)), "ground")
+    assert "0.12 mm in distance datum" in own[0]
+    assert own[0].endswith(" (more would show)")
 
 
 def parsed(**line):

@@ -19,7 +19,6 @@ from nearlift.report.evidence import Evidence
 from nearlift.report.findings import listed, structure_along
 from nearlift.report.number import LEAST_CHANCE, Number, Place
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect, wandering
-from nearlift.results.fit import UndeclaredInput
 from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import plain
 
@@ -179,29 +178,67 @@ def _alike(found: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult
     return said
 
 
-def undeclared(evidence: Evidence, boundary: Boundary) -> list[tuple[float, UndeclaredInput]]:
-    """Inputs without a declared uncertainty: by how many of its u the headline would move if they
-    erred plausibly, the largest first.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlausibleError:
+    """What a plausible error of an input that nobody declared does to the headline: the `shift`,
+    also `in_u`, by the `size`, in `unit`. `at_most`: a larger one would have been seen.
     """
-    quoted = evidence.quoted(boundary)
+
+    on: str
+    size: float
+    unit: str
+    shift: float
+    in_u: float
+    at_most: bool
+
+
+def undeclared(evidence: Evidence, boundary: Boundary) -> list[PlausibleError]:
+    """Errors of the inputs whose uncertainty nobody declared, the gravest first."""
+    quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
     u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
     if not (u > 0 and math.isfinite(u)):
         return []
-    listed = evidence.base(boundary)[1].undeclared
-    worth = [(abs(a.shift[quoted.headline]) / u, a) for a in listed]
-    return sorted((pair for pair in worth if pair[0] > 0), key=lambda pair: -pair[0])
+    listed = []
+    for error in evidence.base(boundary)[1].undeclared:
+        shift = abs(error.shift[quoted.headline])
+        part = min(1.0, _unseen_shift(found, error.on, u) / shift) if shift else 0.0
+        if part:
+            listed.append(
+                PlausibleError(
+                    on=error.on,
+                    size=part * error.size,
+                    unit=error.unit,
+                    shift=part * shift,
+                    in_u=part * shift / u,
+                    at_most=part < 1,
+                )
+            )
+    return sorted(listed, key=lambda error: -error.in_u)
+
+
+def _unseen_shift(found: BoundaryDiagnosis | None, on: str, u: float) -> float:
+    """The most that an error of that input can move the headline without being seen: `u` where the
+    diagnosis found no more worth telling, without end where it tells nothing of it.
+    """
+    names = {e.name for e in catalogue.effects() if e.error_of == on}
+    if not names or found is None or found.verdict != "adequate" or names & {*found.untestable}:
+        return math.inf
+    hidden = [s for s in found.silent if s.effect in names]
+    if any(s.hidden for s in hidden):
+        return math.inf
+    return max((s.bias_at_detection_limit * s.u for s in hidden), default=u)
 
 
 def _undeclared(evidence: Evidence, boundary: Boundary) -> list[str]:
     """Those of which a plausible error would move the headline by more than its u."""
-    name, grave = evidence.quoted(boundary).headline, undeclared(evidence, boundary)
     told = ", ".join(
-        f"{plain(SCALES[a.unit][0] * a.size, 2)} {SCALES[a.unit][1]} in {INPUT_WORDS[a.on]} by"
-        f" {plain(abs(a.shift[name]), 2)}"
-        for by, a in grave
-        if by > 1
+        f"{plain(SCALES[e.unit][0] * e.size, 2)} {SCALES[e.unit][1]} in {INPUT_WORDS[e.on]} by"
+        f" {plain(e.shift, 2)}{' (more would show)' if e.at_most else ''}"
+        for e in undeclared(evidence, boundary)
+        if e.in_u > 1
     )
-    return [f"errors that are not declared could move {noun(name)}: {told}"] if told else []
+    name = noun(evidence.quoted(boundary).headline) if told else ""
+    return [f"errors that are not declared could move {name}: {told}"] if told else []
 
 
 def _unseen(evidence: Evidence, boundary: Boundary) -> list[str]:

@@ -98,9 +98,13 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
         where = f" along {told}" if found and (told := structure_along(found)) else ""
         fits = found.not_confirmed if found else None
         if fits:
-            told = titled(" with ".join(fits[0]))
+            names = [titled(" with ".join(pair)) for pair in fits]
+            told = listed(names, "or")
+            if len(names) > 2:
+                told = f"{names[0]}, or any of {len(names) - 1} others,"
+            but = "foretells nothing" if len(names) == 1 else "none of them foretells anything"
             return (
-                f"{model} leaves structure{where}; {told} would fit it, but foretells nothing on"
+                f"{model} leaves structure{where}; {told} would fit it, but {but} on"
                 f" {evidence.left_out} left out."
             )
         return f"{model} leaves structure{where} that no effect testable here explains."
@@ -109,7 +113,7 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
 
 def _omits(evidence: Evidence, boundary: Boundary) -> str:
     """Inputs without a declared uncertainty, the one that matters most first."""
-    words = [INPUT_WORDS[a.on] for _, a in undeclared(evidence, boundary)]
+    words = [INPUT_WORDS[error.on] for error in undeclared(evidence, boundary)]
     if len(words) > 1:
         words[0] += " (most important)"
     return f"errors of {listed(words)}: none is declared" if words else ""
@@ -183,7 +187,7 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         # what has no name is looked for first; a better input does not find it
         where = structure_along(found) if found else ""
         words += [f"whatever else changes along {where}"] if where else []
-    elif grave := [INPUT_WORDS[a.on] for by, a in undeclared(evidence, boundary) if by > 1]:
+    elif grave := [INPUT_WORDS[e.on] for e in undeclared(evidence, boundary) if e.in_u > 1]:
         each = " each" if len(grave) > 1 else ""
         said.append(f"measure the {listed(grave)}, and declare how well{each or ' it'} is known")
     elif quoted.headline and not said:

@@ -256,7 +256,8 @@ def _models(
         (own.low + 1, own.high + 1),
     )
     if apart:
-        label = f"{fitted.title}, least squares"
+        quoted = "" if evidence.diagnosed(boundary) else ", as quoted"
+        label = f"{fitted.title}, least squares{quoted}"
         add("least squares", label, own.least_squares + 1, fitted, True, own.sampled)
     for reference in fig2.references(evidence, boundary):
         add(
