@@ -50,10 +50,10 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
         # with an order come drifts, and of so few trials nobody has counted how often they pass for
         # structure
         least = LEAST_TRIALS + unknowns
-        remedy = (
-            f"at least {least} trials are wanted, {least - data.n} more (of a published table"
-            f" {LEAST_CELLS} in all, with lift_sd for each)"
-        )
+        remedy = f"at least {least} trials are wanted, {least - data.n} more"
+        if np.all(data.n_eff <= 1):
+            # no record stands behind any of these
+            remedy += f" (of a published table {LEAST_CELLS} in all, with lift_sd for each)"
         raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
     if data.n < wanted:
