@@ -114,6 +114,7 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
             )
             own["coefficients"][name]["doubts"] = [
                 {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}}
+                | ({"explanation": effects[0]} if "is all" in condition else {})
                 for condition, d in doubts.items()
                 if d
             ]

@@ -145,7 +145,8 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
 
     def known(u, *inputs, found=None):
         entry = SimpleNamespace(undeclared=tuple(listed[on] for on in inputs))
-        quoted = SimpleNamespace(headline="K_b", coefficients={"K_b": SimpleNamespace(u=u)})
+        every = {"K_b": SimpleNamespace(u=u)}
+        quoted = SimpleNamespace(headline="K_b", coefficients=every, quotable={})
         return SimpleNamespace(
             quoted=lambda _: quoted, base=lambda _: (None, entry), diagnosed=lambda _: found
         )
@@ -155,11 +156,11 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         (pytest.approx(4.4), "rotor_radius"),
         (pytest.approx(4.4 * spacing / radius), "rotor_spacing"),
     ]
-    [own] = doubts._undeclared(both, "ground")
+    [own] = doubts._hidden(both, "ground")
     assert own.startswith(
         f"errors that are not declared could move K_b: 1 % in rotor radius by {radius:.2g}"
     )
-    assert doubts._undeclared(known(10 * radius, "rotor_radius"), "ground") == []
+    assert doubts._hidden(known(10 * radius, "rotor_radius"), "ground") == []
 
     # an offset that the diagnosis would have seen is not held against the number
     u = height / 40
@@ -181,9 +182,10 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         None,
     ):
         assert worst(unlimited) == pytest.approx((1, 40, False))
-    own = doubts._undeclared(known(u, "height", found=diagnosed("adequate", **limit)), "ground")
-    assert "0.12 mm in distance datum" in own[0]
-    assert own[0].endswith(" (more would show)")
+    seen = known(u, "height", found=diagnosed("adequate", **limit))
+    [own] = doubts._hidden(seen, "ground")
+    assert "0.12 mm in distance datum" in own
+    assert own.endswith(" (more would show)")
 
 
 def parsed(**line):

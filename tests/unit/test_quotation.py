@@ -81,7 +81,8 @@ def test_the_file_has_the_keys_of_the_contract(job):
             assert all(line.keys() >= {"source", "type", "u", "u_without"} for line in c["budget"])
             assert c["influence"].keys() == {"trial", "visit"}
             assert c["influence"]["visit"].keys() == {"id", "shift", "z_hat"}
-            assert all(d.keys() == {"if", "value", "lo90", "hi90"} for d in c["doubts"])
+            keys = {"if", "value", "lo90", "hi90"}
+            assert all(d.keys() - {"explanation"} == keys for d in c["doubts"])
     assert set(content["boundaries"]) == set(made.read_json(DIAGNOSIS)["boundaries"])
 
 

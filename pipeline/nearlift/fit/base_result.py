@@ -27,9 +27,10 @@ def base_result(
     fit.json.
     """
     estimator = Estimator.of(fit)
+    declared = " and the declared errors" if fit.parts or fit.plan.shared else ""
     holds = (
-        f"Allows for the {fit.noise.source.partition(' (')[0]} and the declared errors, not for"
-        " effects that nobody looked for"
+        f"Allows for the {fit.noise.source.partition(' (')[0]}{declared}, not for effects that"
+        " nobody looked for"
     )
     doubts, shapes = estimator.doubts(), shape_doubts(entry)
     scale = np.sqrt(np.diag(fit.covariance))

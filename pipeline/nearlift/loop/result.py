@@ -91,7 +91,7 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
     errors = (
         "the scatter of whole visits"
         if stage.independent
-        else "the noise of trials and the declared errors"
+        else f"the noise of trials{' and the declared errors' if stage.parts else ''}"
     )
     if found.carried:
         return (
@@ -119,17 +119,16 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
 def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> list[Doubt]:
     """The coefficient by each answer alone, and with what was not seen."""
 
-    def at(condition: str, pair: Pair) -> Doubt:
-        return estimator.doubt(i, condition, float(pair[0][i]), float(pair[1][i]))
+    def at(condition: str, pair: Pair, explanation: str | None = None) -> Doubt:
+        doubt = estimator.doubt(i, condition, float(pair[0][i]), float(pair[1][i]))
+        return dataclasses.replace(doubt, explanation=explanation)
 
     listed = []
     if answer.accepted:
-        listed.append(
-            at(f"{answer.accepted[0].name} is all, exactly in its declared form", found.conditional)
-        )
+        best = answer.accepted[0].name
+        listed.append(at(f"{best} is all, exactly in its declared form", found.conditional, best))
         listed += [
-            at(f"it is {name} in place of {answer.accepted[0].name}", pair)
-            for name, pair in found.members[1:]
+            at(f"it is {name} in place of {best}", pair, name) for name, pair in found.members[1:]
         ]
     if answer.verdict != "adequate":
         listed.append(at("the base model lacks nothing", found.before))

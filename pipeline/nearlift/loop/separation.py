@@ -21,6 +21,8 @@ from nearlift.results.outlook import Alternative, NextExperiment, NextSession
 
 #: Trials in a proposed session.
 SESSION = 160
+#: What may not be feasible is proposed first where it promises more than the rest over this.
+IF_FEASIBLE = 0.8
 #: A session that brings less expected evidence per trial than this parts nothing, and is not
 #: proposed.
 POINTLESS = 1e-6
@@ -28,10 +30,13 @@ POINTLESS = 1e-6
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """A session that could be measured: in words, and the trials it would add."""
+    """A session that could be measured: in words, and the trials it would add; `worth` its
+    evidence is, beside that of others.
+    """
 
     text: str
     added: Observations
+    worth: float = 1.0
 
 
 def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposal]:
@@ -56,7 +61,10 @@ def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposa
     }
     if "farther" in not_feasible:
         places = {text: z for text, z in places.items() if max(z) <= far}
-    proposals = [Proposal(text=text, added=session(data, z)) for text, z in places.items()]
+    proposals = [
+        Proposal(text=text, added=session(data, z), worth=IF_FEASIBLE if min(z) < near else 1.0)
+        for text, z in places.items()
+    ]
     if "approach" in data.covariates and "both directions" not in not_feasible:
         both = session(data, (near, 1.3 * near))
         direction = np.where(np.arange(both.n) // len(data.levels) % 2 == 0, 1.0, -1.0)
@@ -187,7 +195,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
         for proposal in menu(stage.data, stage.options.not_feasible):
             gain = parting(stage, join(stage.data, proposal.added), best, rival) - now
             ranked.append((gain / proposal.added.n, proposal))
-        ranked.sort(key=lambda item: -item[0])
+        ranked.sort(key=lambda item: -item[0] * item[1].worth)
         rate, proposal = ranked[0]
         if rate < POINTLESS:
             continue

@@ -106,13 +106,14 @@ class LargestShifts:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Doubt:
     """What the coefficient would be under another `condition` (``if`` in the file), which is what
-    it takes to believe it.
+    it takes to believe it. `explanation`: the effects, "a + b", that the condition takes to act.
     """
 
     condition: str = keyed("if")
     value: float
     lo90: float
     hi90: float
+    explanation: str | None = optional()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,6 +202,11 @@ class RestsOn:
     shift: float
     verdict: Verdict
     effects: tuple[str, ...] = ()
+
+    @property
+    def claim(self) -> str:
+        """The verdict, with the named effects."""
+        return self.verdict + (f" ({' and '.join(self.effects)})" if self.effects else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -309,20 +315,20 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
-        own = self.coefficients[self.headline]
-        verdict = self.rests_on.verdict if self.rests_on and kind == "trial" else self.verdict
+        own, on = self.coefficients[self.headline], self.rests_on
+        turned = on is not None and on.verdict != self.verdict
         sign = "+" if moved.shift > 0 else ""
         moves = f"{noun(self.headline)} moves by {sign}{plain(moved.shift, 2)}"
         if abs(moved.shift) <= own.u:
-            return f"the verdict is a near thing: without {kind} {moved.place} it is {verdict}"
-        other = f"the verdict is {verdict} and " if verdict != self.verdict else ""
+            now = on.claim if on and kind == "trial" else self.verdict
+            return f"the verdict is a near thing: without {kind} {moved.place} it is {now}"
+        other = f"the verdict is {on.claim} and " if on and turned and kind == "trial" else ""
         to = like(own.value + moved.shift, own.u)
-        turns = self.rests_on if kind == "visit" else None
-        also = (
-            f"; without trial {turns.trial} the verdict is {turns.verdict}"
-            if turns and turns.verdict != self.verdict
-            else ""
-        )
+        also = ""
+        if on and turned and kind == "visit":
+            trial = own.influence.trial
+            place = trial.place if trial and trial.id == on.trial else on.trial
+            also = f"; without trial {place} the verdict is {on.claim}"
         return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:

@@ -130,10 +130,9 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
         # by the noise of the fit; after the loop the conditions say it by the loop's
         further += [d.text for d in fit.degeneracies[:1]]
     rivals = [text for e in found.effects for text in _alike(found, e, quoted)] if found else []
-    left_out = _undeclared(evidence, boundary)
+    left_out = _hidden(evidence, boundary)
     # the interval is over rivals, so where they hardly differ what it leaves out is graver
     further += [*rivals, *left_out] if _apart(quoted) else [*left_out, *rivals]
-    further += _unseen(evidence, boundary)
     unlogged = [catalogue.titled(name) for name in found.untestable] if found else []
     if unlogged:
         further.append(f"nothing was logged that could tell of {listed(unlogged)}")
@@ -144,7 +143,7 @@ def _apart(quoted: BoundaryResult) -> bool:
     """Whether the headline with some rival is farther than u from what is quoted."""
     own = quoted.quotable.get(quoted.headline)
     return own is not None and any(
-        " in place of " in d.condition and abs(d.value - own.value) > own.u for d in own.doubts
+        d.explanation and abs(d.value - own.value) > own.u for d in own.doubts
     )
 
 
@@ -155,22 +154,18 @@ def _alike(found: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult
     others = found.stand_ins(effect)
     alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
     own = quoted.quotable.get(quoted.headline)
-    values = {d.condition: plain(d.value, 2) for d in own.doubts} if own else {}
+    values = {d.explanation: plain(d.value, 2) for d in own.doubts} if own else {}
 
-    def told(name: str, condition: str, equals: str = "") -> str:
-        return f"{name} ({equals}{values[condition]})" if condition in values else name
+    def told(name: str, equals: str = "") -> str:
+        return f"{name} ({equals}{values[name]})" if name in values else name
 
     said = []
     if alone:
-        best = told(
-            effect.name,
-            f"{effect.name} is all, exactly in its declared form",
-            f"{letter(quoted.headline)} = ",
-        )
-        rivals = [told(o, f"it is {o} in place of {effect.name}") for o in alone]
+        best = told(effect.name, f"{letter(quoted.headline)} = ")
+        rivals = [told(o) for o in alone]
         said.append(f"this design cannot tell {best} from {listed(rivals, 'or')}")
     if together:
-        pairs = [told(o, f"it is {o} in place of {effect.name}") for o in together]
+        pairs = [told(o) for o in together]
         said.append(
             f"{listed(pairs, 'or')} together would be likelier than {effect.name} alone, if not"
             " plainly"
@@ -229,33 +224,29 @@ def _unseen_shift(found: BoundaryDiagnosis | None, on: str, u: float) -> float:
     return max((s.bias_at_detection_limit * s.u for s in hidden), default=u)
 
 
-def _undeclared(evidence: Evidence, boundary: Boundary) -> list[str]:
-    """Those of which a plausible error would move the headline by more than its u."""
-    told = ", ".join(
-        f"{plain(SCALES[e.unit][0] * e.size, 2)} {SCALES[e.unit][1]} in {INPUT_WORDS[e.on]} by"
-        f" {plain(e.shift, 2)}{' (more would show)' if e.at_most else ''}"
-        for e in undeclared(evidence, boundary)
-        if e.in_u > 1
-    )
-    name = noun(evidence.quoted(boundary).headline) if told else ""
-    return [f"errors that are not declared could move {name}: {told}"] if told else []
-
-
-def _unseen(evidence: Evidence, boundary: Boundary) -> list[str]:
-    """The effect that could move the headline by most of its u without being seen, if by more than
-    one.
+def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
+    """What could move the headline by more than its u without being seen: plausible errors that
+    nobody declared, and the effect that hides best. In one text, the gravest first.
     """
     quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
-    own = quoted.quotable.get(quoted.headline)
-    if not (own and found and found.silent):
-        return []
-    most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
-    shift = most.bias_at_detection_limit * most.u
-    text = (
-        f"{most.effect}, though too small to be seen, could move {noun(quoted.headline)} by"
-        f" {plain(shift, 2)}"
-    )
-    return [text] if own.u < shift < math.inf else []
+    own, moves = quoted.quotable.get(quoted.headline), f"could move {noun(quoted.headline)}"
+    said: list[tuple[float, str, str]] = []
+    if grave := [e for e in undeclared(evidence, boundary) if e.in_u > 1]:
+        told = ", ".join(
+            f"{plain(SCALES[e.unit][0] * e.size, 2)} {SCALES[e.unit][1]} in {INPUT_WORDS[e.on]} by"
+            f" {plain(e.shift, 2)}{' (more would show)' if e.at_most else ''}"
+            for e in grave
+        )
+        errors = "errors that are not declared"
+        said.append((grave[0].shift, f"{errors} {moves}: {told}", f"{errors}: {told}"))
+    if own and found and found.silent:
+        most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
+        shift = most.bias_at_detection_limit * most.u
+        effect, by = f"{most.effect}, though too small to be seen,", f"by {plain(shift, 2)}"
+        if own.u < shift < math.inf:
+            said.append((shift, f"{effect} {moves} {by}", f"{effect} {by}"))
+    ranked = sorted(said)[::-1]
+    return ["; ".join([ranked[0][1], *(short for _, _, short in ranked[1:])])] if ranked else []
 
 
 def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:

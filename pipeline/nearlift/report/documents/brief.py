@@ -5,6 +5,7 @@ coefficients to quote, error, largest sources, the gravest doubt, influence, and
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nearlift import catalogue
@@ -16,10 +17,14 @@ from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.findings import listed, others, structure_along, to_log
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, plain, signed
 
+#: Trials that all stand nearer than `FARTHEST` hardly tell lift in free air; from `FAR` on they do
+#: (docs/planning.md). In rotor radii.
+FARTHEST, FAR = 6.0, 12.0
 #: A source whose knowledge would lessen u by less than this part is no lead.
 LEAST_FALL, SOURCES = 0.05, 3
 
@@ -178,15 +183,18 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         ranked = sorted(
             found.next_experiment, key=lambda n: (visit is None) != isinstance(n, NextSession)
         )
-        return "; ".join(_proposal(n) for n in ranked[: 2 if visit else 1])
+        told = [_proposal(n) for n in ranked[: 2 if visit else 1]]
+        return "; ".join(told + _logging(found))
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
-    if said and visit and visit.z_hat is not None:
+    if said and evidence.observations[boundary].z_hat.max() < FARTHEST:
+        said.append(f"a stop far from the boundary (z_hat = {FAR:g} or more), for lift in free air")
+    elif said and visit and visit.z_hat is not None:
         said.append(f"more visits around z_hat = {plain(visit.z_hat, 2)}")
-    words = to_log(found)
+    words = []
     if quoted.verdict == "unexplained":
         # what has no name is looked for first; a better input does not find it
         where = structure_along(found) if found else ""
-        words += [f"whatever else changes along {where}"] if where else []
+        words = [f"whatever else changes along {where}"] if where else []
     elif grave := [INPUT_WORDS[e.on] for e in undeclared(evidence, boundary) if e.in_u > 1]:
         each = " each" if len(grave) > 1 else ""
         said.append(f"measure the {listed(grave)}, and declare how well{each or ' it'} is known")
@@ -202,13 +210,15 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
                     else f"a better {source}"
                 )
                 break
-    if words:
-        of = [catalogue.titled(name) for name in found.untestable] if found else []
-        for_what = (
-            f", to test {listed(of) if len(of) < 3 else f'{len(of)} effects more'}" if of else ""
-        )
-        said.append(f"log {listed(words)}{for_what}")
-    return "; ".join(said)
+    return "; ".join(said + _logging(found, words))
+
+
+def _logging(found: BoundaryDiagnosis | None, more: Sequence[str] = ()) -> list[str]:
+    """What to record next time, and the effects that it would make testable."""
+    words = [*to_log(found), *more]
+    of = [catalogue.titled(name) for name in found.untestable] if found else []
+    for_what = f", to test {listed(of) if len(of) < 3 else f'{len(of)} effects more'}" if of else ""
+    return [f"log {listed(words)}{for_what}"] if words else []
 
 
 def _proposal(experiment: NextExperiment) -> str:
@@ -216,4 +226,5 @@ def _proposal(experiment: NextExperiment) -> str:
     if not isinstance(experiment, NextSession):
         return titled(experiment.measure)
     parts = " from ".join(experiment.separates)
-    return titled(f"to tell {parts}: {experiment.measure} ({experiment.trials} trials)")
+    about = plain(experiment.trials_to_separate, 2)
+    return titled(f"to tell {parts}: {experiment.measure} (about {about} trials)")

@@ -242,9 +242,11 @@ def _models(
         if effects
         else "as quoted, with what is unexplained"
         if fig2.as_quoted(evidence, boundary)
-        else "posterior median"
-        if own.sampled
         else "least squares"
+        if not own.sampled
+        else "posterior median"
+        if apart
+        else "as quoted"
     )
     add(
         base.name,
