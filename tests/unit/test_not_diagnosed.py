@@ -52,7 +52,8 @@ def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     what, wanted = REASON.split("; ")
     assert (card["verdict"], card["next"]) == (
         f"Not diagnosed: {what}.",
-        f"for a diagnosis, {wanted}; more visits around z_hat = 1.3",
+        f"for a diagnosis, {wanted}; a stop far from the boundary (z_hat = 12 or more), for"
+        " lift in free air",
     )
     assert any(doubt.text.startswith("not diagnosed") for doubt in doubts.doubts(evidence))
     assert diagnosis.facts(evidence)["not_diagnosed"] == {"ground": REASON}

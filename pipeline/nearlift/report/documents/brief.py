@@ -184,7 +184,7 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
             found.next_experiment, key=lambda n: (visit is None) != isinstance(n, NextSession)
         )
         told = [_proposal(n) for n in ranked[: 2 if visit else 1]]
-        return "; ".join(told + _logging(found))
+        return "; ".join(told + (_logging(found) if quoted.verdict == "unexplained" else []))
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
     if said and evidence.observations[boundary].z_hat.max() < FARTHEST:
         said.append(f"a stop far from the boundary (z_hat = {FAR:g} or more), for lift in free air")
