@@ -52,8 +52,10 @@ def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     what, wanted = REASON.split("; ")
     assert (card["verdict"], card["next"]) == (
         f"Not diagnosed: {what}.",
-        f"for a diagnosis, {wanted}; a stop far from the boundary (z_hat = 12 or more), for"
-        " lift in free air",
+        (
+            f"for a diagnosis, {wanted}; a stop far from the boundary (z_hat = 12 or more), for"
+            " lift in free air"
+        ),
     )
     assert any(doubt.text.startswith("not diagnosed") for doubt in doubts.doubts(evidence))
     assert diagnosis.facts(evidence)["not_diagnosed"] == {"ground": REASON}
