@@ -52,7 +52,7 @@ def test_steps_of_an_rcbenchmark(tmp_path):
         driven.fill(page, own_rig | cell | {"trials.units.distance": "mm"})
         page.wait("document.querySelector('#reads').textContent.includes('change the sign')")
         driven.fill(page, {"records.force.sign": "-1", "segments.settle": "1 s"})
-        page.paste("#schedule", rows)
+        page.paste("#grid th[scope=col]", rows)
         driven.settled(page)
         report = driven.run(page)
         assert page.errors == []

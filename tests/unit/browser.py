@@ -179,7 +179,7 @@ class Page:
         """Click into a field until it is hit, which may move on meanwhile, and select all of it."""
         while not self.run(f"document.activeElement.matches({json.dumps(selector)})"):
             self.click(selector)
-        self.run("document.activeElement.select()")
+        self.run("document.activeElement.select?.()")
 
     def paste(self, selector: str, text: str) -> None:
         """Paste a text in place of what a field holds."""

@@ -19,7 +19,7 @@ import pytest
 from nearlift.commands import new
 from nearlift.errors import NearliftError
 from nearlift.manifest import campaign as manifests
-from nearlift.serve import draft
+from nearlift.serve import draft, manifest_text
 from nearlift.serve.bench import Bench
 
 from . import small_run
@@ -37,7 +37,7 @@ def leaves(text):
 
 
 def test_every_value_of_the_template_is_found_in_its_place():
-    spans = draft.spans(TEMPLATE)
+    spans = manifest_text.spans(TEMPLATE)
     for key, value in leaves(TEMPLATE).items():
         begin, end = spans[key]
         assert tomllib.loads(f"x = {TEMPLATE[begin:end]}")["x"] == value
@@ -56,7 +56,7 @@ def test_every_value_of_the_template_is_found_in_its_place():
     ],
 )
 def test_a_field_sets_its_value_and_nothing_else(key, value):
-    made = draft.with_value(TEMPLATE, key, value)
+    made = manifest_text.with_value(TEMPLATE, key, value)
     before, after = leaves(TEMPLATE), leaves(made)
     assert {k for k in before | after if before.get(k) != after.get(k)} == {key}
     assert str(after[key]) == value
@@ -64,16 +64,16 @@ def test_a_field_sets_its_value_and_nothing_else(key, value):
 
 
 def test_an_emptied_line_goes_and_an_unknown_key_is_refused():
-    assert "rig.arena" not in leaves(draft.with_value(TEMPLATE, "rig.arena", ""))
+    assert "rig.arena" not in leaves(manifest_text.with_value(TEMPLATE, "rig.arena", ""))
     with pytest.raises(NearliftError, match="stands nowhere in the text"):
-        draft.with_value(TEMPLATE, "rig.colour", "red")
+        manifest_text.with_value(TEMPLATE, "rig.colour", "red")
 
 
 def test_spans_see_tables_in_arrays_and_long_values():
     text = (
         '[a]\nx = [1, # one\n 2]\ny = """\n[b]\nz = 1\n"""\n[[c]]\nk = "1"\n[[c]]\nk = "2"  # r\n'
     )
-    spans = draft.spans(text)
+    spans = manifest_text.spans(text)
     assert {k: text[slice(*v)] for k, v in spans.items()} == {
         "a.x": "[1, # one\n 2]",
         "a.y": '"""\n[b]\nz = 1\n"""',
@@ -85,13 +85,13 @@ def test_spans_see_tables_in_arrays_and_long_values():
 def test_a_unit_that_a_column_wants_is_asked_for_at_a_field_of_its_own(tmp_path):
     root = small_run.write(tmp_path / "raw" / "small", visits=2)
     schedule = (root / "trials.csv").read_text()
-    text = draft.with_value((root / "campaign.toml").read_text(), "trials.units.start", "")
+    text = manifest_text.with_value((root / "campaign.toml").read_text(), "trials.units.start", "")
     found = draft.check(root, text, schedule)
     (refusal,) = found.refusals
-    assert refusal["key"] == "trials.units.start"
+    assert refusal.key == "trials.units.start"
     (asked,) = (f for f in found.fields if f["key"] == "trials.units.start")
     assert (asked["value"], "s" in asked["choices"]) == ("", True)
-    made = draft.with_value(text, "trials.units.start", "s")
+    made = manifest_text.with_value(text, "trials.units.start", "s")
     assert draft.check(root, made, schedule).refusals == []
 
 
@@ -106,14 +106,19 @@ def test_a_refusal_stands_at_its_field(tmp_path):
     root = small_run.write(tmp_path / "raw" / "small", visits=2)
     text, schedule = ((root / n).read_text() for n in ("campaign.toml", "trials.csv"))
     assert draft.check(root, text, schedule).refusals == []
-    wrong = draft.with_value(text, "vehicle.mass", "27 mm")
+    wrong = manifest_text.with_value(text, "vehicle.mass", "27 mm")
     (refusal,) = draft.check(root, wrong, schedule).refusals
-    assert refusal["key"] == "vehicle.mass"
-    assert "27 mm" in refusal["text"]
+    assert refusal.key == "vehicle.mass"
+    assert "27 mm" in refusal.text
     (refusal,) = draft.check(root, text, schedule.replace("ground", "grund")).refusals
-    assert "trials.csv" in refusal["text"]
+    assert (refusal.line, refusal.column) == (2, "boundary")
+    assert "did you mean 'ground'" in refusal.text
+    (refusal,) = draft.check(
+        root, text, schedule.replace("\n", ",1\n").replace(",1", "", 1)
+    ).refusals
+    assert (refusal.line, refusal.column) == (2, "")
     blank = draft.check(root, TEMPLATE, schedule).refusals
-    assert {"vehicle.mass", "rig.held"} <= {r["key"] for r in blank}
+    assert {"vehicle.mass", "rig.held"} <= {r.key for r in blank}
 
 
 def test_the_hover_weight_tells_unit_and_sign(tmp_path):
@@ -122,7 +127,7 @@ def test_the_hover_weight_tells_unit_and_sign(tmp_path):
     schedule = (root / "trials.csv").read_text()
 
     def reads(key, value):
-        return draft.check(root, draft.with_value(text, key, value), schedule).reads
+        return draft.check(root, manifest_text.with_value(text, key, value), schedule).reads
 
     mass = leaves(text)["vehicle.mass"]
     assert f"hover weight {mass}" in reads("records.force.sign", "1")

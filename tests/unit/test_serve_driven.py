@@ -53,7 +53,7 @@ def test_a_folder_of_records_becomes_a_report(tmp_path):
         driven.fill(page, {"records.force.unit": "mN"})
         page.wait(f"!{reads}.includes('unit')")
         # the schedule comes from a spreadsheet, with a column whose unit is then asked for
-        page.paste("#schedule", (source / "trials.csv").read_text().replace(",", "\t"))
+        page.paste("#grid th[scope=col]", (source / "trials.csv").read_text().replace(",", "\t"))
         page.wait(
             "document.getElementById('fault trials.units.start')?.textContent.includes('unit')"
         )

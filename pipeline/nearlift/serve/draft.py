@@ -1,14 +1,11 @@
 """A campaign before it is run: its manifest and schedule as text that a form edits as well, what is
-refused in them and at which key, and the records that were dropped.
-
-The text is the manifest; a form's field replaces one value in it, and leaves every comment.
+refused in them and where, and the records that were dropped.
 """
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import json
 import os
 import re
 import shutil
@@ -20,7 +17,7 @@ import numpy as np
 
 from nearlift import units
 from nearlift.commands.inspect import Found, inspect
-from nearlift.errors import InputRefused, ManifestError, NearliftError, UsageError
+from nearlift.errors import InputRefused, NearliftError, UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.manifest import toml
 from nearlift.manifest.flight_log import STANDARD_G
@@ -31,6 +28,7 @@ from nearlift.readers.schedule import parse_schedule
 from nearlift.reduction import plausibility
 from nearlift.run import store
 from nearlift.serve.bench import MANIFEST, Bench, NotThere
+from nearlift.serve.manifest_text import UNITS, remark, spans
 
 SCHEDULE = "trials.csv"
 #: Bytes of one dropped file, and what the disk keeps free.
@@ -44,120 +42,31 @@ CHOICES = {
     "records.force.unit": ("mN", "N", "kN", "gf", "kgf", "ozf", "lbf", "count"),
     "records.force.sign": ("1", "-1"),
 }
-UNITS = "trials.units."
+#: Where a fault of the schedule stands.
+_PLACE = re.compile(r"trials\.csv(?:, line (\d+))?(?:, column '(.+)')?$")
 _NAME = re.compile(r"[^\s./\\\0][^/\\\0]{0,199}")
-# what stands before is looked at so that no place within blanks or a word is tried again
-_KEY = re.compile(
-    r"""(?<![\w.\- \t])[ \t]*+((?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')"""
-    r"""(?:[ \t]*+\.[ \t]*+[\w-]++)*+)[ \t]*+=[ \t]*+"""
-)
-_HEAD = re.compile(r"(?<![ \t])[ \t]*+(\[\[?)[ \t]*+([\w.-]++)[ \t]*+\]\]?")
-_PART = re.compile(
-    r'"""(?:[^"\\]|\\[\s\S]|"(?!""))*"{3,5}'
-    r"|'''(?:[^']|'(?!''))*'{3,5}"
-    r'|"(?:[^"\\\n]|\\.)*"'
-    r"|'[^'\n]*'|\#[^\n]*|[\[\]{},\n]|[^\[\]{},\n\"'#]+"
-)
 
 
-def spans(text: str) -> dict[str, tuple[int, int]]:
-    """Where the value of each key stands, by its dotted name; tables in arrays count from 0."""
-    found: dict[str, tuple[int, int]] = {}
-    table, counts, at = "", dict[str, int](), 0
-    while at < len(text):
-        if head := _HEAD.match(text, at):
-            table = head[2]
-            if head[1] == "[[":
-                counts[table] = counts.get(table, -1) + 1
-                table = f"{table}.{counts[table]}"
-        elif key := _KEY.match(text, at):
-            end = _end(text, key.end(), ())
-            _put(found, f"{table}.{_plain(key[1])}".lstrip("."), text, key.end(), end)
-            at = end
-        at = text.find("\n", at) + 1 or len(text)
-    return found
-
-
-def _plain(key: str) -> str:
-    return ".".join(part.strip() for part in key.split(".")).strip("\"'")
-
-
-def remark(text: str, end: int) -> str:
-    """What stands behind a value on its line, or behind the table that it is in."""
-    for part in _PART.finditer(text, end):
-        if part[0] == "\n":
-            break
-        if part[0].startswith("#"):
-            return part[0].lstrip("# ")
-    return ""
-
-
-def _put(found: dict[str, tuple[int, int]], key: str, text: str, begin: int, end: int) -> None:
-    """A value, and those within it where it is an inline table."""
-    found[key] = begin, end
-    at = begin + 1
-    while text[begin] == "{" and (inner := _KEY.match(text, at)) and inner.end() < end:
-        stop = _end(text, inner.end(), (",", "}"))
-        _put(found, f"{key}.{_plain(inner[1])}", text, inner.end(), stop)
-        at = stop + 1
-
-
-def _end(text: str, begin: int, stops: tuple[str, ...]) -> int:
-    """Where a value ends that begins there: without the blanks and the remark behind it."""
-    deep, end = 0, begin
-    for part in _PART.finditer(text, begin):
-        token = part[0]
-        if deep == 0 and (token in stops or token == "\n" or token.startswith("#")):
-            break
-        deep += (token in "[{") - (token in "]}")
-        end = part.start() + len(token.rstrip())
-    return end
-
-
-def with_value(text: str, key: str, value: str) -> str:
-    """The manifest with another value of a key; a line's is taken out by an empty one, and a unit
-    that is not there is put under its table's head.
-
-    Raises
-    ------
-    ManifestError
-        The text has no such key, or would say something else elsewhere.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Refused:
+    """A fault, and where it is: a key of the manifest, or a line and column of the schedule; empty
+    and 0 where that is not known.
     """
-    where = spans(text).get(key)
-    number = re.fullmatch(r"-?\d+(\.\d+)?|true|false", value) and not key.endswith("name")
-    told = value if number else json.dumps(value, ensure_ascii=False)
-    head = re.search(r"^[ \t]*\[trials\.units\][^\n]*\n", text, re.MULTILINE)
-    if where is None and key.startswith(UNITS) and head:
-        made = f"{text[: head.end()]}{key.removeprefix(UNITS)} = {told}\n{text[head.end() :]}"
-        return _only(key, text, made)
-    if where is None:
-        raise ManifestError(key, "stands nowhere in the text", "write it there")
-    begin, end = where
-    first = text.rfind("\n", 0, begin) + 1
-    if value or not re.fullmatch(r"[\w-]+\s*=\s*", text[first:begin].lstrip()):
-        made = text[:begin] + told + text[end:]
-    else:
-        last = text.find("\n", end) + 1 or len(text)
-        made = text[:first] + text[last:]
-    return _only(key, text, made)
 
-
-def _only(key: str, text: str, made: str) -> str:
-    """The text as it was `made`, if it differs in that key alone."""
-    before, after = (dict(manifests.leaves(toml.loads(t.encode(), MANIFEST))) for t in (text, made))
-    if {k for k in before | after if before.get(k) != after.get(k)} - {key}:
-        raise ManifestError(key, "cannot be set from here", "write it in the text")
-    return made
+    key: str
+    text: str
+    line: int = 0
+    column: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Checked:
-    """What the form shows: every value by key with its choices, what is refused and at which key,
-    how many trials there are, the first record, and whether the force can be this vehicle's.
+    """What the form shows: every value by key with its choices, what is refused and where, how many
+    trials there are, the first record, and whether the force can be this vehicle's.
     """
 
     fields: list[dict[str, object]]
-    refusals: list[dict[str, str]]
+    refusals: list[Refused]
     trials: int
     file: str
     reads: str
@@ -165,7 +74,7 @@ class Checked:
 
 def check(root: Path, text: str, schedule: str) -> Checked:
     """What these texts say; nothing is written."""
-    refusals: list[dict[str, str]] = []
+    refusals: list[Refused] = []
     values: dict[str, object] = {}
     trials = 0
     try:
@@ -222,18 +131,26 @@ def _told(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _by_key(refusal: NearliftError, values: dict[str, object]) -> Iterator[dict[str, str]]:
-    """Each fault with the key at which it is, empty where there is none."""
+def _by_key(refusal: NearliftError, values: dict[str, object]) -> Iterator[Refused]:
+    """Each fault with the key or the cell at which it is."""
     lines = refusal.what.split("\n  ")
-    column = re.search(r", column '(\w+)'$", refusal.where)
-    unit = f"{UNITS}{column[1]}" if column else ""
+    place = _PLACE.search(refusal.where)
+    line, column = (int(place[1] or 0), place[2] or "") if place else (0, "")
+    unit = f"{UNITS}{column}"
     where = unit if values.get(unit) == "" else refusal.where if refusal.where in values else ""
-    for line in lines:
-        key, _, said = line.partition(": ")
+    for fault in lines:
+        key, _, said = fault.partition(": ")
         known = bool(said) and (key in values or any(k.startswith(f"{key}.") for k in values))
-        told = said if known else line if where else f"{refusal.where}: {line}"
+        own = key if known else where
+        told = said if known else fault if own or line else f"{refusal.where}: {fault}"
         more = f"; {refusal.remedy}" if refusal.remedy and len(lines) == 1 else ""
-        yield {"key": key if known else where, "text": told + more}
+        at_cell = line and not own
+        yield Refused(
+            key=own,
+            text=told + more,
+            line=line if at_cell else 0,
+            column=column if at_cell else "",
+        )
 
 
 def records(root: Path, values: dict[str, object]) -> Iterator[Path]:

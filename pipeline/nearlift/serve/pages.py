@@ -8,7 +8,7 @@ import functools
 import json
 import mimetypes
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -273,17 +273,18 @@ def _edited(
 def check(bench: Bench, asked: Asked) -> Answer:
     """What a form says, after one of its values was set; nothing is written."""
     from nearlift.serve import draft
+    from nearlift.serve.manifest_text import with_value
 
     root, text = bench.root_of(asked.one("campaign")), asked.text("manifest")
-    refusals = []
+    refusals: list[draft.Refused] = []
     if key := asked.one("set"):
         try:
-            text = draft.with_value(text, key, asked.one("value"))
+            text = with_value(text, key, asked.one("value"))
         except NearliftError as refusal:
-            refusals = [{"key": key, "text": f"{refusal.what}; {refusal.remedy}"}]
+            refusals = [draft.Refused(key=key, text=f"{refusal.what}; {refusal.remedy}")]
     found = draft.check(root, text, asked.text("schedule"))
-    every = [*found.refusals, *refusals]
-    return as_json({**asdict(found), "refusals": every, "manifest": text})
+    found = replace(found, refusals=[*found.refusals, *refusals])
+    return as_json({**asdict(found), "manifest": text})
 
 
 def save(bench: Bench, asked: Asked) -> Answer:
@@ -334,11 +335,16 @@ def file(bench: Bench, relative: str) -> Answer:
     return Answer(body=path.read_bytes(), kind=kind, headers={"content-security-policy": rules})
 
 
-STATIC = {"page.css": "text/css", "bench.css": "text/css", "bench.js": "text/javascript"}
+STATIC = {
+    "page.css": "text/css",
+    "bench.css": "text/css",
+    "bench.js": "text/javascript",
+    "grid.js": "text/javascript",
+}
 
 
 def static(name: str) -> Answer:
-    """A style sheet or the script."""
+    """A style sheet or a script."""
     if name not in STATIC:
         raise NotThere(name, "is no part of this page", "reload it")
     where = "nearlift.report.page" if name == "page.css" else "nearlift.serve"

@@ -254,13 +254,19 @@
       found.fields.forEach((f, i) => { if (!rows.has(f.key)) { rows.set(f.key, field(f)); fields.insertBefore(rows.get(f.key), fields.children[i] ?? null); } });
       for (const f of found.fields) { const box = document.getElementById(`field ${f.key}`); if (box !== document.activeElement) box.value = f.value; document.getElementById(`fault ${f.key}`).textContent = ""; box.removeAttribute("aria-invalid"); }
       const loose = [];
+      cells.faults(found.refusals.filter(r => r.line).map(r => ({ ...r, id: "fault-of-a-cell" })));
       for (const r of found.refusals) {
         const box = document.getElementById(`field ${r.key}`);
-        if (!box) { loose.push(`${r.key} ${r.text}`); continue; }
+        if (!box) { loose.push(r); continue; }
         document.getElementById(`fault ${r.key}`).textContent = r.text;
         box.setAttribute("aria-invalid", "true"); box.setAttribute("aria-describedby", `fault ${r.key}`);
       }
-      $("#faults").replaceChildren(...loose.map(text => { const p = node("p", text); p.className = "refusal"; return p; }));
+      $("#faults").replaceChildren(...loose.map(r => {
+        const p = node("p", `${r.line ? `trials.csv, line ${r.line}${r.column && `, ${r.column}`}:` : r.key} ${r.text} `), show = node("button", "Show the cell");
+        p.className = "refusal"; show.type = "button";
+        if (r.line) { p.id = "fault-of-a-cell"; show.addEventListener("click", cells.show); p.append(show); }
+        return p;
+      }));
       const text = manifest.value + schedule.value;
       typed ||= text;
       state.textContent = `${text === typed ? said && `${said}; ` : "not saved yet; "}${found.refusals.length ? `${found.refusals.length} to mend` : `${found.trials} trials; nothing is refused`}`;
@@ -269,6 +275,7 @@
       draw();
     };
     const soon = () => { clearTimeout(timer); timer = setTimeout(() => check(), 300); };
+    const cells = grid($("#grid"), schedule, soon);
     const record = async file => {
       shown = file ? await (await fetch(`/channels?campaign=${encodeURIComponent(campaign)}&file=${encodeURIComponent(file)}`)).json() : [];
       shown.file = file;
@@ -290,14 +297,9 @@
     };
     manifest.addEventListener("input", soon);
     schedule.addEventListener("input", soon);
-    schedule.addEventListener("paste", event => {
-      const text = event.clipboardData.getData("text/plain");
-      if (!text.includes("\t")) return;
-      event.preventDefault();
-      const cell = c => (/[",]/.test(c) ? `"${c.replaceAll('"', '""')}"` : c);
-      schedule.setRangeText(text.replaceAll("\r", "").split("\n").map(line => line.split("\t").map(cell).join(",")).join("\n"), schedule.selectionStart, schedule.selectionEnd, "end");
-      soon();
-    });
+    $("#no-row").addEventListener("click", cells.withoutRow);
+    $("#no-column").addEventListener("click", cells.withoutColumn);
+    $("#undo").addEventListener("click", cells.undo);
     $("#channels select").addEventListener("change", draw);
     $("#tare").addEventListener("input", draw);
     $("#tare").addEventListener("change", () => check({ set: "load_cell.tare", value: `${short(Number($("#tare").value), 4)} s` }));
