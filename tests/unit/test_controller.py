@@ -25,6 +25,7 @@ from nearlift.flight.export import c_header, json_document
 from nearlift.flight.export import closed_form as closed
 from nearlift.flight.export.hermite import hermite_table
 from nearlift.flight.export.model_export import ModelExport, exported
+from nearlift.flight.fitted_lift import QuotedInterval
 from nearlift.models.images import at_edge as at_edge_of_a_table
 from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.stages import export as controller
@@ -408,10 +409,27 @@ def test_the_header_says_where_it_comes_from(job):
 
 
 def test_an_effect_in_time_is_not_said_to_be_in_the_function(beliefs):
-    sagging = exported(replace(beliefs["ground"], effects=("supply_sag",)))
+    ground = beliefs["ground"]
+    exponent = np.array([1.9, 2.1])
+    sagging = exported(
+        replace(
+            ground,
+            model=compose(ground.model, catalogue.effect("supply_sag")),
+            arguments={**ground.arguments, "supply_V": 1.0, "supply_ref_V": 1.0},
+            best={**ground.best, "sag_exponent": 2.0},
+            intervals={**ground.intervals, "sag_exponent": QuotedInterval(2.0, 1.9, 2.1)},
+            draws={**ground.draws, "sag_exponent": exponent},
+            effects=("supply_sag",),
+        )
+    )
     about = "\n".join(whole(sagging).about())
     assert "with supply_sag" not in about
+    assert "sag_exponent" not in about
     assert "supply_sag was found too and is left out: it acts in time" in about
+    own = json_document.document(whole(sagging))["boundaries"]["ground"]
+    assert own["model"] == "sanchez_cuevas"
+    assert list(own["parameters"]) == list(own["covariance"]) == ["K_b"]
+    assert np.shape(own["covariance"]["K_b"]) == (1,)
 
 
 def test_twice_gives_the_same_bytes(job):

@@ -116,10 +116,15 @@ def exported(lift: FittedLift) -> ExportedLift:
     except InputRefused as refusal:
         inverse = refusal.what
     within = tuple(e for e in lift.effects if catalogue.effect(e).closed_form != "r")
-    spread = np.atleast_2d(np.cov([lift.draws[n] for n in lift.best])) if lift.draws else None
+    # what acts in time stands at its reference, and none of its numbers is in the ratio
+    outside = {
+        p.name for e in lift.effects if e not in within for p in catalogue.effect(e).parameters
+    }
+    inside = [n for n in lift.best if n not in outside]
+    spread = np.atleast_2d(np.cov([lift.draws[n] for n in inside])) if lift.draws else None
     return ExportedLift(
         boundary=lift.boundary,
-        model=lift.model.name,
+        model="_with_".join((lift.model.name.partition("_with_")[0], *within)),
         title=lift.model.title.partition(" + ")[0],
         formula=lift.model.formula,
         effects=within,
@@ -129,11 +134,12 @@ def exported(lift: FittedLift) -> ExportedLift:
                 value=x.value, lo90=x.lo90, hi90=x.hi90, unit=lift.model.parameter(n).unit
             )
             for n, x in lift.intervals.items()
+            if n not in outside
         },
         covariance=(
             {}
             if spread is None
-            else {n: tuple(row) for n, row in zip(lift.best, spread.tolist(), strict=True)}
+            else {n: tuple(row) for n, row in zip(inside, spread.tolist(), strict=True)}
         ),
         known={n: v for n, v in known.items() if not n.startswith("supply")},
         at={z: _ratio(lift, z) for z in np.geomspace(low, high, TOLD).tolist()} if low > 0 else {},
