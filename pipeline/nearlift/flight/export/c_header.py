@@ -222,7 +222,7 @@ USE = """
 nearlift_{campaign}_<boundary>(z_m) takes metres and returns ratio, slope dR/dz, the standard uncertainty of either, and the flag.
 It reads tables in r / (r + z) and calls nothing.
 nearlift_{campaign}_<boundary>_height(ratio, u_ratio) is its inverse: the distance in metres, its standard uncertainty, and the flag.
-nearlift_{campaign}_<boundary>_rotor0(z_m) and on, where the model has them, are those of each rotor of a level vehicle.
+nearlift_{campaign}_<boundary>_rotor0(z_m) and on, where the model has them, are those of each rotor, at the tilt of the trials.
 With NEARLIFT_CLOSED_FORM defined nearlift_{campaign}_<boundary>_closed(z_m) takes the ratio from the formula, with math.h.
 Numbers are floats; doubles where NEARLIFT_DOUBLE is defined before the first header. Headers of several campaigns may stand in one file."""
 

@@ -59,7 +59,7 @@ class ExportedLift:
     table : HermiteTable
     uncertainty : UncertaintyTable
     rotors : tuple of HermiteTable
-        Ratio of each rotor of a level vehicle, where the model has it.
+        Ratio of each rotor at the tilt of the trials, where the model has it.
     inverse : str or None
         Why no inverse is exported; None where one is.
     closed : ast.expr or None
