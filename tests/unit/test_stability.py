@@ -1,8 +1,9 @@
-"""Whether an answer rests on one trial: what is told, and that it is what a new diagnosis without
-the trial says.
+"""Whether an answer rests on one trial or visit: what is told, and that it is what a new diagnosis
+without it says.
 """
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,8 +12,8 @@ from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
-from nearlift.loop.stability import LOOK, Without, tipping, told
-from nearlift.results.quotation import Shift
+from nearlift.loop.stability import LOOK, Without, tipping, told, told_of_visits, visits_to_try
+from nearlift.results.quotation import RestsOn, Shift
 
 from .simulated import campaign
 
@@ -103,6 +104,10 @@ def test_the_trials_that_speak_most_for_a_hardly_earned_name_are_tried():
     assert [s.id for s in tipping(4.0, before, after, ids, z_hat)] == ["t7", "t9"]
     assert [s.id for s in tipping(12.0, before, after, ids, z_hat)] == ["t7"]
     assert tipping(40.0, before, after, ids, z_hat) == ()
+    # a visit speaks with the voice of all its trials
+    visits = np.arange(400) // 10
+    assert [s.id for s in tipping(12.0, before, after, visits, z_hat)] == ["0"]
+    assert [s.id for s in tipping(4.0, before, after, visits + 7, z_hat)] == ["7"]
 
 
 def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
@@ -140,3 +145,51 @@ def test_a_visit_that_moves_the_answer_by_more_than_u_is_told_before_a_trial(quo
 
     assert leaning(0.9) == leaning(-0.9) == ""
     assert leaning(-1.1).startswith("it rests on visit 7 (z_hat = 1.2): without it K_b moves by −")
+
+
+def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
+    headline = quoted.coefficients["K_b"]
+    visits = [Shift(id=str(v), shift=0.0, z_hat=1.5 + v) for v in range(4)]
+
+    def without(visit):
+        if visit == "3":
+            # what is left cannot be diagnosed
+            return None
+        value = headline.value + 0.1 * int(visit) * headline.u
+        intervals = {"K_b": (value, value - 1.0, value + 1.0)}
+        verdict = quoted.verdict if visit == "0" else "effect"
+        return Without(verdict=verdict, effects=("tilt",), intervals=intervals)
+
+    assert told_of_visits(quoted, without, visits[:1]) is quoted
+    found = told_of_visits(quoted, without, visits)
+    assert found.rests_on_visit.visit == "2"
+    assert found.rests_on_visit.effects == ("tilt",)
+    assert found.leaning == (
+        "the verdict is a near thing: without visit 2 (z_hat = 3.5) it is effect (tilt)"
+    )
+    new = [d.condition for d in found.coefficients["K_b"].doubts if d not in headline.doubts]
+    assert new == [
+        "visit 1 (z_hat = 2.5) is left out",
+        "visit 2 (z_hat = 3.5) is left out",
+    ]
+    # beside a trial that moves the headline the verdict without the visit is told, too
+    trial = RestsOn(trial="t9", shift=1.5 * headline.u, verdict=quoted.verdict)
+    both = replace(found, rests_on=trial).leaning
+    assert both.startswith("it rests on trial ")
+    assert both.endswith("; without visit 2 (z_hat = 3.5) the verdict is effect (tilt)")
+
+
+def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move_the_answer(
+    data, quoted
+):
+    def tried(n, quoted, accepted=()):
+        some = data.take(np.arange(data.n) < n)
+        answer = SimpleNamespace(stage=SimpleNamespace(data=some, base=GROUND), accepted=accepted)
+        return [v.id for v in visits_to_try(answer, None, quoted, {})]
+
+    assert tried(20, quoted) == [str(v) for v in np.unique(data.visit[:20])]
+    assert tried(data.n, quoted) == []
+    headline = quoted.coefficients["K_b"]
+    visit = Shift(id="7", shift=1.1 * headline.u, z_hat=1.25)
+    moved = replace(headline, influence=replace(headline.influence, visit=visit))
+    assert tried(data.n, replace(quoted, coefficients={"K_b": moved})) == ["7"]

@@ -5,7 +5,6 @@ and after.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -34,7 +33,6 @@ from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Heard, unheard
-from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
@@ -47,7 +45,7 @@ from nearlift.loop.within_trial import heating
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
-from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError, Shift
+from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,8 +168,13 @@ def diagnose(
     if confirm:
         quoted = stability.told(
             quoted,
-            lambda trial: _without(ground, trial, rate, decided, declared),
-            _tipping(answer, answers, quoted, residuals),
+            lambda trial: _without(ground, ground.data.trial != trial, rate, decided, declared),
+            stability.hanging(answer, answers, quoted, residuals, stage.data.trial),
+        )
+        quoted = stability.told_of_visits(
+            quoted,
+            lambda visit: _without_visit(ground, visit, rate, decided, declared),
+            stability.visits_to_try(answer, answers, quoted, residuals),
         )
     return Diagnosis(findings=findings, residuals=residuals, quoted=quoted)
 
@@ -253,32 +256,31 @@ def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.
     return answers(answer.stage, answer, declared)
 
 
-def _tipping(
-    answer: Answer,
-    answers: coefficients.Answers,
-    quoted: BoundaryResult,
-    residuals: Mapping[str, NDArray[Any]],
-) -> tuple[Shift, ...]:
-    """The trials on which the name hangs, where the headline without a name would be another."""
-    if not (answer.accepted and quoted.headline):
-        return ()
-    i, own = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
-    if not abs(answers.before[0][i] - own.value) > own.u:
-        return ()
-    return stability.tipping(
-        answer.accepted[0].evidence.over_none - CREDIT,
-        residuals["before"],
-        residuals["after"],
-        residuals["trial"],
-        answer.stage.data.z_hat,
-    )
+def _without_visit(
+    ground: SearchProblem, visit: str, rate: float, like: Decided, declared: dict[str, float]
+) -> stability.Without | None:
+    """The same without one visit; None where what is left cannot be diagnosed."""
+    keep = ground.data.visit.astype(str) != visit
+    if (
+        len(np.unique(ground.data.visit[keep])) < 2
+        or not np.isfinite(ground.data.z_hat[keep]).any()
+    ):
+        return None
+    try:
+        return _without(ground, keep, rate, like, declared)
+    except NotConverged:
+        return None
 
 
 def _without(
-    ground: SearchProblem, trial: str, rate: float, like: Decided, declared: dict[str, float]
+    ground: SearchProblem,
+    keep: NDArray[np.bool_],
+    rate: float,
+    like: Decided,
+    declared: dict[str, float],
 ) -> stability.Without:
-    """The diagnosis made again without one trial: noise, search and coefficients."""
-    data = ground.data.take(ground.data.trial != trial)
+    """The diagnosis made again with these trials alone: noise, search and coefficients."""
+    data = ground.data.take(keep)
     stage = prepare(
         data,
         ground.base,

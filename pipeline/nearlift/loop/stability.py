@@ -1,20 +1,27 @@
-"""Whether the answer rests on a single trial.
+"""Whether the answer rests on a single trial or visit.
 
 The closed form says which trial moves the headline most, and the residuals on which ones a name
 hangs that is hardly earned; the whole diagnosis made again without it, noise, search and all, says
 how far the headline moves and whether anything else would be said. Where that is more than one
-standard uncertainty, or another verdict, the answer rests on the trial.
+standard uncertainty, or another verdict, the answer rests on the trial. Visits are left out
+likewise, of a small table each, else those to which the same signs point; how far they move the
+headline, the closed form says.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
+from nearlift.loop.admission import few
+from nearlift.loop.coefficients import Answers
+from nearlift.loop.evidence import CREDIT
+from nearlift.loop.search import Answer
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
 #: No trial is left out if the closed form says that none moves the headline by this part of its
@@ -38,18 +45,69 @@ class Without:
 
 
 def tipping(
-    margin: float, before: FloatArray, after: FloatArray, trial: NDArray[np.str_], z_hat: FloatArray
+    margin: float, before: FloatArray, after: FloatArray, label: NDArray[Any], z_hat: FloatArray
 ) -> tuple[Shift, ...]:
-    """The trials on which a name hangs, the foremost first: of their share in its log evidence.
+    """The trials or visits on which a name hangs, the foremost first: of their share in its log
+    evidence.
 
     `margin` is what the evidence exceeds the least by that earns a name; `before` and `after` (n,)
-    are the residuals without and with it, `z_hat` (n,) where the trials stood.
+    are the residuals without and with it, `label` (n,) the trials or their visits, `z_hat` (n,)
+    where they stood.
     """
     gain = 0.5 * (before**2 - after**2) * MEDIAN / np.median(after**2)
-    foremost = np.argsort(-gain)[:TRIES]
+    labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
+    each = np.bincount(index, gain)
+    where = np.bincount(index, z_hat) / count
+    foremost = np.argsort(-each)[:TRIES]
     return tuple(
-        Shift.at(float(z_hat[i]), str(trial[i]), 0.0) for i in foremost if gain[i] > PART * margin
+        Shift.at(float(where[i]), str(labels[i]), 0.0) for i in foremost if each[i] > PART * margin
     )
+
+
+def hanging(
+    answer: Answer,
+    answers: Answers,
+    quoted: BoundaryResult,
+    residuals: Mapping[str, NDArray[Any]],
+    label: NDArray[Any],
+) -> tuple[Shift, ...]:
+    """The trials, or the visits, on which the name hangs, where the headline without a name would
+    be another; `label` (n,) is that of each trial.
+    """
+    if not (answer.accepted and quoted.headline):
+        return ()
+    i, own = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
+    if not abs(answers.before[0][i] - own.value) > own.u:
+        return ()
+    return tipping(
+        answer.accepted[0].evidence.over_none - CREDIT,
+        residuals["before"],
+        residuals["after"],
+        label,
+        answer.stage.data.z_hat,
+    )
+
+
+def visits_to_try(
+    answer: Answer,
+    answers: Answers,
+    quoted: BoundaryResult,
+    residuals: Mapping[str, NDArray[Any]],
+) -> tuple[Shift, ...]:
+    """The visits to be left out: of a small table each; else those on which the name hangs, and the
+    one that moves the headline by more than its standard uncertainty.
+    """
+    data = answer.stage.data
+    if few(data, answer.stage.base):
+        return tuple(
+            Shift.at(float(data.z_hat[data.visit == label].mean()), str(label), 0.0)
+            for label in np.unique(data.visit)
+        )
+    hangs = hanging(answer, answers, quoted, residuals, data.visit)
+    hinge = quoted.hinge
+    if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in hangs]:
+        return (hinge[1], *hangs)
+    return hangs
 
 
 def told(
@@ -92,3 +150,42 @@ def told(
     doubt = Doubt(condition=f"trial {most.id} is left out", value=value, lo90=low, hi90=high)
     rests = RestsOn(trial=most.id, shift=shift, verdict=again.verdict, effects=again.effects)
     return replace(found, rests_on=rests).doubting({name: (doubt,)})
+
+
+def told_of_visits(
+    quoted: BoundaryResult, without: Callable[[str], Without | None], visits: Sequence[Shift]
+) -> BoundaryResult:
+    """The result with what it would be without each of these visits that turns the verdict.
+
+    `without` makes the diagnosis again without a visit, by its label; None where the others cannot
+    be diagnosed.
+    """
+    name = quoted.headline
+    if not name or not np.isfinite(quoted.coefficients[name].u):
+        return quoted
+    turned = [
+        (visit, again)
+        for visit in visits
+        for again in [without(visit.id)]
+        if again is not None and again.verdict != quoted.verdict
+    ]
+    if not turned:
+        return quoted
+    value = quoted.coefficients[name].value
+    rests = [
+        RestsOn(
+            visit=visit.id,
+            z_hat=visit.z_hat,
+            shift=again.intervals[name][0] - value,
+            verdict=again.verdict,
+            effects=again.effects,
+        )
+        for visit, again in turned
+    ]
+    doubts = [
+        Doubt(condition=f"visit {visit.place} is left out", value=own, lo90=low, hi90=high)
+        for visit, again in turned
+        for own, low, high in [again.intervals[name]]
+    ]
+    foremost = max(rests, key=lambda one: abs(one.shift))
+    return replace(quoted, rests_on_visit=foremost).doubting({name: doubts})

@@ -185,12 +185,13 @@ class CoefficientResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestsOn:
-    """The trial without which the boundary's answer would be another: by search and fit made again
-    from the start without it.
+    """The trial or the visit without which the boundary's answer would be another: by search and
+    fit made again from the start without it.
 
     Attributes
     ----------
-    trial : str
+    trial, visit : str or None
+        Which of the two it is; `z_hat` is where a visit stood, None in free air.
     shift : float
         The headline coefficient without it less what it is.
     verdict : str
@@ -198,7 +199,9 @@ class RestsOn:
         What would be said, and named, without it.
     """
 
-    trial: str
+    trial: str | None = optional()
+    visit: str | None = optional()
+    z_hat: float | None = optional()
     shift: float
     verdict: Verdict
     effects: tuple[str, ...] = ()
@@ -207,6 +210,11 @@ class RestsOn:
     def claim(self) -> str:
         """The verdict, with the named effects."""
         return self.verdict + (f" ({' and '.join(self.effects)})" if self.effects else "")
+
+    @property
+    def moved(self) -> Shift:
+        """Which one it is, and how far the headline moves without it."""
+        return Shift(id=self.visit or self.trial or "", shift=self.shift, z_hat=self.z_hat)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,7 +248,7 @@ class BoundaryResult:
 
     `wanted` is what a diagnosis would take where there is none. `rests_on` is set where leaving a
     single trial out changes the verdict, or moves the headline by more than its standard
-    uncertainty.
+    uncertainty; `rests_on_visit` where leaving a single visit out changes the verdict.
     """
 
     verdict: Verdict
@@ -253,6 +261,7 @@ class BoundaryResult:
     error: HeldOutError | None = None
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None
+    rests_on_visit: RestsOn | None = optional()
     in_flight: Mapping[str, CoefficientResult] | None = optional()
     hover: tuple[HoverComparison, ...] | None = optional()
 
@@ -303,11 +312,15 @@ class BoundaryResult:
         it rests on none.
         """
         c, on = self.quotable.get(self.headline), self.rests_on
-        visit = c.influence.visit if c else None
+        visit, made_again = c.influence.visit if c else None, self.rests_on_visit
+        if visit and made_again and made_again.visit == visit.id:
+            visit = made_again.moved
         if c and visit and abs(visit.shift) > max(c.u, abs(on.shift) if on else 0.0):
             return "visit", visit
         trial = c.influence.trial if c else None
-        return ("trial", replace(trial, shift=on.shift)) if on and trial else None
+        if on and trial:
+            return "trial", replace(trial, shift=on.shift)
+        return ("visit", made_again.moved) if c and made_again else None
 
     @property
     def leaning(self) -> str:
@@ -315,20 +328,25 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
-        own, on = self.coefficients[self.headline], self.rests_on
-        turned = on is not None and on.verdict != self.verdict
+        own = self.coefficients[self.headline]
+        trial = own.influence.trial
+        turns = {}
+        for name, on in (("trial", self.rests_on), ("visit", self.rests_on_visit)):
+            if on and on.verdict != self.verdict:
+                stood = trial if trial and trial.id == on.trial else on.moved
+                turns[name, on.moved.id] = stood.place, on.claim
+        _, turned = turns.pop((kind, moved.id), ("", ""))
+        also = "".join(
+            f"; without {name} {place} the verdict is {claim}"
+            for (name, _), (place, claim) in turns.items()
+        )
+        if abs(moved.shift) <= own.u:
+            now = turned or self.verdict
+            return f"the verdict is a near thing: without {kind} {moved.place} it is {now}{also}"
         sign = "+" if moved.shift > 0 else ""
         moves = f"{noun(self.headline)} moves by {sign}{plain(moved.shift, 2)}"
-        if abs(moved.shift) <= own.u:
-            now = on.claim if on and kind == "trial" else self.verdict
-            return f"the verdict is a near thing: without {kind} {moved.place} it is {now}"
-        other = f"the verdict is {on.claim} and " if on and turned and kind == "trial" else ""
+        other = f"the verdict is {turned} and " if turned else ""
         to = like(own.value + moved.shift, own.u)
-        also = ""
-        if on and turned and kind == "visit":
-            trial = own.influence.trial
-            place = trial.place if trial and trial.id == on.trial else on.trial
-            also = f"; without trial {place} the verdict is {on.claim}"
         return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
