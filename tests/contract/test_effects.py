@@ -192,6 +192,14 @@ def test_what_may_be_missing_says_what_to_log(effect: Effect) -> None:
 
 
 @every
+def test_what_may_be_confused_says_what_tells_it_apart(effect: Effect) -> None:
+    # the states of the fountain are confused with nothing
+    assert bool(effect.separated_by) == (effect.name != "fountain_state")
+    assert not effect.separated_by.endswith(".")
+    assert "separate them." not in effect.notes.replace("not separate them.", "")
+
+
+@every
 def test_needs_the_session_where_it_depends_on_it(effect: Effect) -> None:
     if "since_start_s" in effect.needs or any(p.per == "session" for p in effect.parameters):
         assert "session" in effect.needs

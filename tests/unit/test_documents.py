@@ -107,6 +107,38 @@ def test_what_could_part_rivals_is_what_to_measure_next(evidence, quoted):
         assert logged.startswith("log ") == (quoted.verdict == "unexplained")
 
 
+def test_what_could_move_the_number_unseen_is_looked_for_first(evidence, quoted):
+    if quoted.verdict != "adequate":
+        return
+    content = evidence.document(DIAGNOSIS)
+    block = content["boundaries"]["ground"]
+    silent = [
+        {
+            "effect": "room_recirculation",
+            "absorbed_by": "K_b",
+            "share_visible": 0.1,
+            "bias_at_detection_limit": 1e3,
+            "in_units_of": "u(K_b)",
+            "u": quoted.coefficients["K_b"].u,
+            "u_of": "base fit",
+            "hidden": True,
+        }
+    ]
+
+    def after(effect: str) -> str:
+        hidden = {**block, "silent": [{**silent[0], "effect": effect}]}
+        told = {**content, "boundaries": {"ground": hidden}}
+        documents = {**evidence.documents, DIAGNOSIS.file: told}
+        [own] = brief.briefs(dataclasses.replace(evidence, documents=documents))
+        assert "though too small to be seen, could move K_b by" in own.doubts[0]
+        return own.next
+
+    said = "to see recirculation in the room: longer pauses, an open door, or one long run; "
+    assert after("room_recirculation").startswith(said)
+    # what would tell of it was logged
+    assert "to see" not in after("supply_sag")
+
+
 def test_titles_stand_within_a_sentence():
     assert titled("reynolds, supply_sag and tilted") == (
         "Reynolds number, supply voltage and tilted"

@@ -53,8 +53,8 @@ def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     assert (card["verdict"], card["next"]) == (
         f"Not diagnosed: {what}.",
         (
-            f"for a diagnosis, {wanted}; a stop far from the boundary (z_hat = 12 or more), for"
-            " lift in free air"
+            f"for a diagnosis, {wanted}, in new visits, one far from the boundary (z_hat = 12"
+            " or more) for lift in free air"
         ),
     )
     assert any(doubt.text.startswith("not diagnosed") for doubt in doubts.doubts(evidence))

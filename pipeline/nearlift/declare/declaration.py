@@ -207,21 +207,22 @@ class Effect(Declaration):
     ``"force"`` lift in N. An `additive` force effect works in newtons, so a composed model then
     needs `lift_inf_N`; any other is a factor. `mechanism` is the physical cause in one sentence;
     `varies_with` the covariate along which its true shape may depart from the declared one;
-    `log_next_time` what to record where its needs are not met; `boundaries` where it can occur at
-    all; `belongs_to` whether a vehicle takes it along when it leaves the bench (then it flies in
-    simulations), whether it needs a tether (load cell, wiring, traverse) or a vehicle that moves
-    (``"flight"``: what it needs is missed in flight logs alone); `by_experiment` that what it needs
-    is not to be had by logging but by running trials in two ways on purpose, so that only campaigns
-    that did hear of it. `error_of` is the input of a
-    budget that it is the unknown error of, as in ``on = "height"``; `loaded` says of an additive
-    effect that it is not there while the rotors stand; `within_trial` that its mark is a change
-    during a record, which no mean of a trial keeps.
+    `separated_by` what to measure to tell it from what it is confounded with; `log_next_time` what
+    to record where its needs are not met; `boundaries` where it can occur at all; `belongs_to`
+    whether a vehicle takes it along when it leaves the bench (then it flies in simulations),
+    whether it needs a tether (load cell, wiring, traverse) or a vehicle that moves (``"flight"``:
+    what it needs is missed in flight logs alone); `by_experiment` that what it needs is not to be
+    had by logging but by running trials in two ways on purpose, so that only campaigns that did
+    hear of it. `error_of` is the input of a budget that it is the unknown error of, as in ``on =
+    "height"``; `loaded` says of an additive effect that it is not there while the rotors stand;
+    `within_trial` that its mark is a change during a record, which no mean of a trial keeps.
     """
 
     acts_on: Literal["height", "ratio", "force"]
     mechanism: str
     additive: bool = False
     varies_with: str
+    separated_by: str = ""
     log_next_time: tuple[str, ...] = ()
     boundaries: tuple[Boundary, ...] = BOUNDARIES
     belongs_to: Literal["vehicle", "bench", "tether", "flight"] = "bench"

@@ -13,9 +13,8 @@ nothing.
 
 Size: -1.8 % for +5 degC, -2.3 % for -2.3 kPa, -0.8 % for humidity from 0 to 90 %.
 
-Confounded with zero_temperature, gain_drift and session_gain over a day that warms up. Logged
-temperature, pressure and humidity separate them; it cancels where free air is measured next to
-every trial.
+Confounded with zero_temperature, gain_drift and session_gain over a day that warms up. It cancels
+where free air is measured next to every trial.
 """
 
 from __future__ import annotations
@@ -67,6 +66,7 @@ EFFECT = Effect(
     acts_on="force",
     mechanism="lift is proportional to the density of the air",
     varies_with="temperature_K",
+    separated_by="logged temperature, pressure and humidity",
     log_next_time=("temperature", "pressure", "humidity"),
     needs=("temperature_K", "pressure_Pa", "humidity", "temperature_ref_K", "pressure_ref_Pa"),
     parameters=(

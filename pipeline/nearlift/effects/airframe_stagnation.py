@@ -13,8 +13,7 @@ Size on a Crazyflie: 9e-4 m^2 of body at the disk loading of 40 Pa bound it by 3
 weight; realistic 0 to 3 % where trials begin. Published suckdown forms are powers z_hat^-1 to
 z_hat^-3; closer than 0.2 radii none was measured, and the form is held there.
 
-Confounded with image_strength (0.999 above ground), height_offset, plate_edge and K_b. A bare frame
-against one with deck and battery separates them, and stations below z_hat = 1.
+Confounded with image_strength (0.999 above ground), height_offset, plate_edge and K_b.
 """
 
 from __future__ import annotations
@@ -50,6 +49,7 @@ EFFECT = Effect(
         " down"
     ),
     varies_with="z_hat",
+    separated_by="a bare frame against one with deck and battery, and stations below z_hat = 1",
     needs=("z_hat",),
     parameters=(
         Parameter(

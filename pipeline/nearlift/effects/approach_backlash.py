@@ -14,8 +14,7 @@ Size on a Crazyflie: play up to 0.3 mm; above ground up to 0.1 %, under a ceilin
 at z_hat = 0.1.
 
 Confounded with height_offset where every station was approached from one side, as the nearest and
-the farthest always are; otherwise looks like scatter of repeats. A sweep in both directions over
-the same stations separates them.
+the farthest always are; otherwise looks like scatter of repeats.
 """
 
 from __future__ import annotations
@@ -43,6 +42,7 @@ EFFECT = Effect(
     belongs_to="tether",
     mechanism="play of the traverse, taken up in the direction of its last move",
     varies_with="approach",
+    separated_by="a sweep in both directions over the same stations",
     log_next_time=("approach",),
     needs=("radius_m", "approach"),
     parameters=(

@@ -15,8 +15,7 @@ Size on a Crazyflie: 0 to 0.05 % of the load, 10 to 1000 s; below 0.02 gf on a c
 times that on a cheap one.
 
 Confounded with the previous throttle's other traces: warm motors, a battery that recovers.
-Throttles in random order, longer pauses and a tare after each trial separate them; throttles in
-ascending order make it part of L_inf.
+Throttles in ascending order make it part of L_inf.
 """
 
 from __future__ import annotations
@@ -44,6 +43,7 @@ EFFECT = Effect(
     loaded=True,
     mechanism="the load cell still recovers from the load of the trial before",
     varies_with="previous_lift_N",
+    separated_by="throttles in random order, longer pauses, and a tare after each trial",
     log_next_time=("start", "tare_after"),
     needs=("previous_lift_N", "rest_s"),
     parameters=(

@@ -13,8 +13,8 @@ Size on a Crazyflie: an arm of 1 mm at the 5 % for each millimetre of a cheap ce
 N mm beside a wall up to 1 gf, as much as the whole loss of lift there.
 
 Confounded with L_inf, wholly, where the vehicle was never turned; with session_gain where it was
-turned between sessions only. Repeats at 90 and 180 degrees separate them. A measured moment does
-not: it comes of the same air as lift, and a fit along it would explain away the boundary.
+turned between sessions only. A measured moment does not separate them: it comes of the same air
+as lift, and a fit along it would explain away the boundary.
 """
 
 from __future__ import annotations
@@ -42,6 +42,7 @@ EFFECT = Effect(
     by_experiment=True,
     mechanism="thrust beside the cell's axis makes a moment, of which the cell reads a part",
     varies_with="turn_rad",
+    separated_by="repeats at 90 and 180 degrees",
     log_next_time=("turn",),
     needs=("turn_rad",),
     parameters=tuple(

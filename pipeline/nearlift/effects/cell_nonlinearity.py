@@ -13,7 +13,6 @@ Size on a Crazyflie: 0.1 % of full scale, 1e-4 per N for a cell of 1 kgf, invisi
 loaded off its axis 0.01 per N and more.
 
 Confounded with reynolds and zero_offset (gain against throttle), and with K_b at a single throttle.
-Check masses up and down over the range used separate it.
 """
 
 from __future__ import annotations
@@ -39,6 +38,7 @@ EFFECT = Effect(
     loaded=True,
     mechanism="the load cell's output has a quadratic term",
     varies_with="throttle",
+    separated_by="check masses up and down over the range used",
     log_next_time=("check masses",),
     parameters=(
         Parameter(

@@ -11,8 +11,7 @@ with k = solidity x lift slope / (16 hover inflow ratio): 0 to 2, and 0.2 to 1.1
 
 Size: a Crazyflie, whose induced velocity is 4.5 m/s, lost 4.4 % of lift per m/s of climb.
 
-Confounded with motor_lag, which acts as climb changes: 0.6 % per m/s for every 10 ms. Climbs at
-several rates that last longer than the motors lag separate them.
+Confounded with motor_lag, which acts as climb changes: 0.6 % per m/s for every 10 ms.
 """
 
 from __future__ import annotations
@@ -41,6 +40,7 @@ EFFECT = Effect(
     belongs_to="flight",
     mechanism="air that a climb adds to the inflow takes angle of attack from the blades",
     varies_with="climb_hat",
+    separated_by="climbs at several rates that last longer than the motors lag",
     log_next_time=("climb_m_s",),
     needs=("climb_hat",),
     parameters=(

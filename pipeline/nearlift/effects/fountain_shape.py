@@ -17,8 +17,6 @@ shape.
 Approximation: empirical, a bump in the logarithm of height with fixed width.
 
 Confounded with K_b, with plate_edge and height_scale where the nearest station is beyond z_hat = 2.
-Stations every half radius between 1 and 4, a pair of rotors instead of four, or the body removed
-separate them.
 """
 
 from __future__ import annotations
@@ -56,6 +54,10 @@ EFFECT = Effect(
         "the fountain between rotors reaches body or disks over a range of heights of its own"
     ),
     varies_with="z_hat",
+    separated_by=(
+        "stations every half radius between 1 and 4, a pair of rotors instead of four,"
+        " or the body removed"
+    ),
     needs=("z_hat", "spacing_hat"),
     parameters=(
         Parameter(

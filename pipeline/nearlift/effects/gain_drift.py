@@ -11,8 +11,7 @@ later, and is half the change over the campaign.
 Size on a Crazyflie: 0 to 2 % over a day of runs; brushed motors lose several percent in ten hours.
 
 Confounded with distance or throttle where they were run in order, with session_gain (of which a
-trend over sessions is part), air_density and supply_sag. Random order and L_inf stations every few
-trials separate them.
+trend over sessions is part), air_density and supply_sag.
 """
 
 from __future__ import annotations
@@ -35,6 +34,7 @@ EFFECT = Effect(
     acts_on="force",
     mechanism="wear of motors and blades, or the amplifier's gain, moves slowly in one direction",
     varies_with="start_s",
+    separated_by="random order, and lift in free air every few trials",
     log_next_time=("start",),
     needs=("elapsed_hat",),
     parameters=(

@@ -13,8 +13,8 @@ Size on a Crazyflie: 0.43 % of L_inf per mm at z_hat = 1.14 above ground, 0.26 a
 under a ceiling 7.4 % per 0.1 mm at z_hat = 0.1, 1.7 at 0.2, 0.65 at 0.3, 0.18 at 0.5.
 
 Confounded with K_b (correlation 0.98 to 0.997), alpha, the exponent n, near_wall_saturation (0.97
-under a ceiling); absorbed exactly by the amplitude of an exponential sidewall. A touch-off with a
-gauge separates them, or stations beyond z_hat = 3; more trials at the same stations do not.
+under a ceiling); absorbed exactly by the amplitude of an exponential sidewall. More trials at the
+same stations do not separate them.
 """
 
 from __future__ import annotations
@@ -38,6 +38,7 @@ EFFECT = Effect(
     error_of="height",
     mechanism="the traverse's zero is not the rotor plane",
     varies_with="z_hat",
+    separated_by="a touch-off with a gauge, or stations beyond z_hat = 3",
     needs=("radius_m",),
     parameters=(
         Parameter(

@@ -11,8 +11,8 @@ Size on a Crazyflie: 2 % at most, which is 0.2 % of lift at z_hat = 1.14 and 0.1
 fixed, below 0.1 % with K_b free.
 
 Confounded with whatever scales a length: under a ceiling with alpha exactly (alpha / z_hat^2),
-above ground with the spacing and nearly with K_b; near a sidewall with the decay length exactly. An
-independent gauge at two heights separates them; no measurement of lift under a ceiling can.
+above ground with the spacing and nearly with K_b; near a sidewall with the decay length exactly. No
+measurement of lift under a ceiling separates them.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ EFFECT = Effect(
     acts_on="height",
     mechanism="the lead of the traverse differs from what its counter assumes",
     varies_with="z_hat",
+    separated_by="an independent gauge at two heights",
     parameters=(
         Parameter(
             name="z_scale",

@@ -14,7 +14,7 @@ Size on a Crazyflie: under a ceiling at z_hat = 0.2 gamma is 1.516, against 1.28
 rpm.
 
 Confounded with K_b (correlation 0.99 to 1.00), alpha (0.997 with the datum), height_offset,
-near_wall_saturation, image_strength. Lift alone cannot separate them; logged rpm and power can.
+near_wall_saturation, image_strength. Lift alone cannot separate them.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def evaluate(ratio: Any, /, *, held_exponent: Any) -> Any:
 
 EFFECT = Effect(
     name="held_quantity",
-    title="Held quantity",
+    title="What a trial holds constant",
     formula=r"\frac{L}{L_\infty} \to \left(\frac{L}{L_\infty}\right)^{n}",
     closed_form="pow(r, held_exponent)",
     evaluate=evaluate,
@@ -43,6 +43,7 @@ EFFECT = Effect(
     belongs_to="vehicle",
     mechanism="the trial holds throttle constant, the model power, rpm or thrust",
     varies_with="z_hat",
+    separated_by="logged rpm and power",
     log_next_time=("rpm", "power"),
     parameters=(
         Parameter(

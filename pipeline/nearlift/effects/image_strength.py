@@ -16,8 +16,7 @@ Size: on the same open data a coefficient of 1.1 with the datum fixed and 2.9 wi
 about 1 on a bench that knows its datum and its exponent.
 
 Confounded with airframe_stagnation (0.999 above ground), height_offset, held_quantity, plate_edge;
-absorbed exactly by the coefficient of a model that has one on its only image. Stations below z_hat
-= 1 and beyond 5 separate them.
+absorbed exactly by the coefficient of a model that has one on its only image.
 """
 
 from __future__ import annotations
@@ -46,6 +45,7 @@ EFFECT = Effect(
     belongs_to="vehicle",
     mechanism="images cancel more or less of the inflow than point sources in potential flow do",
     varies_with="z_hat",
+    separated_by="stations below z_hat = 1 and beyond 5",
     parameters=(
         Parameter(
             name="strength",

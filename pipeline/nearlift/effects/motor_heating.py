@@ -14,8 +14,7 @@ is left, since L_inf of each throttle takes up what its trials have in common.
 
 Size on a Crazyflie: 0 to 8 % with 5 to 120 s; a few percent in ten seconds at 92 %.
 
-Confounded with supply_sag within the trial (a battery sinks likewise). Logged voltage and current,
-cold and warm repeats separate them.
+Confounded with supply_sag within the trial (a battery sinks likewise).
 """
 
 from __future__ import annotations
@@ -38,6 +37,7 @@ EFFECT = Effect(
     acts_on="force",
     mechanism="the windings heat during a trial and lift sinks",
     varies_with="throttle",
+    separated_by="logged voltage and current, cold and warm repeats",
     log_next_time=("raw records",),
     needs=("drift_hat",),
     within_trial=True,

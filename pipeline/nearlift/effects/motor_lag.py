@@ -10,9 +10,8 @@ lag_left_s > 0 where motors lag more than was allowed for.
 
 Size: time constants are 20 to 100 ms; 10 ms are 0.6 % of lift where the climb changes by 1 m/s.
 
-Confounded with climb_inflow, since commands change as climbs do. Steps of the height set-point with
-rest between them separate them: a lag shows while the command moves, an inflow while the vehicle
-does.
+Confounded with climb_inflow, since commands change as climbs do. A lag shows while the command
+moves, an inflow while the vehicle does.
 """
 
 from __future__ import annotations
@@ -38,6 +37,7 @@ EFFECT = Effect(
     belongs_to="flight",
     mechanism="the motors follow their command by another lag than was allowed for",
     varies_with="lag_slope",
+    separated_by="steps of the height set-point with rest between them",
     log_next_time=("lag_slope",),
     error_of="lag",
     needs=("lag_slope",),

@@ -11,8 +11,8 @@ blockage > 0 reads less lift inverted.
 Size on a Crazyflie: 0 to 8 %, by the sting's breadth and its distance from the disks.
 
 Confounded with L_inf, wholly, where a boundary and free air were run one way up; with session_gain
-where each session was. Lift far away, both ways up and in turns, separates them: that is the test
-of an arrangement which runs the ground upright and the ceiling inverted.
+where each session was. An arrangement that runs the ground upright and the ceiling inverted is
+tested by lift far away, both ways up.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ EFFECT = Effect(
     by_experiment=True,
     mechanism="upright the inflow passes sting and cell, inverted the jets blow at them",
     varies_with="inverted",
+    separated_by="lift far away, both ways up and in turns",
     log_next_time=("orientation",),
     needs=("inverted",),
     parameters=(

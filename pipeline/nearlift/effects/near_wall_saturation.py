@@ -14,8 +14,7 @@ z_hat^-1 with the power 1/2 (close to a ceiling). The power 0.68 between them gi
 Size on a Crazyflie: z_v up to 0.3. Boundary layers (0.65 mm at z_hat = 0.1) displace 3 to 10 % of
 the gap, so that viscosity alone is a modest correction down to z_hat = 0.1.
 
-Confounded with height_offset (0.97 under a ceiling), held_quantity (0.99), image_strength. Stations
-below z_hat = 0.3, a rotor of another size and logged rpm and power separate them.
+Confounded with height_offset (0.97 under a ceiling), held_quantity (0.99), image_strength.
 """
 
 from __future__ import annotations
@@ -49,6 +48,7 @@ EFFECT = Effect(
     belongs_to="vehicle",
     mechanism="viscosity and turning losses in a narrow gap hold the gain back",
     varies_with="z_hat",
+    separated_by="stations below z_hat = 0.3, a rotor of another size, and logged rpm and power",
     needs=("z_hat",),
     parameters=(
         Parameter(

@@ -16,8 +16,7 @@ Size on a Crazyflie: a plate beyond four diagonals (W = 8 r, c = 2) loses 0.4 % 
 = 1.7, 17 % at 3, where 6 % of gain are left.
 
 Confounded with K_b, height_offset, image_strength above ground; with fountain_shape where stations
-begin at z_hat = 2. Moving the plate sideways, a larger one, or stations between 3 and 10 separate
-them.
+begin at z_hat = 2.
 """
 
 from __future__ import annotations
@@ -49,6 +48,7 @@ EFFECT = Effect(
     acts_on="ratio",
     mechanism="the plate ends, and mirrors only what it catches of the wake",
     varies_with="z_hat",
+    separated_by="the plate moved sideways, a larger one, or stations between 3 and 10",
     needs=("z_hat",),
     parameters=(
         Parameter(

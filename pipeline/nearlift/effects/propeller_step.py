@@ -12,8 +12,7 @@ in the course of a campaign is given a name of its own.
 Size on a Crazyflie: 1 to 5 %, for a nick or from one propeller to the next.
 
 Confounded with session_gain and gain_drift where propellers were exchanged once, between sessions;
-a step without a name in the schedule stays a step in time, and structure. Going back to the first
-propellers separates them.
+a step without a name in the schedule stays a step in time, and structure.
 """
 
 from __future__ import annotations
@@ -37,6 +36,7 @@ EFFECT = Effect(
     by_experiment=True,
     mechanism="a nicked, bent or exchanged blade has another lift at the same throttle",
     varies_with="other_propeller",
+    separated_by="going back to the first propellers",
     log_next_time=("propeller",),
     needs=("other_propeller",),
     parameters=(

@@ -14,8 +14,7 @@ Size on a Crazyflie: C_L rises by 10 % from 25 to 92 % throttle; in the *ratio* 
 order, 0 to 1 % of lift, so a slope of 0.05.
 
 Confounded with zero_offset, cell_nonlinearity and supply_sag, which also act differently at each
-throttle. Logged rpm and supply, a motors-off sweep and repeats at equal throttle from another
-supply separate them.
+throttle.
 """
 
 from __future__ import annotations
@@ -43,6 +42,10 @@ EFFECT = Effect(
     acts_on="ratio",
     mechanism="the blades' Reynolds number, and with it the gain, changes with throttle",
     varies_with="throttle",
+    separated_by=(
+        "logged rpm and supply, a motors-off sweep,"
+        " and repeats at equal throttle from another supply"
+    ),
     log_next_time=("rpm",),
     needs=("throttle", "throttle_ref"),
     parameters=(

@@ -12,8 +12,7 @@ Convention: recirculation >= 0 loses lift; it is the loss in free air at the med
 
 Size on a Crazyflie: 0.027 m^3/s into a cube of 1.5 m give V_c of 0.1 to 0.3 m/s, -0.9 to -2.6 %.
 
-Confounded with tether_stiffness, zero_offset and whatever acts beyond z_hat = 3. Longer pauses, an
-open door, or one long run separate them.
+Confounded with tether_stiffness, zero_offset and whatever acts beyond z_hat = 3.
 """
 
 from __future__ import annotations
@@ -55,6 +54,7 @@ EFFECT = Effect(
         " boundary"
     ),
     varies_with="z_hat",
+    separated_by="longer pauses, an open door, or one long run",
     needs=("z_hat", "throttle", "throttle_ref"),
     parameters=(
         Parameter(

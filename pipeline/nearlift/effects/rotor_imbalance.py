@@ -13,7 +13,7 @@ Size: where lift goes with the power 1.7, a rotor of four that gives 4 % less is
 than the mean, the others 0.6 % less, and lift falls by 1 %.
 
 Confounded with weight_at_rotor, always, and with session_gain, where a rotor is worse for whole
-flights. A scale, and the same flights with propellers exchanged, separate them.
+flights.
 """
 
 from __future__ import annotations
@@ -39,6 +39,7 @@ EFFECT = Effect(
     belongs_to="flight",
     mechanism="a rotor that gives less is told more, and at the same mean command the others less",
     varies_with="imbalance",
+    separated_by="a scale, and the same flights with propellers exchanged",
     log_next_time=("command_share_1",),
     needs=("imbalance",),
     parameters=(

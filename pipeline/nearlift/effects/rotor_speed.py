@@ -15,8 +15,7 @@ Size: in Bitcraze's table of 2015 lift goes with speed to the power of 2.15; und
 held pulse width, a quadrotor of 12-inch propellers turned 2.5 % faster, which is worth 5 % of lift.
 
 Confounded with the coefficients, where the boundary itself changes the speed, and with supply_sag
-and warm_up, which act through it. What is named here is where lift changed, not why the speed did:
-repeats at one distance at other supply voltages separate them.
+and warm_up, which act through it. What is named here is where lift changed, not why the speed did.
 """
 
 from __future__ import annotations
@@ -40,6 +39,7 @@ EFFECT = Effect(
     belongs_to="vehicle",
     mechanism="lift goes with the square of the rotor speed, which a held throttle does not hold",
     varies_with="speed_hat",
+    separated_by="repeats at one distance at other supply voltages",
     log_next_time=("rpm",),
     needs=("speed_hat",),
     parameters=(

@@ -11,8 +11,7 @@ Convention: gain > 0 reads more lift. One number for each session; what all have
 Size on a Crazyflie: span 0.5 %, mounting and propellers 1 to 5 %.
 
 Confounded with distance where a session ran at few distances (it can take the whole effect of the
-boundary), with gain_drift and air_density, of which it is the coarse version. Check masses, L_inf
-stations in every session and distances spread over sessions separate them.
+boundary), with gain_drift and air_density, of which it is the coarse version.
 """
 
 from __future__ import annotations
@@ -35,6 +34,9 @@ EFFECT = Effect(
     acts_on="force",
     mechanism="propellers, mounting, excitation or density differ from one sitting to the next",
     varies_with="session",
+    separated_by=(
+        "check masses, lift in free air in every session, and distances spread over sessions"
+    ),
     log_next_time=("session",),
     needs=("session",),
     parameters=(

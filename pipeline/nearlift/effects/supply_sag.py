@@ -12,8 +12,7 @@ campaign's median; what sags with throttle alone is in L_inf.
 Size on a Crazyflie: exponent 1.5 to 2.5, the firmware's cubic up to 3. A power box gives 4.01 V
 idle and 3.30 V at 94 %; ten seconds of hover take 0.5 to 1 % of lift out of a battery.
 
-Confounded with gain_drift, warm_up and session_gain where each battery is a session. Logged voltage
-under load, charge varied against the order of distances, and a stiff supply separate them.
+Confounded with gain_drift, warm_up and session_gain where each battery is a session.
 """
 
 from __future__ import annotations
@@ -39,6 +38,10 @@ EFFECT = Effect(
     belongs_to="vehicle",
     mechanism="the motors see the throttle times a supply voltage that sags",
     varies_with="supply_V",
+    separated_by=(
+        "logged voltage under load, charge varied against the order of distances,"
+        " and a stiff supply"
+    ),
     log_next_time=("supply",),
     needs=("supply_V", "supply_ref_V"),
     parameters=(

@@ -13,8 +13,7 @@ Size on a Crazyflie: 0 to 20 mN/m, so 0 to 1 mN (0.4 % of the weight) over 50 mm
 farthest station of 265 mm.
 
 Confounded with K_b (a long tail), room_recirculation, plate_edge; at a single throttle with
-anything slow in distance. A sweep of heights with motors off separates it, and low throttle, where
-it is largest in proportion.
+anything slow in distance.
 """
 
 from __future__ import annotations
@@ -41,6 +40,9 @@ EFFECT = Effect(
     additive=True,
     mechanism="bent wiring pulls in proportion to height",
     varies_with="z_hat",
+    separated_by=(
+        "a sweep of heights with motors off, and low throttle, where it is largest in proportion"
+    ),
     log_next_time=("motors-off sweep of heights",),
     needs=("z_hat", "radius_m"),
     parameters=(

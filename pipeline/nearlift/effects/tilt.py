@@ -19,8 +19,7 @@ Size on a Crazyflie: 1 degree is 0.8 mm across 90 mm; second order, by the sum o
 degree there; the cosine takes 0.4 % at 5 degrees.
 
 Confounded with height_offset and K_b at a constant tilt, and so by its zero: a coefficient beside a
-tilt that is known only to a degree is known less well than its fit says. Repeats at both signs
-separate them.
+tilt that is known only to a degree is known less well than its fit says.
 """
 
 from __future__ import annotations
@@ -64,6 +63,7 @@ EFFECT = Effect(
     acts_on="ratio",
     mechanism="tilt puts rotors, or the whole vehicle, at other distances than recorded",
     varies_with="tilt_rad",
+    separated_by="repeats at both signs",
     log_next_time=("tilt",),
     needs=("z_hat", "tilt_rad"),
     parameters=(

@@ -14,8 +14,7 @@ ground stands for airspeed indoors; wind is not in it.
 Size: at half the induced velocity the inflow falls by 6 %, and lift rises by 2 % at a
 level_gain of 0.4.
 
-Confounded with tilt, which a vehicle needs to move sideways and to stop again: speed at no tilt,
-as in coasting, separates them.
+Confounded with tilt, which a vehicle needs to move sideways and to stop again.
 """
 
 from __future__ import annotations
@@ -46,6 +45,7 @@ EFFECT = Effect(
     belongs_to="flight",
     mechanism="air that passes sideways adds to the mass flow, and the inflow falls",
     varies_with="level_speed_hat",
+    separated_by="speed at no tilt, as in coasting",
     log_next_time=("level_speed_m_s",),
     needs=("level_speed_hat",),
     parameters=(

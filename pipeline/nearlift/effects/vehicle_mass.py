@@ -10,7 +10,7 @@ Convention: mass_error > 0 where lift reads too much: the vehicle is lighter tha
 Size: a battery, a deck or a guard that nobody weighed is 1 to 10 %.
 
 Confounded with L_inf, always: no flight tells the two apart, and no gain or decay length hangs on
-it. A mass that differs from log to log is a session_gain. A scale tells.
+it. A mass that differs from log to log is a session_gain.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ EFFECT = Effect(
     belongs_to="flight",
     mechanism="in flight lift is the declared mass times the acceleration that is felt",
     varies_with="flight",
+    separated_by="a scale",
     log_next_time=("flight",),
     error_of="mass",
     needs=("flight",),

@@ -13,8 +13,7 @@ Size on a Crazyflie: 0 to 8 % with 5 to 120 s for the winding alone, slower for 
 together; what a rest between trials lets cool is not in here.
 
 Confounded with zero_drift (same time, additive), supply_sag of a battery, and distance where every
-session begins at the same station. A warm-up run before the first trial avoids it; random order and
-cold repeats separate it.
+session begins at the same station. A warm-up run before the first trial avoids it.
 """
 
 from __future__ import annotations
@@ -41,6 +40,7 @@ EFFECT = Effect(
     acts_on="force",
     mechanism="motors warm up over the first minutes of a session",
     varies_with="since_start_s",
+    separated_by="random order and cold repeats",
     log_next_time=("session", "start"),
     needs=("session", "since_start_s"),
     parameters=(

@@ -11,7 +11,7 @@ Size: a weight of 1 % of the vehicle at a rotor's axis is worth 1 % of lift, and
 over the command's power.
 
 Confounded with rotor_imbalance, always: in hover both ask for the same commands and read the same
-lift. Also with session_gain, where the weight is there for whole flights. A scale tells.
+lift. Also with session_gain, where the weight is there for whole flights.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ EFFECT = Effect(
     belongs_to="flight",
     mechanism="a weight beside a rotor asks for more of it, and is not in the declared mass",
     varies_with="imbalance",
+    separated_by="a scale",
     log_next_time=("command_share_1",),
     needs=("imbalance",),
     parameters=(

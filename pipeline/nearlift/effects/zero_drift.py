@@ -10,8 +10,7 @@ Convention: zero_drift_N > 0 reads too much lift later in the session; nothing a
 Size on a Crazyflie: 0.1 gf/K over a few kelvin, 0 to 1 gf (10 mN), with 60 to 1800 s.
 
 Confounded with warm_up (in proportion to lift rather than the same at every throttle), cell_creep
-and zero_temperature. Several throttles at any time in the session and a tare after each trial
-separate them.
+and zero_temperature.
 """
 
 from __future__ import annotations
@@ -39,6 +38,7 @@ EFFECT = Effect(
     additive=True,
     mechanism="cell and amplifier warm up after each start, and their zero with them",
     varies_with="since_start_s",
+    separated_by="a tare after each trial, and several throttles at any time in the session",
     log_next_time=("session", "start", "tare_after"),
     needs=("session", "since_start_s"),
     parameters=(

@@ -12,7 +12,6 @@ L_inf of a throttle takes up what does not vary with distance.
 Size on a Crazyflie: 0 to 0.5 gf (5 mN), 1.9 % of the weight.
 
 Confounded with K_b (it pushes every gain towards 1 in proportion), reynolds and cell_nonlinearity.
-A tare after the trial, low throttle and check masses with the motors powered separate them.
 """
 
 from __future__ import annotations
@@ -36,6 +35,7 @@ EFFECT = Effect(
     additive=True,
     mechanism="a force that turns on with the rotors is not in the tare",
     varies_with="throttle",
+    separated_by="a tare after the trial, low throttle, and check masses with the motors powered",
     log_next_time=("tare_after",),
     parameters=(
         Parameter(

@@ -11,7 +11,7 @@ median. The recorded temperature is the air's; the cell's follows it with a dela
 Size on a Crazyflie: 0 to 0.3 gf/K (3 mN/K); 0.1 gf/K is 0.4 % of the weight per kelvin.
 
 Confounded with air_density (in proportion to lift), zero_drift and gain_drift over a day that warms
-up. Several throttles at each temperature, and motors-off records, separate them.
+up.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ EFFECT = Effect(
     additive=True,
     mechanism="the zero of cell and amplifier follows their temperature",
     varies_with="temperature_K",
+    separated_by="several throttles at each temperature, and motors-off records",
     log_next_time=("temperature",),
     needs=("temperature_K", "temperature_ref_K"),
     parameters=(

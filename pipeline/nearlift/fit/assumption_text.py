@@ -104,7 +104,12 @@ def held(found: held_quantity.Held, name: str) -> str:
     else:
         parts.append(f"Lift alone cannot tell the exponent from {name}.")
     parts += [_response(r) for r in found.responses]
-    if not found.supported:
+    if deciding := [NAMES[q] for q in found.unanswered if q != "supply_V"]:
+        parts.append(
+            f"The {' and the '.join(deciding)} was logged, but at too few visits within a session"
+            " to infer the exponent from it."
+        )
+    elif not found.supported:
         parts.append("Log rpm, or power, and the exponent can be inferred.")
     elif found.at_ends:
         (low, high), values = found.supported, [x.value for x in found.at_ends]

@@ -10,6 +10,7 @@ import numpy as np
 
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import Fit
+from nearlift.likelihood import budget
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult, Correlation, Doubt
 
@@ -27,11 +28,9 @@ def base_result(
     fit.json.
     """
     estimator = Estimator.of(fit)
-    declared = " and the declared errors" if fit.parts or fit.plan.shared else ""
-    holds = (
-        f"Allows for the {fit.noise.source.partition(' (')[0]}{declared}, not for effects that"
-        " nobody looked for"
-    )
+    noise = fit.noise.source.partition(" (")[0]
+    declared = budget.declared((*fit.parts, *fit.plan.shared))
+    holds = f"Allows for the {noise}{declared}, not for effects that nobody looked for"
     doubts, shapes = estimator.doubts(), shape_doubts(entry)
     scale = np.sqrt(np.diag(fit.covariance))
     safe = np.where(scale > 0, scale, 1.0)

@@ -137,6 +137,8 @@ class Held:
         estimated.
     responses : tuple of Response
         Of what was logged.
+    unanswered : tuple of str
+        What was logged, and the trials are too few to say how it answers.
     supported : (least, most) or None
         Exponents that the logs leave, by theory; None where nothing logged decides.
     at_ends : tuple of AtExponent
@@ -148,6 +150,7 @@ class Held:
     n: float
     u_n: float
     responses: tuple[Response, ...]
+    unanswered: tuple[str, ...]
     supported: tuple[float, float] | None
     at_ends: tuple[AtExponent, ...]
 
@@ -157,11 +160,9 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
     its first coefficient.
     """
     n, u_n, least = free_exponent(problem, theta)
-    responses = tuple(
-        r
-        for q in logged(problem.data)
-        if (r := response(problem.data, problem.log_ratio(theta), q)) is not None
-    )
+    log_ratio = problem.log_ratio(theta)
+    answers = {q: response(problem.data, log_ratio, q) for q in logged(problem.data)}
+    responses = tuple(r for r in answers.values() if r is not None)
     supported = _supported(responses)
 
     def at(exponents: Sequence[float]) -> tuple[AtExponent, ...]:
@@ -173,6 +174,7 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
         n=n,
         u_n=u_n,
         responses=responses,
+        unanswered=tuple(q for q, r in answers.items() if r is None),
         supported=supported,
         at_ends=at(supported) if supported else (),
     )

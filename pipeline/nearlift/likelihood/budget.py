@@ -10,7 +10,7 @@ number of repeats averages it down.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -76,6 +76,14 @@ class Component:
             assert self.derivative is not None
             return self.standard * self.derivative(data)
         return np.full(data.n, self.standard)
+
+
+def declared(parts: Iterable[Component]) -> str:
+    """The errors among `parts` that the manifest declares, by name: " and the declared errors (a,
+    b)"; empty where it declares none.
+    """
+    names = list(dict.fromkeys(part.name for part in parts if not part.is_measured))
+    return f" and the declared errors ({', '.join(names)})" if names else ""
 
 
 def components(campaign: Campaign) -> tuple[Component, ...]:

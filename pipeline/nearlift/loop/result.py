@@ -12,6 +12,7 @@ from nearlift.declare import FloatArray
 from nearlift.fit import gum
 from nearlift.fit.estimator import Estimator, largest
 from nearlift.fit.known_sources import without_each
+from nearlift.likelihood import budget
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
 from nearlift.loop.candidate_fit import Fitted
@@ -91,7 +92,7 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
     errors = (
         "the scatter of whole visits"
         if stage.independent
-        else f"the noise of trials{' and the declared errors' if stage.parts else ''}"
+        else f"the noise of trials{budget.declared(stage.parts)}"
     )
     if found.carried:
         return (

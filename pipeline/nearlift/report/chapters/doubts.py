@@ -224,12 +224,24 @@ def _unseen_shift(found: BoundaryDiagnosis | None, on: str, u: float) -> float:
     return max((s.bias_at_detection_limit * s.u for s in hidden), default=u)
 
 
+def unseen(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:
+    """The shift of the headline by the effect that could move it most without being seen, where
+    that is more than its u; and the effect.
+    """
+    quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    own = quoted.quotable.get(quoted.headline)
+    if not (own and found and found.silent):
+        return None
+    most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
+    shift = most.bias_at_detection_limit * most.u
+    return (shift, most.effect) if own.u < shift < math.inf else None
+
+
 def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
     """What could move the headline by more than its u without being seen: plausible errors that
     nobody declared, and the effect that hides best. In one text, the gravest first.
     """
-    quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
-    own, moves = quoted.quotable.get(quoted.headline), f"could move {noun(quoted.headline)}"
+    moves = f"could move {noun(evidence.quoted(boundary).headline)}"
     said: list[tuple[float, str, str]] = []
     if grave := [e for e in undeclared(evidence, boundary) if e.in_u > 1]:
         told = ", ".join(
@@ -239,12 +251,10 @@ def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
         )
         errors = "errors that are not declared"
         said.append((grave[0].shift, f"{errors} {moves}: {told}", f"{errors}: {told}"))
-    if own and found and found.silent:
-        most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
-        shift = most.bias_at_detection_limit * most.u
-        effect, by = f"{most.effect}, though too small to be seen,", f"by {plain(shift, 2)}"
-        if own.u < shift < math.inf:
-            said.append((shift, f"{effect} {moves} {by}", f"{effect} {by}"))
+    if hidden := unseen(evidence, boundary):
+        shift, name = hidden
+        effect, by = f"{name}, though too small to be seen,", f"by {plain(shift, 2)}"
+        said.append((shift, f"{effect} {moves} {by}", f"{effect} {by}"))
     ranked = sorted(said)[::-1]
     return ["; ".join([ranked[0][1], *(short for _, _, short in ranked[1:])])] if ranked else []
 

@@ -12,7 +12,8 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared
+from nearlift.readers.columns import BY_NAME
+from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared, unseen
 from nearlift.report.chapters.uncertainty import untold
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
@@ -187,7 +188,10 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         return "; ".join(told + (_logging(found) if quoted.verdict == "unexplained" else []))
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
     if said and evidence.observations[boundary].z_hat.max() < FARTHEST:
-        said.append(f"a stop far from the boundary (z_hat = {FAR:g} or more), for lift in free air")
+        said[-1] += (
+            f", in new visits, one far from the boundary (z_hat = {FAR:g} or more) for lift in free"
+            " air"
+        )
     elif said and visit and visit.z_hat is not None:
         said.append(f"more visits around z_hat = {plain(visit.z_hat, 2)}")
     words = []
@@ -196,6 +200,7 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         where = structure_along(found) if found else ""
         words = [f"whatever else changes along {where}"] if where else []
     elif grave := [INPUT_WORDS[e.on] for e in undeclared(evidence, boundary) if e.in_u > 1]:
+        said += _to_see(evidence, boundary)
         each = " each" if len(grave) > 1 else ""
         said.append(f"measure the {listed(grave)}, and declare how well{each or ' it'} is known")
     elif quoted.headline and not said:
@@ -211,6 +216,20 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
                 )
                 break
     return "; ".join(said + _logging(found, words))
+
+
+def _to_see(evidence: Evidence, boundary: Boundary) -> list[str]:
+    """What would show the effect that could move the headline most unseen, unless what tells of it
+    was logged.
+    """
+    hidden = unseen(evidence, boundary)
+    if hidden is None:
+        return []
+    effect = catalogue.effect(hidden[1])
+    columns = {BY_NAME[n].inside for n in effect.log_next_time if n in BY_NAME}
+    if columns & evidence.observations[boundary].covariates.keys() or not effect.separated_by:
+        return []
+    return [f"to see {titled(effect.name)}: {effect.separated_by}"]
 
 
 def _logging(found: BoundaryDiagnosis | None, more: Sequence[str] = ()) -> list[str]:
