@@ -160,7 +160,7 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
         verdict = quoted.verdict if visit == "0" else "effect"
         return Without(verdict=verdict, effects=("tilt",), intervals=intervals)
 
-    assert told_of_visits(quoted, without, visits[:1]) is quoted
+    assert told_of_visits(quoted, without, visits[:1]) == quoted
     found = told_of_visits(quoted, without, visits)
     assert found.rests_on_visit.visit == "2"
     assert found.rests_on_visit.effects == ("tilt",)

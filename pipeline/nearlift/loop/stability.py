@@ -4,8 +4,7 @@ The closed form says which trial moves the headline most, and the residuals on w
 hangs that is hardly earned; the whole diagnosis made again without it, noise, search and all, says
 how far the headline moves and whether anything else would be said. Where that is more than one
 standard uncertainty, or another verdict, the answer rests on the trial. Visits are left out
-likewise, of a small table each, else those to which the same signs point; how far they move the
-headline, the closed form says.
+likewise, of a small table each, else those to which the same signs point.
 """
 
 from __future__ import annotations
@@ -155,7 +154,8 @@ def told(
 def told_of_visits(
     quoted: BoundaryResult, without: Callable[[str], Without | None], visits: Sequence[Shift]
 ) -> BoundaryResult:
-    """The result with what it would be without each of these visits that turns the verdict.
+    """The result with what it would be without each of these visits that turns the verdict, and
+    the largest shift by one of them made exact.
 
     `without` makes the diagnosis again without a visit, by its label; None where the others cannot
     be diagnosed.
@@ -163,29 +163,32 @@ def told_of_visits(
     name = quoted.headline
     if not name or not np.isfinite(quoted.coefficients[name].u):
         return quoted
-    turned = [
-        (visit, again)
+    headline = quoted.coefficients[name]
+    tried = [
+        (replace(visit, shift=float(again.intervals[name][0] - headline.value)), again)
         for visit in visits
         for again in [without(visit.id)]
-        if again is not None and again.verdict != quoted.verdict
+        if again is not None
     ]
+    most = headline.influence.visit
+    if most is not None and most.id in [visit.id for visit, _ in tried]:
+        moved = max((visit for visit, _ in tried), key=lambda visit: abs(visit.shift))
+        headline = replace(headline, influence=replace(headline.influence, visit=moved))
+    found = replace(quoted, coefficients={**quoted.coefficients, name: headline})
+    turned = [one for one in tried if one[1].verdict != quoted.verdict]
     if not turned:
-        return quoted
-    value = quoted.coefficients[name].value
-    rests = [
-        RestsOn(
-            visit=visit.id,
-            z_hat=visit.z_hat,
-            shift=again.intervals[name][0] - value,
-            verdict=again.verdict,
-            effects=again.effects,
-        )
-        for visit, again in turned
-    ]
+        return found
+    visit, again = max(turned, key=lambda one: abs(one[0].shift))
+    rests = RestsOn(
+        visit=visit.id,
+        z_hat=visit.z_hat,
+        shift=visit.shift,
+        verdict=again.verdict,
+        effects=again.effects,
+    )
     doubts = [
         Doubt(condition=f"visit {visit.place} is left out", value=own, lo90=low, hi90=high)
         for visit, again in turned
         for own, low, high in [again.intervals[name]]
     ]
-    foremost = max(rests, key=lambda one: abs(one.shift))
-    return replace(quoted, rests_on_visit=foremost).doubting({name: doubts})
+    return replace(found, rests_on_visit=rests).doubting({name: doubts})

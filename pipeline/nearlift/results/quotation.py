@@ -312,15 +312,13 @@ class BoundaryResult:
         it rests on none.
         """
         c, on = self.quotable.get(self.headline), self.rests_on
-        visit, made_again = c.influence.visit if c else None, self.rests_on_visit
-        if visit and made_again and made_again.visit == visit.id:
-            visit = made_again.moved
+        visit = c.influence.visit if c else None
         if c and visit and abs(visit.shift) > max(c.u, abs(on.shift) if on else 0.0):
             return "visit", visit
         trial = c.influence.trial if c else None
         if on and trial:
             return "trial", replace(trial, shift=on.shift)
-        return ("visit", made_again.moved) if c and made_again else None
+        return ("visit", self.rests_on_visit.moved) if c and self.rests_on_visit else None
 
     @property
     def leaning(self) -> str:
