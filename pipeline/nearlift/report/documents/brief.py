@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary
+from nearlift.likelihood.budget import components
 from nearlift.nomenclature import letter
 from nearlift.readers.columns import BY_NAME
 from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared, unseen
@@ -26,6 +27,8 @@ from nearlift.rounding import decimals, fixed, plain, signed
 #: Trials that all stand nearer than `FARTHEST` hardly tell lift in free air; from `FAR` on they do
 #: (docs/planning.md). In rotor radii.
 FARTHEST, FAR = 6.0, 12.0
+#: What a declared error of the load cell acts on.
+CELL = {"force", "gain", "linearity"}
 #: A source whose knowledge would lessen u by less than this part is no lead.
 LEAST_FALL, SOURCES = 0.05, 3
 
@@ -122,6 +125,9 @@ def _omits(evidence: Evidence, boundary: Boundary) -> str:
     words = [INPUT_WORDS[error.on] for error in undeclared(evidence, boundary)]
     if len(words) > 1:
         words[0] += " (most important)"
+    declared = {part.on for part in components(evidence.campaign)}
+    if words and not (evidence.campaign.flight or declared & CELL):
+        words.append("load cell")
     return f"errors of {listed(words)}: none is declared" if words else ""
 
 
