@@ -4,9 +4,9 @@
     python -m tests.calibration.sequential coefficient --count 99 --seed 820000 --out rows.jsonl
 
 Kinds: `stations` (ground; visits as below, at the stations of each design), `coefficient` (no effect; visits until u of the first coefficient is that of the full plan at
-`FULL` visits; then its 90 % interval, and claims at looks and at the stop), `rivals` (height_offset
-with rho 0.5 at the ceiling; visits until its evidence is 2 ln B > 9 beyond near_wall_saturation's),
-`supply` (supply_sag that a falling battery hides behind gain_drift; the same). A row per campaign;
+`FULL` visits; then its 90 % interval, and claims at looks and at the stop), `supply` (supply_sag
+that a falling battery hides behind gain_drift; visits until 2 ln B > 9). For rivals by stations see
+`rivals`. A row per campaign;
 with --tabulate FILES medians, quartiles and exact binomial intervals.
 """
 
@@ -195,53 +195,33 @@ def _first(reached: Callable[[int], bool]) -> int:
     return high * BATCH
 
 
-def rivals(boundary: str, seed: int) -> dict[str, Any]:
-    """Visits until height_offset stands beyond near_wall_saturation."""
-    del boundary
-    spec = Spec(
-        boundary="ceiling",
-        effects=(("height_offset", 0.5),),
-        visits=MOST * 2 // 3,
-        sessions=1,
-        errors=Errors(),
-    )
-    return _parted(Pool(spec, seed), ("height_offset", "near_wall_saturation"), seed, 600)
-
-
 def supply(boundary: str, seed: int) -> dict[str, Any]:
-    """Visits until supply_sag stands beyond gain_drift, on one battery that falls."""
+    """Visits until supply_sag stands beyond gain_drift, on one battery that falls: of the full
+    plan, and of one planned anew every batch.
+    """
     del boundary
     spec = Spec(boundary="ground", visits=MOST // 3, sessions=1, errors=Errors(), every=2)
-    return _parted(Pool(spec, seed), ("supply_sag", "gain_drift"), seed, 300)
-
-
-def _parted(pool: Pool, names: tuple[str, str], seed: int, most: int) -> dict[str, Any]:
-    """Visits of the full plan, and of one planned anew every batch, until one effect's chi2 lies
-    `APART` below the other's.
-    """
+    pool, most = Pool(spec, seed), 300
     row: dict[str, Any] = {}
-    stations, moves = len(pool.z_hat), names[0] == "supply_sag"
-    start, step = (FEW, EVERY) if moves else (stations, BATCH)
     for how in ("full", "next"):
         rng = stream(seed, "parted")
-        whole = full(stations, most, rng)
-        order, settings = whole[:start], np.full(start, np.nan)
+        whole = full(len(pool.z_hat), most, rng)
+        order, settings = whole[:FEW], np.full(FEW, np.nan)
         ahead, volts = np.zeros(0, dtype=int), np.zeros(0)
         while True:
             data = pool.run(order, settings)
-            if moves:
-                factor = (data.covariates["supply_V"] / VOLTS) ** EXPONENT
-                data = dataclasses.replace(data, lift_N=data.lift_N * factor)
-            stage = known(data, pool, names)
+            factor = (data.covariates["supply_V"] / VOLTS) ** EXPONENT
+            data = dataclasses.replace(data, lift_N=data.lift_N * factor)
+            stage = known(data, pool, ("supply_sag", "gain_drift"))
             one, other = (
                 search(stage.candidate(e), stage.space, stage.log_lift, stage.theta)
                 for e in stage.effects
             )
-            apart = 2 * (_evidence(stage, one) - _evidence(stage, other))
+            apart = 2 * (evidence(one) - evidence(other))
             if abs(apart) > APART or len(order) >= most:
                 break
             if how == "full":
-                order = whole[: len(order) + step]
+                order = whole[: len(order) + EVERY]
                 settings = np.full(len(order), np.nan)
                 continue
             if not len(ahead):
@@ -250,25 +230,25 @@ def _parted(pool: Pool, names: tuple[str, str], seed: int, most: int) -> dict[st
                     (one.candidate.effects, one.vector),
                     (other.candidate.effects, other.vector),
                 )
-                menu = next_visits.menu(stage.data, pool.z_hat, moves)
+                menu = next_visits.menu(stage.data, pool.z_hat, move_supply=True)
                 picks = next_visits.plan(stage, question, menu).batch(BATCH, rng)
                 ahead, volts = menu.station[picks], menu.supply_V[picks] / VOLTS - 1
-            order, ahead = np.append(order, ahead[:step]), ahead[step:]
-            settings, volts = np.r_[settings, volts[:step]], volts[step:]
+            order, ahead = np.append(order, ahead[:EVERY]), ahead[EVERY:]
+            settings, volts = np.r_[settings, volts[:EVERY]], volts[EVERY:]
         row |= {how: len(order), f"{how}_wrong": apart < -APART, f"{how}_open": abs(apart) <= APART}
     return row
 
 
-def _evidence(stage: SearchProblem, fitted: Fitted) -> float:
+def evidence(fitted: Fitted, form_sd: float = FORM_SD) -> float:
     """Log evidence of a fit with its form uncertain, as the search has it."""
-    tube = stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
+    tube = fitted.space.project(fitted.candidate.tube(fitted.vector, form_sd).T).T
     basis = framed(orthonormal(np.hstack([fitted.jacobian, tube])))
     here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
     scores = (basis.T @ fitted.residual)[:, None]
     return float(here.log(scores)[0]) + outside(fitted, scores)
 
 
-KINDS = {"stations": stations, "coefficient": coefficient, "rivals": rivals, "supply": supply}
+KINDS = {"stations": stations, "coefficient": coefficient, "supply": supply}
 
 
 def rows(kind: str, count: int, seed: int, out: Path) -> None:

@@ -15,6 +15,7 @@ from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.products import RESULTS
 from nearlift.readers import schedule as schedules
 from nearlift.results import Noise
+from nearlift.results.diagnosis import FORM_SD
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages import next_rows
 from nearlift.stages import next_visits as stage_of_next
@@ -148,12 +149,44 @@ def test_going_round_gives_nothing_up_and_asking_for_one_thing_nearly_all(plan):
     chance = {}
     for rotating in (1.0, 0.5, 0.0):
         visits, rng = np.zeros(0, dtype=int), np.random.default_rng(0)
+        own = dataclasses.replace(plan, rotating=rotating)
         while plan.u(plan.after(visits)) > aim:
-            visits = np.r_[visits, plan.batch(10, rng, visits, rotating)]
+            visits = np.r_[visits, own.batch(10, rng, visits)]
         evenly = plan.now + plan.evenly(float(plan.u(plan.after(visits)))) * plan.of_round
         chance[rotating] = plan.sees(plan.after(visits), evenly, 1e-3)
     assert chance[1.0] == pytest.approx(next_visits.SEEN, abs=0.05)
     assert chance[0.0] < 0.7 * chance[0.5] < chance[0.5] < 0.9 * chance[1.0]
+
+
+def test_the_less_goes_round_the_sooner_the_answer(plan):
+    known = []
+    for share in (1.0, 0.5, 0.3, 0.0):
+        own = dataclasses.replace(plan, rotating=share)
+        visits = own.batch(40, np.random.default_rng(0))
+        often = np.bincount(plan.menu.station[visits], minlength=len(plan.made))
+        # rounds of a third of 40 visits still come to most of the stations
+        assert often.min() >= int(share * 40) // len(plan.made)
+        known.append(float(plan.u(plan.after(visits))))
+    assert known == sorted(known, reverse=True)
+    assert known[3] < known[2] < known[1] < known[0]
+
+
+def test_expected_evidence_is_what_the_rival_cannot_imitate(stage):
+    """By a fit of its own: of the one as it stands, what the other leaves with its form free."""
+    one, other = stage.effects
+    mine, theirs = (stage.candidate(e) for e in (one, other))
+    vectors = np.r_[2.0, 2.0], np.r_[2.0, 0.01]
+    question = next_visits.of_rivals(stage, ((one,), vectors[0]), ((other,), vectors[1]))
+    menu = next_visits.menu(stage.data, np.array(simulated.STATIONS), move_supply=True)
+    plan = next_visits.plan(stage, question, menu)
+    left = stage.space.project(mine.log_ratio(vectors[0]) - theirs.log_ratio(vectors[1]))
+    columns = np.hstack([theirs.jacobian(vectors[1]), theirs.tube(vectors[1], FORM_SD)])
+    forms = columns.shape[1] - theirs.size
+    weight = np.r_[1 / theirs.prior[1], np.ones(forms)]
+    white = np.vstack([stage.space.project(columns.T).T, np.diag(weight)])
+    target = np.r_[left, np.zeros(len(weight))]
+    rest = target - white @ np.linalg.lstsq(white, target, rcond=None)[0]
+    assert float(plan.u(plan.now)) ** -2 == pytest.approx(rest @ rest, rel=1e-3)
 
 
 def test_the_supply_is_moved_to_part_it_from_time(stage):
@@ -273,6 +306,16 @@ def test_a_table_for_the_eye_and_one_for_programs(ingested):
     assert len(own["visits"]) == 10
     assert own["visits_wanted"] < own["visits_evenly"]
     assert all(line in shown.stdout for line in own["text"])
+
+
+def test_the_share_that_goes_round_is_the_users(ingested):
+    def after(*words):
+        found = json.loads(ask(ingested, "--for", "K_b", "--json", *words).stdout)
+        return found["boundaries"]["ground"]["after"]
+
+    assert after() == after("--rounds", str(next_visits.ROTATING))
+    assert after("--rounds", "0") < after() < after("--rounds", "1")
+    assert ask(ingested, "--for", "K_b", "--rounds", "1.5").exit_code == 2
 
 
 @pytest.mark.parametrize(

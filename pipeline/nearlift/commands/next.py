@@ -39,15 +39,29 @@ if TYPE_CHECKING:
     show_default=True,
     help="Visits at each boundary.",
 )
+@click.option(
+    "--rounds",
+    type=click.FloatRange(0, 1),
+    default=0.5,
+    show_default=True,
+    metavar="SHARE",
+    help="Of the visits, how many go round all stations, whatever the question.",
+)
 @click.option("--csv", "as_csv", is_flag=True, help="Rows for the campaign's schedule instead.")
 def command(
-    call: Call, campaign: Path, question: str, until: float | None, count: int, as_csv: bool
+    call: Call,
+    campaign: Path,
+    question: str,
+    until: float | None,
+    count: int,
+    rounds: float,
+    as_csv: bool,
 ) -> None:
     """Plan a batch of visits."""
     from nearlift.stages import next_rows, next_visits
     from nearlift.stages.asked import Asked
 
-    asked = Asked.of(question, until)
+    asked = Asked.of(question, until, rounds)
     if as_csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):

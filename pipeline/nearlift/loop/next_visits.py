@@ -5,8 +5,8 @@ than another; the inverse of its variance is then the evidence that parts the tw
 What trials say of it, and of all that it trades with (log L_inf, other coefficients, named effects
 and their forms, declared errors), is an information matrix, to which every visit adds its own.
 
-Half of a batch goes round the stations in turn, whatever the question: from the other half alone
-nobody would ever learn that the model is wrong.
+Half of a batch, or another share, goes round the stations in turn, whatever the question: from the
+other half alone nobody would ever learn that the model is wrong.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from nearlift.loop.separation import join, session
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import FORM_SD
 
-#: Of a batch, what goes round the stations in turn.
+#: Of a batch, what goes round the stations in turn, unless asked otherwise.
 ROTATING = 0.5
 #: Where more distances were measured, so many of them stand for all.
 MOST_STATIONS = 20
@@ -135,15 +135,15 @@ def of_rivals(
     other: tuple[tuple[Effect, ...], FloatArray],
 ) -> Question:
     """How much the trials are like one explanation rather than another, each with its flat vector:
-    what the other, its parameters and the forms of both free, cannot imitate of the one.
+    what the other, its parameters and form free, cannot imitate of the one as it stands.
     """
     mine, theirs = stage.candidate(*one[0]), stage.candidate(*other[0])
 
     def columns(data: Observations) -> FloatArray:
         own, free = (dataclasses.replace(c, data=data) for c in (mine, theirs))
         apart = own.log_ratio(one[1]) - free.log_ratio(other[1])
-        forms = own.tube(one[1], FORM_SD), free.tube(other[1], FORM_SD)
-        return np.hstack([np.nan_to_num(apart)[:, None], free.jacobian(other[1]), *forms])
+        form = free.tube(other[1], stage.options.form_sd)
+        return np.hstack([np.nan_to_num(apart)[:, None], free.jacobian(other[1]), form])
 
     forms = columns(stage.data).shape[1] - 1 - theirs.size
     held = np.r_[0.0, 1 / theirs.prior[1] ** 2, np.ones(forms)]
@@ -166,6 +166,8 @@ class Plan:
         Visits of each station so far.
     last : int
         Where the traverse stands.
+    rotating : float
+        Share of a batch that goes round the stations; 1 is the plan that asks for nothing.
     """
 
     menu: Menu
@@ -175,6 +177,7 @@ class Plan:
     target: int
     made: IntArray
     last: int
+    rotating: float = ROTATING
 
     def u(self, information: FloatArray) -> FloatArray:
         """Standard uncertainty of what is asked, of (..., Q, Q)."""
@@ -197,7 +200,6 @@ class Plan:
         count: int,
         rng: np.random.Generator,
         before: IntArray | None = None,
-        rotating: float = ROTATING,
     ) -> IntArray:
         """The next `count` visits, (count,) indices into the menu, in random order, none at the
         station of the one before it if that can be helped.
@@ -206,15 +208,14 @@ class Plan:
         ----------
         before : (k,) int or None
             Visits that will have been made by then.
-        rotating : float
-            Share that goes round the stations; 1 is the plan that asks for nothing.
         """
         before = np.zeros(0, dtype=np.int64) if before is None else before
         here = self.after(before)
         made = self.made + np.bincount(self.menu.station[before], minlength=len(self.made))
         so_far = int(made.sum())
-        due = int(rotating * (so_far + count)) - int(rotating * so_far)
-        chosen = self._round(due, made, int(rotating * so_far), rng)
+        turn = int(self.rotating * so_far)
+        due = int(self.rotating * (so_far + count)) - turn
+        chosen = self._round(due, made, turn, rng)
         here = here + self.added[chosen].sum(axis=0)
         # more than half of a batch at one station could not be visits of their own
         most = max(count // 2, 1)

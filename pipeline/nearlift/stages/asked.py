@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from nearlift import catalogue
 from nearlift.errors import UsageError
+from nearlift.loop.next_visits import ROTATING
 
 SEPARATE, DRIFT = "separate", "drift"
 #: What `drift` tells apart: the supply, and time.
@@ -14,17 +15,18 @@ OF_DRIFT = ("supply_sag", "gain_drift")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Asked:
-    """The question in words: a coefficient; or two explanations, by default the diagnosis's; and u
-    of the coefficient at which to stop.
+    """The question in words: a coefficient; or two explanations, by default the diagnosis's; u of
+    the coefficient at which to stop; and the share of a batch that goes round all stations.
     """
 
     coefficient: str = ""
     pair: tuple[str, ...] = ()
     drift: bool = False
     until: float | None = None
+    rounds: float = ROTATING
 
     @classmethod
-    def of(cls, text: str, until: float | None = None) -> Asked:
+    def of(cls, text: str, until: float | None = None, rounds: float = ROTATING) -> Asked:
         """What ``--for TEXT`` asks.
 
         Raises
@@ -48,5 +50,5 @@ class Asked:
                 )
             for name in pair:
                 catalogue.effect(name)
-            return cls(pair=OF_DRIFT if word == DRIFT else pair, drift=word == DRIFT)
-        return cls(coefficient=text, until=until)
+            return cls(pair=OF_DRIFT if word == DRIFT else pair, drift=word == DRIFT, rounds=rounds)
+        return cls(coefficient=text, until=until, rounds=rounds)
