@@ -3,7 +3,8 @@
 
     python -m tests.calibration.sequential coefficient --count 99 --seed 820000 --out rows.jsonl
 
-Kinds: `stations` (ground; visits as below, at the stations of each design), `coefficient` (no effect; visits until u of the first coefficient is that of the full plan at
+Kinds: `stations` (ground; visits as below, at the stations of each design), `foretold` (the same
+for the u of the full plan's `PAPER` visits, with the least that is possible), `coefficient` (no effect; visits until u of the first coefficient is that of the full plan at
 `FULL` visits; then its 90 % interval, and claims at looks and at the stop), `supply` (supply_sag
 that a falling battery hides behind gain_drift; visits until 2 ln B > 9). For rivals by stations see
 `rivals`. A row per campaign;
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 from scipy.stats import binomtest
 from tests.calibration.bench import DESIGNS, stream
 from tests.calibration.simulator import Campaign, Errors, Spec, Unreachable, simulate
@@ -40,6 +42,8 @@ from nearlift.results.diagnosis import FORM_SD
 #: of a session.
 FULL, MOST, BATCH, SESSION = 150, 300, 10, 50
 APART = 9.0
+#: Visits of the full plan where the answer is foretold, and p at which structure counts as seen.
+PAPER, SEEN_AT = 300, 1e-3
 #: Of the supply: visits before the first that is planned, and between looks.
 FEW, EVERY = 4, 2
 #: A true exponent, what a battery loses over a session, and by how much a visit's supply is moved.
@@ -157,6 +161,50 @@ def stations(design: str, seed: int) -> dict[str, Any]:
     return {**counted(Pool(spec, seed), seed)[1]}
 
 
+def foretold(design: str, seed: int) -> dict[str, Any]:
+    """Visits near the ground until u of the first coefficient is what the full plan has after
+    `PAPER`, foretold from one round on; the least that any choice made beforehand takes; and the
+    chance left to see a structure in distance that the full plan then sees with 0.9.
+    """
+    spec = Spec(boundary="ground", design=design, visits=2, sessions=1, errors=Errors())
+    pool = Pool(spec, seed)
+    count = len(pool.z_hat)
+    plan = planned(known(pool.run(np.arange(count)), pool), pool.z_hat)
+    nothing = plan.now - plan.added.sum(axis=0)
+    even = np.full(count, 1 / count)
+
+    def after(visits: np.ndarray) -> np.ndarray:
+        return nothing + np.tensordot(visits, plan.added, axes=(0, 0))
+
+    whole = after(PAPER * even)
+    wanted = float(plan.u(whole))
+
+    def takes(share: np.ndarray) -> float:
+        return float(brentq(lambda n: float(plan.u(after(n * share))) - wanted, 1.0, 1e5))
+
+    far = 0.65 * even + 0.35 * np.eye(count)[-1]
+    row = {"fixed": takes(far), "fixed_sees": plan.sees(after(takes(far) * far), whole, SEEN_AT)}
+    for rounds in (0.5, 0.3, 0.0):
+        own = dataclasses.replace(plan, rotating=rounds)
+        ahead = own.until(wanted, BATCH, np.random.default_rng(seed))
+        assert ahead is not None
+        name = f"next{100 * rounds:.0f}"
+        row[name] = count + len(ahead)
+        row[f"{name}_sees"] = plan.sees(own.after(ahead), whole, SEEN_AT)
+        chosen = even.copy()
+        for _ in range(1000):
+            # multiplicative steps of the c-optimal design
+            information = after(rounds * even + (1 - rounds) * chosen)[: plan.q, : plan.q]
+            size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+            unit = information / np.outer(size, size) + next_visits.RIDGE * np.eye(plan.q)
+            aim = np.eye(plan.q)[plan.target] / size
+            along = np.linalg.solve(unit, aim) / size
+            chosen *= np.sqrt([along @ a[: plan.q, : plan.q] @ along for a in plan.added])
+            chosen /= chosen.sum()
+        row[f"least{100 * rounds:.0f}"] = takes(rounds * even + (1 - rounds) * chosen)
+    return row
+
+
 def coefficient(boundary: str, seed: int) -> dict[str, Any]:
     """Visits until u of the first coefficient is what the full plan has after `FULL`."""
     pool = Pool(Spec(boundary=boundary, visits=MOST // 3, sessions=1, errors=Errors()), seed)
@@ -248,7 +296,11 @@ def evidence(fitted: Fitted, form_sd: float = FORM_SD) -> float:
     return float(here.log(scores)[0]) + outside(fitted, scores)
 
 
-KINDS = {"stations": stations, "coefficient": coefficient, "supply": supply}
+KINDS = {"stations": stations, "foretold": foretold, "coefficient": coefficient, "supply": supply}
+
+
+#: Kinds that take a design's stations in turn, not boundaries.
+OF_DESIGNS = ("stations", "foretold")
 
 
 def rows(kind: str, count: int, seed: int, out: Path) -> None:
@@ -259,7 +311,7 @@ def rows(kind: str, count: int, seed: int, out: Path) -> None:
     for i in range(count):
         if seed + i in done:
             continue
-        boundary = (DESIGNS if kind == "stations" else ("ground", "ceiling", "sidewall"))[i % 3]
+        boundary = (DESIGNS if kind in OF_DESIGNS else ("ground", "ceiling", "sidewall"))[i % 3]
         try:
             row = KINDS[kind](boundary, seed + i)
         except Unreachable:
@@ -276,7 +328,7 @@ def tabulate(path: Path) -> str:
     lines = []
     for boundary in (
         dict.fromkeys(r["boundary"] for r in read)
-        if read[0]["kind"] in ("coefficient", "stations")
+        if read[0]["kind"] in ("coefficient", *OF_DESIGNS)
         else ("",)
     ):
         mine = [r for r in read if boundary in ("", r["boundary"])]

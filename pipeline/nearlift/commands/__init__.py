@@ -164,7 +164,7 @@ ABOUT = {
         group=RUN,
         summary="The next visits, for a coefficient or to tell two effects apart",
         text=(
-            "Chosen from what the campaign's trials already say, half of them always round all"
+            "Chosen from what the campaign's trials already say, a share of them always round all"
             " stations; with what they would bring, where to stop, and what they give up. Stages"
             " ingest and, for named effects, diagnose must have run. Nothing is written."
         ),
