@@ -3,6 +3,7 @@ their square.
 """
 
 import dataclasses
+import itertools
 import tracemalloc
 
 import numpy as np
@@ -120,3 +121,23 @@ def test_what_takes_long_is_told_with_trials_time_and_memory(law):
     assert line == f"fit ground: 36000 trials, about {seconds:.0f} s and {megabytes / 1000:.1f} GB"
     # where no two trials share a distance, the model is asked at every trial
     assert law.of(dataclasses.replace(large, z_hat=np.geomspace(1.2, 12, large.n)))[0] >= seconds
+
+
+def test_a_chain_that_takes_long_is_told_once_by_its_first_blocks(monkeypatch):
+    told, now = [], itertools.count(100.0, 0.5)
+    monkeypatch.setattr("time.monotonic", lambda: next(now))
+    chain = expense.Chain(say=told.append, what="posterior of x", blocks=245)
+    short = expense.Chain(say=pytest.fail, what="posterior of y", blocks=20)
+    for count in range(1, 9):
+        chain.heard(count)
+    for count in range(1, 9):
+        short.heard(count)
+    # four blocks in half a second: 240 more take thirty
+    assert told == ["posterior of x: by a chain, about 30 s more if it takes all its steps"]
+
+
+def test_windows_of_flight_are_dearer_than_trials_on_a_stand():
+    stand = campaign(4, visits=30)
+    flown = dataclasses.replace(stand, covariates={**stand.covariates, "flight": np.ones(stand.n)})
+    assert flown.in_flight
+    assert expense.FIT.of(flown)[0] > 5 * expense.FIT.of(stand)[0]

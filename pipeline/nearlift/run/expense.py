@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -12,6 +13,8 @@ from nearlift.results import Observations
 
 #: What takes less of both than this is not worth a word.
 LONG_S, LARGE_MB = 10.0, 1000.0
+#: Blocks of a chain by which the time of all is told.
+TELLING = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,24 +23,27 @@ class Law:
     boundary.
 
     `apart_s` is the time per thousand trials where they have more than `likelihood.stations.MOST`
-    distances, so that every trial is whitened. Measured on the campaigns of docs/benchmarks.md
-    ("Memory of a fit and a diagnosis").
+    distances, so that every trial is whitened; `flown_s` that of windows of flight, whose commands
+    draw the posterior out. Measured on the campaigns of docs/benchmarks.md ("Memory of a fit and a
+    diagnosis"), flights on CrazyPAD's.
     """
 
     start_s: float
     each_s: float
     apart_s: float
+    flown_s: float
     start_MB: float
     each_MB: float
 
     def of(self, data: Observations) -> tuple[float, float]:
         """Seconds and MB for these trials."""
         each = self.apart_s if len(np.unique(data.z_hat)) > MOST else self.each_s
+        each = self.flown_s if data.in_flight else each
         return self.start_s + each * data.n / 1000, self.start_MB + self.each_MB * data.n / 1000
 
 
-FIT = Law(start_s=3.0, each_s=0.5, apart_s=7.0, start_MB=290.0, each_MB=10.0)
-DIAGNOSE = Law(start_s=4.0, each_s=0.6, apart_s=0.6, start_MB=290.0, each_MB=17.0)
+FIT = Law(start_s=3.0, each_s=0.5, apart_s=7.0, flown_s=20.0, start_MB=290.0, each_MB=10.0)
+DIAGNOSE = Law(start_s=4.0, each_s=0.6, apart_s=0.6, flown_s=1.0, start_MB=290.0, each_MB=17.0)
 
 
 def announce(
@@ -46,5 +52,32 @@ def announce(
     """Say how many trials there are and what they will take, unless that is little."""
     seconds, megabytes = law.of(data)
     if seconds > LONG_S or megabytes > LARGE_MB:
-        time = f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
-        say(f"{what}: {data.n} trials, about {time} and {megabytes / 1000:.1f} GB{unless}")
+        say(
+            f"{what}: {data.n} trials, about {_time(seconds)} and {megabytes / 1000:.1f} GB{unless}"
+        )
+
+
+@dataclass(kw_only=True)
+class Chain:
+    """Tells once what is left of a chain of up to `blocks` blocks, by the time of the first few,
+    of which the very first begins with what no other does.
+    """
+
+    say: Callable[[str], None]
+    what: str
+    blocks: int
+    began: float | None = None
+
+    def heard(self, count: int) -> None:
+        """Block `count`, from 1, is done."""
+        if count == 1:
+            self.began = time.monotonic()
+        elif count == TELLING and self.began is not None:
+            left = (self.blocks - count) * (time.monotonic() - self.began) / (count - 1)
+            if left > LONG_S:
+                told = _time(left)
+                self.say(f"{self.what}: by a chain, about {told} more if it takes all its steps")
+
+
+def _time(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"

@@ -216,29 +216,24 @@ def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> tuple[PieceOfRecord
     """The windows with the command behind the lag for a throttle, and what log lift changes by
     were the lag another.
     """
-    if not answer.windows:
-        return ()
-    less, at, more = (weights @ answer.command[..., None])[..., 0].T
+    clean = [window for window in answer.windows if not window.codes]
+    flown = np.array([not window.codes for window in answer.windows], dtype=bool)
+    less, at, more = (weights @ answer.command[flown][..., None])[..., 0].T
     slopes = lag.power * np.log(more / less) / (2 * STEP_S)
-    found: list[PieceOfRecord] = []
-    told = zip(answer.windows, at.tolist(), slopes.tolist(), strict=True)
-    for window, throttle, slope in told:
-        if window.codes:
-            found.append(window)
-            continue
-        found.append(
-            PieceOfRecord(
-                number=window.number,
-                since_s=window.since_s,
-                brought={**window.brought, "throttle": throttle},
-                covariates={
-                    **window.covariates,
-                    SLOPE: (slope, np.nan),
-                    "u_lag_s": (lag.u_s, np.nan),
-                },
-            )
+    behind = {
+        window.number: PieceOfRecord(
+            number=window.number,
+            since_s=window.since_s,
+            brought={**window.brought, "throttle": throttle},
+            covariates={
+                **window.covariates,
+                SLOPE: (slope, np.nan),
+                "u_lag_s": (lag.u_s, np.nan),
+            },
         )
-    return tuple(found)
+        for window, throttle, slope in zip(clean, at.tolist(), slopes.tolist(), strict=True)
+    }
+    return tuple(behind.get(window.number, window) for window in answer.windows)
 
 
 def _counted(answers: Sequence[Flown]) -> list[str]:

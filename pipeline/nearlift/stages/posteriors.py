@@ -30,6 +30,7 @@ from nearlift.results.posterior import (
 from nearlift.results.serial import encode
 from nearlift.run import store
 from nearlift.run.checkpoint import Checkpoint
+from nearlift.run.expense import Chain
 from nearlift.run.job import Job, Say
 from nearlift.run.store import Table
 
@@ -66,9 +67,11 @@ class Posteriors:
             folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key
         )
         what = f"fit {boundary}: posterior of {name}"
+        chain = Chain(say=self.job.announce, what=what, blocks=self.settings.steps // BLOCK)
 
         def keep(block: Block) -> None:
             checkpoint.keep(block)
+            chain.heard(checkpoint.count)
             say(f"{what}, {BLOCK * checkpoint.count} steps", 0.5)
 
         say(what, 0.5)
