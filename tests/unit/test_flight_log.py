@@ -121,6 +121,20 @@ def test_binary_logs_say_the_same(log: Log, tmp_path: Path, version: int) -> Non
     assert usd["quality"].tolist() == text["quality"].tolist()
 
 
+@pytest.mark.filterwarnings("error")
+def test_a_log_that_is_there_twice_is_told_once_and_counts_once(log: Log, tmp_path: Path) -> None:
+    other = {**log, "az": log["az"] + 0.01 * np.sin(log["t"])}
+    trials, notes = ingest(tmp_path / "twice", {"a": log, "b": log, "c": other})
+    assert [n for n in notes if "byte for byte" in n] == [
+        "the record of b is that of a, byte for byte"
+    ]
+    good = trials["quality"] == ""
+    assert set(trials["record"][good]) == {"a", "c"}
+    once, said = ingest(tmp_path / "once", {"a": log, "c": other})
+    assert [n for n in notes if "lag" in n] == [n for n in said if "lag" in n]
+    assert np.array_equal(trials["throttle"][good], once["throttle"][once["quality"] == ""])
+
+
 def test_the_lag_can_be_given(log: Log, tmp_path: Path) -> None:
     trials, notes = ingest(tmp_path, {"a": log}, {"lag": "75 ms"})
     assert not any("lag is" in n for n in notes)

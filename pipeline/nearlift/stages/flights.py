@@ -179,7 +179,11 @@ def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[st
     flight = campaign.flight
     assert flight is not None
     given = None if flight.lag == "auto" else flight.lag
-    stretches = [s for a in answers.values() for s in a.stretches]
+    # a log that is there twice has flown once
+    apart: dict[str, Flown] = {}
+    for answer in answers.values():
+        apart.setdefault(answer.rows[0].source_sha256, answer)
+    stretches = [s for a in apart.values() for s in a.stretches]
     found = motor_lag.estimate(stretches, given)
     if found is None:
         if given is None and any(not r.reduced.codes for a in answers.values() for r in a.rows):

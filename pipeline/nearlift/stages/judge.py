@@ -84,21 +84,21 @@ def _whole_duplicates(rows: Rows, record: NDArray[np.object_], codes: Sequence[l
             codes[i].append("DUPLICATE")
 
 
-def _same(table: store.Table) -> list[str]:
-    """Whose record each duplicate is."""
-    notes: list[str] = []
+def _same(table: store.Table, campaign: Campaign) -> list[str]:
+    """Whose record each duplicate is; of records that are cut, once for all pieces."""
     first: dict[tuple[str, float], str] = {}
-    for trial, sha, lift, text in zip(
-        table["trial"],
+    notes: dict[str, None] = {}
+    for record, sha, lift, text in zip(
+        table[RECORD_COLUMN if campaign.cuts_records else "trial"],
         table["source_sha256"],
         table["lift_N"].tolist(),
         table["quality"],
         strict=True,
     ):
-        owner = first.setdefault((sha, lift), trial)
+        owner = first.setdefault((sha, lift), record)
         if "DUPLICATE" in text.split():
-            notes.append(f"the record of {trial} is that of {owner}, byte for byte")
-    return notes
+            notes[f"the record of {record} is that of {owner}, byte for byte"] = None
+    return list(notes)
 
 
 def _mark(table: store.Table, name: str, found: NDArray[np.bool_]) -> None:
@@ -128,14 +128,14 @@ def judge(table: store.Table, campaign: Campaign) -> list[str]:
     if campaign.flight is not None:
         # no command comes twice, and lift was weighed against the mass itself
         _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
-        return _same(table)
+        return _same(table, campaign)
     unit, key = unit_of(campaign)
     plausibility.against_weight(table, weight, unit, key)
     _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
     _mark(table, "NO_LIFT", plausibility.without_lift(table))
     _mark(table, "other_throttle", plausibility.other_throttle(table))
     notes = [
-        *_same(table),
+        *_same(table, campaign),
         *plausibility.odd_weight(table, weight, unit, key),
         *plausibility.mostly_unsettled(table),
     ]
