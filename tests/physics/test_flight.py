@@ -483,17 +483,43 @@ def test_a_price_that_the_flights_cannot_weigh_is_refused_with_the_number_that_w
         np.array([0.7, 0.8, 0.9]),
         np.array([30, 0, 0]),
     )
-    cheap = energy.choose(z_hat, cost, crashes, 60, 1.0)
+    cheap = energy.choose(z_hat, cost, crashes, crashes, 60, 1.0)
     assert (cheap.target_z_hat, cheap.resolved, cheap.crashes) == (z_hat[1], True, 0)
     assert cheap.rate == pytest.approx(0.5 / 61)
-    dear = energy.choose(z_hat, cost, crashes, 60, 10.0)
+    dear = energy.choose(z_hat, cost, crashes, crashes, 60, 10.0)
     assert not dear.resolved
     # at most 3 / n of them crash: 10 * 3 / n is to be less than the 0.1 that is saved
     assert dear.flights_needed == pytest.approx(300, rel=0.1)
-    assert energy.choose(z_hat, cost, crashes, dear.flights_needed, 10.0).resolved
+    many = dear.flights_needed
+    assert energy.choose(z_hat, cost, crashes, crashes, many, 10.0).resolved
     # far away is where it says that the best is there or beyond
-    assert energy.choose(z_hat, cost, np.array([50, 40, 1]), 60, 10.0).resolved
-    assert energy.choose(z_hat, np.full(3, 0.9), np.array([9, 3, 3]), 60, 1.0).farthest
+    risky, even = np.array([50, 40, 1]), np.array([9, 3, 3])
+    assert energy.choose(z_hat, cost, risky, risky, 60, 10.0).resolved
+    assert energy.choose(z_hat, np.full(3, 0.9), even, even, 60, 1.0).farthest
+
+
+def test_what_is_said_of_the_best_set_point_is_from_other_flights():
+    """Thirty set-points of which 5 % of the flights crash, and less than that in the best of them:
+    the rate that is stated is the true one on average, and its bound holds.
+    """
+    rng = np.random.default_rng(1)
+    z_hat, cost = np.linspace(1, 2, 30), np.linspace(0.8, 0.8001, 30)
+    said = [
+        energy.choose(z_hat, cost, *rng.binomial(60, 0.05, size=(2, 30)), 60, 0.1)
+        for _ in range(400)
+    ]
+    assert np.mean([b.rate for b in said]) == pytest.approx(3.5 / 61, abs=0.005)
+    assert np.mean([b.rate_hi95 >= 0.05 for b in said]) > 0.93
+
+
+def test_other_flights_meet_other_gusts():
+    how = CONVERGED.monte_carlo(60, KEY)
+    settings = [FlightSetting(target_z_hat=0.9, groups=CONVERGED.groups("ground"))]
+    one = tabulate([np.ones_like], 0.5)
+    first, other = (h.crashed("ground", settings, one)[0] for h in (how, how.others()))
+    assert 0 < other.sum() < 60
+    assert (first != other).any()
+    assert (how.others().others().crashed("ground", settings, one)[0] == first).all()
 
 
 def levels_of(rng, **centres):

@@ -84,15 +84,16 @@ class BestSetPoint:
         It is the farthest set-point flown.
     expected_cost, relative_cost : float
     crashes : int
+        Of flights that had no part in the choice.
     rate, rate_hi95 : float
-        Estimate, and one-sided upper bound, of the crash rate there.
+        Estimate, and one-sided upper bound, of the crash rate there, from the same flights.
     resolved : bool
         Even at the upper bound of its risk it costs less than the farthest set-point flown would
         without any. (The farthest itself counts as resolved: it says that the best is there or
         beyond.)
     flights_needed : int or None
-        So many would resolve it if as few of them crashed; None where it is resolved, or where no
-        number would do.
+        So many would resolve it if as few of them crashed as of those that it was chosen by; None
+        where it is resolved, or where no number would do.
     agrees : bool
         The two readings of lift below the nearest station lead to the same; where they do not,
         `target_z_hat` is None and the interval is that of the model's own form.
@@ -117,24 +118,31 @@ def choose(
     target_z_hat: FloatArray,
     relative_cost: FloatArray,
     crashes: IntArray,
+    again: IntArray,
     flights: int,
     price: float,
 ) -> BestSetPoint:
     """The set-point of least expected cost by the estimated rates of n set-points, with the test of
     whether so many flights can tell.
+
+    The best of many was flown luckier than it is: what is said of it is from `again`, the crashes
+    in as many other flights.
     """
-    rate = estimate(crashes, flights)
-    best, total = best_set_point(relative_cost, rate, price)
-    farthest = best == len(rate) - 1
-    k = int(crashes[best])
+    best, _ = best_set_point(relative_cost, estimate(crashes, flights), price)
+    farthest = best == len(crashes) - 1
+    k = int(again[best])
+    rate = float(estimate(again[best : best + 1], flights)[0])
     upper = float(upper95(np.array([k]), flights)[0])
     saving = float(relative_cost[-1] - relative_cost[best])
     resolved = farthest or price * upper <= saving
     needed = None
-    if not resolved and saving > price * k / flights:
-        needed = flights
+    first = int(crashes[best])
+    if not resolved and saving > price * first / flights:
+        # the first flights may have shown it, and the others not: then twice as many
+        shown = price * float(upper95(np.array([first]), flights)[0]) <= saving
+        needed = 2 * flights if shown else flights
         while (
-            price * float(upper95(np.array([round(k * needed / flights)]), needed)[0]) > saving
+            price * float(upper95(np.array([round(first * needed / flights)]), needed)[0]) > saving
             and needed < MOST_FLIGHTS
         ):
             needed = int(np.ceil(1.05 * needed))
@@ -142,10 +150,10 @@ def choose(
         price=price,
         target_z_hat=float(target_z_hat[best]) if resolved else None,
         farthest=farthest,
-        expected_cost=total,
+        expected_cost=float(relative_cost[best] + price * rate),
         relative_cost=float(relative_cost[best]),
         crashes=k,
-        rate=float(rate[best]),
+        rate=rate,
         rate_hi95=upper,
         resolved=bool(resolved),
         flights_needed=needed,

@@ -20,10 +20,10 @@ from nearlift.flight.simulation import crash_rate, energy, presets
 from nearlift.flight.simulation.control import Gains, stable
 from nearlift.flight.simulation.craft import Craft
 from nearlift.flight.simulation.crash_rate import CrashLevel
-from nearlift.flight.simulation.curve import tabulate
+from nearlift.flight.simulation.curve import Curves, tabulate
 from nearlift.flight.simulation.disturbance import Disturbance
 from nearlift.flight.simulation.energy import BestSetPoint
-from nearlift.flight.simulation.flight import Spread, steps_per_hold
+from nearlift.flight.simulation.flight import FlightSetting, Spread, steps_per_hold
 from nearlift.flight.simulation.groups import (
     Groups,
     dimensionless,
@@ -39,6 +39,7 @@ from nearlift.flight.simulation.monte_carlo import (
 )
 from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
+from nearlift.results import IntArray
 from nearlift.results.serial import Unbounded, optional
 
 Rows = list[dict[str, object]]
@@ -247,6 +248,7 @@ def fitted_flights(
     ]
     rng = generator(seed, "levels", "fitted", boundary)
     costs = [energy.cost(r, held)[1] for r in flown.ratio]
+    again = _again(flown, costs, chosen.crash_prices, boundary, curves, groups, how, droop)
     entry = FittedFlights(
         model=lift.model.name,
         title=lift.title,
@@ -270,7 +272,7 @@ def fitted_flights(
         front_z_hat=flown.target_z_hat[
             energy.front(costs[FORM], flown.crashes[FORM] / flown.flights)
         ],
-        best_set_points=_best(flown, costs, chosen.crash_prices, rng),
+        best_set_points=_best(flown, again, costs, chosen.crash_prices, rng),
     )
     return entry, flown, rows
 
@@ -315,8 +317,48 @@ def agreed_z_hat(flown: Sweep) -> float:
     return float(flown.target_z_hat[at]) if at < len(flown.target_z_hat) else math.inf
 
 
+def _again(
+    flown: Sweep,
+    costs: list[FloatArray],
+    prices: Sequence[float],
+    boundary: Boundary,
+    curves: Curves,
+    groups: Groups,
+    how: MonteCarlo,
+    droop: float,
+) -> IntArray:
+    """Crashes of other flights, (curves, set-points), at what is best for a price by either reading
+    of lift below the nearest station; 0 elsewhere.
+    """
+    at = sorted(
+        {
+            energy.best_set_point(
+                costs[i], crash_rate.estimate(flown.crashes[i], flown.flights), price
+            )[0]
+            for i in (FORM, HELD)
+            for price in prices
+        }
+    )
+    settings = [
+        FlightSetting(
+            target_z_hat=float(flown.target_z_hat[j]), groups=groups, curve=i, droop=droop
+        )
+        for i in (FORM, HELD)
+        for j in at
+    ]
+    found = np.zeros_like(flown.crashes)
+    if settings:
+        crashed = how.others().crashed(boundary, settings, curves).sum(axis=1)
+        found[np.ix_([FORM, HELD], at)] = crashed.reshape(2, len(at))
+    return found
+
+
 def _best(
-    flown: Sweep, costs: list[FloatArray], prices: Sequence[float], rng: np.random.Generator
+    flown: Sweep,
+    again: IntArray,
+    costs: list[FloatArray],
+    prices: Sequence[float],
+    rng: np.random.Generator,
 ) -> tuple[BestSetPoint, ...]:
     """For each price of a crash the set-point of least expected cost, over draws of the model and
     resamples of the flights; none where lift held below the nearest station leads elsewhere.
@@ -330,7 +372,7 @@ def _best(
     best = []
     for price in prices:
         choice, held = (
-            energy.choose(z_hat, costs[i], flown.crashes[i], flown.flights, price)
+            energy.choose(z_hat, costs[i], flown.crashes[i], again[i], flown.flights, price)
             for i in (FORM, HELD)
         )
         if choice.target_z_hat is not None:

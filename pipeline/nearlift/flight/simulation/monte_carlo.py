@@ -30,6 +30,8 @@ CHECKED, LEAST_CHECKED = 0.25, 50
 #: Set-points farther than the last with a crash at which the step is tested: crashes fall with
 #: distance, by any step.
 BEYOND = 2
+#: What tells the key of other flights from that of the first.
+OTHERS = 1 << 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,6 +103,10 @@ class MonteCarlo:
     def at_most(self, flights: int) -> MonteCarlo:
         """The first so many of the same flights."""
         return replace(self, flights=min(flights, self.flights))
+
+    def others(self) -> MonteCarlo:
+        """As many flights, none of them among these."""
+        return replace(self, key=self.key ^ OTHERS)
 
     def crashed(
         self, boundary: Boundary, settings: Sequence[FlightSetting], curves: Curves

@@ -143,7 +143,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         (
             "Below: power against risk, a rate without a crash standing at half a crash. Symbols"
             " are the set-points of least expected cost where a crash costs so many times the"
-            " flight's energy, by rates of (crashes + 1/2) / (flights + 1) that fall with distance."
+            " flight's energy, by rates of (crashes + 1/2) / (flights + 1) that fall with distance,"
+            " at the rate of as many other flights, which had no part in the choice."
             " No set-point is named for a price at which even the upper bound of its risk (95 %)"
             " would cost more than it saves over the farthest set-point."
         ),
