@@ -5,7 +5,9 @@ convention that a log can break is refused or coded, with its remedy.
 from __future__ import annotations
 
 import copy
+import struct
 import tomllib
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -20,6 +22,7 @@ from nearlift.cli import main
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
+from nearlift.readers import usd
 from nearlift.reduction import motor_lag
 
 from .bench_campaign import run_ingest
@@ -281,6 +284,38 @@ def test_a_log_cut_anywhere_is_told(log: Log, tmp_path: Path, share: float, kind
         # a text that is whole to its last line cannot show that there were more
         assert trials["samples"][mine].sum() <= (share + 0.02) * len(log["t"]) + 1
         assert codes & {"truncated", "CONTACT", "MALFORMED"}
+
+
+def test_what_is_salvaged_counts_and_what_is_not_says_how(log: Log, tmp_path: Path) -> None:
+    cut = flying.usd(log)[: 60 * len(log["t"]) // 2]
+    records = {"reader": "crazyflie-usd", "files": "logs/{record}.csv"}
+    with pytest.raises(InputRefused, match=r"check sum is wrong.*salvage = true"):
+        ingest(tmp_path / "plain", {"cut": cut}, records=records)
+    salvage = {**records, "dialect": {"salvage": True}}
+    trials, notes = ingest(tmp_path / "salvaged", {"cut": cut}, records=salvage)
+    kept = int((trials["quality"] == "salvaged").sum())
+    assert kept > 50
+    assert any(n.startswith(f"1 log cut into {kept} windows") for n in notes)
+
+
+def test_records_of_several_kinds_are_told_apart_in_any_order() -> None:
+    rng = np.random.default_rng(4)
+    kinds = rng.integers(0, 2, 60).repeat(rng.integers(1, 9, 60))
+    head = struct.pack("<BHH", 0xBC, 2, 2)
+    for number, text in ((7, b"a\0\1\0x(f)\0"), (7 + 256, b"b\0\2\0y(H)\0z(d)\0")):
+        head += struct.pack("<H", number) + text
+    body = b"".join(
+        struct.pack("<HQHd", 7 + 256, i, i, -i) if kind else struct.pack("<HQf", 7, i, i)
+        for i, kind in enumerate(kinds)
+    )
+    content = head + body
+    content += struct.pack("<I", zlib.crc32(content))
+    found = {c.name: c.values for c in usd.decode(content, "log").channels}
+    places = np.arange(len(kinds))
+    assert np.array_equal(found["a.x"], places[kinds == 0])
+    assert np.array_equal(found["b.y"], places[kinds == 1])
+    assert np.array_equal(found["b.z"], -places[kinds == 1])
+    assert np.array_equal(found["b.time"], 1e-6 * places[kinds == 1])
 
 
 def with_holes(log: Log) -> Log:

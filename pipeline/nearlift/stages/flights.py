@@ -186,7 +186,7 @@ def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[st
     stretches = [s for a in apart.values() for s in a.stretches]
     found = motor_lag.estimate(stretches, given)
     if found is None:
-        if given is None and any(not r.reduced.codes for a in answers.values() for r in a.rows):
+        if given is None and any(not w.codes for a in answers.values() for w in a.windows):
             raise InputRefused(
                 "flight.lag",
                 f"{len(stretches)} stretches of flight cannot tell the motors' lag",
@@ -246,7 +246,7 @@ def _counted(answers: Sequence[Flown]) -> list[str]:
     whole = sum(total.values())
     if not whole:
         return []
-    kept = sum(not r.reduced.codes for a in answers for r in a.rows)
+    kept = sum(not window.codes for a in answers for window in a.windows)
     logs = sum(bool(a.windows) for a in answers)
     lost = ", ".join(f"{code} {100 * n / whole:.3g} %" for code, n in total.most_common() if code)
     return [

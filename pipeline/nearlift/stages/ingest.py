@@ -153,10 +153,12 @@ def run(job: Job) -> Outcome:
         # a log stands on the floor at its ends whatever is wrong with it
         beside = [name for name, _ in told.most_common() if name != "CONTACT"]
         worst = quality.code([*beside, *told][0])
+        # what is wrong with the first says more than what the code means
+        fault = next((f for f in table["fault"] if f), "") if worst.name == "MALFORMED" else ""
         raise InputRefused(
             str(job.root),
             f"all {len(bad)} trials are rejected ({reasons})",
-            *(swept or [f"{worst.name}: {worst.meaning}{remedies.get(worst.name, '')}"]),
+            *(swept or [f"{worst.name}: {fault or worst.meaning}{remedies.get(worst.name, '')}"]),
         )
     job.write(TRIALS, table)
     faults = np.flatnonzero(quality.faulty(table["quality"]))
