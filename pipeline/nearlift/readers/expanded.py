@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +139,7 @@ def _further(
     found: dict[str, NDArray[Any]] = {}
     for name in names:
         of = [NOTHING if p is None else p.covariates.get(name, NOTHING) for _, p in rows]
-        mean, scatter = np.array(of).T
+        mean, scatter = np.fromiter(chain.from_iterable(of), float, 2 * len(of)).reshape(-1, 2).T
         if np.isfinite(mean).any():
             own = name if name not in taken else f"{RECORD_COLUMN} {name}"
             found[own] = mean
