@@ -7,7 +7,7 @@ The truth is a height_offset of rho 0.5, of the sign that near_wall_saturation c
 other, the first round parts the two); a campaign ends where 2 ln B between them exceeds `APART`, or
 after `MOST` visits. All visits of a station are alike but for their errors, so that the mean of its
 visits says all that they say: a campaign takes a second. A row per campaign, by how the evidence is
-had (`Forms`) and by plan: `full`, `next` with half and with 0.3 of its visits going round, `known`
+had (`Forms`) and by plan: `full`, `next` with half, 0.3 and none of its visits going round, `known`
 (half, chosen by who knows the truth: what no choosing betters); visits taken, and 2 ln B then.
 """
 
@@ -40,7 +40,13 @@ from nearlift.results.diagnosis import FORM_SD
 MOST = 600
 NAMES = ("height_offset", "near_wall_saturation")
 #: Share that goes round all stations, and whether the truth is known, of each plan.
-PLANS = {"full": (1.0, False), "next": (0.5, False), "next30": (0.3, False), "known": (0.5, True)}
+PLANS = {
+    "full": (1.0, False),
+    "next": (0.5, False),
+    "next30": (0.3, False),
+    "next0": (0.0, False),
+    "known": (0.5, True),
+}
 
 
 class Forms(NamedTuple):
