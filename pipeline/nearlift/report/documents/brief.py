@@ -251,5 +251,6 @@ def _proposal(experiment: NextExperiment) -> str:
     if not isinstance(experiment, NextSession):
         return titled(experiment.measure)
     parts = " from ".join(experiment.separates)
-    about = plain(experiment.trials_to_separate, 2)
+    # where so many are there already, as a session has them
+    about = plain(experiment.trials_to_separate or experiment.trials, 2)
     return titled(f"to tell {parts}: {experiment.measure} (about {about} trials)")
