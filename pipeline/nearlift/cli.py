@@ -25,20 +25,18 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 from nearlift import __version__  # noqa: E402
 from nearlift.commands import GROUPS, everything  # noqa: E402
 from nearlift.errors import did_you_mean  # noqa: E402
+from nearlift.garbage import uncollected  # noqa: E402
 from nearlift.run.registry import ORDER, STAGES  # noqa: E402
 
 
 @contextlib.contextmanager
 def no_garbage() -> Iterator[None]:
-    """While modules are imported, which stay: nobody looks for garbage among them, now or later,
-    which would take a tenth of the time.
-    """
-    gc.disable()
-    try:
-        yield
-    finally:
-        _freeze()
-        gc.enable()
+    """While modules are imported, which stay: nobody looks for garbage among them, now or later."""
+    with uncollected():
+        try:
+            yield
+        finally:
+            _freeze()
 
 
 @functools.cache

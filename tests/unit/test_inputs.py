@@ -20,6 +20,7 @@ from nearlift.likelihood.budget import Component
 from nearlift.manifest import campaign as manifest
 from nearlift.report.chapters import doubts
 from nearlift.results import Noise
+from nearlift.results.outlook import SilentEffect
 
 from .conftest import raw_manifest
 from .simulated import campaign
@@ -166,7 +167,15 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     u = height / 40
 
     def diagnosed(verdict, **hidden):
-        silent = SimpleNamespace(effect="height_offset", u=u, **hidden)
+        silent = SilentEffect(
+            effect="height_offset",
+            absorbed_by="K_b",
+            share_visible=0.1,
+            in_units_of="u(K_b)",
+            u=u,
+            u_of="base fit",
+            **{"bias_at_detection_limit": 0.0, "hidden": False} | hidden,
+        )
         return SimpleNamespace(verdict=verdict, untestable={}, silent=(silent,) if hidden else ())
 
     def worst(found):

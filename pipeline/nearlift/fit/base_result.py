@@ -29,7 +29,7 @@ def base_result(
     """
     estimator = Estimator.of(fit)
     noise = fit.noise.source.partition(" (")[0]
-    declared = budget.declared((*fit.parts, *fit.plan.shared))
+    declared = budget.and_declared((*fit.parts, *fit.plan.shared))
     holds = f"Allows for the {noise}{declared}, not for effects that nobody looked for"
     doubts, shapes = estimator.doubts(), shape_doubts(entry)
     scale = np.sqrt(np.diag(fit.covariance))

@@ -78,7 +78,7 @@ class Component:
         return np.full(data.n, self.standard)
 
 
-def declared(parts: Iterable[Component]) -> str:
+def and_declared(parts: Iterable[Component]) -> str:
     """The errors among `parts` that the manifest declares, by name: " and the declared errors (a,
     b)"; empty where it declares none.
     """

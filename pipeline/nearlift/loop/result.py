@@ -92,7 +92,7 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
     errors = (
         "the scatter of whole visits"
         if stage.independent
-        else f"the noise of trials{budget.declared(stage.parts)}"
+        else f"the noise of trials{budget.and_declared(stage.parts)}"
     )
     if found.carried:
         return (

@@ -67,6 +67,11 @@ class SilentEffect:
     u_of: str
     hidden: bool
 
+    @property
+    def shift(self) -> float:
+        """That bias in the coefficient's own unit."""
+        return self.bias_at_detection_limit * self.u
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alternative:

@@ -4,10 +4,8 @@ estimated over all of them, and the commands behind it become the trials' thrott
 
 from __future__ import annotations
 
-import contextlib
-import gc
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 from nearlift import readers
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.garbage import uncollected
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import flights
 from nearlift.readers.channel import Contents, Malformed
@@ -63,7 +62,8 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         No log is there, most are not as the manifest says (the first one's refusal), or their lag
         cannot be told.
     """
-    with _uncollected():
+    # windows come by the ten thousand
+    with uncollected():
         answers = answers_of(job, reader, schedule, cut_logs)
         lag, notes = _lag(job.campaign, answers)
         weights = _weights(lag)
@@ -72,20 +72,6 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         rows, unlisted = rows_of(job, schedule, trials, answers, Rows(len(trials)))
         counted = _counted(list(answers.values()))
         return trials, rows, [*unlisted, *counted, *notes, *rows.told()]
-
-
-@contextlib.contextmanager
-def _uncollected() -> Iterator[None]:
-    """Windows come by the ten thousand and hold no cycles: to look for garbage among them takes a
-    tenth of the time.
-    """
-    before = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if before:
-            gc.enable()
 
 
 def cut_logs(task: Task) -> list[Flown]:

@@ -221,7 +221,7 @@ def _unseen_shift(found: BoundaryDiagnosis | None, on: str, u: float) -> float:
     hidden = [s for s in found.silent if s.effect in names]
     if any(s.hidden for s in hidden):
         return math.inf
-    return max((s.bias_at_detection_limit * s.u for s in hidden), default=u)
+    return max((s.shift for s in hidden), default=u)
 
 
 def unseen(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:
@@ -233,8 +233,7 @@ def unseen(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:
     if not (own and found and found.silent):
         return None
     most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
-    shift = most.bias_at_detection_limit * most.u
-    return (shift, most.effect) if own.u < shift < math.inf else None
+    return (most.shift, most.effect) if own.u < most.shift < math.inf else None
 
 
 def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:

@@ -232,25 +232,11 @@ def _models(
             | {"dash": [list(dash or (1, 0))] * int(keep.sum())}
         )
 
-    own, effects = fig2.line(evidence, boundary, grid), fig2.named(evidence, boundary)
+    own = fig2.line(evidence, boundary, grid)
     apart = own.parts(span)
-    refused = evidence.quoted(boundary).refused
-    source = (
-        f"least squares: {', '.join(map(letter, refused))} refused"
-        if refused
-        else f"as quoted, beside {' and '.join(map(titled, effects))}"
-        if effects
-        else "as quoted, with what is unexplained"
-        if fig2.as_quoted(evidence, boundary)
-        else "least squares"
-        if not own.sampled
-        else "posterior median"
-        if apart
-        else "as quoted"
-    )
     add(
         base.name,
-        f"{fitted.title}, {source}",
+        f"{fitted.title}, {_source(evidence, boundary, own, apart)}",
         own.middle + 1,
         fitted,
         True,
@@ -292,6 +278,19 @@ def _models(
         choices,
         levels,
     )
+
+
+def _source(evidence: Evidence, boundary: Boundary, own: curves.Curve, apart: bool) -> str:
+    """What the line is from; `apart` says that it can be told from least squares."""
+    if refused := evidence.quoted(boundary).refused:
+        return f"least squares: {', '.join(map(letter, refused))} refused"
+    if effects := fig2.named(evidence, boundary):
+        return f"as quoted, beside {' and '.join(map(titled, effects))}"
+    if fig2.as_quoted(evidence, boundary):
+        return "as quoted, with what is unexplained"
+    if not own.sampled:
+        return "least squares"
+    return "posterior median" if apart else "as quoted"
 
 
 def _overlays(evidence: Evidence, boundary: Boundary) -> Columns:
