@@ -32,7 +32,7 @@ OPTIONS = (
     "--disable-background-networking",
     "--remote-debugging-pipe",
 )
-PATIENCE_S = 120.0
+PATIENCE_S, CLICK_S = 120.0, 20.0
 
 
 class Navigated(Exception):
@@ -103,15 +103,17 @@ class Page:
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
-    def wait(self, script: str) -> Any:
+    def wait(self, script: str, patience_s: float = PATIENCE_S) -> Any:
         """Until an expression comes true; an element has no value, and is true."""
-        deadline = time.monotonic() + PATIENCE_S
+        deadline = time.monotonic() + patience_s
         while True:
             # where the page is left meanwhile, the next one is asked
             with contextlib.suppress(Navigated):
                 if found := self.run(f"(v => (v instanceof Node ? true : v))({script})"):
                     return found
-            assert time.monotonic() < deadline, f"never true: {script}"
+            if time.monotonic() > deadline:
+                shown = self.run("`${location.href}\n${document.body?.innerText}`")
+                raise AssertionError(f"never true: {script}\n{self.errors}\n{shown}")
             time.sleep(0.05)
 
     def open(self, address: str, width: int = 1200, dark: bool = False, media: str = "") -> None:
@@ -166,8 +168,18 @@ class Page:
             )
 
     def click(self, selector: str) -> None:
-        """The mouse on an element."""
-        self.drag(selector, 0.5)
+        """The mouse on an element; again where that moved away under it."""
+        aimed = "document.documentElement.dataset.aimed"
+        for _ in range(3):
+            self.run(
+                f"{aimed} = 'yes'; addEventListener('click', e => {{"
+                f" if (e.target.closest({json.dumps(selector)})) delete {aimed}; }}, true)"
+            )
+            self.drag(selector, 0.5)
+            with contextlib.suppress(AssertionError):
+                self.wait("!document.documentElement?.dataset.aimed", CLICK_S)
+                return
+        raise AssertionError(f"never clicked: {selector}")
 
     def write(self, selector: str, text: str) -> None:
         """Type a text in place of what a field holds, and go on to the next."""

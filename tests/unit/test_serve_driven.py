@@ -61,6 +61,10 @@ def test_a_folder_of_records_becomes_a_report(tmp_path):
         driven.settled(page)
         report = driven.run(page)
         assert page.errors == []
+        page.run("history.back()")
+        driven.on(page, "work")
+        page.wait(f"{driven.STATE} === 'done'")
+        assert "report   figures" in page.run("document.querySelector('#log').textContent")
     made = (root / "raw" / "rig" / "campaign.toml").read_text()
     tare = float(made.split('tare        = "')[1].split(" s")[0])
     assert tare == pytest.approx(0.1, abs=0.004)
