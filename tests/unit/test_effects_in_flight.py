@@ -227,12 +227,3 @@ def test_the_set_point_tells_the_lag_that_feedback_biases(tmp_path: Path) -> Non
     # least squares is off by more than its scatter, and its uncertainty holds that
     assert plain.value_s > craft.lag_s + 0.006
     assert abs(plain.value_s - craft.lag_s) < 2.6 * plain.u_s
-
-
-def test_a_command_acts_behind_its_sample() -> None:
-    told = np.array([0.5, 0.5, 0.8, 0.8, 0.8])
-    run = np.array([0, 0, 0, 0, 1])
-    found = motor_lag.filtered(told, run, 0.01, 0.05)
-    keep = np.exp(-0.2)
-    np.testing.assert_allclose(found, [0.5, 0.5, 0.5, 0.8 - 0.3 * keep, 0.8])
-    np.testing.assert_allclose(motor_lag.filtered(told, run, 0.01, 0.0), [0.5, 0.5, 0.5, 0.8, 0.8])

@@ -23,7 +23,6 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
 from nearlift.readers import usd
-from nearlift.reduction import motor_lag
 
 from .bench_campaign import run_ingest
 
@@ -156,22 +155,6 @@ def test_the_lag_is_that_of_the_motors_and_not_of_the_windows(log: Log, tmp_path
         for w in ("0.25", "0.5")
     ]
     assert said[0] == said[1]
-
-
-def test_a_lag_is_found_where_nothing_feeds_back() -> None:
-    """Commands that answer nothing: the estimate covers the truth, four standard errors wide."""
-    rng = np.random.default_rng(5)
-    n, step = 12_000, 0.01
-    told = np.repeat(rng.uniform(0.5, 0.7, n // 40), 40)
-    run = np.zeros(n, dtype=np.int64)
-    lift = motor_lag.filtered(told, run, step, 0.063) ** 1.7 * np.exp(0.01 * rng.normal(size=n))
-    each = np.stack([motor_lag.filtered(told, run, step, lag) for lag in motor_lag.GRID])
-    found = motor_lag.estimate(
-        motor_lag.moments(lift, each, [rng.normal(size=n)], np.arange(n) // 400 + 1, step)
-    )
-    assert found is not None
-    assert abs(found.value_s - 0.063) < 4 * found.u_s
-    assert abs(found.power - 1.7) < 0.05
 
 
 # ---- conventions
