@@ -107,9 +107,14 @@ def test_what_could_part_rivals_is_what_to_measure_next(evidence, quoted):
         assert logged.startswith("log ") == (quoted.verdict == "unexplained")
 
 
-def test_what_could_move_the_number_unseen_is_looked_for_first(evidence, quoted):
+@pytest.mark.parametrize("declared", [False, True])
+def test_what_could_move_the_number_unseen_is_looked_for_first(
+    evidence, quoted, declared, monkeypatch
+):
     if quoted.verdict != "adequate":
         return
+    if declared:
+        monkeypatch.setattr(brief, "undeclared", lambda *_: [])
     content = evidence.document(DIAGNOSIS)
     block = content["boundaries"]["ground"]
     silent = [

@@ -180,8 +180,8 @@ def _influence(quoted: BoundaryResult) -> str:
 
 
 def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:
-    """What to measure next: what would part rivals, or give a diagnosis; else what nobody declared,
-    or what matters most in the budget, and what to log.
+    """What to measure next: what would part rivals, or give a diagnosis; else what would show what
+    hides, what nobody declared, or what matters most in the budget; and what to log.
     """
     found = evidence.diagnosed(boundary)
     visit = quoted.hinge[1] if quoted.hinge and quoted.hinge[0] == "visit" else None
@@ -205,23 +205,29 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
         # what has no name is looked for first; a better input does not find it
         where = structure_along(found) if found else ""
         words = [f"whatever else changes along {where}"] if where else []
-    elif grave := [INPUT_WORDS[e.on] for e in undeclared(evidence, boundary) if e.in_u > 1]:
+    else:
         said += _to_see(evidence, boundary)
-        each = " each" if len(grave) > 1 else ""
-        said.append(f"measure the {listed(grave)}, and declare how well{each or ' it'} is known")
-    elif quoted.headline and not said:
-        own = {line.source: line for line in quoted.coefficients[quoted.headline].budget}
-        for source, _ in leads(quoted.coefficients[quoted.headline]):
-            # the form of an effect, and what has no name, are not measured
-            if own[source].scope:
-                repeats = own[source].kind == "A"
-                said.append(
-                    f"more trials: {source} is most of the uncertainty"
-                    if repeats
-                    else f"a better {source}"
-                )
-                break
+        if grave := [INPUT_WORDS[e.on] for e in undeclared(evidence, boundary) if e.in_u > 1]:
+            each = " each" if len(grave) > 1 else ""
+            said.append(
+                f"measure the {listed(grave)}, and declare how well{each or ' it'} is known"
+            )
+        elif quoted.headline and not said:
+            said += _better(quoted.coefficients[quoted.headline])
     return "; ".join(said + _logging(found, words))
+
+
+def _better(c: CoefficientResult) -> list[str]:
+    """What would lessen a coefficient's uncertainty most, of what can be measured: not the form of
+    an effect, nor what has no name.
+    """
+    own = {line.source: line for line in c.budget}
+    for source, _ in leads(c):
+        if own[source].scope:
+            repeats = own[source].kind == "A"
+            more = f"more trials: {source} is most of the uncertainty"
+            return [more if repeats else f"a better {source}"]
+    return []
 
 
 def _to_see(evidence: Evidence, boundary: Boundary) -> list[str]:
