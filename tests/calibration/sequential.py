@@ -3,12 +3,11 @@
 
     python -m tests.calibration.sequential coefficient --count 99 --seed 820000 --out rows.jsonl
 
-Kinds: `stations` (ground; visits as below, at the stations of each design), `foretold` (the same
-for the u of the full plan's `PAPER` visits, with the least that is possible), `coefficient` (no effect; visits until u of the first coefficient is that of the full plan at
-`FULL` visits; then its 90 % interval, and claims at looks and at the stop), `supply` (supply_sag
-that a falling battery hides behind gain_drift; visits until 2 ln B > 9). For rivals by stations see
-`rivals`. A row per campaign;
-with --tabulate FILES medians, quartiles and exact binomial intervals.
+Kinds: `coefficient` (no effect; visits until u of the first coefficient is that of the full plan
+at `FULL` visits; then its 90 % interval, and claims at a look and at the stop), `stations` (ground;
+the same visits at the stations of each design, by what goes round), `supply` (supply_sag that a
+falling battery hides behind gain_drift; visits until 2 ln B > 9). For rivals by stations see
+`rivals`. A row per campaign; with --tabulate medians, quartiles and exact binomial intervals.
 """
 
 from __future__ import annotations
@@ -37,13 +36,14 @@ from nearlift.loop.interim import InterimLook
 from nearlift.loop.search_problem import Options, SearchProblem, outside
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import FORM_SD
+from nearlift.stages.asked import ROUNDS
 
 #: The full plan's visits whose uncertainty is asked for, most of any plan, and visits of a batch and
 #: of a session.
-FULL, MOST, BATCH, SESSION = 150, 300, 10, 50
+FULL, MOST, BATCH, SESSION = 300, 600, 10, 50
+#: Visits before the first that is planned, shares that go round, p at which structure is seen.
+FIRST, SHARES, SEEN_AT = 5, (0.5, 0.4, 0.3, 0.2, 0.0), 1e-3
 APART = 9.0
-#: Visits of the full plan where the answer is foretold, and p at which structure counts as seen.
-PAPER, SEEN_AT = 300, 1e-3
 #: Of the supply: visits before the first that is planned, and between looks.
 FEW, EVERY = 4, 2
 #: A true exponent, what a battery loses over a session, and by how much a visit's supply is moved.
@@ -105,6 +105,12 @@ def full(stations: int, visits: int, rng: np.random.Generator) -> np.ndarray:
     return np.concatenate([rng.permutation(stations) for _ in range(rounds)])[:visits]
 
 
+def begun(stations: int, rng: np.random.Generator) -> np.ndarray:
+    """The nearest, the farthest and others between, in random order."""
+    between = 1 + rng.permutation(stations - 2)[: FIRST - 2]
+    return rng.permutation(np.r_[0, stations - 1, between])
+
+
 def fixed(stations: int, visits: int, rng: np.random.Generator) -> np.ndarray:
     """35 % far off, the rest all stations in turn."""
     far = rng.permutation(np.arange(visits) % 20 < 7)
@@ -136,79 +142,77 @@ def u_of(stage: SearchProblem) -> float:
     return float(coefficients.spread(stage, stage.base_fit)[1][0])
 
 
-def counted(pool: Pool, seed: int) -> tuple[np.ndarray, dict[str, int]]:
+def counted(pool: Pool, seed: int, rounds: float) -> tuple[np.ndarray, dict[str, int]]:
     """Visits until u of the first coefficient is what the full plan has after `FULL`: their order,
-    and how many it took, was foretold, and takes by the fixed plan.
+    how many it took, was foretold, and takes by the fixed plan.
     """
     rng, stations = stream(seed, "plan"), len(pool.z_hat)
     target = u_of(known(pool.run(full(stations, FULL, stream(seed, "full"))), pool))
-    order = full(stations, stations, rng)
+
+    def takes(order: np.ndarray) -> int:
+        return _first(lambda n: u_of(known(pool.run(order[:n]), pool)) <= target, len(order))
+
+    order = begun(stations, rng)
     told = 0
     while u_of(stage := known(pool.run(order), pool)) > target and len(order) < MOST:
-        plan = planned(stage, pool.z_hat)
+        plan = planned(stage, pool.z_hat, rounds)
         if not told:
             ahead = plan.until(target, BATCH, np.random.default_rng(seed))
             told = MOST if ahead is None else len(order) + len(ahead)
         order = np.append(order, plan.menu.station[plan.batch(BATCH, rng)])
-    fixed_order = fixed(stations, 2 * MOST, stream(seed, "fixed"))
-    by_fixed = _first(lambda n: u_of(known(pool.run(fixed_order[:n]), pool)) <= target)
+    order = order[: takes(order)]
+    by_fixed = takes(fixed(stations, MOST, stream(seed, "fixed")))
     return order, {"next": len(order), "fixed": by_fixed, "told": told}
 
 
 def stations(design: str, seed: int) -> dict[str, Any]:
-    """The same near the ground, at the stations of that design, counted alone."""
-    spec = Spec(boundary="ground", design=design, visits=MOST // 3, sessions=1, errors=Errors())
-    return {**counted(Pool(spec, seed), seed)[1]}
-
-
-def foretold(design: str, seed: int) -> dict[str, Any]:
-    """Visits near the ground until u of the first coefficient is what the full plan has after
-    `PAPER`, foretold from one round on; the least that any choice made beforehand takes; and the
-    chance left to see a structure in distance that the full plan then sees with 0.9.
+    """The same near the ground, at the stations of that design, by what goes round (in percent);
+    the least that any choice of the others takes, made beforehand; and the chance left to see a
+    structure in distance that the full plan sees with 0.9.
     """
-    spec = Spec(boundary="ground", design=design, visits=2, sessions=1, errors=Errors())
-    pool = Pool(spec, seed)
-    count = len(pool.z_hat)
-    plan = planned(known(pool.run(np.arange(count)), pool), pool.z_hat)
-    nothing = plan.now - plan.added.sum(axis=0)
-    even = np.full(count, 1 / count)
-
-    def after(visits: np.ndarray) -> np.ndarray:
-        return nothing + np.tensordot(visits, plan.added, axes=(0, 0))
-
-    whole = after(PAPER * even)
-    wanted = float(plan.u(whole))
-
-    def takes(share: np.ndarray) -> float:
-        return float(brentq(lambda n: float(plan.u(after(n * share))) - wanted, 1.0, 1e5))
-
-    far = 0.65 * even + 0.35 * np.eye(count)[-1]
-    row = {"fixed": takes(far), "fixed_sees": plan.sees(after(takes(far) * far), whole, SEEN_AT)}
-    for rounds in (0.5, 0.3, 0.0):
-        own = dataclasses.replace(plan, rotating=rounds)
-        ahead = own.until(wanted, BATCH, np.random.default_rng(seed))
-        assert ahead is not None
-        name = f"next{100 * rounds:.0f}"
-        row[name] = count + len(ahead)
-        row[f"{name}_sees"] = plan.sees(own.after(ahead), whole, SEEN_AT)
-        chosen = even.copy()
-        for _ in range(1000):
-            # multiplicative steps of the c-optimal design
-            information = after(rounds * even + (1 - rounds) * chosen)[: plan.q, : plan.q]
-            size = np.sqrt(np.maximum(np.diag(information), 1e-300))
-            unit = information / np.outer(size, size) + next_visits.RIDGE * np.eye(plan.q)
-            aim = np.eye(plan.q)[plan.target] / size
-            along = np.linalg.solve(unit, aim) / size
-            chosen *= np.sqrt([along @ a[: plan.q, : plan.q] @ along for a in plan.added])
-            chosen /= chosen.sum()
-        row[f"least{100 * rounds:.0f}"] = takes(rounds * even + (1 - rounds) * chosen)
+    spec = Spec(boundary="ground", design=design, visits=MOST // 3, sessions=1, errors=Errors())
+    pool, row = Pool(spec, seed), {}
+    for rounds in SHARES:
+        order, counts = counted(pool, seed, rounds)
+        stage = known(pool.run(order), pool)
+        plan = planned(stage, pool.z_hat, rounds)
+        held = next_visits.of_coefficient(stage.base_fit, 0).held
+        nothing = np.diag(np.pad(held, (0, len(plan.now) - len(held))))
+        whole = nothing + FULL * plan.of_round
+        other = fixed(len(pool.z_hat), counts["fixed"], stream(seed, "fixed"))
+        row |= {
+            f"next{100 * rounds:.0f}": counts["next"],
+            f"least{100 * rounds:.0f}": least(plan, nothing, rounds),
+            f"sees{100 * rounds:.0f}": plan.sees(
+                nothing + plan.added[order].sum(axis=0), whole, SEEN_AT
+            ),
+            "fixed": counts["fixed"],
+            "fixed_sees": plan.sees(nothing + plan.added[other].sum(axis=0), whole, SEEN_AT),
+        }
     return row
+
+
+def least(plan: next_visits.Plan, nothing: np.ndarray, rounds: float) -> float:
+    """The fewest visits to the u of the full plan's `FULL` where that share of them goes round: by
+    multiplicative steps of the c-optimal design of the others.
+    """
+    own, chosen = slice(plan.q), np.full(len(plan.added), 1 / len(plan.added))
+    for _ in range(1000):
+        each = rounds * plan.of_round + (1 - rounds) * np.tensordot(chosen, plan.added, axes=(0, 0))
+        information = (nothing + FULL * each)[own, own]
+        size = np.sqrt(np.maximum(np.diag(information), 1e-300))
+        unit = information / np.outer(size, size) + next_visits.RIDGE * np.eye(plan.q)
+        along = np.linalg.solve(unit, np.eye(plan.q)[plan.target] / size) / size
+        chosen *= np.sqrt([along @ a[own, own] @ along for a in plan.added])
+        chosen /= chosen.sum()
+    wanted = float(plan.u(nothing + FULL * plan.of_round))
+    return float(brentq(lambda n: float(plan.u(nothing + n * each)) - wanted, 1.0, 1e5))
 
 
 def coefficient(boundary: str, seed: int) -> dict[str, Any]:
     """Visits until u of the first coefficient is what the full plan has after `FULL`."""
     pool = Pool(Spec(boundary=boundary, visits=MOST // 3, sessions=1, errors=Errors()), seed)
-    order, counts = counted(pool, seed)
+    order, counts = counted(pool, seed, ROUNDS)
     # what the loop says halfway, where a claim pays for the look, and at the stop
     half = len(order) // 2 // BATCH * BATCH
     rate = InterimLook(trials=half, scheduled=len(order)).level(Options().false_alarm_rate)
@@ -229,18 +233,18 @@ def _set_up(data: Observations) -> SearchProblem:
     return set_up(data, base, (), Options())[0]
 
 
-def planned(stage: SearchProblem, z_hat: np.ndarray) -> next_visits.Plan:
+def planned(stage: SearchProblem, z_hat: np.ndarray, rounds: float) -> next_visits.Plan:
     menu = next_visits.menu(stage.data, z_hat)
-    return next_visits.plan(stage, next_visits.of_coefficient(stage.base_fit, 0), menu)
+    return next_visits.plan(stage, next_visits.of_coefficient(stage.base_fit, 0), menu, rounds)
 
 
-def _first(reached: Callable[[int], bool]) -> int:
-    """The least number of batches that reach it, in visits; 2 `MOST` where none does."""
-    low, high = 2, 2 * MOST // BATCH
+def _first(reached: Callable[[int], bool], most: int) -> int:
+    """The least number of visits that reaches it; `most` where none does."""
+    low, high = 2, most
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if reached(middle * BATCH) else (middle, high)
-    return high * BATCH
+        low, high = (low, middle) if reached(middle) else (middle, high)
+    return high
 
 
 def supply(boundary: str, seed: int) -> dict[str, Any]:
@@ -279,7 +283,7 @@ def supply(boundary: str, seed: int) -> dict[str, Any]:
                     (other.candidate.effects, other.vector),
                 )
                 menu = next_visits.menu(stage.data, pool.z_hat, move_supply=True)
-                picks = next_visits.plan(stage, question, menu).batch(BATCH, rng)
+                picks = next_visits.plan(stage, question, menu, ROUNDS).batch(BATCH, rng)
                 ahead, volts = menu.station[picks], menu.supply_V[picks] / VOLTS - 1
             order, ahead = np.append(order, ahead[:EVERY]), ahead[EVERY:]
             settings, volts = np.r_[settings, volts[:EVERY]], volts[EVERY:]
@@ -296,11 +300,7 @@ def evidence(fitted: Fitted, form_sd: float = FORM_SD) -> float:
     return float(here.log(scores)[0]) + outside(fitted, scores)
 
 
-KINDS = {"stations": stations, "foretold": foretold, "coefficient": coefficient, "supply": supply}
-
-
-#: Kinds that take a design's stations in turn, not boundaries.
-OF_DESIGNS = ("stations", "foretold")
+KINDS = {"coefficient": coefficient, "stations": stations, "supply": supply}
 
 
 def rows(kind: str, count: int, seed: int, out: Path) -> None:
@@ -311,7 +311,7 @@ def rows(kind: str, count: int, seed: int, out: Path) -> None:
     for i in range(count):
         if seed + i in done:
             continue
-        boundary = (DESIGNS if kind in OF_DESIGNS else ("ground", "ceiling", "sidewall"))[i % 3]
+        boundary = (DESIGNS if kind == "stations" else ("ground", "ceiling", "sidewall"))[i % 3]
         try:
             row = KINDS[kind](boundary, seed + i)
         except Unreachable:
@@ -327,9 +327,7 @@ def tabulate(path: Path) -> str:
     read = [json.loads(line) for line in path.read_text().splitlines()]
     lines = []
     for boundary in (
-        dict.fromkeys(r["boundary"] for r in read)
-        if read[0]["kind"] in ("coefficient", *OF_DESIGNS)
-        else ("",)
+        dict.fromkeys(r["boundary"] for r in read) if read[0]["kind"] != "supply" else ("",)
     ):
         mine = [r for r in read if boundary in ("", r["boundary"])]
         parts = []

@@ -19,7 +19,7 @@ from nearlift.results.diagnosis import FORM_SD
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages import next_rows
 from nearlift.stages import next_visits as stage_of_next
-from nearlift.stages.asked import Asked
+from nearlift.stages.asked import ROUNDS, Asked
 from nearlift.stages.traverse import Traverse
 
 from . import simulated, small_run
@@ -51,7 +51,7 @@ def stage():
 @pytest.fixture(scope="module")
 def plan(stage):
     menu = next_visits.menu(stage.data, np.array(simulated.STATIONS))
-    return next_visits.plan(stage, next_visits.of_coefficient(stage.base_fit, 0), menu)
+    return next_visits.plan(stage, next_visits.of_coefficient(stage.base_fit, 0), menu, ROUNDS)
 
 
 def test_what_is_known_now_is_what_the_fit_says(stage, plan):
@@ -82,7 +82,7 @@ def test_a_station_that_nobody_visited_comes_first():
     data = simulated.campaign(3, visits=2)
     own = stage_of(data.take(~np.isin(data.z_hat, (1.8, 6.0))))
     menu = next_visits.menu(own.data, np.array(simulated.STATIONS))
-    plan = next_visits.plan(own, next_visits.of_coefficient(own.base_fit, 0), menu)
+    plan = next_visits.plan(own, next_visits.of_coefficient(own.base_fit, 0), menu, ROUNDS)
     assert {1.8, 6.0} <= set(menu.z_hat[plan.batch(4, np.random.default_rng(0))])
 
 
@@ -133,7 +133,7 @@ def test_what_all_trials_share_cannot_be_visited_away(stage):
     two = np.array([1.14, 11.5])
     own = stage_of(stage.data.take(np.isin(stage.data.z_hat, two)), (datum,))
     question = next_visits.of_coefficient(own.base_fit, 0)
-    plan = next_visits.plan(own, question, next_visits.menu(own.data, two))
+    plan = next_visits.plan(own, question, next_visits.menu(own.data, two), ROUNDS)
     u = coefficients.spread(own, own.base_fit)[1][0]
     assert plan.u(plan.now) == pytest.approx(u, rel=1e-6)
     # a millimetre moves the nearest station by so much of K_b, whoever goes there how often
@@ -178,7 +178,7 @@ def test_expected_evidence_is_what_the_rival_cannot_imitate(stage):
     vectors = np.r_[2.0, 2.0], np.r_[2.0, 0.01]
     question = next_visits.of_rivals(stage, ((one,), vectors[0]), ((other,), vectors[1]))
     menu = next_visits.menu(stage.data, np.array(simulated.STATIONS), move_supply=True)
-    plan = next_visits.plan(stage, question, menu)
+    plan = next_visits.plan(stage, question, menu, ROUNDS)
     left = stage.space.project(mine.log_ratio(vectors[0]) - theirs.log_ratio(vectors[1]))
     columns = np.hstack([theirs.jacobian(vectors[1]), theirs.tube(vectors[1], FORM_SD)])
     forms = columns.shape[1] - theirs.size
@@ -194,7 +194,10 @@ def test_the_supply_is_moved_to_part_it_from_time(stage):
     question = next_visits.of_rivals(stage, ((one,), np.r_[2.0, 2.0]), ((other,), np.r_[2.0, 0.0]))
     still, moved = (
         next_visits.plan(
-            stage, question, next_visits.menu(stage.data, np.array(simulated.STATIONS), move)
+            stage,
+            question,
+            next_visits.menu(stage.data, np.array(simulated.STATIONS), move),
+            ROUNDS,
         )
         for move in (False, True)
     )
@@ -313,7 +316,7 @@ def test_the_share_that_goes_round_is_the_users(ingested):
         found = json.loads(ask(ingested, "--for", "K_b", "--json", *words).stdout)
         return found["boundaries"]["ground"]["after"]
 
-    assert after() == after("--rounds", str(next_visits.ROTATING))
+    assert after() == after("--rounds", str(ROUNDS))
     assert after("--rounds", "0") < after() < after("--rounds", "1")
     assert ask(ingested, "--for", "K_b", "--rounds", "1.5").exit_code == 2
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import time
 
@@ -18,6 +19,7 @@ from nearlift.serve import pages
 from nearlift.serve.answers import Asked
 from nearlift.serve.bench import Bench
 from nearlift.serve.live import Live, looked, looks
+from nearlift.stages.asked import ROUNDS
 
 from . import small_run
 
@@ -123,12 +125,20 @@ def test_before_the_first_look_nothing_is_claimed(bench):
 
 def test_what_to_measure_next_is_what_the_command_says(bench):
     bench.ask(["ingest", "raw/small"])
-    asked = Asked.of("campaign=raw/small&for=K_b&until=0.02")
+    # the share that goes round stands in the form, and in the command where it is another
+    form = pages.live(bench, Asked.of("campaign=raw/small")).body.decode()
+    assert f'value="{ROUNDS}"' in re.search('<input name="rounds"[^>]*>', form)[0]
+    asked = Asked.of(f"campaign=raw/small&for=K_b&until=0.02&rounds={ROUNDS}")
     shown = json.loads(pages.upcoming(bench, asked).body)
     words = ["next", "raw/small", "--for=K_b", "--until=0.02"]
     assert shown.pop("command") == "nearlift next raw/small --for=K_b --until=0.02"
     assert shown == json.loads(bench.ask([*words, "--json"]))
     assert "more trials;" in " ".join(shown["boundaries"]["ground"]["text"])
+    fewer = json.loads(
+        pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_b&until=&rounds=0.2")).body
+    )
+    assert fewer["command"] == "nearlift next raw/small --for=K_b --rounds=0.2"
+    assert fewer["boundaries"]["ground"]["after"] < shown["boundaries"]["ground"]["after"]
     rows = pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_b&as=csv")).body.decode()
     assert rows == bench.ask(["next", "raw/small", "--for=K_b", "--csv"])
     refused = json.loads(pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_x")).body)

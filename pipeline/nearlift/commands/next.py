@@ -9,6 +9,7 @@ import click
 
 from nearlift.commands.common import CAMPAIGN, Call, declared
 from nearlift.errors import UsageError
+from nearlift.stages.asked import ROUNDS, Asked
 
 if TYPE_CHECKING:
     from nearlift.results.next_visits import NextVisits
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 @click.option(
     "--rounds",
     type=click.FloatRange(0, 1),
-    default=0.5,
+    default=ROUNDS,
     show_default=True,
     metavar="SHARE",
     help="Of the visits, how many go round all stations, whatever the question.",
@@ -59,7 +60,6 @@ def command(
 ) -> None:
     """Plan a batch of visits."""
     from nearlift.stages import next_rows, next_visits
-    from nearlift.stages.asked import Asked
 
     asked = Asked.of(question, until, rounds)
     if as_csv and call.as_json:

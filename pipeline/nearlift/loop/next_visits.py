@@ -28,8 +28,6 @@ from nearlift.loop.separation import join, session
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import FORM_SD
 
-#: Of a batch, what goes round the stations in turn, unless asked otherwise.
-ROTATING = 0.5
 #: Where more distances were measured, so many of them stand for all.
 MOST_STATIONS = 20
 #: How far the supply is moved to either side, a fraction of it.
@@ -177,7 +175,7 @@ class Plan:
     target: int
     made: IntArray
     last: int
-    rotating: float = ROTATING
+    rotating: float
 
     def u(self, information: FloatArray) -> FloatArray:
         """Standard uncertainty of what is asked, of (..., Q, Q)."""
@@ -322,8 +320,10 @@ class Plan:
         return float(ncx2.sf(needed, freedom, max(share * enough, 1e-9)))
 
 
-def plan(stage: SearchProblem, question: Question, offered: Menu) -> Plan:
-    """What a stage's trials say of a question, and what each visit of the menu would add."""
+def plan(stage: SearchProblem, question: Question, offered: Menu, rotating: float) -> Plan:
+    """What a stage's trials say of a question, and what each visit of the menu would add;
+    `rotating` of a batch go round.
+    """
     n, both = stage.data.n, join(stage.data, offered.trials)
     theta = dict(zip((p.name for p in stage.base.parameters), stage.theta, strict=True))
     slope = height_slope(stage.base, both, theta)
@@ -353,4 +353,5 @@ def plan(stage: SearchProblem, question: Question, offered: Menu) -> Plan:
         target=question.target,
         made=np.bincount(station[first], minlength=len(offered.z_hat)).astype(np.int64),
         last=int(station[-1]),
+        rotating=rotating,
     )

@@ -18,6 +18,7 @@ from nearlift.errors import NearliftError, UsageError
 from nearlift.serve.answers import TEXT, Answer, Asked, as_json, see
 from nearlift.serve.bench import MANIFEST, Bench, NotThere, Place, command_line
 from nearlift.serve.gate import POLICY
+from nearlift.stages.asked import ROUNDS
 
 Handler = Callable[[Bench, Asked], Answer]
 
@@ -175,7 +176,8 @@ def live(bench: Bench, asked: Asked) -> Answer:
 
     place = bench.campaign(asked.one("campaign"))
     work, cmd = watching(bench, place), command_line(watch_words(place))
-    return page(bench, "live", f"{place.name}, live", place=place, work=work, cmd=cmd)
+    title = f"{place.name}, live"
+    return page(bench, "live", title, place=place, work=work, cmd=cmd, rounds=ROUNDS)
 
 
 def looked(bench: Bench, asked: Asked) -> Answer:
@@ -191,6 +193,8 @@ def upcoming(bench: Bench, asked: Asked) -> Answer:
     words = ["next", place.given, f"--for={asked.one('for')}"]
     if asked.one("until"):
         words.append(f"--until={asked.one('until')}")
+    if asked.one("rounds") not in ("", str(ROUNDS)):
+        words.append(f"--rounds={asked.one('rounds')}")
     if asked.one("as") == "csv":
         text = bench.ask([*words, "--csv"])
         named = {"content-disposition": f'attachment; filename="{place.name}-next.csv"'}

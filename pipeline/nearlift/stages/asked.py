@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nearlift import catalogue
 from nearlift.errors import UsageError
-from nearlift.loop.next_visits import ROTATING
 
+#: Of a batch, what goes round all stations, unless asked otherwise.
+ROUNDS = 0.5
 SEPARATE, DRIFT = "separate", "drift"
 #: What `drift` tells apart: the supply, and time.
 OF_DRIFT = ("supply_sag", "gain_drift")
@@ -23,10 +23,10 @@ class Asked:
     pair: tuple[str, ...] = ()
     drift: bool = False
     until: float | None = None
-    rounds: float = ROTATING
+    rounds: float = ROUNDS
 
     @classmethod
-    def of(cls, text: str, until: float | None = None, rounds: float = ROTATING) -> Asked:
+    def of(cls, text: str, until: float | None = None, rounds: float = ROUNDS) -> Asked:
         """What ``--for TEXT`` asks.
 
         Raises
@@ -34,6 +34,9 @@ class Asked:
         UsageError
             Not two different effects, or a limit where no coefficient is asked for.
         """
+        # the command line shows the defaults above without what the catalogue loads
+        from nearlift import catalogue
+
         word, _, names = text.partition("=")
         if word in (SEPARATE, DRIFT):
             pair = tuple(n.strip() for n in names.split(",") if n.strip())

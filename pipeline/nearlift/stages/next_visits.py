@@ -137,8 +137,8 @@ def _at(
     if asked.coefficient:
         notes += _quoted(job, stage, asked.coefficient)
     move = asked.drift or "supply_sag" in aim
-    plan = next_visits.plan(stage, question, next_visits.menu(stage.data, z_hat, move))
-    plan = dataclasses.replace(plan, rotating=asked.rounds)
+    menu = next_visits.menu(stage.data, z_hat, move)
+    plan = next_visits.plan(stage, question, menu, asked.rounds)
     if loop is not None and not asked.coefficient:
         # the same two explanations, weighed for sessions at other places too
         notes += [
