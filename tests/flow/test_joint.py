@@ -5,23 +5,15 @@ they do not.
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.unit import small_run
 
 from nearlift import catalogue
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused
 from nearlift.fit.joint import Downwash, JointProblem, fit_joint
 from nearlift.fit.least_squares import assemble, fit
-from nearlift.manifest import campaign as manifests
-from nearlift.products import DOWNWASH, JOINT
 from nearlift.results import Observations
-from nearlift.run import graph
-from nearlift.stages import flow, joint
-
-from .conftest import HEAD
 
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 MODEL = catalogue.model("sanchez_cuevas")
@@ -86,6 +78,22 @@ def test_its_uncertainty_is_that_of_the_added_information():
     assert vague.estimates["K_b"].u == pytest.approx(alone.estimates["K_b"].u, rel=1e-3)
 
 
+def test_derivatives_at_several_values_are_those_at_each():
+    alone = fit(MODEL, trials(2.0))
+    both = JointProblem(
+        model=MODEL,
+        data=alone.problem.data,
+        covariance=alone.problem.covariance,
+        downwash=wash(2.0),
+        geometry=GEOMETRY,
+    )
+    theta = np.array([[1.5], [2.0], [2.5]])
+    found = both.derivatives(theta)
+    assert found.shape == (3, 1, len(both.residuals(theta[0])))
+    for one, each in zip(theta, found, strict=True):
+        assert each == pytest.approx(both.derivatives(one))
+
+
 def test_a_contradiction_is_told():
     data = trials(2.0)
     assert fit_joint(fit(MODEL, data), data, wash(8.0, u=0.002, u_control=0.001)).p_value < 1e-4
@@ -133,60 +141,3 @@ def test_what_cannot_be_joined_is_refused():
             data,
             wash(2.0),
         )
-
-
-def test_asking_for_it_without_grids_is_refused():
-    with pytest.raises(ManifestError, match=r"fit.ground.downwash = true, but no velocity grids"):
-        manifests.parse(tomllib_of(HEAD + "[fit.ground]\ndownwash = true\n"))
-
-
-def tomllib_of(text: str):
-    import tomllib
-
-    return tomllib.loads(text)
-
-
-def test_the_stage_takes_only_cuts_that_stand_for_the_disk(wakes, tmp_path: Path):
-    raw = small_run.write(tmp_path / "raw")
-    text = (wakes.job.root / "campaign.toml").read_text()
-    path = raw / "campaign.toml"
-    path.write_text(
-        path.read_text() + "\n[fit.ground]\ndownwash = true\n\n" + text[text.index("[piv]") :]
-    )
-    (raw / "piv").symlink_to(wakes.job.root / "piv")
-    campaign = manifests.load(raw)
-    table = wakes.job.read(DOWNWASH)
-    used, left_out, measured = joint.select(table, campaign, "ground")
-    assert used == ("ground-4",)
-    reasons = {entry.case: entry.reason for entry in left_out}
-    assert (reasons["ground-3.4"], reasons["ground-1.8"], reasons["tilt+1.5"]) == (
-        "deflection zone",
-        "meets boundary",
-        "tilted",
-    )
-    assert measured.ratio[0] == pytest.approx(
-        1 - table["reduction"][(table["case"] == "ground-4") & (table["rotor"] == "all")][0]
-    )
-    # the rest of the stage, on the trials of a small campaign
-    made = dataclasses.replace(
-        wakes.job, root=raw, campaign=campaign, processed=tmp_path / "processed"
-    )
-    from nearlift.stages import ingest
-
-    made = dataclasses.replace(made, inputs=dict.fromkeys(ingest.inputs(raw, campaign), "0" * 64))
-    ingest.run(made)
-    made.write(DOWNWASH, table)
-    outcome = joint.run(made)
-    assert outcome.notes == ()
-    found = made.read_json(JOINT)["boundaries"]["ground"]
-    assert found["model"] == "sanchez_cuevas"
-    assert found["n_downwash"] == 1
-    assert found["parameters"]["K_b"]["u"] <= found["lift_alone"]["K_b"]["u"]
-
-
-def test_it_belongs_to_a_run_only_where_it_is_asked_for(wakes):
-    assert not graph.stage("joint").configured(wakes.job)
-    assert graph.stage("flow").configured(wakes.job)
-    with pytest.raises(ManifestError, match="say downwash = true under"):
-        joint.run(wakes.job)
-    assert flow.DOWNWASH.file == "downwash.parquet"

@@ -26,3 +26,13 @@ def test_rows_that_all_have_a_value_are_passed_on_as_they_are():
     x = np.ones((2, 3))
     assert where_finite(lambda rows: rows, x) is x
     assert where_finite(lambda rows: rows[:2], np.array([1.0, np.nan, 2.0])).shape == (2,)
+
+
+def test_a_row_is_the_last_axis_however_many_stand_before_it():
+    x = np.ones((2, 3, 4))
+    x[1, 2, 0] = np.nan
+    found = where_finite(lambda rows: 2 * rows, x)
+    lost = np.zeros((2, 3), dtype=bool)
+    lost[1, 2] = True
+    assert np.isnan(found[lost]).all()
+    assert (found[~lost] == 2.0).all()

@@ -168,6 +168,18 @@ def test_height_slope_is_per_metre_and_nothing_in_free_air():
     assert (slope[far] == 0).all()
 
 
+def test_height_slope_at_an_offset_is_that_of_stations_moved_so_far():
+    data, offset_m, step_m = campaign(3, visits=2), 2e-3, 1e-6
+    near = data.z_hat + offset_m / RADIUS
+    by_hand = (
+        np.log(sanchez_cuevas(near + step_m / RADIUS))
+        - np.log(sanchez_cuevas(near - step_m / RADIUS))
+    ) / (2 * step_m)
+    assert problem(data=data).height_slope(np.array([2.0]), offset_m) == pytest.approx(
+        by_hand, rel=1e-5
+    )
+
+
 def test_level_sensitivity_is_how_L_inf_moves_with_a_parameter():
     p, theta, step = problem(FREE, theta=(2.0, 1.0)), np.array([1.9, 1.05]), 1e-5
     moved = [

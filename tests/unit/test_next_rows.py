@@ -1,0 +1,219 @@
+"""The command `next`: rows behind those of the schedule, tables, words, and what is refused."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from nearlift.errors import InputRefused, UsageError
+from nearlift.products import RESULTS
+from nearlift.readers import schedule as schedules
+from nearlift.results.next_visits import NextVisits
+from nearlift.stages import next_rows
+from nearlift.stages import next_visits as stage_of_next
+from nearlift.stages.asked import ROUNDS, Asked
+from nearlift.stages.traverse import Traverse
+
+from . import small_run
+
+
+def test_the_words_say_where_to_stop_and_what_is_given_up():
+    told = NextVisits(
+        boundary="ground",
+        base_model="sanchez_cuevas",
+        trials=100,
+        throttles=4,
+        aim=("K_b",),
+        now=0.08,
+        after=0.07,
+        wanted=0.05,
+        visits_wanted=10,
+        visits_evenly=30,
+        best=0.0,
+        sees=0.31,
+        sees_evenly=0.9,
+        visits=(),
+    )
+    assert told.stop == (
+        "u(K_b) = 0.05 after about 40 more trials; 120 at all stations equally often"
+    )
+    assert "with a chance of 90 %" in told.lines[-1]
+    assert told.lines[-1].endswith("these visits see with 31 %")
+    never = dataclasses.replace(told, visits_wanted=None, best=0.06)
+    assert never.stop.startswith("u(K_b) = 0.05: out of reach of these stations")
+    assert (
+        "reached; for structure in distance go on"
+        in dataclasses.replace(told, visits_wanted=0).stop
+    )
+
+
+@pytest.fixture(scope="module")
+def ingested(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("next")
+    small_run.write(folder / "raw" / "small")
+    made = small_run.nearlift("ingest", folder / "raw" / "small", "--out", folder)
+    assert made.exit_code == 0, made.output
+    return folder
+
+
+def ask(folder, *words):
+    return small_run.nearlift("next", folder / "raw" / "small", "--out", folder, *words)
+
+
+def test_its_rows_are_read_behind_those_of_the_schedule(ingested, tmp_path):
+    raw = ingested / "raw" / "small"
+    before = small_run.state(raw)
+    answer = ask(ingested, "--for", "K_b", "--csv", "--count", "6")
+    assert answer.exit_code == 0, answer.output
+    assert small_run.state(raw) == before
+    table = (raw / "trials.csv").read_text()
+    header, *rows = answer.stdout.splitlines()
+    assert header == table.splitlines()[0]
+    (tmp_path / "trials.csv").write_text(table + "\n".join(rows) + "\n")
+    campaign = small_run.manifests.load(raw)
+    read = schedules.read_schedule(campaign, tmp_path)
+    old = schedules.read_schedule(campaign, raw)
+    assert len(read) == len(old) + 24
+    assert read.visit[-1] == old.visit[-1] + 6
+    assert set(np.round(read.z_m, 9)) == set(np.round(old.z_m, 9))
+    assert np.all(np.diff(read.covariates["start_s"][-25:]) > 0)
+    found = json.loads(ask(ingested, "--for", "K_b", "--json", "--count", "6").stdout)
+    ways = [v["approach"] for v in found["boundaries"]["ground"]["visits"]]
+    assert read.covariates["approach"][-24::4].tolist() == ways
+    for visit in range(old.visit[-1] + 1, read.visit[-1] + 1):
+        assert sorted(read.throttle[read.visit == visit]) == sorted(small_run.FAR)
+
+
+def test_either_side_of_a_station_comes_as_often():
+    shown = {1.2: 0.03, 2.0: 0.05, 4.0: 0.1, 12.0: 0.3}
+    along = Traverse(shown_m=shown, balance={2.0: 2.0}, overshoot_m=2e-3)
+    rng = np.random.default_rng(0)
+    z_hat = [12.0 if i % 2 else z for i, z in enumerate(np.repeat([2.0, 4.0, 1.2], 8))]
+    ways = along.ways(z_hat, 12.0, rng)
+    sides = {z: [way for own, (way, _) in zip(z_hat, ways, strict=True) if own == z] for z in shown}
+    # what was unbalanced is balanced first, and both ends have one side only
+    assert sides[2.0] == [-1, -1, *sides[2.0][2:]]
+    assert sum(sides[2.0]) == -2
+    assert sum(sides[4.0]) == 0
+    assert set(sides[1.2]) == {-1}
+    assert set(sides[12.0]) == {1}
+    last = 12.0
+    for z, (way, via) in zip(z_hat, ways, strict=True):
+        arrived_from = shown[last] if via is None else via
+        assert way == (1 if shown[z] > arrived_from else -1)
+        assert via is None or abs(via - shown[z]) == pytest.approx(2e-3)
+        last = z
+    # nobody drives past a station where sides are not logged
+    free = dataclasses.replace(along, overshoot_m=0.0).ways(z_hat, 12.0, rng)
+    assert all(via is None for _, via in free)
+
+
+def test_a_table_for_the_eye_and_one_for_programs(ingested):
+    shown = ask(ingested, "--for", "K_b", "--until", "0.02")
+    assert shown.exit_code == 0, shown.output
+    assert "more trials;" in shown.stdout
+    found = json.loads(ask(ingested, "--for", "K_b", "--until", "0.02", "--json").stdout)
+    own = found["boundaries"]["ground"]
+    assert len(own["visits"]) == 10
+    assert own["visits_wanted"] < own["visits_evenly"]
+    assert all(line in shown.stdout for line in own["text"])
+
+
+def test_the_share_that_goes_round_is_the_users(ingested):
+    def after(*words):
+        found = json.loads(ask(ingested, "--for", "K_b", "--json", *words).stdout)
+        return found["boundaries"]["ground"]["after"]
+
+    assert after() == after("--rounds", str(ROUNDS))
+    assert after("--rounds", "0") < after() < after("--rounds", "1")
+    assert ask(ingested, "--for", "K_b", "--rounds", "1.5").exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--for", "K_x"), "no base model of this campaign has that coefficient"),
+        (("--for", "separate"), "names no two explanations that it cannot tell apart"),
+        (("--for", "separate=supply_sag,supply_sag"), "wants two different effects"),
+        (("--for", "separate", "--until", "1"), "is u of a coefficient"),
+        (("--for", "K_b", "--csv", "--json"), "was asked for with --json"),
+        (("--for", "separate=supply_sag,gain_drift"), "supply_sag cannot be tested"),
+    ],
+)
+def test_what_cannot_be_asked_is_refused_with_a_remedy(ingested, words, said):
+    answer = ask(ingested, *words)
+    assert answer.exit_code in (2, 4)
+    assert said in answer.output
+
+
+def test_what_the_supply_is_to_be_set_to_stands_in_the_rows(make_job):
+    job = job_of(make_job, trials={"units": {"distance": "mm", "throttle": "percent"}})
+    ((found,), _) = stage_of_next.run(job, Asked.of("drift"), 4)
+    (job.root / "trials.csv").write_text("trial,boundary,distance,throttle\nt0000,ground,30,25\n")
+    header, *rows = next_rows.as_schedule(job, (found,)).splitlines()
+    assert header == "trial,boundary,distance,throttle,supply"
+    volts = [float(row.split(",")[4]) for row in rows]
+    assert len(set(volts)) == 2
+    assert max(volts) / min(volts) == pytest.approx(1.025 / 0.975, rel=1e-3)
+    assert rows[0].split(",")[0] == f"t{len(job.read(stage_of_next.TRIALS)['trial']):04d}"
+
+
+def job_of(make_job, **given):
+    return make_job(("ground",), repeats=3, **given)
+
+
+def test_every_boundary_has_its_own_visits(small_job):
+    asked = Asked.of("separate=height_offset,approach_backlash")
+    found, notes = stage_of_next.run(small_job, asked, 4)
+    assert [of.boundary for of in found] == ["ground", "ceiling"]
+    # there the amplitude absorbs an offset altogether
+    assert notes[0].startswith("sidewall: height_offset leaves no mark")
+    assert all(len(of.visits) == 4 and of.parts for of in found)
+
+
+def test_one_throttle_is_enough(make_job):
+    ((found,), _) = stage_of_next.run(job_of(make_job, throttles=(0.5,)), Asked.of("K_b"))
+    # 19 trials: too few for a diagnosis
+    assert "too few" in found.notes[0]
+    assert found.throttles == 1
+    assert found.after < found.now
+
+
+def test_a_curve_of_lift_is_planned_for_at_its_throttles(make_job):
+    job = job_of(make_job, levels={"by": "curve", "of": ["throttle"], "degree": 2})
+    ((found,), _) = stage_of_next.run(job, Asked.of("K_b"), 3)
+    assert found.throttles == 4
+    assert found.after < found.now
+
+
+def test_a_table_of_means_is_told_what_to_fill_in(make_job):
+    ((found,), _) = stage_of_next.run(job_of(make_job), Asked.of("K_b"), 2)
+    assert any("fill in the mean lift" in note for note in found.notes)
+
+
+def test_a_quoted_uncertainty_of_another_kind_is_told(make_job):
+    job = job_of(make_job)
+    results = job.read_json(RESULTS)
+    own = results["boundaries"]["ground"]["coefficients"]["K_b"]
+    assert not any("results.json" in n for n in stage_of_next.run(job, Asked.of("K_b"))[0][0].notes)
+    own["u"] *= 10
+    job.write_json(RESULTS, results)
+    ((found,), _) = stage_of_next.run(job, Asked.of("K_b"), 2)
+    assert any(f"results.json quotes u(K_b) = {own['u']:.2g}" in note for note in found.notes)
+
+
+def test_nothing_to_plan_from_is_refused(make_job):
+    job = job_of(make_job)
+    trials = job.read(stage_of_next.TRIALS)
+    trials["quality"][:] = "SATURATED"
+    job.write(stage_of_next.TRIALS, trials)
+    with pytest.raises(InputRefused, match="no trial was accepted"):
+        stage_of_next.run(job, Asked.of("K_b"))
+
+
+def test_the_question_is_read_as_it_is_written():
+    assert Asked.of("drift").pair == ("supply_sag", "gain_drift")
+    assert Asked.of("separate= tilt , reynolds").pair == ("tilt", "reynolds")
+    with pytest.raises(UsageError, match="wants two different effects"):
+        Asked.of("drift=tilt,reynolds")
