@@ -9,6 +9,8 @@ import pytest
 from scipy.stats import binom
 
 from nearlift import catalogue
+from nearlift.declare import Parameter, normal, uniform
+from nearlift.declare.parameter import Prior
 from nearlift.errors import NotConverged
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import missing
@@ -22,7 +24,7 @@ from nearlift.loop import (
     structure,
 )
 from nearlift.loop import diagnose as loop
-from nearlift.loop.candidate import Candidate
+from nearlift.loop.candidate import Candidate, moments
 from nearlift.loop.candidate_fit import fit as candidate_fit
 from nearlift.loop.candidate_fit import search as candidate_search
 from nearlift.loop.diagnose import set_up
@@ -338,6 +340,38 @@ def test_families_do_not_carry_the_trials_own_noise(null_stage):
         return np.sum((x - basis @ (basis.T @ x)) ** 2) / np.sum(x**2)
 
     assert share(truth) == pytest.approx(share(white), abs=0.12)
+
+
+@pytest.mark.parametrize(("visits", "steps"), [(1, 0), (2, 1), (3, 2), (4, 1), (60, 40)])
+def test_a_step_is_tried_between_visits_at_forty_places_at_most(visits, steps):
+    """Of more than two changes, the first and the last are left out."""
+    order = np.arange(2.0 * visits)
+    found = families._steps(order, np.repeat(np.arange(visits), 2))
+    assert len(found) == steps
+    for family in found:
+        after = family.columns[:, 0]
+        assert set(after) == {0.0, 1.0}
+        assert np.all(np.diff(after) >= 0)
+        # both trials of a visit on one side
+        assert np.array_equal(after[::2], after[1::2])
+
+
+@pytest.mark.parametrize(
+    ("prior", "centre", "width"),
+    [
+        (uniform(0.2, 0.8), 0.5, 0.6 / np.sqrt(12)),
+        (normal(0.3, 0.1), 0.3, 0.1),
+        (Prior(distribution="halfnorm", scale=0.4), 0.0, 0.4),
+        # of a log-normal, exp(m + s^2 / 2), and that times sqrt(exp(s^2) - 1)
+        (Prior(distribution="lognorm", shape=(0.5,), scale=2.0), 2.2663, 1.2078),
+    ],
+)
+def test_a_prior_counts_by_its_centre_and_width(prior, centre, width):
+    """A half-normal by its end and its scale."""
+    parameter = Parameter(
+        name="x", unit="1", value=0.5, bounds=(0.0, 1.0), prior=prior, meaning="a size"
+    )
+    assert moments(parameter) == pytest.approx((centre, width), rel=1e-4)
 
 
 def test_a_tube_has_the_declared_relative_size(null_stage):

@@ -23,6 +23,7 @@ from nearlift.results import Noise, Observations
 from .simulated import GEOMETRY, L_INF, THROTTLES, campaign, hsiao, sanchez_cuevas
 
 MODEL = catalogue.model("sanchez_cuevas")
+CEILING = campaign(4, boundary="ceiling", ratio=hsiao, stations=(0.2, 0.5, 1.0, 2.0, 8.0))
 FREE = catalogue.model("sanchez_cuevas_free_exponent")
 SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4)
 DATUM = Component(name="datum", on="height", standard=2e-4, distribution="normal", scope="boundary")
@@ -167,6 +168,15 @@ def test_a_model_with_nothing_free_is_compared_all_the_same(name, visits):
     assert found.dof == data.n - 4
     assert np.isfinite([found.chi2, found.rmse, found.aic, found.bic]).all()
     assert all(level.u > 0 for level in found.levels.values())
+
+
+@pytest.mark.parametrize("end", [0, 1])
+def test_a_start_at_a_bound_leads_to_the_same_minimum(end):
+    found = fit(catalogue.model("hsiao_chirarattananon"), CEILING)
+    (alpha,) = found.problem.model.parameters
+    assert minimise(found.problem, np.array([alpha.bounds[end]])) == pytest.approx(
+        found.theta, rel=1e-6
+    )
 
 
 def test_a_parameter_at_its_bound_says_so():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.reduction import slow_noise
+from nearlift.reduction import contamination, slow_noise
 from nearlift.reduction.conditions import Conditions, Limits
 from nearlift.reduction.mean_noise import spectral_density_at_zero
 from nearlift.reduction.record import Reduced, reduce_record
@@ -296,6 +296,26 @@ def test_spikes_are_left_out_and_what_they_were_worth_is_in_u() -> None:
         assert got.lift_N == pytest.approx(reduced(clean).lift_N, abs=2e-6)
         worth = (2 * size + others) / 1e4 if size < 1e9 else 0.0
         assert got.u_lift_N == pytest.approx(np.hypot(worth, reduced(clean).u_lift_N), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("n", "places", "single"),
+    [
+        (10, [3], True),
+        (10, [3, 7], False),
+        (100, [3, 20, 40, 60, 80], True),
+        (100, [3, 20, 40, 60, 80, 90], False),
+        (1000, range(500, 505), True),
+        (1000, range(500, 506), False),
+    ],
+)
+def test_a_twentieth_of_the_samples_in_runs_of_five_are_single(
+    n: int, places: list[int], single: bool
+) -> None:
+    """And one sample of however few."""
+    mask = np.zeros(n, dtype=bool)
+    mask[list(places)] = True
+    assert contamination.are_single(mask) == single
 
 
 def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
