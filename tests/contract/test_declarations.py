@@ -117,6 +117,16 @@ def test_broadcasts_parameters_against_heights(model: LiftModel):
 
 
 @every_model
+def test_heights_of_any_shape_are_each_their_own(model: LiftModel):
+    z = np.linspace(max(0.6, 1.01 * model.valid_z_hat[0]), 5.0, 6)
+    given = {**declared(model), **known(model)}
+    for function in (model.evaluate, model.downwash):
+        if function is not None:
+            row, table = (np.asarray(function(x, **given)) for x in (z, z.reshape(2, 3)))
+            np.testing.assert_allclose(table, row.reshape(2, 3), rtol=1e-12)
+
+
+@every_model
 def test_takes_a_bare_number(model: LiftModel):
     assert np.ndim(model(2.0, **known(model))) == 0
 

@@ -297,6 +297,25 @@ def steep(value: float) -> LiftModel:
     )
 
 
+def test_what_is_vaguer_than_a_million_widths_of_its_bounds_is_not_determined():
+    """A coefficient of next to no effect: its standard uncertainty goes as one over that."""
+
+    def u_over_width(effect):
+        model = dataclasses.replace(
+            steep(0.5),
+            evaluate=lambda z, /, *, k: 1 + effect * k / np.asarray(z),
+            checks=(
+                Check(x=2.0, expected=1 + effect / 2, arguments={"k": 1.0}, quoted_by="by hand"),
+            ),
+        )
+        return fit(model, campaign(3, visits=1), (), SCATTER).estimates["k"].u / 5
+
+    effect = 1e-4
+    known = u_over_width(effect)
+    assert u_over_width(effect * known / 0.7e6) == pytest.approx(0.7e6, rel=1e-3)
+    assert u_over_width(effect * known / 1.4e6) == np.inf
+
+
 def test_a_start_beyond_a_pole_is_left_for_one_where_the_model_has_a_value():
     data = campaign(3, ratio=lambda z: 1 / (1 - 0.5 / z), height=0.0)
     problem = assemble(steep(1.45), data, (), SCATTER, np.array([0.5]))

@@ -40,7 +40,7 @@ def estimate(data: Observations, **how) -> Noise:
     lacking, source = noise.curves(data)
     return noise.estimate(
         data,
-        np.log(data.lift_N) - problem.log_ratio(THETA),
+        np.log(data.lift_N) - problem.log_ratio(THETA) + how.pop("added", 0.0),
         mean,
         lacking,
         slope,
@@ -230,6 +230,16 @@ def test_structure_is_not_noise():
     )
     bent = dataclasses.replace(data, lift_N=data.lift_N * np.exp(bump))
     assert estimate(bent).relative == pytest.approx(estimate(data).relative, rel=0.05)
+
+
+def test_levels_of_lift_say_nothing_of_its_noise():
+    """L_inf is free at every throttle, so that what is added there changes no size."""
+    data = quiet(campaign(4, visits=1))
+    added = np.array([0.3, -2.0, 1.0, 0.0])[data.level]
+    one, other = estimate(data), estimate(data, added=added)
+    assert [getattr(other, name) for name in ("relative", "force_N", "height_m", "common")] == (
+        pytest.approx([one.relative, one.force_N, one.height_m, one.common], rel=2e-8)
+    )
 
 
 def test_what_the_records_explain_is_not_counted_twice():
