@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 from tests.calibration import records
-from tests.unit import bench_campaign, written
+from tests.unit import manifests, written
 
 from nearlift import readers
 from nearlift.errors import NearliftError
@@ -190,9 +190,7 @@ def by_campaign(path: Path) -> tuple[Sequence[float], Sequence[str]]:
     MISSING.
     """
     force = {"column": "force", "unit": "N", "sign": 1}
-    campaign = bench_campaign.manifest(
-        records={"reader": "parquet", "files": path.name, "force": force}
-    )
+    campaign = manifests.manifest(records={"reader": "parquet", "files": path.name, "force": force})
     found = list(readers.reader("parquet").read(campaign, path.parent, ["t"]))
     return (found[0].force_N, found[0].codes) if found else ([], ("NO_DATA",))
 
@@ -204,7 +202,7 @@ def with_sums(content: bytes) -> Read:
         (path.parent / sums.NAME).write_text(
             f"{hashlib.sha256(content).hexdigest()}  {path.name}\n"
         )
-        campaign = bench_campaign.manifest(records={"reader": "csv", "files": "{trial}.csv"})
+        campaign = manifests.manifest(records={"reader": "csv", "files": "{trial}.csv"})
         with ThreadPoolExecutor() as executor:
             job = Job(
                 root=path.parent,

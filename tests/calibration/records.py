@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from tests.unit import written
-from tests.unit.bench_campaign import manifest
+from tests.unit.manifests import manifest
 
 from nearlift import catalogue
 from nearlift.fit.least_squares import fit

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.calibration.records import damages, reduced
-from tests.unit.bench_campaign import manifest
+from tests.unit.manifests import manifest
 
 from nearlift.reduction.quality import rejected
 

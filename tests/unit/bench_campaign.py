@@ -4,67 +4,16 @@ ingest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from nearlift.manifest import campaign
 from nearlift.manifest.campaign import Campaign
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import ingest
 
-UNITS = {"distance": "mm", "throttle": "percent"}
-RATE = 200.0
-HEAD, LIVE = 100, 400
-
-
-def raw_manifest(**changes: Any) -> dict[str, Any]:
-    """A manifest of per-trial CSV files; `changes` replace keys of its sections, None takes a key
-    away.
-    """
-    raw: dict[str, Any] = {
-        "schema": "nearlift.campaign/1",
-        "name": "bench",
-        "vehicle": {
-            "name": "Crazyflie 2.0",
-            "rotors": 4,
-            "rotor_radius": "23 mm",
-            "rotor_spacing": "65 mm",
-            "mass": "27 g",
-        },
-        "rig": {
-            "held": "throttle",
-            "distance_datum": "rotor plane",
-            "distance_offset": "0 mm",
-            "arena": "1.5 m",
-            "gravity": "9.8 m/s^2",
-        },
-        "load_cell": {
-            "sample_rate": f"{RATE:g} Hz",
-            "tare": f"{HEAD / RATE:g} s",
-            "range": "1 kgf",
-        },
-        "records": {
-            "reader": "csv",
-            "files": "trials/{trial}.csv",
-            "force": {"column": "force", "unit": "mN", "sign": 1},
-        },
-        "trials": {"file": "trials.csv", "units": dict(UNITS)},
-    }
-    for section, values in changes.items():
-        if isinstance(values, Mapping):
-            merged = {**raw.get(section, {}), **values}
-            raw[section] = {k: v for k, v in merged.items() if v is not None}
-        else:
-            raw[section] = values
-    return raw
-
-
-def manifest(**changes: Any) -> Campaign:
-    return campaign.parse(raw_manifest(**changes))
+from .manifests import HEAD, LIVE
 
 
 def write_schedule(folder: Path, text: str) -> Path:

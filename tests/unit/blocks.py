@@ -26,7 +26,7 @@ from click.testing import CliRunner
 from nearlift.cli import main
 from nearlift.manifest import campaign
 
-from .conftest import raw_manifest
+from .manifests import raw_manifest
 
 ROOT = Path(__file__).parents[2]
 FENCE = re.compile(

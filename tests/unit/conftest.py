@@ -27,6 +27,7 @@ from nearlift.run.job import Job
 from nearlift.stages import fit, reduce
 
 from . import small_run
+from .manifests import raw_manifest
 
 STATIONS = {
     "ground": [1.14, 1.3, 1.6, 2.0, 2.6, 3.5, 11.5],
@@ -44,32 +45,6 @@ def true_ratio(boundary: str, z: np.ndarray) -> np.ndarray:
     if boundary == "ceiling":
         return 0.5 + 0.5 * np.sqrt(1 + 0.09 / z**2)
     return 1 - 0.05 * np.exp(-z / 0.35)
-
-
-def raw_manifest(**changes: Any) -> dict[str, Any]:
-    raw: dict[str, Any] = {
-        "schema": "nearlift.campaign/1",
-        "name": "small",
-        "vehicle": {
-            "name": "Crazyflie 2.0",
-            "rotors": 4,
-            "rotor_radius": "23 mm",
-            "rotor_spacing": "65 mm",
-            "mass": "27 g",
-            "contact": {"ground": "12 mm", "ceiling": "2 mm"},
-        },
-        "rig": {
-            "held": "throttle",
-            "distance_datum": "rotor plane",
-            "distance_offset": "0 mm",
-            "gravity": "9.8 m/s^2",
-        },
-        "records": {"reader": "means"},
-        "uncertainty": [
-            {"name": "distance datum", "on": "height", "value": "0.2 mm", "scope": "boundary"}
-        ],
-    }
-    return raw | changes
 
 
 def trial_table(

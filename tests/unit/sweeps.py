@@ -12,7 +12,7 @@ import numpy as np
 
 from nearlift.manifest.campaign import Campaign
 
-from .bench_campaign import UNITS, manifest
+from .manifests import UNITS, manifest
 
 RATE = 80.0
 HEAD_S, HOLD_S, REST_S = 2.0, 4.0, 3.0

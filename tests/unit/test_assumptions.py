@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from tests.unit.conftest import raw_manifest, true_ratio
+from tests.unit.conftest import true_ratio
+from tests.unit.manifests import raw_manifest
 
 from nearlift.products import FIT
 from nearlift.report.chapters import assumptions as page

@@ -23,7 +23,8 @@ from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.run import intact, store
 
 from . import written
-from .bench_campaign import HEAD, LIVE, RATE, force_mN, small_campaign, write_record
+from .bench_campaign import force_mN, small_campaign, write_record
+from .manifests import HEAD, LIVE, RATE
 from .small_run import nearlift
 
 #: The trial that is damaged: near the ground at half throttle, 275 mN.

@@ -8,6 +8,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.calibration import flying
 
 from nearlift import catalogue
 from nearlift.fit.heights import Plan
@@ -16,10 +17,11 @@ from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import height_slope
 from nearlift.manifest import campaign as manifest
+from nearlift.manifest.campaign import Campaign
 from nearlift.results import Noise, Observations
-from nearlift.stages.fit import overdeclared
 
-from .conftest import raw_manifest
+from . import manifests, sweeps
+from .manifests import raw_manifest
 from .simulated import RADIUS, campaign, sanchez_cuevas
 
 MODEL = catalogue.model("sanchez_cuevas")
@@ -203,13 +205,25 @@ def test_the_manifest_declares_the_budget():
     assert [c.name for c in budget.components(manifest.parse(raw_manifest()))] == ["distance datum"]
 
 
-def test_what_is_declared_far_above_the_scatter_of_repeats_is_said_to_be():
-    """20 % of each trial's own would show as 20 % of scatter; the same shared by the campaign would
-    not, and is believed.
-    """
-    data = campaign(0)
-    told = overdeclared(fit(MODEL, data, (part("gain", 0.2, "trial"),)))
-    assert len(told) == 1
-    assert "trials scatter far less than the declared errors would have them" in told[0]
-    for small in ((), (part("gain", 0.2, "campaign"),), (part("gain", 1e-6, "trial"),)):
-        assert overdeclared(fit(MODEL, data, small)) == []
+def names(campaign: Campaign) -> set[str]:
+    return {c.name for c in budget.components(campaign)}
+
+
+@pytest.mark.parametrize(
+    ("tare", "zero"), [("2 s", "zero of a record"), ("0 s", ""), ("none", "untared zero")]
+)
+def test_trials_of_a_record_share_its_zero_and_untared_ones_an_offset(tare: str, zero: str) -> None:
+    """Where nothing was tared off, no zero was measured."""
+    cell = {"tare": tare, "accuracy": "1.5 gf", "range": "1 kgf"}
+    assert names(sweeps.campaign(load_cell=cell)) == {"load cell linearity", zero} - {""}
+    # a record of one trial has its zero for itself
+    one_each = {"load cell linearity", zero} - {"", "zero of a record"}
+    assert names(manifests.manifest(load_cell=cell)) == one_each
+
+
+@pytest.mark.parametrize(("lag", "told"), [("auto", {"motor lag"}), ("50 ms", set())])
+def test_flights_share_a_lag_that_was_found_and_none_that_was_given(
+    lag: str, told: set[str]
+) -> None:
+    flown = manifest.parse(flying.manifest({**flying.FLIGHT, "lag": lag}))
+    assert names(flown) == told

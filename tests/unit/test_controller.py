@@ -32,7 +32,7 @@ from nearlift.stages import export as controller
 from nearlift.stages.quoted_lift import fitted_lift
 
 from . import quoted
-from .conftest import raw_manifest
+from .manifests import raw_manifest
 
 SIDES = ("ground", "ceiling", "sidewall")
 GCC = shutil.which("gcc") or shutil.which("cc")

@@ -26,7 +26,8 @@ from nearlift.readers.channel import Malformed, fold, pick, split_unit, unit_wor
 from nearlift.readers.serve import ReadContents
 
 from . import small_run, written
-from .bench_campaign import manifest, write_schedule
+from .bench_campaign import write_schedule
+from .manifests import manifest
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=40)
 
@@ -608,7 +609,8 @@ def test_half_written_trials_are_flagged_and_held_against_the_planned_length(
     tmp_path: Path,
 ) -> None:
     """Flag and sample count, through a whole ingest."""
-    from .bench_campaign import HEAD, LIVE, RATE, force_mN, run_ingest
+    from .bench_campaign import force_mN, run_ingest
+    from .manifests import HEAD, LIVE, RATE
 
     rows = ["trial,boundary,distance,throttle"]
     for k in range(4):

@@ -20,17 +20,8 @@ from nearlift.run.store import sha256
 from nearlift.stages import ingest
 from nearlift.stages.rows import Task, reduce_piece
 
-from .bench_campaign import (
-    HEAD,
-    LIVE,
-    UNITS,
-    force_mN,
-    manifest,
-    run_ingest,
-    small_campaign,
-    write_record,
-    write_schedule,
-)
+from .bench_campaign import force_mN, run_ingest, small_campaign, write_record, write_schedule
+from .manifests import HEAD, LIVE, UNITS, manifest
 
 GIVEN: dict[str, Any] = {"trials": {"units": {**UNITS, "supply": "V"}}}
 

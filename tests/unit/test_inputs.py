@@ -22,7 +22,7 @@ from nearlift.report.chapters import doubts
 from nearlift.results import Noise
 from nearlift.results.outlook import SilentEffect
 
-from .conftest import raw_manifest
+from .manifests import raw_manifest
 from .simulated import campaign
 
 MODEL = catalogue.model("sanchez_cuevas")

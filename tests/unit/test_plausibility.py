@@ -10,7 +10,7 @@ import pytest
 from nearlift.errors import InputRefused
 from nearlift.reduction import plausibility
 
-from .bench_campaign import manifest
+from .manifests import manifest
 
 WEIGHT = 0.027 * 9.8
 FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}

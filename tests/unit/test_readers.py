@@ -20,7 +20,7 @@ from nearlift.readers import BUILT_IN, child, csv_trial, parquet, reader, reader
 from nearlift.readers.channel import Malformed
 from nearlift.readers.seam import Record
 
-from .bench_campaign import manifest
+from .manifests import manifest
 
 PARQUET: dict[str, Any] = {
     "records": {

@@ -11,7 +11,8 @@ import pytest
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.schedule import Schedule, read_schedule, visits
 
-from .bench_campaign import UNITS, manifest, write_schedule
+from .bench_campaign import write_schedule
+from .manifests import UNITS, manifest
 
 
 def read(folder: Path, text: str, **changes: Any) -> Schedule:

@@ -18,7 +18,8 @@ from nearlift.readers import reader, segments
 from nearlift.stages.observe import observe
 
 from . import small_run
-from .bench_campaign import manifest, run_ingest
+from .bench_campaign import run_ingest
+from .manifests import manifest
 from .sweeps import CUT, HEAD_S, RATE, THROTTLES, campaign, lift_N, sweep, text_of, write
 
 

@@ -38,7 +38,7 @@ from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.report import gather
 
 from . import quoted
-from .conftest import raw_manifest
+from .manifests import raw_manifest
 
 QUICK = {
     "flights": 40,

@@ -17,7 +17,8 @@ from nearlift.errors import InputRefused
 from nearlift.products import TRIALS
 from nearlift.stages import ingest, sums
 
-from .bench_campaign import UNITS, manifest, run_ingest, small_campaign
+from .bench_campaign import run_ingest, small_campaign
+from .manifests import UNITS, manifest
 
 GIVEN: dict[str, Any] = {"trials": {"units": {**UNITS, "supply": "V"}}}
 
