@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import ast
+import hashlib
 import itertools
-import random
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -39,6 +39,7 @@ class Mutant:
     """One change of one file: the node number `index` of its tree, `before`, becomes `after`."""
 
     path: Path
+    within: str
     line: int
     index: int
     kind: str
@@ -47,8 +48,21 @@ class Mutant:
 
     @property
     def key(self) -> str:
-        """What is changed; not where in the file, which moves."""
-        return f"{self.path.as_posix()}: `{self.before}` -> `{self.after}`"
+        """What is changed in which function or constant; not on which line, which moves."""
+        return f"{self.path.as_posix()} {self.within}: `{self.before}` -> `{self.after}`"
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether a constant of the module is changed, and no function."""
+        return self.within.isupper()
+
+    def lines(self, root: Path) -> range:
+        """From the start of the statement that is changed to the change."""
+        tree = ast.parse((root / self.path).read_text(encoding="utf-8"))
+        node: Any = list(ast.walk(tree))[self.index]
+        around = [s for s in ast.walk(tree) if isinstance(s, ast.stmt) and s.lineno <= node.lineno]
+        start = max(s.lineno for s in around if (s.end_lineno or 0) >= node.end_lineno)
+        return range(start, node.end_lineno + 1)
 
     def source(self, root: Path) -> str:
         """The changed file."""
@@ -95,46 +109,54 @@ def changes(node: Any) -> Iterator[tuple[str, ast.expr]]:
             yield "off by one", ast.Constant(value + 1)
 
 
-def mutable(tree: ast.Module) -> set[int]:
-    """Identities of the nodes in bodies of functions and in numeric constants of the module; what
-    stands in annotations, decorators and messages is left alone.
+def mutable(tree: ast.Module) -> dict[int, str]:
+    """By identity, the nodes in bodies of functions and in numeric constants of the module, with
+    the name of that; what stands in annotations, decorators and messages is left alone.
     """
-    todo: list[ast.AST] = [
-        part for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) for part in n.body
+    todo: list[tuple[str, ast.AST]] = [
+        (n.name, part) for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) for part in n.body
     ]
     todo += [
-        n.value
+        (ast.unparse(n.targets[0]), n.value)
         for n in tree.body
         if isinstance(n, ast.Assign) and isinstance(n.value, ast.Constant | ast.BinOp)
     ]
-    inside: set[int] = set()
+    inside: dict[int, str] = {}
     while todo:
-        node = todo.pop()
+        within, node = todo.pop()
         if isinstance(node, ast.Raise | ast.JoinedStr):
             continue
-        inside.add(id(node))
+        inside[id(node)] = within
         for name, value in ast.iter_fields(node):
             if name not in ("annotation", "returns", "decorator_list"):
                 children = value if isinstance(value, list) else [value]
-                todo += [child for child in children if isinstance(child, ast.AST)]
+                todo += [(within, child) for child in children if isinstance(child, ast.AST)]
     return inside
 
 
 def every(root: Path, path: Path) -> list[Mutant]:
-    """Every mutant of a file, whose `path` is relative to `root`."""
+    """Every mutant of a file, whose `path` is relative to `root`; of several that read alike, the
+    first.
+    """
     tree = ast.parse((root / path).read_text(encoding="utf-8"))
     inside = mutable(tree)
-    return [
-        Mutant(path, node.lineno, i, kind, ast.unparse(node), ast.unparse(after))  # type: ignore[attr-defined]
-        for i, node in enumerate(ast.walk(tree))
-        if id(node) in inside
+    nodes: list[tuple[int, Any]] = [(i, n) for i, n in enumerate(ast.walk(tree)) if id(n) in inside]
+    mutants = [
+        Mutant(path, inside[id(node)], node.lineno, i, kind, ast.unparse(node), ast.unparse(after))
+        for i, node in nodes
         for kind, after in changes(node)
     ]
+    return list({m.key: m for m in reversed(mutants)}.values())
 
 
 def drawn(root: Path, rooms: Sequence[Path], count: int, seed: int) -> list[Mutant]:
-    """`count` mutants, from each room in turn, and in a room as many of each kind as can be."""
-    generator = random.Random(seed)
+    """`count` mutants, from each room in turn, and in a room as many of each kind as can be. A draw
+    goes by a digest of what is changed, so that code written elsewhere leaves it as it is.
+    """
+
+    def lot(mutant: Mutant) -> bytes:
+        return hashlib.sha256(f"{seed} {mutant.key}".encode()).digest()
+
     chosen: list[list[Mutant]] = []
     for number, room in enumerate(rooms):
         kinds: dict[str, list[Mutant]] = defaultdict(list)
@@ -142,7 +164,7 @@ def drawn(root: Path, rooms: Sequence[Path], count: int, seed: int) -> list[Muta
             for mutant in every(root, file.relative_to(root)):
                 kinds[mutant.kind].append(mutant)
         for mutants in kinds.values():
-            generator.shuffle(mutants)
+            mutants.sort(key=lot)
         share = count * (number + 1) // len(rooms) - count * number // len(rooms)
         turns = [m for row in range(share) for k in sorted(kinds) for m in kinds[k][row : row + 1]]
         chosen.append(turns[:share])

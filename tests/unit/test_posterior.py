@@ -466,6 +466,20 @@ def test_effective_size_and_r_hat_are_those_of_arviz():
     assert convergence.ess(np.ones((4, 100))) == 400
 
 
+@pytest.mark.parametrize("memory", [0.0, 0.5, 0.8])
+def test_draws_that_remember_are_worth_what_an_autoregression_says(memory):
+    """(1 - r) / (1 + r) of their number."""
+    rng, n = np.random.default_rng(3), 4000
+    noise = np.sqrt(1 - memory**2) * rng.standard_normal((n, 4))
+    chains = np.zeros((n, 4))
+    for i in range(1, n):
+        chains[i] = memory * chains[i - 1] + noise[i]
+    expected = 4 * n * (1 - memory) / (1 + memory)
+    assert convergence.ess(chains.T) == pytest.approx(expected, rel=0.15)
+    # chains that stay apart are worth next to nothing
+    assert convergence.ess(chains.T + 5 * np.arange(4)[:, None]) < 20
+
+
 def test_walkers_that_move_together_are_worth_less():
     """Chains that share a slow part: each looks mixed, their mean wanders."""
     rng = np.random.default_rng(12)
