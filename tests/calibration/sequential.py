@@ -252,7 +252,7 @@ def supply(boundary: str, seed: int) -> dict[str, Any]:
     plan, and of one planned anew every batch.
     """
     del boundary
-    spec = Spec(boundary="ground", visits=MOST // 3, sessions=1, errors=Errors(), every=2)
+    spec = Spec(boundary="ground", visits=100, sessions=1, errors=Errors(), every=2)
     pool, most = Pool(spec, seed), 300
     row: dict[str, Any] = {}
     for how in ("full", "next"):
