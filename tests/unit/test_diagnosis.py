@@ -326,6 +326,13 @@ def test_the_change_of_the_error_is_known_better_than_the_errors():
     assert np.isnan(confirmation.change(noise[:8], noise[:8], visit[:8])).all()
 
 
+def test_three_visits_tell_a_change_of_the_error_and_two_do_not():
+    """All errors halved: the change is -1/2 in every visit, so its interval has no width."""
+    after, visit = np.array([0.1, -0.2, 0.3, 0.1, -0.2, 0.2]), np.repeat([4, 5, 9], 2)
+    assert confirmation.change(2 * after, after, visit) == pytest.approx((-0.5, -0.5, -0.5))
+    assert np.isnan(confirmation.change(2 * after[:4], after[:4], visit[:4])).all()
+
+
 def test_families_do_not_carry_the_trials_own_noise(null_stage):
     # a column made of measured lift would explain the noise by itself: the residual about all
     # families would lose its size

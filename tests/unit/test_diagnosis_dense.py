@@ -16,6 +16,7 @@ from nearlift.loop import (
     coefficients,
     confirmation,
     discrepancy,
+    findings,
     search,
     search_problem,
     structure,
@@ -851,3 +852,30 @@ def test_held_out_visits_confirm_by_more_than_one_standard_error(stage):
             before=before, after=before, named=after, visit=stage.data.visit, chosen=()
         )
         assert confirmation.improves(apart, scored) == confirmed
+
+
+@pytest.mark.parametrize(
+    ("best", "others", "expected"),
+    [
+        (("a",), [("b",)], [("b",)]),
+        (("a",), [("a", "b"), ("c", "b")], [("b", "c")]),
+        (("a", "b"), [("a", "c")], [(), ("c",)]),
+        (("a", "b"), [("c", "b"), ("a", "d")], [("c",), ("d",)]),
+        (("a", "b"), [("c", "d")], [("c", "d"), ("c", "d")]),
+        (("a", "b"), [("c",), ("a",)], [("c",), ("c",)]),
+        (("a", "b"), [("a", "b", "c")], [("c",), ("c",)]),
+    ],
+)
+def test_a_rival_stands_in_for_what_its_explanation_does_not_share(
+    best, others, expected, monkeypatch
+):
+    monkeypatch.setattr(findings, "_parameters", lambda *_: ())
+
+    def explanation(names):
+        effects = [SimpleNamespace(name=name, mechanism="") for name in names]
+        fitted = SimpleNamespace(candidate=SimpleNamespace(effects=effects))
+        return SimpleNamespace(effects=names, fitted=fitted)
+
+    answer = SimpleNamespace(accepted=[explanation(names) for names in (best, *others)])
+    named = findings.named_effects(None, answer)
+    assert [(e.name, e.rivals) for e in named] == list(zip(best, expected, strict=True))

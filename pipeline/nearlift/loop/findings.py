@@ -58,12 +58,7 @@ def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ..
             shared = set(best.effects) & set(other.effects)
             # an explanation of the same length stands in for what it does not share; a longer one
             # tells who may act beside it
-            if (
-                len(other.effects) > len(best.effects)
-                or len(other.effects) == 1
-                or others_kept & shared
-                or not shared
-            ):
+            if len(other.effects) > len(best.effects) or others_kept & shared or not shared:
                 rivals += [name for name in other.effects if name not in best.effects]
         listed.append(
             NamedEffect(
