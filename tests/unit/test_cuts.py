@@ -85,6 +85,23 @@ def test_steps_are_found_to_the_sample_or_nearly(step: float) -> None:
     assert off.max() <= min(10 * (1 / step) ** 2 + 1, 50)
 
 
+@pytest.mark.parametrize(
+    ("levels", "expected"),
+    [
+        ((1.0, 1.3), [(0, 10)]),
+        ((1.0, 1.6), [(0, 5), (5, 10)]),
+        # 0.4 goes to 0.7, and their mean stands 0.55 from 0
+        ((0.0, 0.4, 0.7), [(0, 5), (5, 15)]),
+        ((0.0, 0.3, 0.6, 2.0), [(0, 15), (15, 20)]),
+    ],
+)
+def test_neighbours_less_than_a_step_apart_are_one_the_nearest_first(
+    levels: tuple[float, ...], expected: list[tuple[int, int]]
+) -> None:
+    edges = range(0, 5 * len(levels) + 1, 5)
+    assert cuts._joined(np.repeat(levels, 5), edges, 0.5) == expected
+
+
 def test_steps_below_the_smallest_are_none() -> None:
     rng = np.random.default_rng(5)
     values = np.repeat([0.0, 1.0, 1.1], 400) + rng.normal(0, 0.01, 1200)

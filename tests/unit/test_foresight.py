@@ -1,6 +1,7 @@
 """What a design could see, foretold: against trials drawn at random and against closed forms."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from nearlift import catalogue
 from nearlift.errors import NotConverged
 from nearlift.likelihood.covariates import derive
 from nearlift.loop import foresight as loop_foresight
-from nearlift.loop import outlook, proposals
+from nearlift.loop import outlook, proposals, rehearsal
 from nearlift.loop.absorption import unknowable
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.handle import LIMIT_POWER, Power, handles
@@ -20,7 +21,7 @@ from nearlift.loop.within_trial import heating, power
 from nearlift.results import Noise
 from nearlift.synthetic.trial_schedule import _williams, balanced, from_both_sides, randomised
 
-from .simulated import campaign, hsiao
+from .simulated import THROTTLES, campaign, hsiao
 
 GROUND = catalogue.model("sanchez_cuevas")
 NOISE = Noise(relative=0.004, force_N=3e-4, height_m=1e-4)
@@ -52,6 +53,19 @@ def test_a_name_is_foretold_to_compete_with_a_gain_that_wanders(foresight, monke
     (differing, tilted), (alone, upright) = chances
     assert differing < alone - 0.1
     assert tilted == pytest.approx(upright, abs=0.02)
+
+
+def test_noise_is_drawn_as_large_as_rehearsals_leave_it_per_degree_of_freedom(
+    foresight, monkeypatch
+):
+    """Where they leave four times the noise's variance, each for its degrees of freedom, twice."""
+    data = foresight.stage.data
+    dof = data.n - len(THROTTLES) - 1
+    rehearsed = SimpleNamespace(
+        noise=foresight.stage.noise, base_fit=SimpleNamespace(chi2=4.0 * dof)
+    )
+    monkeypatch.setattr(rehearsal, "prepare", lambda *_: rehearsed)
+    assert rehearsal._rehearsed(foresight.stage).quiet == pytest.approx(2.0, rel=1e-12)
 
 
 def test_without_an_effect_the_chance_is_the_false_alarm_rate(foresight):

@@ -11,6 +11,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.fit import gum, heights
+from nearlift.fit.estimator import Estimator
 from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.fit.refit import refit
@@ -308,3 +309,16 @@ def test_a_low_rank_budget_is_its_dense_covariance_and_its_sampled_unknowns():
 
     # Monte Carlo error of each mean is below 0.5 %
     assert sampled(y[1]) - sampled(y[0]) == pytest.approx(fast, abs=0.03)
+
+
+def test_a_coefficient_beside_a_free_exponent_is_that_of_a_fit_of_both():
+    """Found on a line of exponents, without the fit of both."""
+    data, scatter = campaign(3, visits=3, height=0.0), Noise(relative=0.004, force_N=3e-4)
+    found = fit(catalogue.model("sanchez_cuevas"), data, (), scatter)
+    (condition, value, u), _ = Estimator.of(found)._exponents()
+    both = fit(MODEL, data, (), scatter).estimates["K_b"]
+    assert condition == "the exponent of the ratio is free"
+    assert value == pytest.approx(both.value, rel=1e-4)
+    assert u == pytest.approx(both.u, rel=1e-3)
+    # which is far from what is known where the exponent is 1
+    assert u > 4 * found.estimates["K_b"].u
