@@ -1,5 +1,5 @@
 """Which modules of the package a test module rests on, read from the import statements: how `make
-check` and `make mutate` choose their tests.
+check` chooses its tests.
 """
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ from __future__ import annotations
 import ast
 import functools
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -60,13 +60,6 @@ def used(test: str) -> frozenset[str]:
         seen |= fresh
         todo += fresh
     return frozenset(n for s in seen for n in imported(s) if n.split(".")[0] == "nearlift")
-
-
-def test_modules() -> Iterator[str]:
-    """Test modules of `make test`."""
-    for name, path in sorted(modules().items()):
-        if path.name.startswith("test_") and not name.startswith("tests.calibration"):
-            yield name
 
 
 @functools.cache
