@@ -126,22 +126,16 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
     InputRefused
         There is none, or the name fits several.
     """
-    for same in (
-        lambda c: c.name == column,
-        lambda c: fold(c.name) == fold(column),
-        lambda c: fold(split_unit(c.name)[0]) == fold(column),
-        lambda c: _in_a_group(c.name, fold(column)),
-    ):
-        found = [c for c in channels if same(c)]
-        if len(found) == 1:
-            return found[0]
-        if found:
-            raise InputRefused(
-                where,
-                f"has more than one column {column!r}: {', '.join(repr(c.name) for c in found)}",
-                f"{key} names one of them",
-            )
-    names = [c.name for c in channels]
+    names = tuple(c.name for c in channels)
+    found = _fitting(names, column)
+    if len(found) == 1:
+        return channels[found[0]]
+    if found:
+        raise InputRefused(
+            where,
+            f"has more than one column {column!r}: {', '.join(repr(names[i]) for i in found)}",
+            f"{key} names one of them",
+        )
     close = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
     listed = ", ".join(repr(n) for n in names[:12]) + (
         f" and {len(names) - 12} more" if len(names) > 12 else ""
@@ -151,6 +145,22 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
         f"has no column {column!r}",
         f'{key} = "{close[0]}"?' if close else f"it has {listed or 'none'}; {key} names it",
     )
+
+
+# the records of a campaign have the same names
+@functools.lru_cache(maxsize=256)
+def _fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
+    """The places of the names that fit in the first way in which any does."""
+    folded = fold(column)
+    for same in (
+        lambda name: name == column,
+        lambda name: fold(name) == folded,
+        lambda name: fold(split_unit(name)[0]) == folded,
+        lambda name: _in_a_group(name, folded),
+    ):
+        if found := tuple(i for i, name in enumerate(names) if same(name)):
+            return found
+    return ()
 
 
 def wanted(name: str, names: Names) -> bool:

@@ -98,6 +98,22 @@ class Cells:
         )
 
 
+class Numbers(Sequence[str]):
+    """The texts of cells that were numbers before, written only where somebody reads them; NaN is
+    blank.
+    """
+
+    def __init__(self, values: FloatArray) -> None:
+        self.values = values
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def __getitem__(self, i: Any) -> Any:
+        value = float(self.values[i])
+        return "" if value != value else repr(value)
+
+
 def numbers(cells: Cells, *, blank: bool) -> FloatArray:
     """The cells as plain numbers, NaN where blank.
 
@@ -106,6 +122,8 @@ def numbers(cells: Cells, *, blank: bool) -> FloatArray:
     ManifestError
         A cell is no number, or is blank where `blank` is False.
     """
+    if isinstance(cells.texts, Numbers) and blank and not np.isinf(cells.texts.values).any():
+        return cells.texts.values
     out = np.empty(len(cells.texts))
     for i, text in enumerate(cells.texts):
         value = text.strip()
@@ -210,7 +228,8 @@ def ids(cells: Cells) -> NDArray[Any]:
     first: dict[str, int] = {}
     for i, text in enumerate(cells.texts):
         name = text.strip()
-        if not name or any(unicodedata.category(c) in _UNSEEN for c in name):
+        shown = name.isprintable() or all(unicodedata.category(c) not in _UNSEEN for c in name)
+        if not name or not shown:
             raise ManifestError(
                 cells.at(i),
                 (

@@ -9,27 +9,25 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift import units
+from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import Segments
 from nearlift.readers.brought import brought_by, dimension_of
-from nearlift.readers.columns import KNOWN, Cells
+from nearlift.readers.columns import KNOWN, Cells, Numbers
 from nearlift.readers.schedule import Schedule, of_cells, reserved, schedule_file
 from nearlift.readers.schedule_text import columns_of, text_of, unended
-from nearlift.readers.segments import PieceOfRecord
+from nearlift.readers.segments import Pieces
 
 #: The column of a schedule, and of trials.parquet, with the record that a trial is a piece of.
 RECORD_COLUMN = "record"
-#: Mean and scatter of a column that a record does not have.
-NOTHING = (np.nan, np.nan)
+#: What stands for the pieces of a record without any.
+NO_PIECE = Pieces(number=np.zeros(1, dtype=np.int64), since_s=np.zeros(1))
 
 
 def of_records(
@@ -61,9 +59,7 @@ def of_records(
     return {"trial" if name == RECORD_COLUMN else name: own for name, own in cells.items()}, bring
 
 
-def schedule_of_trials(
-    campaign: Campaign, root: Path, pieces: Mapping[str, Sequence[PieceOfRecord]]
-) -> Schedule:
+def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Pieces]) -> Schedule:
     """The schedule of the pieces of every record; a record without one has a row by itself.
 
     Covariates also are `record`, `piece`, and the means of the records' further columns.
@@ -77,42 +73,41 @@ def schedule_of_trials(
     text = text_of(path)
     whole, bring = of_records(campaign, path, columns_of(campaign, path, text))
     ids = [record.strip() for record in whole["trial"].texts]
-    rows = [(i, piece) for i, record in enumerate(ids) for piece in (pieces.get(record) or (None,))]
+    cut = [pieces.get(record) or NO_PIECE for record in ids]
+    of = [i for i, own in enumerate(cut) for _ in range(len(own))]
     given = {n: u for n, u in campaign.trials.units.items() if n not in bring}
     cells: dict[str, Cells] = {}
     for name, own in whole.items():
-        texts = [own.texts[i] for i, _ in rows]
-        cells[name] = replace(own, texts=texts, lines=[own.lines[i] for i, _ in rows if own.lines])
+        texts = [own.texts[i] for i in of]
+        cells[name] = replace(own, texts=texts, lines=[own.lines[i] for i in of if own.lines])
     lines = cells["trial"].lines
-    names = [ids[i] if piece is None else f"{ids[i]}#{piece.number}" for i, piece in rows]
+    numbers = np.concatenate([own.number for own in cut])
+    records = [ids[i] for i in of]
+    names = [f"{r}#{n}" if n else r for r, n in zip(records, numbers.tolist(), strict=True)]
     cells["trial"] = replace(cells["trial"], texts=names)
     if "session" not in cells:
         # a record is set up anew, and nothing says that two of them were set up alike
-        cells["session"] = Cells("session", [ids[i] for i, _ in rows], path.name, lines)
-    for name, values in _together(campaign.segments, bring, rows).items():
-        texts = ["" if v != v else repr(float(v)) for v in values]
-        cells[name] = Cells(name, texts, path.name, lines)
+        cells["session"] = Cells("session", records, path.name, lines)
+    for name, values in _together(campaign.segments, bring, cut).items():
+        cells[name] = Cells(name, Numbers(values), path.name, lines)
         if dimension := dimension_of(name):
             given[name] = units.SI[dimension]
     schedule = of_cells(campaign, path, cells, given, unended(path, text), bring)
     covariates = dict(schedule.covariates)
-    since = np.array([0.0 if piece is None else piece.since_s for _, piece in rows])
     if "start_s" in covariates:
+        since = np.concatenate([own.since_s for own in cut])
         covariates["start_s"] = covariates["start_s"] + since
-    covariates[RECORD_COLUMN] = np.array([ids[i] for i, _ in rows], dtype=object)
-    covariates["piece"] = np.array([0 if p is None else p.number for _, p in rows], dtype=np.int64)
-    covariates |= _further(rows, {*covariates, *reserved(), *(k.name for k in KNOWN)})
+    covariates[RECORD_COLUMN] = np.array(records, dtype=object)
+    covariates["piece"] = numbers
+    covariates |= _further(cut, {*covariates, *reserved(), *(k.name for k in KNOWN)})
     return replace(schedule, covariates=covariates)
 
 
 def _together(
-    cut: Segments | None, bring: Sequence[str], rows: Sequence[tuple[int, PieceOfRecord | None]]
-) -> dict[str, NDArray[Any]]:
+    cut: Segments | None, bring: Sequence[str], pieces: Sequence[Pieces]
+) -> dict[str, FloatArray]:
     """What pieces bring, by column; levels within `hold` of each other are one level."""
-    found = {
-        name: np.array([np.nan if p is None else p.brought[name] for _, p in rows])
-        for name in bring
-    }
+    found = {name: _joined(name, [(len(own), own.brought) for own in pieces]) for name in bring}
     if cut is not None and cut.has_level and cut.hold > 0:
         factor, _ = cut.level().linear(dimension_of(cut.maps), "segments")
         values = found[cut.maps]
@@ -128,21 +123,23 @@ def _together(
     return found
 
 
-def _further(
-    rows: Sequence[tuple[int, PieceOfRecord | None]], taken: Collection[str]
-) -> dict[str, NDArray[Any]]:
+def _further(pieces: Sequence[Pieces], taken: Collection[str]) -> dict[str, FloatArray]:
     """Means and scatter of the records' further columns, NaN where a record has none; a column
     without a number anywhere is left out. A name that the schedule has for itself is made the
     record's.
     """
-    names = dict.fromkeys(name for _, p in rows if p is not None for name in p.covariates)
-    found: dict[str, NDArray[Any]] = {}
-    for name in names:
-        of = [NOTHING if p is None else p.covariates.get(name, NOTHING) for _, p in rows]
-        mean, scatter = np.fromiter(chain.from_iterable(of), float, 2 * len(of)).reshape(-1, 2).T
+    found: dict[str, FloatArray] = {}
+    for name in dict.fromkeys(name for own in pieces for name in own.covariates):
+        mean = _joined(name, [(len(own), own.covariates) for own in pieces])
+        scatter = _joined(name, [(len(own), own.scatter) for own in pieces])
         if np.isfinite(mean).any():
             own = name if name not in taken else f"{RECORD_COLUMN} {name}"
             found[own] = mean
             if np.isfinite(scatter).any():
                 found[f"sd_{own}"] = scatter
     return found
+
+
+def _joined(name: str, parts: Sequence[tuple[int, Mapping[str, FloatArray]]]) -> FloatArray:
+    """A column of all records' pieces, NaN for those of a record that lacks it."""
+    return np.concatenate([of[name] if name in of else np.full(n, np.nan) for n, of in parts])

@@ -17,6 +17,7 @@ from nearlift.manifest.flight_log import Flight, LoggedColumn
 from nearlift.readers.channel import Channel, Contents, pick
 from nearlift.readers.files import source_of
 from nearlift.readers.seam import Reader
+from nearlift.reduction.stretch import median
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -65,7 +66,7 @@ class FlightLog:
     @property
     def step_s(self) -> float:
         """The clock's usual step."""
-        return float(np.median(np.diff(self.time_s)))
+        return median(np.diff(self.time_s))
 
     @property
     def climb_m_s(self) -> FloatArray:
@@ -88,7 +89,7 @@ class Clock:
     @property
     def hole_s(self) -> float:
         """The shortest time without a sample that is a hole."""
-        return max(HOLE_S, HOLE_STEPS * float(np.median(np.diff(self.time_s))))
+        return max(HOLE_S, HOLE_STEPS * median(np.diff(self.time_s)))
 
 
 def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> FlightLog | Contents:

@@ -4,9 +4,8 @@ were told, how high it was and how it moved.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -21,7 +20,7 @@ from nearlift.readers import flight_log
 from nearlift.readers.channel import Contents
 from nearlift.readers.flight_log import FlightLog
 from nearlift.readers.seam import Reader
-from nearlift.readers.segments import PieceOfRecord
+from nearlift.readers.segments import Pieces
 from nearlift.reduction import motor_lag
 from nearlift.reduction.airborne import CLEAN, Phases, Window, phases, windows_of
 from nearlift.reduction.motor_lag import GRID, Moments
@@ -39,30 +38,29 @@ LEAST_HEIGHT = 0.3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlightPiece(PieceOfRecord):
-    """A window of a flight: samples from `first` to before `end`; clean ones have no code."""
-
-    first: int
-    end: int
-    codes: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Weighed:
-    """One log cut into windows; `lift_N` (n,) is that of its samples, `command` (windows, T) the
-    mean of the rotors behind each lag of the grid, and `stretches` are what its lag is estimated
-    from.
+    """One log cut into windows, its pieces: the `first` sample of each, up to that of the next, and
+    the code of each, "" of a clean one. `lift_N` (n,) is that of the samples, `command` (windows,
+    T) the mean of the rotors behind each lag of the grid, and `stretches` are what its lag is
+    estimated from.
     """
 
     source: str
     step_s: float
     codes: tuple[str, ...]
     notes: tuple[str, ...]
-    pieces: tuple[FlightPiece, ...]
+    pieces: Pieces
+    first: NDArray[np.int64]
+    codes_of: tuple[str, ...]
     lift_N: FloatArray
     command: FloatArray
     stretches: tuple[Moments, ...]
     counts: Counter[str]
+
+    @property
+    def clean(self) -> NDArray[np.bool_]:
+        """Which windows have no code."""
+        return np.array([not code for code in self.codes_of], dtype=bool)
 
 
 def read(
@@ -142,7 +140,9 @@ class _Cut:
             step_s=self.step_s,
             codes=log.codes,
             notes=log.notes,
-            pieces=tuple(self._pieces(cut, {**of_window, **self._placed(cut)})),
+            pieces=self._pieces(cut, {**of_window, **self._placed(cut)}),
+            first=first,
+            codes_of=tuple(w.code for w in cut),
             lift_N=self.lift_N,
             command=(np.add.reduceat(means, first, axis=-1) / length_of).T,
             stretches=tuple(self._stretches(found, means)),
@@ -235,31 +235,18 @@ class _Cut:
             series[f"command_share_{k + 1}"] = log.command[:, k] / together
         return series
 
-    def _pieces(
-        self, cut: Sequence[Window], of_window: Mapping[str, FloatArray]
-    ) -> Iterator[FlightPiece]:
+    def _pieces(self, cut: Sequence[Window], of_window: Mapping[str, FloatArray]) -> Pieces:
         """The windows with what they are told by, (windows,) each."""
-        names = [name for name in of_window if name not in BROUGHT]
-        bring = [name for name in of_window if name in BROUGHT]
-        beside = zip(*(of_window[name].tolist() for name in names), strict=True)
-        brought = zip(*(of_window[name].tolist() for name in bring), strict=True)
         # what is left out may stand at any height, and behind any command
-        unknown = dict.fromkeys([*bring, "throttle"], math.nan)
-        since = self.log.time_s[[w.first for w in cut]].tolist()
-        for k, (window, own, more) in enumerate(zip(cut, brought, beside, strict=True)):
-            clean = not window.code
-            yield FlightPiece(
-                number=k + 1,
-                since_s=since[k],
-                brought={**unknown, **dict(zip(bring, own, strict=True))} if clean else unknown,
-                # what moves within a window is no scatter of what it was
-                covariates={n: (v, math.nan) for n, v in zip(names, more, strict=True)}
-                if clean
-                else {},
-                first=window.first,
-                end=window.end,
-                codes=() if clean else (window.code,),
-            )
+        lost = np.array([bool(w.code) for w in cut])
+        told = {name: np.where(lost, np.nan, values) for name, values in of_window.items()}
+        # what moves within a window is no scatter of what it was
+        return Pieces(
+            number=np.arange(1, len(cut) + 1),
+            since_s=self.log.time_s[[w.first for w in cut]],
+            brought={name: values for name, values in told.items() if name in BROUGHT},
+            covariates={name: values for name, values in told.items() if name not in BROUGHT},
+        )
 
     def _placed(self, cut: Sequence[Window]) -> dict[str, FloatArray]:
         """The start that each window follows, and where the set-point stood before its middle."""
@@ -304,7 +291,10 @@ def _stretches_of(
     first = np.flatnonzero(np.concatenate([[True], (np.diff(start) != 0) | (np.diff(run) != 0)]))
     begun = np.repeat(time_s[first], np.diff([*first, len(time_s)]))
     part = ((time_s - begun) // motor_lag.STRETCH_S).astype(np.int64)
-    changes = np.any(np.diff(np.stack([start, run, part])[:, clean]) != 0, axis=0)
     number = np.zeros(len(time_s), dtype=np.int64)
-    number[clean] = np.cumsum([1, *changes])[: int(clean.sum())]
+    flown = np.flatnonzero(clean)
+    changes = np.ones(len(flown), dtype=bool)
+    for own in (start[flown], run[flown], part[flown]):
+        changes[1:] &= own[1:] == own[:-1]
+    number[flown] = np.cumsum(~changes) + 1
     return number

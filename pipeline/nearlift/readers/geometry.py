@@ -140,16 +140,15 @@ def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None
     """Refuse a throttle outside 0 to 1, and throttles of 1 % at most, with the unit that would make
     sense.
     """
-    for i, value in enumerate(throttle):
-        if value < 0 or value > 1 + 1e-9:
-            other = [
-                u for u in units.plausible(float(cells.texts[i]), "throttle", 0.0, 1.0) if u != unit
-            ]
-            raise InputRefused(
-                cells.at(i),
-                f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
-                f"{other[0]}?" if other else "throttle is a part of full throttle",
-            )
+    for i in np.flatnonzero((throttle < 0) | (throttle > 1 + 1e-9)).tolist():
+        other = [
+            u for u in units.plausible(float(cells.texts[i]), "throttle", 0.0, 1.0) if u != unit
+        ]
+        raise InputRefused(
+            cells.at(i),
+            f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
+            f"{other[0]}?" if other else "throttle is a part of full throttle",
+        )
     largest = int(np.argmax(np.nan_to_num(throttle)))
     if unit != "fraction" and 0 < throttle[largest] <= 0.01 + 1e-9:
         raise InputRefused(

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
@@ -30,33 +31,39 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PieceOfRecord:
-    """What is told of a piece of a record that is a trial.
+class Pieces:
+    """What is told of a record's pieces, each a trial; every array has one entry per piece.
 
     Attributes
     ----------
-    number : int
+    number : int array
         From 1 in the record's order.
-    since_s : float
-        From the record's first sample to its own.
-    brought : mapping of str to float
-        SI, by the schedule's columns that it brings.
-    covariates : mapping of str to (float, float)
-        Mean and scatter of each further column of the record.
+    since_s : float array
+        From the record's first sample to the piece's own.
+    brought : mapping of str to float array
+        SI, by the schedule's columns that the pieces bring.
+    covariates, scatter : mapping of str to float array
+        Mean and scatter of the record's further columns; one without scatter has none.
     """
 
-    number: int
-    since_s: float
-    brought: Mapping[str, float]
-    covariates: Mapping[str, tuple[float, float]]
+    number: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    since_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    brought: Mapping[str, FloatArray] = field(default_factory=dict)
+    covariates: Mapping[str, FloatArray] = field(default_factory=dict)
+    scatter: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.number)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CutPiece(PieceOfRecord):
+class CutPiece:
     """A piece with its samples.
 
     Attributes
     ----------
+    number, since_s, brought, covariates
+        As in `Pieces`; a covariate is its mean and its scatter.
     force_N : (n,) float array
         Settled; tare not removed.
     time_s : (n,) float array or None
@@ -65,19 +72,13 @@ class CutPiece(PieceOfRecord):
         Samples of its zero.
     """
 
+    number: int
+    since_s: float
+    brought: Mapping[str, float]
+    covariates: Mapping[str, tuple[float, float]]
     force_N: FloatArray
     time_s: FloatArray | None
     tare_N: FloatArray
-
-    @property
-    def told(self) -> PieceOfRecord:
-        """The piece without them."""
-        return PieceOfRecord(
-            number=self.number,
-            since_s=self.since_s,
-            brought=self.brought,
-            covariates=self.covariates,
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +91,21 @@ class Segmented:
     cuts: cuts.Cuts
     pieces: tuple[CutPiece, ...]
     at_rest: int = 0
+
+    @property
+    def told(self) -> Pieces:
+        """The pieces without their samples."""
+        own = self.pieces
+        bring = own[0].brought if own else ()
+        further = own[0].covariates if own else ()
+        beside = {n: np.array([p.covariates[n] for p in own]) for n in further}
+        return Pieces(
+            number=np.array([p.number for p in own], dtype=np.int64),
+            since_s=np.array([p.since_s for p in own]),
+            brought={n: np.array([p.brought[n] for p in own]) for n in bring},
+            covariates={n: values[:, 0] for n, values in beside.items()},
+            scatter={n: values[:, 1] for n, values in beside.items()},
+        )
 
 
 def format_of(reader: Reader) -> Format:

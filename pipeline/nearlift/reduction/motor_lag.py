@@ -12,6 +12,7 @@ every 10 ms), so both are free at once.
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -75,18 +76,21 @@ def filtered(
     """
     lags = np.atleast_1d(np.asarray(lag_s, dtype=np.float64))
     known = np.nan_to_num(command)
-    kept = np.array([math.exp(-step_s / lag) if lag > 0 else 0.0 for lag in lags])[:, None]
-    out: FloatArray = (1 - kept) * np.concatenate([known[:1], known[:-1]])
     edges = [0, *(np.flatnonzero(np.diff(run)) + 1).tolist(), len(command)]
-    for a, b in itertools.pairwise(edges):
-        out[:, a : a + 1] = known[a]
-        # each round adds as many samples of the past again
-        reach, keeps = 1, kept
-        while reach < b - a and keeps.max() > FORGOTTEN:
-            out[:, a + reach : b] += keeps * out[:, a : b - reach]
-            reach, keeps = 2 * reach, keeps * keeps
-    behind: FloatArray = out if np.ndim(lag_s) else out[0]
-    return behind
+    out = np.empty((len(lags), len(command)))
+    # lag by lag, so that what is worked on stays at hand
+    for behind, lag in zip(out, lags.tolist(), strict=True):
+        kept = math.exp(-step_s / lag) if lag > 0 else 0.0
+        behind[0] = (1 - kept) * known[0]
+        np.multiply(1 - kept, known[:-1], out=behind[1:])
+        for a, b in itertools.pairwise(edges):
+            behind[a] = known[a]
+            # each round adds as many samples of the past again
+            reach, keeps = 1, kept
+            while reach < b - a and keeps > FORGOTTEN:
+                behind[a + reach : b] += keeps * behind[a : b - reach]
+                reach, keeps = 2 * reach, keeps * keeps
+    return out if np.ndim(lag_s) else out[0]
 
 
 def moments(
@@ -120,10 +124,9 @@ def moments(
     ends = np.cumsum([len(own) // size for own in parts]).tolist()
 
     def means(values: FloatArray) -> FloatArray:
-        own = values[..., mine]
-        whole = own[..., ::size].copy()
+        whole = np.take(values, mine[::size], axis=-1)
         for k in range(1, size):
-            whole += own[..., k::size]
+            whole += np.take(values, mine[k::size], axis=-1)
         return np.asarray(whole / size, dtype=np.float64)
 
     told = np.log(np.maximum(means(commands), 1e-9))
@@ -189,45 +192,51 @@ def _told(sums: _Sums, feedback: float) -> Lag:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class _Sums:
     """The sums of parts of flight, stretches that follow each other: their own, (parts, T, k, k),
     or those of the instruments with them, (parts, T, q, k), and among themselves, (parts, q, q).
     """
 
     each: FloatArray
-    instruments: FloatArray | None
+    instruments: FloatArray | None = None
 
     @classmethod
     def of(cls, stretches: Sequence[Moments], seen: bool) -> _Sums:
-        first = np.linspace(0, len(stretches), min(len(stretches), PARTS) + 1).astype(int)[:-1]
+        edges = np.linspace(0, len(stretches), min(len(stretches), PARTS) + 1).astype(int).tolist()
 
-        def summed(values: list[FloatArray | None]) -> FloatArray:
-            return np.add.reduceat(np.array(values, dtype=np.float64), first)
+        def summed(values: list[FloatArray]) -> FloatArray:
+            parts = (np.array(values[a:b]) for a, b in itertools.pairwise(edges))
+            return np.concatenate([np.add.reduceat(part, [0]) for part in parts])
 
         if not seen:
-            return cls(each=summed([s.products for s in stretches]), instruments=None)
+            return cls(each=summed([s.products for s in stretches]))
         return cls(
-            each=summed([s.seen for s in stretches]),
-            instruments=summed([s.instruments for s in stretches]),
+            each=summed([s.seen for s in stretches if s.seen is not None]),
+            instruments=summed([s.instruments for s in stretches if s.instruments is not None]),
         )
+
+    @functools.cached_property
+    def whole(self) -> tuple[FloatArray, FloatArray | None]:
+        """The sums of all parts."""
+        own = self.instruments
+        return self.each.sum(axis=0), None if own is None else own.sum(axis=0)
 
     def products(self, without: int | None = None) -> FloatArray:
         """Sums of squares and products (T, k, k) of all parts, or of all but one; of instruments,
         of what they see: least squares of those is two-stage least squares.
         """
-
-        def left(each: FloatArray) -> FloatArray:
-            whole: FloatArray = each.sum(axis=0)
-            return whole if without is None else whole - each[without]
-
-        if self.instruments is None:
-            return left(self.each)
-        own = left(self.instruments)
+        left, own = self.whole
+        if without is not None:
+            left = left - self.each[without]
+        if self.instruments is None or own is None:
+            return left
+        if without is not None:
+            own = own - self.instruments[without]
         scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
         energy, turn = np.linalg.eigh(own / np.outer(scale, scale))
         kept = energy > 1e-9 * energy[-1]
-        seen = (turn[:, kept] / np.sqrt(energy[kept])).T @ (left(self.each) / scale[:, None])
+        seen = (turn[:, kept] / np.sqrt(energy[kept])).T @ (left / scale[:, None])
         return np.asarray(seen.swapaxes(1, 2) @ seen, dtype=np.float64)
 
 

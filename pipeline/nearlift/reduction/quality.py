@@ -4,6 +4,8 @@ is dropped silently.
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,8 +123,14 @@ def code(name: str) -> Code:
     return _BY_NAME[name]
 
 
-def joined(names: list[str] | tuple[str, ...]) -> str:
+def joined(names: Sequence[str]) -> str:
     """The text of a `quality` column: codes in the order of `CODES`, each once."""
+    return _joined(tuple(names))
+
+
+# thousands of trials share a few texts
+@functools.lru_cache(maxsize=256)
+def _joined(names: tuple[str, ...]) -> str:
     present = set(names)
     unknown = present - _BY_NAME.keys()
     if unknown:
@@ -132,7 +140,12 @@ def joined(names: list[str] | tuple[str, ...]) -> str:
 
 def rejected(quality: NDArray[Any]) -> NDArray[np.bool_]:
     """Mask of the trials that fits leave out, from a `quality` column."""
-    return np.array([any(name.isupper() for name in text.split()) for text in quality], dtype=bool)
+    return np.array([_rejects(text) for text in quality], dtype=bool)
+
+
+@functools.lru_cache(maxsize=256)
+def _rejects(text: str) -> bool:
+    return any(name.isupper() for name in text.split())
 
 
 def reason(text: str, fault: str = "") -> str:
@@ -175,6 +188,7 @@ def remarks(quality: NDArray[Any]) -> list[str]:
     )
 
 
+@functools.lru_cache(maxsize=256)
 def completeness(text: str) -> str:
     """What a `quality` text says of the record itself: ``complete``, ``truncated``, ``malformed``,
     ``pending`` or ``missing``.

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,15 @@ from nearlift.readers import flights
 from nearlift.readers.channel import Contents, Malformed
 from nearlift.readers.expanded import schedule_of_trials
 from nearlift.readers.files import source_of
-from nearlift.readers.flights import FlightPiece, Weighed
+from nearlift.readers.flights import Weighed
 from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
-from nearlift.readers.segments import PieceOfRecord
+from nearlift.readers.segments import Pieces
 from nearlift.reduction import motor_lag, quality
 from nearlift.reduction.motor_lag import GRID, Lag, Moments
 from nearlift.reduction.record import Reduced
+from nearlift.reduction.stretch import distinct
 from nearlift.run.job import Job
 from nearlift.stages.rows import Rows, Task, digest_of
 from nearlift.stages.segments import Answer, answers_of, each_record, rows_of
@@ -44,11 +45,11 @@ USUAL_POWER = 1.7
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Flown(Answer):
-    """What one worker answers for one log; its pieces are windows of flight, `command` (windows, T)
-    is what their rotors were told behind each lag of the grid.
+    """What one worker answers for one log; its pieces are windows of flight, `clean` those without
+    a code; `command` (windows, T) is what their rotors were told behind each lag of the grid.
     """
 
-    windows: tuple[FlightPiece, ...] = ()
+    clean: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
     command: FloatArray = field(default_factory=lambda: np.empty((0, len(GRID))))
     stretches: tuple[Moments, ...] = ()
 
@@ -111,64 +112,59 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
             source=source,
             source_sha256=sha,
         )
-        return Flown(record=record, rows=(row,), counts=Counter())
-    rows = tuple(
-        Row(
-            trial=f"{record}#{piece.number}",
-            reduced=reduced,
-            samples=piece.end - piece.first,
-            notes=whole.notes if piece is whole.pieces[-1] else (),
-            source=source,
-            source_sha256=sha,
-        )
-        for piece, reduced in zip(whole.pieces, _reduced(whole), strict=True)
-    )
+        return Flown(record=record, rows=Rows.of([row]), counts=Counter())
+    rows = _reduced(whole)
+    rows.source[:], rows.source_sha256[:] = source, sha
+    rows.notes = dict.fromkeys(whole.notes, (1, source))
     return Flown(
         record=record,
         rows=rows,
-        windows=whole.pieces,
+        pieces=whole.pieces,
+        clean=whole.clean,
         command=whole.command,
         stretches=whole.stretches,
         counts=whole.counts,
     )
 
 
-def _reduced(whole: Weighed) -> list[Reduced]:
+def _reduced(whole: Weighed) -> Rows:
     """Mean lift of each window, and its standard error from the scatter about a straight line: what
     a vehicle does in a quarter of a second is no noise. What windows share, the noise model finds.
     """
-    known = np.isfinite(whole.lift_N)
+    found = Rows(len(whole.pieces))
+    found.samples = np.diff([*whole.first, len(whole.lift_N)])
     also = tuple(c for c in whole.codes if not quality.code(c).rejects)
-    codes = [(*piece.codes, *also) for piece in whole.pieces]
-    found = [
-        Reduced(codes=own if piece.codes else (*own, "NO_DATA"))
-        for piece, own in zip(whole.pieces, codes, strict=True)
-    ]
+    known = np.isfinite(whole.lift_N)
+    places = np.flatnonzero(known)
+    held = np.add.reduceat(known, whole.first, dtype=np.int64)
+    begins = np.cumsum(held) - held
     # windows of as many samples are reduced together
-    alike: dict[int, list[tuple[int, NDArray[np.intp]]]] = {}
-    for k, piece in enumerate(whole.pieces):
-        mine = piece.first + np.flatnonzero(known[piece.first : piece.end])
-        alike.setdefault(len(mine), []).append((k, mine))
-    for n, windows in alike.items():
+    for n in distinct(held).tolist():
         if n < 3:
             continue
-        force = whole.lift_N[np.array([mine for _, mine in windows])]
+        own = np.flatnonzero(held == n)
+        force = whole.lift_N[places[begins[own, None] + np.arange(n)]]
         along = np.asarray(np.arange(n) - (n - 1) / 2, dtype=np.float64)
         mean = force.mean(axis=1)
         slope = _dot(force, along) / (along @ along)
         rest = force - mean[:, None] - slope[:, None] * along
         u = np.sqrt(_dot(rest, rest) / (n - 2)) / np.sqrt(n)
-        told = np.stack([mean, u, slope / whole.step_s, force.std(axis=1, ddof=1)])
-        for (k, _), (lift, u_lift, drift, sd) in zip(windows, told.T.tolist(), strict=True):
-            found[k] = Reduced(
-                lift_N=lift,
-                u_lift_N=u_lift,
-                n=n,
-                n_eff=float(n),
-                drift_N_s=drift,
-                sd_N=sd,
-                codes=codes[k],
-            )
+        real = {
+            "lift_N": mean,
+            "u_lift_N": u,
+            "n_eff": n,
+            "drift_N_s": slope / whole.step_s,
+            "sd_N": force.std(axis=1, ddof=1),
+        }
+        for name, values in real.items():
+            found.real[name][own] = values
+        found.n[own] = n
+    told = {code: ((code,) if code else ()) + also for code in {*whole.codes_of}}
+    empty = (*also, "NO_DATA")
+    found.codes = [
+        told[code] if code or n >= 3 else empty
+        for code, n in zip(whole.codes_of, held.tolist(), strict=True)
+    ]
     return found
 
 
@@ -185,11 +181,11 @@ def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[st
     # a log that is there twice has flown once
     apart: dict[str, Flown] = {}
     for answer in answers.values():
-        apart.setdefault(answer.rows[0].source_sha256, answer)
+        apart.setdefault(answer.rows.source_sha256[0], answer)
     stretches = [s for a in apart.values() for s in a.stretches]
     found = motor_lag.estimate(stretches, given)
     if found is None:
-        if given is None and any(not w.codes for a in answers.values() for w in a.windows):
+        if given is None and any(a.clean.any() for a in answers.values()):
             raise InputRefused(
                 "flight.lag",
                 f"{len(stretches)} stretches of flight cannot tell the motors' lag",
@@ -219,28 +215,20 @@ def _weights(lag: Lag) -> FloatArray:
     return np.stack([np.interp(places, GRID, unit) for unit in UNITS], axis=1)
 
 
-def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> tuple[PieceOfRecord, ...]:
+def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> Pieces:
     """The windows with the command behind the lag for a throttle, and what log lift changes by
     were the lag another.
     """
-    clean = [window for window in answer.windows if not window.codes]
-    flown = np.array([not window.codes for window in answer.windows], dtype=bool)
-    less, at, more = (weights @ answer.command[flown][..., None])[..., 0].T
-    slopes = lag.power * np.log(more / less) / (2 * STEP_S)
-    behind = {
-        window.number: PieceOfRecord(
-            number=window.number,
-            since_s=window.since_s,
-            brought={**window.brought, "throttle": throttle},
-            covariates={
-                **window.covariates,
-                SLOPE: (slope, np.nan),
-                "u_lag_s": (lag.u_s, np.nan),
-            },
-        )
-        for window, throttle, slope in zip(clean, at.tolist(), slopes.tolist(), strict=True)
-    }
-    return tuple(behind.get(window.number, window) for window in answer.windows)
+    pieces, clean = answer.pieces, answer.clean
+    throttle, slope = np.full((2, len(pieces)), np.nan)
+    less, throttle[clean], more = (weights @ answer.command[clean][..., None])[..., 0].T
+    slope[clean] = lag.power * np.log(more / less) / (2 * STEP_S)
+    own = {SLOPE: slope, "u_lag_s": np.where(clean, lag.u_s, np.nan)}
+    return replace(
+        pieces,
+        brought={**pieces.brought, "throttle": throttle},
+        covariates={**pieces.covariates, **own},
+    )
 
 
 def _counted(answers: Sequence[Flown]) -> list[str]:
@@ -249,8 +237,8 @@ def _counted(answers: Sequence[Flown]) -> list[str]:
     whole = sum(total.values())
     if not whole:
         return []
-    kept = sum(not window.codes for a in answers for window in a.windows)
-    logs = sum(bool(a.windows) for a in answers)
+    kept = sum(int(a.clean.sum()) for a in answers)
+    logs = sum(len(a.pieces) > 0 for a in answers)
     lost = ", ".join(f"{code} {100 * n / whole:.3g} %" for code, n in total.most_common() if code)
     return [
         f"{logs} log{'s' * (logs != 1)} cut into {kept} windows, {100 * total[''] / whole:.3g} % of"

@@ -4,7 +4,7 @@ workers column by column.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -77,6 +77,27 @@ class Rows:
         for note in row.notes:
             count, first = self.notes.get(note, (0, row.source))
             self.notes[note] = count + 1, first
+
+    @classmethod
+    def of(cls, answers: Sequence[Row], further: tuple[str, ...] = ()) -> Rows:
+        """The answers of one worker, in order."""
+        rows = cls(len(answers), further)
+        for i, row in enumerate(answers):
+            rows.put(i, row)
+        return rows
+
+    def put_all(self, at: int, rows: Rows) -> None:
+        """The answers of one worker, from trial `at` on; those without a number stay without."""
+        own = slice(at, at + len(rows.codes))
+        for name in self.real.keys() & rows.real.keys():
+            self.real[name][own] = rows.real[name]
+        self.n[own], self.samples[own] = rows.n, rows.samples
+        self.codes[own] = rows.codes
+        self.source_sha256[own], self.source[own] = rows.source_sha256, rows.source
+        self.fault[own] = rows.fault
+        for note, (more, place) in rows.notes.items():
+            count, first = self.notes.get(note, (0, place))
+            self.notes[note] = count + more, first
 
     def told(self) -> list[str]:
         """The remarks, each once."""

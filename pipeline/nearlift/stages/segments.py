@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -20,7 +20,7 @@ from nearlift.readers.files import per_trial, pieces, unlisted
 from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
-from nearlift.readers.segments import PieceOfRecord, Segmented
+from nearlift.readers.segments import Pieces, Segmented
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.run.job import Job
 from nearlift.stages.rows import (
@@ -34,17 +34,21 @@ from nearlift.stages.rows import (
     malformed,
 )
 
+#: What rows of pieces have beside the usual numbers.
+FURTHER = ("u_zero_N",)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answer:
-    """What one worker answers for one record: a row for each of its pieces, which have given their
-    samples away, or one for a record without any; and what was counted.
+    """What one worker answers for one record: a row for each of its pieces, or one for a record
+    without any; what was counted; and why the record cannot be read as the manifest asks.
     """
 
     record: str
-    rows: tuple[Row, ...]
-    pieces: tuple[PieceOfRecord, ...] = ()
+    rows: Rows
+    pieces: Pieces = field(default_factory=Pieces)
     counts: Counter[str]
+    refusal: InputRefused | None = None
 
 
 Found = TypeVar("Found", bound=Answer)
@@ -62,7 +66,7 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
     answers = answers_of(job, reader, schedule, cut_records)
     campaign = job.campaign
     trials = schedule_of_trials(campaign, job.root, {r: a.pieces for r, a in answers.items()})
-    rows, notes = rows_of(job, schedule, trials, answers, Rows(len(trials), further=("u_zero_N",)))
+    rows, notes = rows_of(job, schedule, trials, answers, Rows(len(trials), FURTHER))
     return trials, rows, [*notes, *_counted(list(answers.values())), *rows.told()]
 
 
@@ -86,7 +90,7 @@ def answers_of(
     for found in answered(job.executor, cut, _tasks(job, there, schedule), small):
         for answer in found:
             answers[answer.record] = answer
-            refusals += [r.refusal for r in answer.rows if r.refusal is not None][:1]
+            refusals += [] if answer.refusal is None else [answer.refusal]
         if 2 * len(refusals) > len(there):
             raise refusals[0]
         job.say(f"ingest {len(answers)} of {len(there)} records")
@@ -102,9 +106,9 @@ def rows_of(
     ids, at = schedule.trial.tolist(), 0
     for record in ids:
         # a record that is not there has a row that is MISSING
-        for k, row in enumerate(answers[record].rows if record in answers else ()):
-            rows.put(at + k, row)
-        at += len(answers[record].rows) if record in answers else 1
+        if record in answers:
+            rows.put_all(at, answers[record].rows)
+        at += len(answers[record].rows.codes) if record in answers else 1
     return rows, list(unlisted(job.campaign, job.root, ids))
 
 
@@ -156,7 +160,9 @@ def each_record(
             if not is_of_the_record(fault):
                 raise
             row = malformed(task, i, fault, digests)
-            found.append(kind(record=record, rows=(row,), counts=Counter()))
+            found.append(
+                kind(record=record, rows=Rows.of([row]), counts=Counter(), refusal=row.refusal)
+            )
     return found
 
 
@@ -177,7 +183,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Answer:
             source=source,
             source_sha256=sha,
         )
-        return Answer(record=record, rows=(row,), counts=_counts(whole))
+        return Answer(record=record, rows=Rows.of([row]), counts=_counts(whole))
     conditions = replace(conditions_of(campaign), settle_s=0.0)
     rows = []
     for piece in whole.pieces:
@@ -201,8 +207,12 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Answer:
                 source_sha256=sha,
             )
         )
-    told = tuple(piece.told for piece in whole.pieces)
-    return Answer(record=record, rows=tuple(rows), pieces=told, counts=_counts(whole))
+    return Answer(
+        record=record,
+        rows=Rows.of(rows, FURTHER),
+        pieces=whole.told,
+        counts=_counts(whole),
+    )
 
 
 def _counts(whole: Segmented) -> Counter[str]:
