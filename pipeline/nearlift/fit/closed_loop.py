@@ -67,6 +67,31 @@ class Windows:
         both = np.stack([self.start, since_start(self.start) // STRETCH])
         return np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
 
+    def taken(self, kept: NDArray[np.bool_]) -> Windows:
+        """Some of them."""
+        return Windows(
+            log_lift=self.log_lift[kept],
+            log_command=self.log_command[kept],
+            beside=self.beside[kept],
+            z_hat=self.z_hat[kept],
+            start=self.start[kept],
+            instruments=None if self.instruments is None else self.instruments[kept],
+        )
+
+    def linear(self, power: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The levels of starts (n, starts), all that log lift is linear in beside the ratio, and
+        log lift less what a given `power` of the command has of it.
+        """
+        level = np.eye(int(self.start.max()) + 1)[self.start]
+        level = level[:, level.any(axis=0)]
+        if power is None:
+            return (
+                level,
+                np.hstack([level, self.beside, self.log_command[:, None]]),
+                self.log_lift,
+            )
+        return level, np.hstack([level, self.beside]), self.log_lift - power * self.log_command
+
     def moved(self, log_lift: FloatArray | float = 0.0, z_hat: float = 0.0) -> Windows:
         """The same, were log lift or every height other by so much."""
         return replace(self, log_lift=self.log_lift + log_lift, z_hat=self.z_hat + z_hat)
@@ -135,18 +160,10 @@ def solve(
     NotConverged
         The steps do not settle, or the windows do not tell the coefficients.
     """
-    level = np.eye(int(windows.start.max()) + 1)[windows.start]
-    level = level[:, level.any(axis=0)]
-    linear = [level, windows.beside]
-    fixed = windows.log_lift
-    if power is None:
-        linear.append(windows.log_command[:, None])
-    else:
-        fixed = fixed - power * windows.log_command
-    free = np.hstack(linear)
+    level, free, fixed = windows.linear(power)
     theta, p = theta.astype(float), len(theta)
     scatter = float(np.std(fixed - level @ np.linalg.lstsq(level, fixed, rcond=None)[0]))
-    pace, before = 1.0, np.inf
+    pace, before, last = 1.0, np.inf, np.zeros(p)
     for _ in range(STEPS):
         log_ratio, slopes = ratio(theta)
         columns = np.hstack([free, slopes])
@@ -163,9 +180,9 @@ def solve(
             break
         size, left = float(np.abs(move).max()), fixed - log_ratio - columns @ found
         scatter = float(np.sqrt(np.mean(left**2)))
-        # steps that overshoot grow
-        pace = max(0.5 * pace, SLOWEST) if size > before else pace
-        before = size
+        # steps that overshoot grow, or turn back
+        pace = max(0.5 * pace, SLOWEST) if size > before or move @ last < 0 else pace
+        before, last = size, move
         theta = theta + move * min(pace, FARTHEST / max(size, 1e-300))
         if size < SETTLED:
             each = np.array([sums.solved(weight, towards, g) for g in range(sums.groups)])
@@ -242,6 +259,27 @@ class _Sums:
         drawn = np.zeros((len(weight), zx.shape[1]))
         drawn[:, -len(weight) :] = np.diag(weight)
         return np.vstack([root.T @ zx, drawn]), np.concatenate([root.T @ zy, weight * towards])
+
+
+def without_each(windows: Windows, ratio: Ratio, theta: FloatArray) -> FloatArray:
+    """How far theta moves in one step without each window, (n, p): in closed form, the first of the
+    two stages left as it is.
+    """
+    level, free, fixed = windows.linear(None)
+    log_ratio, slopes = ratio(theta)
+    x, y = np.hstack([free, slopes]), fixed - log_ratio
+    seen = x
+    if windows.instruments is not None:
+        z = np.hstack([level, windows.instruments])
+        seen = z @ np.linalg.lstsq(z, x, rcond=1e-8)[0]
+    scale = np.maximum(np.linalg.norm(seen, axis=0), 1e-300)
+    seen = seen / scale
+    inner = np.linalg.pinv(seen.T @ seen)
+    left = y - x @ (inner @ (seen.T @ y) / scale)
+    along = seen @ inner
+    kept = np.maximum(1 - np.einsum("ij,ij->i", along, seen), 1e-3)
+    moved = -along * (left / kept)[:, None] / scale
+    return np.asarray(moved[:, -len(theta) :], dtype=np.float64)
 
 
 def gains(windows: Windows, power: float | None = None) -> list[tuple[float, Solved]]:

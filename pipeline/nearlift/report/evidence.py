@@ -62,8 +62,11 @@ class Evidence:
     seed: int = 0
 
     def has(self, *products: Product) -> bool:
-        """Whether all these products exist."""
-        return all(p.file in self.tables or p.file in self.documents for p in products)
+        """Whether all these products exist; a table without rows is none."""
+        return all(
+            p.file in self.documents or any(map(len, self.tables.get(p.file, {}).values()))
+            for p in products
+        )
 
     def table(self, product: Product) -> Columns:
         """A table product; `ProductError` if it does not exist."""

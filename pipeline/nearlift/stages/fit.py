@@ -25,6 +25,7 @@ from nearlift.likelihood.problem import height_slope
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROFILES, TRIALS
 from nearlift.results.fit import FitResults, ModelComparison, ModelFit
+from nearlift.results.influence import Influence
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome, part
@@ -72,6 +73,10 @@ def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[Lif
     return base, tuple(m for m in rivals if m.name != base.name)
 
 
+#: Of coefficients that are refused nobody asks what a trial or a prior would do to them.
+REFUSED = Influence(
+    why_not="the model's coefficients are refused, and no posterior of them is drawn either"
+)
 #: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
 #: errors are not there.
 SURELY_LESS = 1e-6
@@ -97,6 +102,7 @@ def run(job: Job) -> Outcome:
     count, done = sum(1 + len(rivals) for _, rivals in choices.values()), itertools.count()
     for boundary in present:
         data = observe(trials, job.campaign, boundary)
+        refused = bool(flown.refusal(job.campaign, data))
         expense.announce(job.announce, f"fit {boundary}", expense.FIT, data)
         base, rivals = choices[boundary]
         fits, failed = dict[str, ModelFit](), dict[str, str]()
@@ -131,23 +137,15 @@ def run(job: Job) -> Outcome:
                     results.held_quantity[boundary],
                     results.rotor_coefficient[boundary],
                 ) = assumptions.check(job.campaign, result)
-                screened = screening.screen(result, parts, trials)
+                screened = REFUSED if refused else screening.screen(result, parts, trials)
                 results.influence[boundary] = screened
                 notes += screening.notes(boundary, screened)
-            try:
-                evidence, drawn = posteriors.add(result, model is base, say)
-            except NotConverged as fault:
-                if model is base:
-                    raise
-                notes.append(
-                    f"{boundary}: {model.name} has no posterior: {fault.what}; {fault.remedy}"
+            if not refused:
+                fits[model.name], more = posteriors.added(
+                    result, fits[model.name], model is base, say
                 )
-                continue
-            fits[model.name] = replace(fits[model.name], log_evidence=evidence, posterior=drawn)
+                notes += more
             if model is base:
-                notes += [
-                    f"{boundary}: {p.unlike_fit}" for p in drawn.parameters.values() if p.unlike_fit
-                ]
                 notes += overdeclared(result)
                 # after its posterior, whose shape may be a doubt
                 quoted[boundary] = base_result(result, fits[base.name])

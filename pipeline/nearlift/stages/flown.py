@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
@@ -28,6 +29,7 @@ from nearlift.results.quotation import (
     CoefficientResult,
     Doubt,
     LargestShifts,
+    Shift,
     ends,
 )
 from nearlift.run.job import Job
@@ -37,6 +39,10 @@ from nearlift.stages.observe import observe
 
 #: Names and units of what flights determine, as `closed_loop.gains` has them.
 DETERMINED = (("gain_at_2", "1"), ("decay_length", "rotor radii"))
+#: Windows, and starts, without which the gain is solved for to see which moves it most.
+TRIES = 12
+#: Where the set-point stood at a window's middle; without it nothing parts lift from feedback.
+SETPOINT = "setpoint_m_0"
 HOLDS = {
     True: (
         "Holds feedback, by the set-point's history as instruments, what stretches of flight left"
@@ -56,6 +62,28 @@ NO_HEIGHT = (
     "refused: it hangs on the height of the rotor plane above the feet, whose uncertainty nobody"
     ' declared; add [[uncertainty]] on = "height", scope = "campaign"'
 )
+
+
+def refusal(campaign: Campaign, data: Observations) -> str:
+    """Why these flights cannot tell a base model's coefficients, however they are fitted; empty
+    where they may, or where nothing flew.
+    """
+    if campaign.flight is None:
+        return ""
+    if SETPOINT not in data.covariates:
+        return NO_SETPOINT
+    return "" if _u_height_m(campaign) else NO_HEIGHT
+
+
+def _u_height_m(campaign: Campaign) -> float:
+    """The declared standard uncertainty of every height at once."""
+    return math.sqrt(
+        sum(
+            u.standard() ** 2
+            for u in campaign.uncertainty
+            if u.on == "height" and u.scope in ("campaign", "boundary")
+        )
+    )
 
 
 def quoted(
@@ -109,7 +137,8 @@ class Determined:
     def __init__(self, campaign: Campaign, data: Observations) -> None:
         known, vehicle = data.covariates, campaign.vehicle
         self.data = data
-        self.has_setpoint = "setpoint_m_0" in known
+        self.has_setpoint = SETPOINT in known
+        self.why_refused = refusal(campaign, data)
         instruments = None
         # no disturbance of the height moves it: it is an instrument of its own
         aside = [known["level_speed_m_s"] ** 2] if "level_speed_m_s" in known else []
@@ -133,33 +162,72 @@ class Determined:
             instruments=instruments,
         )
         self.lag = known["lag_slope"] * known["u_lag_s"]
-        height2 = [
-            u.standard() ** 2
-            for u in campaign.uncertainty
-            if u.on == "height" and u.scope in ("campaign", "boundary")
-        ]
-        self.u_height = math.sqrt(sum(height2)) / vehicle.rotor_radius
+        self.u_height = _u_height_m(campaign) / vehicle.rotor_radius
 
     def determined(self) -> dict[str, CoefficientResult]:
         """Gain at two radii and decay length; raises NotConverged where no window tells."""
-        answers = []
-        for power in (None,) if self.has_setpoint else (None, *POWERS):
-            each = closed_loop.gains(self.windows, power)
-            for form, found in each:
-                answers.append(self._answer(found, _of_form(form), power, closed_loop.BELIEVED))
-        holds = HOLDS[self.has_setpoint]
+        powers = (None,) if self.has_setpoint else (None, *POWERS)
+        solved = [(p, *each) for p in powers for each in closed_loop.gains(self.windows, p)]
+        answers = [
+            self._answer(found, _of_form(form), power, closed_loop.BELIEVED)
+            for power, form, found in solved
+        ]
+        _, form, first = solved[0]
+        holds, moves = HOLDS[self.has_setpoint], self._moves(form, first.theta)
         return {
-            name: _result(answers, k, unit, (-math.inf, math.inf), holds, turn=math.exp)
+            name: replace(
+                _result(answers, k, unit, (-math.inf, math.inf), holds, turn=math.exp),
+                influence=moves[k],
+            )
             for k, (name, unit) in enumerate(DETERMINED)
         }
+
+    def _moves(self, form: float, theta: FloatArray) -> list[LargestShifts]:
+        """The single window, and the single start, without which gain and decay length move
+        farthest: the closed form says where to look, and a solution without it decides.
+        """
+        data, start = self.data, self.windows.start
+        each = closed_loop.without_each(self.windows, _of_form(form)(self.windows), theta)
+        of_start = np.zeros((int(start.max()) + 1, len(theta)))
+        np.add.at(of_start, start, each)
+
+        def moved(out: NDArray[np.bool_]) -> FloatArray:
+            kept = self.windows.taken(~out)
+            try:
+                other = closed_loop.solve(
+                    kept, _of_form(form)(kept), theta, believed=closed_loop.BELIEVED
+                )
+            except NotConverged:
+                return np.zeros(len(theta))
+            return np.asarray(np.exp(other.theta) - np.exp(theta))
+
+        def farthest(by: FloatArray, label: NDArray[np.int64]) -> list[tuple[int, float]]:
+            look = {i for k in range(len(theta)) for i in np.argsort(-np.abs(by[:, k]))[:TRIES]}
+            found = {int(i): moved(label == i) for i in look}
+            most = [max(found, key=lambda i: abs(found[i][k])) for k in range(len(theta))]
+            return [(i, float(found[i][k])) for k, i in enumerate(most)]
+
+        trials = farthest(each, np.arange(data.n))
+        starts = farthest(of_start, start)
+        return [
+            LargestShifts(
+                trial=Shift.at(float(data.z_hat[i]), str(data.trial[i]), shift),
+                visit=Shift(id=self._start(j), shift=other),
+            )
+            for (i, shift), (j, other) in zip(trials, starts, strict=True)
+        ]
+
+    def _start(self, number: int) -> str:
+        """What a start is called: its log, and which of the log's it is."""
+        i = int(np.argmax(self.windows.start == number))
+        log, _, _ = str(self.data.trial[i]).rpartition("#")
+        return f"{log}, start {self.data.covariates['flight'][i]:g}"
 
     def coefficients(
         self, model: LiftModel, given: Mapping[str, CoefficientResult]
     ) -> dict[str, CoefficientResult]:
         """The base model's coefficients by the instruments; refused where they cannot be told."""
-        why = "" if self.has_setpoint else NO_SETPOINT
-        why = why or ("" if self.u_height else NO_HEIGHT)
-        if not why:
+        if not (why := self.why_refused):
             start = np.array([given[p.name].value for p in model.parameters])
             of = _of_model(model, self.data)
             try:

@@ -6,11 +6,12 @@ import functools
 import hashlib
 import json
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
 from nearlift.fit.ensemble import BLOCK, Block
@@ -20,6 +21,7 @@ from nearlift.fit.least_squares import Fit
 from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.products import POSTERIOR, TRIALS
+from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import (
     DeclaredPrior,
     DrawnEstimate,
@@ -56,6 +58,26 @@ class Posteriors:
 
         material = Provenance.open(self.job).material(stage("fit"))
         return hashlib.sha256(json.dumps(encode(material), sort_keys=True).encode()).hexdigest()
+
+    def added(
+        self, fitted: Fit, entry: ModelFit, base: bool, say: Say
+    ) -> tuple[ModelFit, list[str]]:
+        """A model's entry of fit.json with its posterior, and notes; without one where a rival's
+        does not settle.
+        """
+        boundary = fitted.problem.data.boundary
+        try:
+            evidence, drawn = self.add(fitted, base, say)
+        except NotConverged as fault:
+            if base:
+                raise
+            why = f"{fault.what}; {fault.remedy}"
+            return entry, [f"{boundary}: {fitted.model.name} has no posterior: {why}"]
+        unlike = [p.unlike_fit for p in drawn.parameters.values() if base and p.unlike_fit]
+        return (
+            replace(entry, log_evidence=evidence, posterior=drawn),
+            [f"{boundary}: {text}" for text in unlike],
+        )
 
     def add(self, fitted: Fit, base: bool, say: Say) -> tuple[LogEvidence, PosteriorSummary]:
         """Sample one model's posterior; of base models draws of L_inf are kept, too. `say` hears of

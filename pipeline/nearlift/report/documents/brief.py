@@ -166,17 +166,22 @@ def leads(c: CoefficientResult) -> list[tuple[str, float]]:
 
 
 def _influence(quoted: BoundaryResult) -> str:
-    """The trial and the visit that move the headline most."""
-    if not quoted.headline:
+    """The trial and the visit, or of a flight the start, that move most the first of what the
+    trials tell.
+    """
+    headline = next(iter(quoted.quotable), "")
+    if not headline:
         return ""
-    c = quoted.coefficients[quoted.headline]
+    c = quoted.quotable[headline]
     moves = [
-        f"by {signed(one.shift, decimals(c.u) + 1)} without {kind} {one.place}"
-        for kind, one in (("trial", c.influence.trial), ("visit", c.influence.visit))
+        f"by {signed(one.shift, decimals(c.u) + 1)} without {kind}{one.place}"
+        for kind, one in (
+            ("trial ", c.influence.trial),
+            ("" if quoted.in_flight else "visit ", c.influence.visit),
+        )
         if one is not None
     ]
-    name = letter(quoted.headline)
-    return f"{name} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""
+    return f"{letter(headline)} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""
 
 
 def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:
