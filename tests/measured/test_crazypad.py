@@ -15,7 +15,8 @@ from tests.unit.bench_campaign import run_ingest
 
 from nearlift import catalogue
 from nearlift.datasets import crazypad, registry
-from nearlift.fit import hover
+from nearlift.fit import closed_loop, hover
+from nearlift.fit.closed_loop import BELIEVED
 from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
 from nearlift.run.store import Table
@@ -78,6 +79,48 @@ def test_take_offs_show_the_ground_and_no_coefficient(flown: tuple[Any, Table]) 
     model = catalogue.model("sanchez_cuevas")
     plain = replace(gain, unit="1")
     assert told.coefficients(model, {"K_b": plain})["K_b"].refused
+
+
+def test_every_form_and_power_settles_without_any_start(flown: tuple[Any, Table]) -> None:
+    """Steps that turn back and forth settle too: the gain is not refused for want of steps."""
+    windows = sound_windows(flown)
+    for start in (-1, 7):
+        kept = windows.taken(windows.start != start)
+        for power in (None, *closed_loop.POWERS):
+            for form in closed_loop.FORMS:
+                ratio = closed_loop.decaying(kept.z_hat, form)
+                closed_loop.solve(kept, ratio, BELIEVED[0], power, BELIEVED)
+
+
+def test_what_moves_the_gain_is_what_the_gain_is_without(flown: tuple[Any, Table]) -> None:
+    given, trials = flown
+    sound = {k: v[trials["condition"] == SOUND] for k, v in trials.items()}
+    data = observe(sound, given, "ground")
+    gain = Determined(given, data).determined()["gain_at_2"]
+    window, start = gain.influence.trial, gain.influence.visit
+    assert window is not None
+    assert start is not None
+    assert window.z_hat is not None
+    # far from the ground no single window says much of it
+    assert window.z_hat < 4
+    log, number = start.id.split(", start ")
+    whole = (
+        data.trial == window.id,
+        [
+            t.startswith(f"{log}#") and f == float(number)
+            for t, f in zip(data.trial, data.covariates["flight"], strict=True)
+        ],
+    )
+    for out, shift in zip(whole, (window.shift, start.shift), strict=True):
+        less = Determined(given, data.take(~np.array(out)))
+        [(_, found), *_] = closed_loop.gains(less.windows)
+        assert np.exp(found.theta[0]) - gain.value == pytest.approx(shift, abs=2e-3)
+
+
+def sound_windows(flown: tuple[Any, Table]) -> closed_loop.Windows:
+    given, trials = flown
+    sound = {k: v[trials["condition"] == SOUND] for k, v in trials.items()}
+    return Determined(given, observe(sound, given, "ground")).windows
 
 
 def test_hover_names_what_stands_above_its_limits_and_nothing_else(

@@ -271,6 +271,14 @@ class BoundaryResult:
         return next(iter(self.coefficients), "")
 
     @property
+    def told(self) -> str:
+        """The headline, or the first that the trials tell where it was refused; empty where there
+        is none.
+        """
+        first = next(iter(self.quotable), "")
+        return self.headline if self.headline in self.quotable else first
+
+    @property
     def every(self) -> dict[str, CoefficientResult]:
         """What flights determine, and all coefficients."""
         return {**(self.in_flight or {}), **self.coefficients}
@@ -311,11 +319,15 @@ class BoundaryResult:
         """The single visit or trial that the answer rests on, whichever moves it more; None where
         it rests on none.
         """
-        c, on = self.quotable.get(self.headline), self.rests_on
-        visit = c.influence.visit if c else None
-        if c and visit and abs(visit.shift) > max(c.u, abs(on.shift) if on else 0.0):
+        c, on = self.quotable.get(self.told), self.rests_on
+        visit, trial = (c.influence.visit, c.influence.trial) if c else (None, None)
+        # of flights the loop asks for no trial, and both stand as they were solved for
+        alone = trial if self.told in (self.in_flight or {}) else None
+        least = abs(on.shift) if on else abs(alone.shift) if alone else 0.0
+        if c and visit and abs(visit.shift) > max(c.u, least):
             return "visit", visit
-        trial = c.influence.trial if c else None
+        if c and alone and abs(alone.shift) > c.u:
+            return "trial", alone
         if on and trial:
             return "trial", replace(trial, shift=on.shift)
         return ("visit", self.rests_on_visit.moved) if c and self.rests_on_visit else None
@@ -326,7 +338,7 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
-        own = self.coefficients[self.headline]
+        own = self.every[self.told]
         trial = own.influence.trial
         turns = {}
         for name, on in (("trial", self.rests_on), ("visit", self.rests_on_visit)):
@@ -342,7 +354,7 @@ class BoundaryResult:
             now = turned or self.verdict
             return f"the verdict is a near thing: without {kind} {moved.place} it is {now}{also}"
         sign = "+" if moved.shift > 0 else ""
-        moves = f"{noun(self.headline)} moves by {sign}{plain(moved.shift, 2)}"
+        moves = f"{noun(self.told)} moves by {sign}{plain(moved.shift, 2)}"
         other = f"the verdict is {turned} and " if turned else ""
         to = like(own.value + moved.shift, own.u)
         return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"

@@ -40,7 +40,7 @@ from nearlift.stages.observe import observe
 #: Names and units of what flights determine, as `closed_loop.gains` has them.
 DETERMINED = (("gain_at_2", "1"), ("decay_length", "rotor radii"))
 #: Windows, and starts, without which the gain is solved for to see which moves it most.
-TRIES = 12
+TRIES = 4
 #: Where the set-point stood at a window's middle; without it nothing parts lift from feedback.
 SETPOINT = "setpoint_m_0"
 HOLDS = {

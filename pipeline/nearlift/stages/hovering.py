@@ -9,6 +9,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused
 from nearlift.fit import hover
 from nearlift.manifest.campaign import Campaign
+from nearlift.readers.schedule import CONDITION
 from nearlift.reduction.quality import rejected
 from nearlift.results.hover import HoverComparison, HoverShift
 from nearlift.run.store import Table
@@ -17,7 +18,6 @@ from nearlift.run.store import Table
 SLOW_M_S, FAR = 0.1, 8.0
 #: Windows that a start's mean rests on.
 FEWEST = 5
-CONDITION = "condition"
 
 
 def compared(campaign: Campaign, trials: Table, boundary: Boundary) -> list[HoverComparison]:

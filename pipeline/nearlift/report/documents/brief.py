@@ -166,22 +166,19 @@ def leads(c: CoefficientResult) -> list[tuple[str, float]]:
 
 
 def _influence(quoted: BoundaryResult) -> str:
-    """The trial and the visit, or of a flight the start, that move most the first of what the
-    trials tell.
-    """
-    headline = next(iter(quoted.quotable), "")
-    if not headline:
+    """The trial and the visit, or of flights the start, that move most what the trials tell."""
+    if not quoted.told:
         return ""
-    c = quoted.quotable[headline]
+    c, flown = quoted.quotable[quoted.told], quoted.told in (quoted.in_flight or {})
     moves = [
         f"by {signed(one.shift, decimals(c.u) + 1)} without {kind}{one.place}"
         for kind, one in (
             ("trial ", c.influence.trial),
-            ("" if quoted.in_flight else "visit ", c.influence.visit),
+            ("" if flown else "visit ", c.influence.visit),
         )
         if one is not None
     ]
-    return f"{letter(headline)} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""
+    return f"{letter(quoted.told)} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""
 
 
 def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:
