@@ -42,9 +42,10 @@ from .faulty import (
     written,
 )
 from .small_run import nearlift, state
+from .test_graph import EVERY
 
 ROOT = Path(__file__).parents[2]
-BEFORE_REPORT = ("ingest", "reduce", "fit", "diagnose", "ledger")
+BEFORE_REPORT = EVERY[:-1]
 #: One model, by the sampler that keeps blocks of its chain for whoever goes on; a second of work.
 ONE_FIT = '[fit]\nsampler = "emcee"\ness = 100\nground = { rivals = [] }\n'
 

@@ -67,6 +67,32 @@ def test_every_known_column_becomes_si(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("humidity", "unit", "said"),
+    [
+        ("45", "fraction", r"line 3, column 'humidity': a humidity of 45 fraction is not between"),
+        (
+            "-3",
+            "percent",
+            r"a humidity of -3 percent is not between 0 and 1\n  humidity is a part of saturation",
+        ),
+        (
+            "0.5",
+            "percent",
+            r"the largest humidity is 0.5 percent, drier than any room\n  fraction\?",
+        ),
+    ],
+)
+def test_a_humidity_that_cannot_be_is_refused(
+    tmp_path: Path, humidity: str, unit: str, said: str
+) -> None:
+    text = (
+        f"trial,boundary,distance,throttle,humidity\na,ground,43,25,\nb,ground,43,25,{humidity}\n"
+    )
+    with pytest.raises(InputRefused, match=said):
+        read(tmp_path, text, trials=units(humidity=unit))
+
+
+@pytest.mark.parametrize(
     ("unit", "factor"), [("rpm", 1 / 60), ("Hz", 1.0), ("rad/s", 1 / (2 * np.pi))]
 )
 def test_a_turn_is_a_turn(tmp_path: Path, unit: str, factor: float) -> None:

@@ -109,8 +109,9 @@ def test_a_stage_of_a_module_of_its_own_runs_there(weighing, tmp_path):
 
 def test_a_stage_that_declares_a_chapter_has_one():
     chapter = StageChapter(title="Heights", figures=("budget",), facts="builtins:len")
-    (made,) = declared((*graph.STAGES, dataclasses.replace(WEIGH, chapter=chapter)))
+    *before, made = declared((*graph.STAGES, dataclasses.replace(WEIGH, chapter=chapter)))
     assert (made.name, made.title, made.needs) == ("weigh", "Heights", (HEIGHTS,))
     assert made.facts is len
     assert made.figures == (budget.FIGURE,)
-    assert declared(graph.STAGES) == ()
+    assert declared(graph.STAGES) == tuple(before)
+    assert [c.name for c in before] == [s.name for s in graph.STAGES if s.chapter]

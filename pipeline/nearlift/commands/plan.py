@@ -18,5 +18,5 @@ def command(call: Call, campaign: Path) -> None:
     with call.job(campaign) as job:
         steps = [(stage.name, why) for stage, why in graph.plan(job)]
     stages = [{"stage": name, "stale": bool(why), "why": why} for name, why in steps]
-    lines = (f"{name:<9}{'run: ' + why if why else 'up to date'}" for name, why in steps)
+    lines = (f"{name:<8} {'run: ' + why if why else 'up to date'}" for name, why in steps)
     call.answer({"campaign": job.campaign.name, "stages": stages}, "\n".join(lines))

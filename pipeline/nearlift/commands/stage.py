@@ -80,14 +80,14 @@ def execute(
                 if stage.name == "ingest"
                 else ""
             )
-            call.line(f"{stage.name:<9}{stage.summary} ({why}{held})")
+            call.line(f"{stage.name:<8} {stage.summary} ({why}{held})")
             if call.bar is not None:
                 call.bar.show(stage.name)
 
         with call.busy(f"nearlift: {job.campaign.name}"):
             for step in graph.run(job, wanted, begin=begin, force=only is not None):
                 if not step.why:
-                    call.line(f"{step.stage.name:<9}up to date")
+                    call.line(f"{step.stage.name:<8} up to date")
                 for note in step.outcome.notes:
                     call.line(f"  note: {note}")
                 steps.append(step)

@@ -95,9 +95,13 @@ def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
     ):
         if name in known and np.isfinite(known[name]).any():
             geometry[reference] = float(np.nanmedian(known[name]))
-    for name, value in STAND_INS.items():
-        if name not in known and name not in geometry:
-            geometry[name] = value
+    for name, usual in STAND_INS.items():
+        logged = known.get(name, np.empty(0))
+        whole = logged[np.isfinite(logged)]
+        if name not in geometry and len(whole) < n:
+            # one value for all: of a log with gaps the median
+            geometry[name] = float(np.median(whole)) if len(whole) else usual
+            known.pop(name, None)
     return dataclasses.replace(data, covariates=known, geometry=geometry)
 
 
@@ -146,7 +150,20 @@ def varies(data: Observations, name: str) -> bool:
 
 
 def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
-    """What the effect needs that these trials do not tell; empty if it can be tested."""
-    return tuple(
-        n for n in effect.needs if n not in ("lift_inf_N", *STAND_INS) and not varies(data, n)
-    )
+    """What the effect needs that these trials do not tell; empty if it can be tested. What it
+    varies with has no stand-in.
+    """
+
+    def told(name: str) -> bool:
+        if name in STAND_INS:
+            own = name == effect.varies_with
+            return not own or (name in data.covariates and varies(data, name))
+        return name == "lift_inf_N" or varies(data, name)
+
+    return tuple(name for name in effect.needs if not told(name))
+
+
+def unlogged(effect: Effect, data: Observations) -> tuple[str, ...]:
+    """What the effect's declaration asks to record and these trials do not have."""
+    known = {name.split("_")[0] for name in data.covariates} | {"session"}
+    return tuple(name for name in effect.log_next_time if name not in known)

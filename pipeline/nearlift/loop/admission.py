@@ -7,7 +7,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.likelihood.covariates import missing
+from nearlift.likelihood.covariates import missing, unlogged
 from nearlift.results import Observations
 from nearlift.results.outlook import UntestableEffect
 
@@ -109,7 +109,10 @@ def could_act(
     }
     untestable = tuple(
         UntestableEffect(
-            effect=e.name, needs=tuple(needs[e.name]), log_next_time=tuple(e.log_next_time)
+            effect=e.name,
+            needs=needs[e.name],
+            # where all of it is there, it did not vary, or has gaps
+            log_next_time=unlogged(e, data) or e.log_next_time,
         )
         for e in library
         if needs[e.name]

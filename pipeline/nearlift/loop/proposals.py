@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
+from nearlift.likelihood.covariates import unlogged
 from nearlift.loop.candidate_fit import search
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import Handle
@@ -112,7 +113,7 @@ def changes(
                     {
                         x
                         for e in (pair.handle.effect, effects[pair.rival])
-                        for x in _unlogged(e, stage.data)
+                        for x in unlogged(e, stage.data)
                     }
                 ),
             }
@@ -156,12 +157,6 @@ def _option(change: Change, gain: float, lacking: float) -> dict[str, object]:
         "evidence_per_trial": gain / change.trials if change.trials else None,
         "trials_to_part": needed if enough else None,
     }
-
-
-def _unlogged(effect: Effect, data: Observations) -> list[str]:
-    """What the effect's declaration asks to record and these trials do not have."""
-    known = {name.split("_")[0] for name in data.covariates} | {"session"}
-    return [name for name in effect.log_next_time if name not in known]
 
 
 def _after(

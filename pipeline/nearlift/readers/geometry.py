@@ -1,4 +1,5 @@
-"""Whether a schedule's distances and throttles can be true in the rig that the manifest describes.
+"""Whether a schedule's distances, throttles and humidities can be true in the rig that the manifest
+describes.
 
 A distance outside the arena or a blade in the wall is refused, with the unit that would make sense
 if one does.
@@ -18,6 +19,11 @@ from nearlift.readers.columns import BY_NAME, Cells
 
 #: Distance over radius that is none.
 NEAREST = 1e-4
+#: What a share is of, and what one below 1 % would be.
+SHARES = {
+    "throttle": ("full throttle", "at which no rotor lifts anything"),
+    "humidity": ("saturation", "drier than any room"),
+}
 
 
 def distances(
@@ -136,24 +142,27 @@ def _inside_the_arena(
         )
 
 
-def throttle_is_plausible(throttle: FloatArray, cells: Cells, unit: str) -> None:
-    """Refuse a throttle outside 0 to 1, and throttles of 1 % at most, with the unit that would make
-    sense.
+def share_is_plausible(name: str, values: FloatArray, cells: Cells, unit: str) -> None:
+    """Refuse one of `SHARES` outside 0 to 1, or 1 % at most throughout, with the unit that would
+    make sense; anything else is let through.
     """
-    for i in np.flatnonzero((throttle < 0) | (throttle > 1 + 1e-9)).tolist():
+    if name not in SHARES:
+        return
+    of, too_little = SHARES[name]
+    for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
+        dimension = BY_NAME[name].dimension
         other = [
-            u for u in units.plausible(float(cells.texts[i]), "throttle", 0.0, 1.0) if u != unit
+            u for u in units.plausible(float(cells.texts[i]), dimension, 0.0, 1.0) if u != unit
         ]
         raise InputRefused(
             cells.at(i),
-            f"a throttle of {cells.texts[i].strip()} {unit} is not between 0 and 1",
-            f"{other[0]}?" if other else "throttle is a part of full throttle",
+            f"a {name} of {cells.texts[i].strip()} {unit} is not between 0 and 1",
+            f"{other[0]}?" if other else f"{name} is a part of {of}",
         )
-    largest = int(np.argmax(np.nan_to_num(throttle)))
-    if unit != "fraction" and 0 < throttle[largest] <= 0.01 + 1e-9:
+    largest = int(np.argmax(np.nan_to_num(values)))
+    if unit != "fraction" and 0 < values[largest] <= 0.01 + 1e-9:
         raise InputRefused(
             cells.at(largest),
-            f"the largest throttle is {cells.texts[largest].strip()} {unit}, at which no rotor"
-            " lifts anything",
-            "fraction? then mend throttle under [trials.units]",
+            f"the largest {name} is {cells.texts[largest].strip()} {unit}, {too_little}",
+            f"fraction? then mend {name} under [trials.units]",
         )

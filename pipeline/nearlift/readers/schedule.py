@@ -23,7 +23,7 @@ from nearlift.products import TRIALS
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, KNOWN, Cells
 from nearlift.readers.files import inside
-from nearlift.readers.geometry import distances, throttle_is_plausible
+from nearlift.readers.geometry import distances, share_is_plausible
 from nearlift.readers.schedule_text import columns_of, text_of, unended
 
 #: The column that says what was changed before a flight.
@@ -165,7 +165,7 @@ def of_cells(
             given.get("throttle"),
             blank="throttle" in missing,
         )
-        throttle_is_plausible(throttle, cells["throttle"], given.get("throttle", ""))
+        share_is_plausible("throttle", throttle, cells["throttle"], given.get("throttle", ""))
     z_m = distances(
         campaign, cells.get("distance"), boundary, given.get("distance"), "distance" in missing
     )
@@ -200,11 +200,12 @@ def of_cells(
         elif known.kind == "text":
             covariates[known.inside] = np.array([t.strip() for t in column.texts], dtype=object)
         else:
-            covariates[known.inside] = (
+            covariates[known.inside] = values = (
                 columns.plain(column, name)
                 if known.kind == "plain"
                 else columns.quantity(column, known, given.get(name))
             )
+            share_is_plausible(name, values, column, given.get(name, ""))
     means_wanted = campaign.records.reader == "means"
     if means_wanted and "lift_N" not in means:
         raise ManifestError(

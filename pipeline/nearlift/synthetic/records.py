@@ -26,6 +26,15 @@ FloatArray = NDArray[np.float64]
 Form = Literal["parquet", "csv", "csv_with_time"]
 TRIALS_PER_ROW_GROUP = 150
 GRAVITY = 9.8
+#: How a covariate is logged: its column, unit, and that unit's number of one in SI.
+LOGGED = {
+    "supply_V": ("supply", "V", 1.0),
+    "current_A": ("current", "A", 1.0),
+    "temperature_K": ("temperature", "K", 1.0),
+    "humidity": ("humidity", "percent", 100.0),
+    "tilt_rad": ("tilt", "rad", 1.0),
+    "power_W": ("power", "W", 1.0),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,14 +248,10 @@ def _write_csv(
 def schedule(design: TrialSchedule, bench: Bench) -> str:
     """The text of trials.csv."""
     per_unit = {"mm": 1e3, "cm": 1e2, "m": 1.0}[bench.distance_unit]
-    outside = {
-        "supply_V": "supply",
-        "current_A": "current",
-        "temperature_K": "temperature",
-        "tilt_rad": "tilt",
-        "power_W": "power",
-    }
-    extra = {outside.get(name, name): values for name, values in design.further.items()}
+    extra = {}
+    for name, values in design.further.items():
+        column, _, per_SI = LOGGED.get(name, (name, "", 1.0))
+        extra[column] = per_SI * values
     rows = [
         ",".join(
             ("trial", "boundary", "distance", "throttle", "start", "session", "approach", *extra)
@@ -301,14 +306,8 @@ def manifest(
             ' "mN", sign = 1 }\n'
         )
         records += 'time   = { column = "t", unit = "s" }\n' if form == "csv_with_time" else ""
-    si = {
-        "supply_V": ("supply", "V"),
-        "current_A": ("current", "A"),
-        "temperature_K": ("temperature", "K"),
-        "tilt_rad": ("tilt", "rad"),
-        "power_W": ("power", "W"),
-    }
-    further = "".join(f'{si[n][0]} = "{si[n][1]}"\n' for n in design.further if n in si)
+    logged = (LOGGED[name] for name in design.further if name in LOGGED)
+    further = "".join(f'{column} = "{unit}"\n' for column, unit, _ in logged)
     return f"""# SIMULATED. No such measurement was ever made: this campaign was written by \
 nearlift.synthetic.
 schema = "nearlift.campaign/1"

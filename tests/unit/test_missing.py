@@ -1,0 +1,74 @@
+"""What effects need of trials in which something was logged with gaps, never changed, or is not
+there.
+"""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.effects.air_density import density
+from nearlift.likelihood.covariates import derive, missing, unlogged
+
+from .simulated import campaign, findings
+
+DENSITY = catalogue.effect("air_density")
+#: One whose own covariate is such as nobody misses in others.
+OF_HUMIDITY = dataclasses.replace(DENSITY, varies_with="humidity")
+#: Humidity logged: as it was, with a gap, as one value, not at all.
+LOGS = {
+    "whole": lambda h: h,
+    "gap": lambda h: np.where(np.arange(len(h)) == 5, np.nan, h),
+    "constant": lambda h: np.full_like(h, 0.4),
+    "never": lambda h: np.full_like(h, np.nan),
+}
+
+
+@pytest.fixture
+def logged(request):
+    data = campaign(1)
+    rng = np.random.default_rng(1)
+    air = {
+        "temperature_K": 293 + 3 * rng.standard_normal(data.n),
+        "pressure_Pa": 1e5 + 300 * rng.standard_normal(data.n),
+        "humidity": LOGS[request.param](rng.uniform(0.3, 0.6, data.n)),
+    }
+    return dataclasses.replace(data, covariates={**data.covariates, **air})
+
+
+@pytest.mark.parametrize("logged", LOGS, indirect=True)
+def test_density_is_told_whatever_is_known_of_humidity(logged):
+    known = derive(logged, logged.lift_N)
+    assert missing(DENSITY, known) == ()
+    if np.isfinite(logged.covariates["humidity"]).all():
+        assert "humidity" in known.covariates
+        return
+    values = logged.covariates["humidity"][np.isfinite(logged.covariates["humidity"])]
+    some = np.median(values) if len(values) else 0.5
+    assert "humidity" not in known.covariates
+    assert known.geometry["humidity"] == pytest.approx(some)
+
+
+@pytest.mark.parametrize("logged", ["gap"], indirect=True)
+def test_a_gap_takes_no_name_from_what_is_there(logged):
+    air = {n: logged.covariates[n] for n in ("temperature_K", "pressure_Pa")}
+    lift = logged.lift_N * density(**air, humidity=0.45) / density(293, 1e5, 0.45)
+    found = findings(dataclasses.replace(logged, lift_N=lift), catalogue.model("sanchez_cuevas"))
+    assert [e["name"] for e in found["effects"]] == ["air_density"]
+
+
+@pytest.mark.parametrize(
+    ("logged", "lacking"),
+    [("whole", ()), ("gap", ("humidity",)), ("constant", ("humidity",)), ("never", ("humidity",))],
+    indirect=["logged"],
+)
+def test_what_an_effect_varies_with_has_no_stand_in(logged, lacking):
+    assert missing(OF_HUMIDITY, derive(logged, logged.lift_N)) == lacking
+
+
+@pytest.mark.parametrize("logged", ["whole"], indirect=True)
+def test_what_is_logged_is_not_asked_for(logged):
+    assert unlogged(DENSITY, logged) == ()
+    without = {k: v for k, v in logged.covariates.items() if k != "pressure_Pa"}
+    assert unlogged(DENSITY, dataclasses.replace(logged, covariates=without)) == ("pressure",)
