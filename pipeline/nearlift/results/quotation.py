@@ -272,11 +272,8 @@ class BoundaryResult:
 
     @property
     def told(self) -> str:
-        """The headline, or the first that the trials tell where it was refused; empty where there
-        is none.
-        """
-        first = next(iter(self.quotable), "")
-        return self.headline if self.headline in self.quotable else first
+        """The headline; where it was refused, the first that the trials tell, if there is one."""
+        return self.headline if self.headline in self.quotable else next(iter(self.quotable), "")
 
     @property
     def every(self) -> dict[str, CoefficientResult]:
