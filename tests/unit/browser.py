@@ -32,7 +32,7 @@ OPTIONS = (
     "--disable-background-networking",
     "--remote-debugging-pipe",
 )
-PATIENCE_S, CLICK_S = 120.0, 20.0
+PATIENCE_S, CLICK_S = 120.0, 8.0
 
 
 class Navigated(Exception):
