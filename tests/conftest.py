@@ -29,7 +29,7 @@ hypothesis.settings.load_profile("untimed")
 
 
 SLOW = Path(__file__).parent / "slow.txt"
-SLOW_CPU_S = 1.0  # processor time, which other programs do not change
+SLOW_CPU_S = 0.5  # processor time, which other programs do not change
 BEGAN = pytest.StashKey[float]()
 cpu_s: dict[str, float] = {}
 
