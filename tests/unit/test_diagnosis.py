@@ -406,6 +406,21 @@ def test_an_unseen_session_has_no_gain(null_stage):
     assert added[data.session == 4] == pytest.approx(0.0, abs=1e-12)
 
 
+def test_what_parts_two_explanations_grows_with_the_square_of_what_they_differ_by(null_stage):
+    supply, at = catalogue.effect("supply_sag"), null_stage.base_fit.vector
+    none = ((), at)
+
+    def parted(size, *other):
+        one = ((supply,), np.append(at, size))
+        return separation.parted(null_stage, null_stage.data, one, *(other or (none,)))
+
+    assert parted(0.0) == pytest.approx(0.0, abs=1e-9)
+    assert parted(2e-3) == pytest.approx(4 * parted(1e-3), rel=0.02)
+    assert parted(2e-3) > 0
+    # what the other can be with another size of its own parts nothing
+    assert parted(2e-3, ((supply,), np.append(at, 1e-3))) == pytest.approx(0.0, abs=1e-4)
+
+
 def test_a_proposed_session_adds_power(null_stage):
     answer = run(set_up(campaign(12, visits=15, datum=3e-3), GROUND, (), Options())[0])
     assert len(answer.accepted) > 1
