@@ -27,6 +27,7 @@ from scipy.stats import beta, binom, norm, t
 from tests.calibration import forms, pages, spread
 from tests.calibration.simulator import Shared, Spec, simulate
 from tests.calibration.streams import unordered
+from tests.unit.manifests import CRAZYFLIE, RIG
 
 from nearlift import catalogue
 from nearlift.fit.least_squares import Fit, fit
@@ -72,19 +73,8 @@ def manifest(datum_mm: float, throttle: bool = True) -> manifests.Campaign:
         {
             "schema": "nearlift.campaign/1",
             "name": "coverage",
-            "vehicle": {
-                "name": "simulated",
-                "rotors": 4,
-                "rotor_radius": "23 mm",
-                "rotor_spacing": "65 mm",
-                "mass": "27 g",
-            },
-            "rig": {
-                "held": "throttle",
-                "distance_datum": "rotor plane",
-                "distance_offset": "0 mm",
-                "gravity": "9.8 m/s^2",
-            },
+            "vehicle": CRAZYFLIE | {"name": "simulated"},
+            "rig": RIG,
             "load_cell": {
                 "sample_rate": "1000 Hz",
                 "tare": "0.1 s",

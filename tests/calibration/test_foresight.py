@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from scipy.stats import beta
 from tests.calibration import spread
+from tests.unit.manifests import CRAZYFLIE, RIG
 
 from nearlift import catalogue
 from nearlift.loop.diagnose import diagnose
@@ -33,19 +34,8 @@ EFFECTS = ("supply_sag", "height_offset", "session_gain", "reynolds")
 MANIFEST = {
     "schema": "nearlift.campaign/1",
     "name": "planned",
-    "vehicle": {
-        "name": "Crazyflie 2.0",
-        "rotors": 4,
-        "rotor_radius": "23 mm",
-        "rotor_spacing": "65 mm",
-        "mass": "27 g",
-    },
-    "rig": {
-        "held": "throttle",
-        "distance_datum": "rotor plane",
-        "distance_offset": "0 mm",
-        "gravity": "9.8 m/s^2",
-    },
+    "vehicle": CRAZYFLIE,
+    "rig": RIG,
     "records": {"reader": "means"},
     "design": {
         "distances": {"ground": [f"{mm} mm" for mm in (26, 30, 35, 42, 52, 66, 92, 138, 207, 265)]},

@@ -11,6 +11,19 @@ from nearlift.manifest.campaign import Campaign
 UNITS = {"distance": "mm", "throttle": "percent"}
 RATE = 200.0
 HEAD, LIVE = 100, 400
+CRAZYFLIE = {
+    "name": "Crazyflie 2.0",
+    "rotors": 4,
+    "rotor_radius": "23 mm",
+    "rotor_spacing": "65 mm",
+    "mass": "27 g",
+}
+RIG = {
+    "held": "throttle",
+    "distance_datum": "rotor plane",
+    "distance_offset": "0 mm",
+    "gravity": "9.8 m/s^2",
+}
 
 
 def raw_manifest(**changes: Any) -> dict[str, Any]:
@@ -18,20 +31,8 @@ def raw_manifest(**changes: Any) -> dict[str, Any]:
     raw: dict[str, Any] = {
         "schema": "nearlift.campaign/1",
         "name": "small",
-        "vehicle": {
-            "name": "Crazyflie 2.0",
-            "rotors": 4,
-            "rotor_radius": "23 mm",
-            "rotor_spacing": "65 mm",
-            "mass": "27 g",
-            "contact": {"ground": "12 mm", "ceiling": "2 mm"},
-        },
-        "rig": {
-            "held": "throttle",
-            "distance_datum": "rotor plane",
-            "distance_offset": "0 mm",
-            "gravity": "9.8 m/s^2",
-        },
+        "vehicle": CRAZYFLIE | {"contact": {"ground": "12 mm", "ceiling": "2 mm"}},
+        "rig": {**RIG},
         "records": {"reader": "means"},
         "uncertainty": [
             {"name": "distance datum", "on": "height", "value": "0.2 mm", "scope": "boundary"}
@@ -47,20 +48,8 @@ def raw_bench_manifest(**changes: Any) -> dict[str, Any]:
     raw: dict[str, Any] = {
         "schema": "nearlift.campaign/1",
         "name": "bench",
-        "vehicle": {
-            "name": "Crazyflie 2.0",
-            "rotors": 4,
-            "rotor_radius": "23 mm",
-            "rotor_spacing": "65 mm",
-            "mass": "27 g",
-        },
-        "rig": {
-            "held": "throttle",
-            "distance_datum": "rotor plane",
-            "distance_offset": "0 mm",
-            "arena": "1.5 m",
-            "gravity": "9.8 m/s^2",
-        },
+        "vehicle": {**CRAZYFLIE},
+        "rig": RIG | {"arena": "1.5 m"},
         "load_cell": {
             "sample_rate": f"{RATE:g} Hz",
             "tare": f"{HEAD / RATE:g} s",

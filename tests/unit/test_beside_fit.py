@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from scipy.stats import binom
+from tests.unit.manifests import CRAZYFLIE, RIG
 from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, sanchez_cuevas
 
 from nearlift import catalogue
@@ -21,20 +22,8 @@ CEILING = (0.12, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0, 6.0, 11.0)
 MANIFEST = {
     "schema": "nearlift.campaign/1",
     "name": "beside",
-    "vehicle": {
-        "name": "x",
-        "rotors": 4,
-        "rotor_radius": "23 mm",
-        "rotor_spacing": "65 mm",
-        "mass": "27 g",
-    },
-    "rig": {
-        "held": "throttle",
-        "distance_datum": "rotor plane",
-        "distance_offset": "0 mm",
-        "gravity": "9.8 m/s^2",
-        "air_density": "1.2 kg/m^3",
-    },
+    "vehicle": CRAZYFLIE,
+    "rig": RIG | {"air_density": "1.2 kg/m^3"},
     "records": {"reader": "means"},
 }
 NOISE = Noise(relative=0.004, force_N=3e-4, dof=240.0)

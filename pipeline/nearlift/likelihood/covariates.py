@@ -38,7 +38,8 @@ def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
     `lift_inf_N` (as given, in N, (n,)); where they were logged, `climb_hat`, `level_speed_hat` and
     `imbalance` of a vehicle that moves; and, as geometry, the medians `supply_ref_V`,
     `temperature_ref_K`, `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`.
-    Where the order of the trials is unknown, all that follows from it is constant.
+    Where the order of the trials is unknown, all that follows from it is constant. What has a
+    stand-in and was not logged whole is one value for all, and no covariate.
     """
     known = dict(data.covariates)
     n = data.n
