@@ -72,7 +72,8 @@ class Page:
         if method == "Runtime.exceptionThrown":
             self.errors.append(str(params["exceptionDetails"]))
         elif method == "Log.entryAdded":
-            self.errors.append(params["entry"]["text"])
+            entry = params["entry"]
+            self.errors.append(f"{entry['text']} {entry.get('url', '')}".rstrip())
         elif method == "Runtime.consoleAPICalled":
             self.errors.append(str([a.get("value") for a in params["args"]]))
         elif method == "Network.requestWillBeSent":

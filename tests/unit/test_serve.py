@@ -104,6 +104,11 @@ def test_the_page_lists_the_workspace(client):
     assert headers["X-Content-Type-Options"] == "nosniff"
 
 
+def test_no_icon_is_missed(client):
+    """A browser asks for one where the link leads to, and logs that there is none."""
+    assert client.ask("GET", "/favicon.ico")[0] == 204
+
+
 @pytest.mark.parametrize(
     "headers",
     [

@@ -15,7 +15,7 @@ TEXT = "text/plain; charset=utf-8"
 class Answer:
     """What goes back."""
 
-    body: bytes
+    body: bytes = b""
     kind: str = HTML
     status: int = 200
     headers: Mapping[str, str] = field(default_factory=dict)

@@ -47,6 +47,7 @@ def application(bench: Bench) -> ASGIApp:
     routes += [
         Route("/file/{path:path}", site.file),
         Route("/static/{name}", site.static),
+        Route("/favicon.ico", site.icon),
         Route("/events/work", site.work),
         Route("/events/live", site.live),
         Route("/upload", site.upload, methods=["POST"]),
@@ -83,6 +84,10 @@ class Site:
     async def static(self, request: Request) -> Response:
         """A style sheet or the script."""
         return await self._answered(pages.static, request.path_params["name"])
+
+    async def icon(self, request: Request) -> Response:
+        """None: a browser asks for one beside texts and pictures, and would log its absence."""
+        return _response(answers.Answer(status=204))
 
     async def work(self, request: Request) -> Response:
         """What a command says, while it says it."""
