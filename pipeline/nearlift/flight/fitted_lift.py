@@ -103,6 +103,12 @@ class FittedLift:
         """The best estimate and every draw after it."""
         return [self.ratio(m) for m in range(-1, self.number)]
 
+    def drawn(self, z_hat: FloatArray) -> FloatArray:
+        """L / L_inf of every draw, (number, n)."""
+        columns = {name: values[:, None] for name, values in self.draws.items()}
+        ratio = np.asarray(self.model(z_hat, **{**self.arguments, **columns}), dtype=float)
+        return np.broadcast_to(ratio, (self.number, np.size(z_hat)))
+
     def spaced(self, factor: float) -> Ratio:
         """The best estimate of L / L_inf for a vehicle whose rotors are so many times as
         far apart.

@@ -7,7 +7,7 @@ smooth; it is made fine enough for float precision.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -131,10 +131,10 @@ class UncertaintyTable:
 
 
 def uncertainty_table(
-    ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float, high: float
+    drawn: Callable[[FloatArray], FloatArray], low: float, high: float
 ) -> UncertaintyTable:
-    """Standard deviations over draws of the model, between nodes within 5 % of their own value or
-    1 % of the largest.
+    """Standard deviations over the rows of `drawn`, one to a draw of the model; between nodes
+    within 5 % of their own value or 1 % of the largest.
     """
     w_low, w_high = 1 / (1 + high), 1 / (1 + low)
 
@@ -142,7 +142,7 @@ def uncertainty_table(
         up, down = np.minimum(w + STEP, w_high), np.maximum(w - STEP, w_low)
         at = np.concatenate([w, up, down])
         with np.errstate(invalid="ignore", divide="ignore"):
-            draws = np.stack([np.broadcast_to(f(1 / at - 1), at.shape) for f in ratios])
+            draws = drawn(1 / at - 1)
         value, above, below = np.split(draws[np.isfinite(draws).all(axis=1)], 3, axis=1)
         slope = (above - below) / (up - down) * -(w**2)
         return np.stack([value.std(axis=0), slope.std(axis=0)])

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift import catalogue
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.flight.export.closed_form import closed_form, evaluate, fold
 from nearlift.flight.export.hermite import (
@@ -142,9 +143,9 @@ def exported(lift: FittedLift) -> ExportedLift:
             else {n: tuple(row) for n, row in zip(inside, spread.tolist(), strict=True)}
         ),
         known={n: v for n, v in known.items() if not n.startswith("supply")},
-        at={z: _ratio(lift, z) for z in np.geomspace(low, high, TOLD).tolist()} if low > 0 else {},
+        at=_ratios(lift, np.geomspace(low, high, TOLD)) if low > 0 else {},
         table=hermite_table(ratio, low, high),
-        uncertainty=uncertainty_table(lift.ratios[1:], low, high),
+        uncertainty=uncertainty_table(lift.drawn, low, high),
         rotors=_rotors(lift, low, high),
         inverse=inverse,
         closed=closed,
@@ -164,10 +165,13 @@ def _rotors(lift: FittedLift, low: float, high: float) -> tuple[HermiteTable, ..
     return tuple(rotor(i) for i in range(len(per_rotor(low, **values))))
 
 
-def _ratio(lift: FittedLift, z_hat: float) -> ExportedNumber:
-    best, *draws = (float(ratio(np.array([z_hat]))[0]) for ratio in lift.ratios)
-    lo90, hi90 = np.percentile(draws, [5, 95])
-    return ExportedNumber(value=best, lo90=float(lo90), hi90=float(hi90))
+def _ratios(lift: FittedLift, z_hat: FloatArray) -> dict[float, ExportedNumber]:
+    bounds = np.percentile(lift.drawn(z_hat), [5, 95], axis=0)
+    rows = np.stack([lift.ratio()(z_hat), *bounds]).T.tolist()
+    return {
+        z: ExportedNumber(value=value, lo90=lo90, hi90=hi90)
+        for z, (value, lo90, hi90) in zip(z_hat.tolist(), rows, strict=True)
+    }
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
