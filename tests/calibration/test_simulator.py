@@ -347,7 +347,7 @@ def test_errors_are_what_they_say():
     for trials in (60.0, np.inf):
         paths = [
             draw_errors(Errors(wander=0.002, trials=trials), 1e-9, bench, s).error
-            for s in range(40)
+            for s in range(20)
         ]
         assert np.sqrt(np.mean([np.var(p) for p in paths])) == pytest.approx(0.002, rel=0.35)
 

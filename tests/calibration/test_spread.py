@@ -57,7 +57,7 @@ def test_the_command_writes_rows_and_goes_on(tmp_path):
         "--out",
         str(out),
         "--executor",
-        "processes:2",
+        "threads:2",
     ]
     harness.main([*given, "--count", "1"])
     first = out.with_suffix(".jsonl").read_text()
@@ -65,4 +65,4 @@ def test_the_command_writes_rows_and_goes_on(tmp_path):
     log = out.with_suffix(".jsonl").read_text()
     assert log.startswith(first)
     assert [json.loads(line)["seed"] for line in log.splitlines()] == [600_000, 600_001]
-    assert json.loads(out.read_text())["command"]["executor"] == "processes:2"
+    assert json.loads(out.read_text())["command"]["executor"] == "threads:2"

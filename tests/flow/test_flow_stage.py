@@ -261,7 +261,10 @@ def test_a_campaign_without_grids_has_no_flow_stage_and_says_so_when_asked(tmp_p
         flow.run(job(tmp_path, tmp_path))
 
 
-def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(two, tmp_path):
+def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
+    two, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
     raw = small_run.write(tmp_path / "raw")
     shutil.copytree(two / "piv", raw / "piv")
     text = (two / "campaign.toml").read_text()

@@ -32,7 +32,7 @@ OPTIONS = (
     "--disable-background-networking",
     "--remote-debugging-pipe",
 )
-PATIENCE_S, CLICK_S = 120.0, 8.0
+PATIENCE_S, CLICK_S = 120.0, 2.0
 
 
 class Navigated(Exception):
@@ -144,14 +144,21 @@ class Page:
         self.ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
 
     def place(self, selector: str) -> tuple[float, float, float, float]:
-        """Where an element is, once it was scrolled to: left, top, width, height."""
-        self.wait(f"document.querySelector({json.dumps(selector)})")
-        x, y, width, height = self.run(
-            f"(e => {{ e.scrollIntoView({{ block: 'center', behavior: 'instant' }});"
-            " const b = e.getBoundingClientRect(); return [b.x, b.y, b.width, b.height]; })"
-            f"(document.querySelector({json.dumps(selector)}))"
+        """Where an element is, once it is shown, was scrolled to, and stays there for a frame:
+        left, top, width, height.
+        """
+        element = f"document.querySelector({json.dumps(selector)})"
+        self.wait(f"{element}?.getClientRects().length")
+        found: tuple[float, float, float, float] = self.run(
+            "(async find => { const frame = () => new Promise(requestAnimationFrame);"
+            " const where = () => { const b = find()?.getBoundingClientRect() ?? {};"
+            " return [b.x, b.y, b.width, b.height]; };"
+            " find()?.scrollIntoView({ block: 'center', behavior: 'instant' });"
+            " for (let last = where(), now; ; last = now)"
+            " { await frame(); now = where(); if (now[2] && `${last}` === `${now}`) return now; } })"
+            f"(() => {element})"
         )
-        return x, y, width, height
+        return found
 
     def drag(self, selector: str, *shares: float) -> None:
         """Press the mouse within an element, at a share of its width, and move it on."""

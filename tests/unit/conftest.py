@@ -24,7 +24,7 @@ from nearlift.manifest import campaign as manifest
 from nearlift.products import FIT, RESULTS, TRIALS
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job
-from nearlift.stages import fit, reduce
+from nearlift.stages import diagnose, fit, reduce
 
 from . import small_run
 from .manifests import raw_manifest
@@ -94,8 +94,8 @@ MakeJob = Callable[..., Job]
 
 @pytest.fixture(scope="session")
 def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
-    """Make a job whose trials are written, reduced and fitted; the same trials and manifest are
-    fitted once, and copied.
+    """Make a job whose trials are written, reduced, fitted and, if asked, diagnosed: once for
+    the same trials and manifest, and copied.
     """
 
     def make(
@@ -103,6 +103,7 @@ def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
         throttles: tuple[float, ...] = (0.25, 0.5, 0.75, 0.92),
         repeats: int = 6,
         edit: Any = None,
+        diagnosed: bool = False,
         **changes: Any,
     ) -> Job:
         raw = raw_manifest(**changes)
@@ -120,21 +121,24 @@ def make_job(tmp_path_factory: pytest.TempPathFactory, once: Any) -> MakeJob:
                 inputs={"campaign.toml": "a" * 64, "trials.csv": "b" * 64},
             )
 
+        told = repr(
+            [raw, [(name, str(column.dtype), column.tolist()) for name, column in table.items()]]
+        )
+        name = f"job-{hashlib.sha256(told.encode()).hexdigest()[:16]}"
+
         def fitted(root: Path) -> None:
             first = job(root)
             first.write(TRIALS, table)
             reduce.run(first)
             fit.run(first)
 
+        def searched(root: Path) -> None:
+            shutil.copytree(once(name, fitted), root, dirs_exist_ok=True)
+            diagnose.run(job(root))
+
         root = tmp_path_factory.mktemp("campaign")
-        told = repr(
-            [raw, [(name, str(column.dtype), column.tolist()) for name, column in table.items()]]
-        )
-        shutil.copytree(
-            once(f"job-{hashlib.sha256(told.encode()).hexdigest()[:16]}", fitted),
-            root,
-            dirs_exist_ok=True,
-        )
+        made = once(f"{name}-diagnosed", searched) if diagnosed else once(name, fitted)
+        shutil.copytree(made, root, dirs_exist_ok=True)
         return job(root)
 
     return make

@@ -61,9 +61,9 @@ def write(folder: Path, form: Form = "csv", visits: int = 4) -> Path:
     return folder
 
 
-def write_means(folder: Path, rows: int, lift_sd: float | None = None) -> Path:
+def write_means(folder: Path, rows: int, lift_sd: float | None = None, quick: bool = False) -> Path:
     """The first `rows` trials of a campaign of which only means are known, and their standard
-    deviation in mN where it is given.
+    deviation in mN where it is given; with `quick`, no rival model is fitted.
     """
     folder.mkdir()
     (folder / "campaign.toml").write_text(
@@ -81,6 +81,7 @@ lift_sd = "mN"
 [trials.constants]
 """
         + ("" if lift_sd is None else f'lift_sd = {lift_sd}\n[trials]\norder = "unknown"\n')
+        + ("[fit]\nground = { rivals = [] }\n" if quick else "")
     )
     lifts = [
         (30 + 20 * i, t, far * (1 + 0.1 / (1 + i)))

@@ -21,6 +21,7 @@ name = "wall"
 vehicle = { name = "quadrotor", rotors = 1, rotor_radius = "127 mm", mass = "1 kg" }
 rig = { held = "throttle", distance_datum = "blade tip", distance_offset = "0 mm", gravity = "9.8 m/s^2" }
 records = { reader = "means" }
+fit = { sidewall = { rivals = [] } }
 [trials]
 order = "unknown"
 [trials.units]

@@ -15,7 +15,7 @@ from .small_run import nearlift, write_means
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
-    campaign = write_means(folder / "campaign", 24)
+    campaign = write_means(folder / "campaign", 24, quick=True)
     (folder / "a").mkdir()
     for stage in ("ingest", "reduce", "fit"):
         done = nearlift(stage, campaign, "--out", folder / "a", "--executor", "serial", "-q")

@@ -15,15 +15,14 @@ from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.report.documents import brief, methods, pdf, summary
 from nearlift.report.findings import coverage, listed
 from nearlift.rounding import like, plain, plus_minus
-from nearlift.stages import diagnose, report
+from nearlift.stages import report
 
 from . import small_run, verdicts
 
 
 @pytest.fixture(scope="module", params=verdicts.MADE)
 def evidence(request, make_job):
-    made = make_job(("ground",), **verdicts.MADE[request.param])
-    diagnose.run(made)
+    made = make_job(("ground",), diagnosed=True, **verdicts.MADE[request.param])
     found = report.gather(made)
     assert found.quoted("ground").verdict == request.param
     return found

@@ -26,7 +26,7 @@ REASON = f"24 usable trials are too few; at least 45 trials are wanted, 21 more 
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("few")
-    root = small_run.write_means(folder / "raw", rows=24)
+    root = small_run.write_means(folder / "raw", rows=24, quick=True)
     answer = small_run.nearlift("run", root, "--out", folder)
     assert answer.exit_code == 0, answer.output
     assert f"ground: not diagnosed: {REASON}" in answer.output

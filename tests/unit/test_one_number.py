@@ -23,7 +23,7 @@ from nearlift.report.figures.fig2 import table as fig2
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import LEVELS, Results
 from nearlift.rounding import like, plus_minus
-from nearlift.stages import diagnose, export, ledger, report
+from nearlift.stages import export, ledger, report
 from nearlift.study import display
 from nearlift.study.answers import BoundaryFit, Fit
 
@@ -35,8 +35,7 @@ SAID = re.compile(r"(?<![\w/])K_?b\$?\s*[=≈]\s*(?:\\num\{)?([−-]?\d+(?:\.\d+
 
 @pytest.fixture(scope="module", params=verdicts.MADE)
 def job(request, make_job):
-    made = make_job(("ground",), **verdicts.MADE[request.param])
-    diagnose.run(made)
+    made = make_job(("ground",), diagnosed=True, **verdicts.MADE[request.param])
     ledger.run(made)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)

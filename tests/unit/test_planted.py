@@ -142,7 +142,7 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
     return [[name, *map(str, words)] for name, words in given.items()]
 
 
-@pytest.mark.parametrize("executor", ["serial", "threads:2", "processes:2"])
+@pytest.mark.parametrize("executor", ["threads:2", "processes:2"])
 def test_no_command_runs_or_changes_what_is_planted(tmp_path, monkeypatch, executor):
     raw = small_run.write(tmp_path / "raw", visits=2)
     monkeypatch.setattr(demo_flow, "FIELDS", 2)

@@ -17,7 +17,6 @@ from nearlift.likelihood import student
 from nearlift.products import DIAGNOSIS, FIT, RESULTS
 from nearlift.results.quotation import Results, ends
 from nearlift.results.serial import decode, encode
-from nearlift.stages import diagnose
 
 from . import verdicts
 from .simulated import campaign
@@ -43,10 +42,11 @@ BOUNDARY = {"verdict", "reason", "base_model", "effects", "rivals", "coefficient
 
 @pytest.fixture(scope="module", params=verdicts.MADE)
 def job(request, make_job):
-    made = make_job(("ground",), **verdicts.MADE[request.param])
-    before = made.read_json(RESULTS)
-    diagnose.run(made)
-    return request.param, made, before
+    before, made = (
+        make_job(("ground",), diagnosed=diagnosed, **verdicts.MADE[request.param])
+        for diagnosed in (False, True)
+    )
+    return request.param, made, before.read_json(RESULTS)
 
 
 @pytest.fixture

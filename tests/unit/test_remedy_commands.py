@@ -56,13 +56,13 @@ def nothing(root: Path) -> tuple[list[object], Stands]:
 
 
 def files_without_manifest(root: Path) -> tuple[list[object], Stands]:
-    folder = small_run.write_means(root / "raw", 24)
+    folder = small_run.write_means(root / "raw", 24, quick=True)
     (folder / "campaign.toml").unlink()
     return ["run", folder], {"DIR": str(folder), "FILES": str(folder)}
 
 
 def a_key_is_missing(root: Path) -> tuple[list[object], Stands]:
-    folder = small_run.write_means(root / "raw", 24)
+    folder = small_run.write_means(root / "raw", 24, quick=True)
     path = folder / "campaign.toml"
     path.write_text(path.read_text().replace(', mass = "27 g"', ""))
     return ["plan", folder, "--out", root], {"DIR": str(root / "template")}
@@ -80,12 +80,12 @@ def no_such_model(root: Path) -> tuple[list[object], Stands]:
 
 
 def not_ingested(root: Path) -> tuple[list[object], Stands]:
-    folder = small_run.write_means(root / "raw", 24)
+    folder = small_run.write_means(root / "raw", 24, quick=True)
     return ["fit", folder, "--out", root], {"CAMPAIGN": f"{folder} --out {root}"}
 
 
 def fitted(root: Path, folder: Path | None = None) -> Path:
-    folder = folder or small_run.write_means(root / "raw", 24)
+    folder = folder or small_run.write_means(root / "raw", 24, quick=True)
     for stage in ("ingest", "reduce", "fit"):
         assert nearlift(stage, folder, "--out", root, "-q").exit_code == 0
     return folder
@@ -99,12 +99,12 @@ def not_diagnosed(root: Path) -> tuple[list[object], Stands]:
 
 
 def not_fitted(root: Path) -> tuple[list[object], Stands]:
-    folder = small_run.write_means(root / "raw", 24)
+    folder = small_run.write_means(root / "raw", 24, quick=True)
     return ["compare", "--out", root], {"CAMPAIGN": f"{folder} --out {root}"}
 
 
 def one_of_them_not_fitted(root: Path) -> tuple[list[object], Stands]:
-    folder = small_run.write_means(root / "raw", 24)
+    folder = small_run.write_means(root / "raw", 24, quick=True)
     return ["compare", "means", "--out", root], {"CAMPAIGN": f"{folder} --out {root}"}
 
 

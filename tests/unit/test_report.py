@@ -227,7 +227,7 @@ def test_a_model_that_repeats_reject_is_called_rejected(make_job):
     def bend(table):
         table["lift_N"] = table["lift_N"] * (1 + 0.02 * np.cos(3 * table["z_hat"]))
 
-    job = make_job(boundaries=("ground",), edit=bend)
+    job = make_job(boundaries=("ground",), edit=bend, fit={"ess": 400})
     report.run(job)
     text = (job.reports / "index.html").read_text()
     assert "rejected: means at one distance and throttle stray from the curve" in text

@@ -23,7 +23,6 @@ from nearlift.results.serial import (
     named_by_key,
     optional,
 )
-from nearlift.stages import diagnose
 
 from . import verdicts
 
@@ -94,9 +93,7 @@ def test_noise_keeps_what_is_written_of_it():
 
 @pytest.fixture(scope="module", params=verdicts.MADE.values(), ids=verdicts.MADE)
 def job(request, make_job):
-    made = make_job(("ground",), **request.param)
-    diagnose.run(made)
-    return made
+    return make_job(("ground",), diagnosed=True, **request.param)
 
 
 PRODUCTS = [(FIT, FitResults), (RESULTS, Results), (DIAGNOSIS, DiagnosisResults)]

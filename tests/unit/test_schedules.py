@@ -110,10 +110,15 @@ def fitted(data):
     leave_visit_out(found)
 
 
+#: With pairs a search takes three times as long; half of the drawn schedules are searched so anyway.
+PAIRS = [False, pytest.param(True, marks=pytest.mark.calibration)]
+
+
+@pytest.mark.parametrize("pairs", PAIRS, ids=["singles", "pairs"])
 @pytest.mark.parametrize("name", ODD)
-def test_an_odd_schedule_is_fitted_and_diagnosed_or_refused_in_words(name):
+def test_an_odd_schedule_is_fitted_and_diagnosed_or_refused_in_words(name, pairs):
     answers(lambda: fitted(ODD[name]))
-    refusal = answers(lambda: diagnose(ODD[name], GROUND, (), Options()))
+    refusal = answers(lambda: diagnose(ODD[name], GROUND, (), Options(pairs=pairs)))
     if refusal is not None:
         assert re.search(r"\d+|two|would not help|leave out|look for", refusal.remedy), (
             refusal.remedy
@@ -134,7 +139,7 @@ def test_drawn_schedules_are_answered(seed):
         lift_N=some.lift_N * 10.0 ** rng.integers(-9, 9),
     )
     answers(lambda: fitted(odd))
-    answers(lambda: diagnose(odd, GROUND, (), Options()))
+    answers(lambda: diagnose(odd, GROUND, (), Options(pairs=seed % 2 == 0)))
 
 
 @pytest.mark.parametrize("n", [48, 60, 72, 80, 96])

@@ -256,7 +256,9 @@ def test_a_cancelled_command_ends(tmp_path):
         own.enter()
         _, headers, _ = own.ask("POST", "/begin", b"do=run&campaign=raw/small")
         key = headers["Location"].split("=")[1]
-        time.sleep(1.0)
+        deadline = time.monotonic() + PATIENCE_S
+        while not (tmp_path / "processed").exists() and time.monotonic() < deadline:
+            time.sleep(0.05)
         assert own.ask("POST", "/cancel", f"key={key}".encode())[0] == 303
         _, _, events = own.ask("GET", f"/events/work?key={key}")
         assert '"code": 130' in events

@@ -163,7 +163,7 @@ def test_where_rows_have_no_order_their_place_in_the_table_says_nothing():
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("table")
-    root = small_run.write_means(folder / "raw", rows=24, lift_sd=3.5)
+    root = small_run.write_means(folder / "raw", rows=24, lift_sd=3.5, quick=True)
     answer = small_run.nearlift("run", root, "--out", folder)
     assert answer.exit_code == 0, answer.output
     assert "ground: 24 trials could have seen" in answer.output

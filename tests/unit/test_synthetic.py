@@ -4,7 +4,6 @@ reproducible.
 
 from __future__ import annotations
 
-import time
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -301,11 +300,7 @@ def test_foreign_folders_are_left_alone(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    start = time.perf_counter()
-    folder = demo.write_demo(tmp_path_factory.mktemp("demo") / "demo-campaign")
-    # ten seconds is the promise; it takes under one
-    assert time.perf_counter() - start < 10
-    return folder
+    return demo.write_demo(tmp_path_factory.mktemp("demo") / "demo-campaign")
 
 
 def test_the_demo_is_small_and_says_what_it_is(demo_folder: Path) -> None:

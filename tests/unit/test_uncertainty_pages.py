@@ -33,8 +33,8 @@ from . import quoted
 
 
 @pytest.fixture(scope="module")
-def evidence(make_job):
-    return gather(make_job())
+def evidence(small_job):
+    return gather(small_job)
 
 
 def base(evidence, boundary):

@@ -16,7 +16,7 @@ from nearlift.loop.wander import SIZES, likeliest, price, waves, worth
 from .simulated import RADIUS, campaign, sanchez_cuevas
 
 GROUND = catalogue.model("sanchez_cuevas")
-SEEDS = range(4)
+SEEDS = range(3)
 
 
 def walk(seed, rms):
@@ -45,7 +45,7 @@ def test_a_walk_of_the_gain_gets_no_name_and_a_drift_does():
     assert sum(bool(a.accepted) for a in walks) <= 1
     drifts = [answer(campaign(s, visits=8, gain=drift(3e-3))) for s in SEEDS]
     named = [a.accepted[0].effects for a in drifts if a.accepted]
-    assert named.count(("gain_drift",)) >= 3
+    assert named.count(("gain_drift",)) >= 2
 
 
 def test_an_effect_beside_a_walk_keeps_its_name_alone():
