@@ -167,6 +167,30 @@ def test_ctrl_c_ends_it_with_130_and_products_stand(recording, tmp_path, monkeyp
     assert (tmp_path / "processed/small/lift.parquet").is_file()
 
 
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--next", "K_b"], "--next needs --watch"),
+        (["--until", "0.05"], "--until needs --next"),
+        (["--watch", "--until", "0.05"], "--until needs --next"),
+        (["--watch", "--rounds", "0.2"], "--rounds needs --next"),
+    ],
+)
+def test_a_question_is_for_who_watches(tmp_path, words, told):
+    refused = small_run.nearlift("run", tmp_path, *words)
+    assert refused.exit_code == 2
+    assert told in refused.output.replace(": ", " ")
+
+
+def test_what_is_to_be_planned_is_asked_at_each_look(monkeypatch, tmp_path):
+    looks = []
+    monkeypatch.setattr("nearlift.run.watch.watch", lambda *given: looks.append(given[-1]) or [])
+    words = ["--watch", "--next", "K_b", "--until", "0.05"]
+    for more in ([], ["--rounds", "0.2"]):
+        assert small_run.nearlift("run", tmp_path, *words, *more).exit_code == 0
+    assert looks == [Asked.of("K_b", 0.05), Asked.of("K_b", 0.05, 0.2)]
+
+
 def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
     raw, _ = recording
     found = small_run.nearlift("run", raw, raw, "--watch")

@@ -12,6 +12,7 @@ import click
 from nearlift.commands.common import Call, declared, end_politely
 from nearlift.commands.stage import execute
 from nearlift.errors import UsageError
+from nearlift.stages.asked import ROUNDS, Asked
 
 
 @declared("run")
@@ -43,6 +44,13 @@ from nearlift.errors import UsageError
     metavar="U",
     help="With --next: the coefficient's standard uncertainty at which to stop.",
 )
+@click.option(
+    "--rounds",
+    type=click.FloatRange(0, 1),
+    show_default=str(ROUNDS),
+    metavar="SHARE",
+    help="With --next: of the visits, how many go round all stations.",
+)
 def command(
     call: Call,
     campaigns: tuple[Path, ...],
@@ -50,11 +58,14 @@ def command(
     every: float,
     question: str | None,
     until: float | None,
+    rounds: float | None,
 ) -> None:
     """Once, again and again, or for each of them."""
-    if (question or until) and not (watch and question):
+    given = {"--next": question, "--until": until, "--rounds": rounds}
+    first = next((name for name, value in given.items() if value is not None), None)
+    if first and not (watch and question):
         raise UsageError(
-            "--next" if question else "--until",
+            first,
             f"needs {'--watch' if question else '--next'}",
             "`nearlift next` plans the visits of a campaign that nobody watches",
         )
@@ -65,7 +76,9 @@ def command(
                 f"was given {len(campaigns)} campaigns",
                 "watch one; run the others in terminals of their own",
             )
-        follow(call, campaigns[0], every, question, until)
+        share = ROUNDS if rounds is None else rounds
+        asked = Asked.of(question, until, share) if question else None
+        follow(call, campaigns[0], every, asked)
     elif len(campaigns) == 1:
         execute(call, campaigns[0])
     else:
@@ -91,17 +104,13 @@ def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
     sys.exit(many.gravest(ends))
 
 
-def follow(
-    call: Call, campaign: Path, period_s: float, question: str | None, until: float | None
-) -> None:
+def follow(call: Call, campaign: Path, period_s: float, asked: Asked | None) -> None:
     """Run a campaign that is being recorded, again and again, until it is interrupted; with --json
     one object a round.
     """
     from nearlift.run.graph import STAGES
     from nearlift.run.watch import watch
-    from nearlift.stages.asked import Asked
 
-    asked = Asked.of(question, until) if question else None
     end_politely()
     call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
     looks = watch(
