@@ -14,10 +14,10 @@ from collections.abc import Iterator
 import click
 from click.shell_completion import CompletionItem
 
-# small fits are slowed down many times by BLAS threads that wait for each other; set before numpy
-# is first imported
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+from nearlift.blas import default_to_one_thread
+
+# before numpy is first imported
+default_to_one_thread()
 # what a manifest means is for nearlift to say, and to look for packages that would have a say takes
 # longer than to check it
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")

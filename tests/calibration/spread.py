@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import os
 from collections.abc import Iterator
 from concurrent.futures import Executor
 
-from nearlift.run.executors import BLAS, open_executor
+from nearlift.blas import default_to_one_thread
+from nearlift.run.executors import open_executor
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +30,6 @@ def add_option(parser: argparse.ArgumentParser) -> None:
 @contextlib.contextmanager
 def opened(text: str) -> Iterator[Executor]:
     """That executor; the processes that it starts have one thread of linear algebra each."""
-    for name in BLAS:
-        os.environ.setdefault(name, "1")
+    default_to_one_thread()
     with open_executor(text) as executor:
         yield executor

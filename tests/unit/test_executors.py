@@ -13,9 +13,10 @@ from pathlib import Path
 import pytest
 from tests.calibration.streams import unordered
 
+from nearlift import blas
 from nearlift.errors import InputRefused, UsageError
 from nearlift.run import graph
-from nearlift.run.executors import BLAS, SerialExecutor, open_executor, ordered
+from nearlift.run.executors import SerialExecutor, open_executor, ordered
 from nearlift.stages import ingest
 
 from . import small_run
@@ -242,10 +243,10 @@ def test_the_death_of_a_process_costs_its_own_task_alone(deadly, tmp_path):
 
 
 def test_processes_have_one_thread_of_linear_algebra(monkeypatch):
-    for name in BLAS:
+    for name in blas.VARIABLES:
         monkeypatch.delenv(name, raising=False)
     with open_executor("processes:1") as pool:
-        assert [pool.submit(os.getenv, name).result() for name in BLAS] == ["1", "1", "1"]
+        assert [pool.submit(os.getenv, name).result() for name in blas.VARIABLES] == ["1", "1", "1"]
     monkeypatch.setenv("OMP_NUM_THREADS", "4")
     with open_executor("processes:1") as pool:
         assert pool.submit(os.getenv, "OMP_NUM_THREADS").result() == "4"

@@ -15,10 +15,9 @@ from importlib import metadata
 from pathlib import Path
 from typing import Literal
 
-from nearlift import isolation
+from nearlift import blas, isolation
 from nearlift.commands.common import Call, declared
 from nearlift.errors import UsageError
-from nearlift.run.executors import BLAS
 
 State = Literal["good", "note", "bad"]
 
@@ -124,7 +123,7 @@ def _machine() -> Iterator[Finding]:
         state="good",
         found=f"{cores}: --executor threads:{cores} for one campaign, processes:{cores} for many",
     )
-    threads = {name: os.environ[name] for name in BLAS if name in os.environ}
+    threads = {name: os.environ[name] for name in blas.VARIABLES if name in os.environ}
     single = all(value == "1" for value in threads.values())
     yield Finding(
         what="BLAS threads",

@@ -12,7 +12,7 @@ import threading
 from collections.abc import Mapping
 from pathlib import Path
 
-from nearlift import isolation
+from nearlift import blas, isolation
 from nearlift.readers.serve import serve
 from nearlift.run import copies
 
@@ -27,8 +27,7 @@ def serving(memory: int) -> subprocess.Popen[bytes] | Copy:
         # HDF5 would load filters from wherever this points
         "HDF5_PLUGIN_PRELOAD": "::",
         "ARROW_DEFAULT_MEMORY_POOL": "system",
-        "OPENBLAS_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
+        **dict.fromkeys(blas.VARIABLES, "1"),
         "PYTHONPATH": os.pathsep.join(p for p in (PACKAGE, os.environ.get("PYTHONPATH", "")) if p),
     }
     if copies.alone():

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from nearlift import isolation
+from nearlift import blas, isolation
 from nearlift.errors import InputRefused, UsageError
 
 if TYPE_CHECKING:
@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
-
-#: What the libraries of linear algebra read their number of threads from, when they are loaded.
-BLAS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
 class SerialExecutor(concurrent.futures.Executor):
@@ -119,12 +116,9 @@ class LastingProcesses(concurrent.futures.Executor):
 
 
 def _begin() -> None:
-    """A worker: it ends with its parent; linear algebra in one thread, unless the environment says
-    otherwise, since every core has its worker.
-    """
+    """A worker ends with its parent; it has one BLAS thread, since every core has its worker."""
     isolation.end_with_parent()
-    for name in BLAS:
-        os.environ.setdefault(name, "1")
+    blas.default_to_one_thread()
 
 
 @contextlib.contextmanager

@@ -8,6 +8,7 @@ import importlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from nearlift import blas
 from nearlift.run.schema import Product
 
 if TYPE_CHECKING:
@@ -116,7 +117,8 @@ class Stage:
         return not self.where or getattr(job.campaign, self.where) is not None
 
     def run(self, job: Job) -> Outcome:
-        """Do it."""
+        """Do it, on one BLAS thread."""
         module = importlib.import_module(self.module or f"nearlift.stages.{self.name}")
-        outcome: Outcome = module.run(job)
+        with blas.one_thread():
+            outcome: Outcome = module.run(job)
         return outcome
