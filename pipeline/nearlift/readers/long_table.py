@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import itertools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.arrow import floats, indices
+from nearlift.readers.arrow import floats
 from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect
 
 if TYPE_CHECKING:
@@ -117,7 +118,7 @@ def spans(
     at, last = 0, None
     with opened(path) as file:
         _check_columns(path, file.schema_arrow, wanted)
-        ends = _row_group_ends(file)
+        groups = _row_group_ends(file)
         for batch in file.iter_batches(batch_size=1 << 20, columns=[TRIAL], use_threads=False):
             column: Any = batch.column(0)
             if column.null_count:
@@ -127,32 +128,27 @@ def spans(
                 )
             if not pa.types.is_dictionary(column.type):
                 column = pc.dictionary_encode(column)
-            codes = indices(column)
-            names = [str(name) for name in column.dictionary.to_pylist()]
-            starts = (
-                np.concatenate([[0], np.flatnonzero(np.diff(codes)) + 1, [len(codes)]])
-                if len(codes)
-                else np.zeros(1, dtype=np.int64)
-            )
-            for start, end in zip(starts[:-1].tolist(), starts[1:].tolist(), strict=True):
-                name = names[codes[start]]
+            runs = pc.run_end_encode(column.indices)
+            names = map(str, column.dictionary.take(runs.values).to_pylist())
+            edges = [at, *(at + end for end in runs.run_ends.to_pylist())]
+            for name, (start, end) in zip(names, itertools.pairwise(edges), strict=True):
                 if name == last:
-                    found[name] = (found[name][0], at + end)
+                    found[name] = (found[name][0], end)
                 elif name in found:
                     raise InputRefused(
                         str(path),
                         f"trial {name!r} stands in two places, at rows {found[name][0] + 1} and"
-                        f" {at + start + 1}",
+                        f" {start + 1}",
                         "sort the table by trial, keeping the samples' order",
                     )
                 else:
-                    found[name] = (at + start, at + end)
+                    found[name] = (start, end)
                 last = name
-            at += len(codes)
+            at += batch.num_rows
     return (
         list(found),
         np.array(list(found.values()), dtype=float).reshape(-1, 2),
-        ends.astype(float),
+        groups.astype(float),
     )
 
 
