@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.piv import DIALECTS, Setting, dialect, read, told_apart
+from nearlift.readers.piv.sniff import DIALECTS, dialect_of, read, told_apart
+from nearlift.readers.piv.vectors import Setting
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "piv-samples"
 measured = pytest.mark.skipif(
@@ -285,7 +286,7 @@ def test_what_cannot_be_known_is_refused_with_its_remedy(tmp_path, text, setting
 def test_formats_have_unique_names_and_a_near_miss_is_named():
     assert len({d.name for d in DIALECTS}) == len(DIALECTS)
     with pytest.raises(ManifestError, match="did you mean 'davis'"):
-        dialect("davies")
+        dialect_of("davies")
 
 
 def test_an_old_file_of_flags_can_be_said_to_be_pivlab(tmp_path):
@@ -384,7 +385,7 @@ def test_what_a_c_library_parses_is_parsed_in_another_process(tmp_path, monkeypa
 
     assert [d.name for d in DIALECTS if d.child] == ["pivlab_mat", "netcdf"]
     path = netcdf(tmp_path / "a.nc")
-    here = [raw.u for raw in dialect("netcdf").read(path)]
+    here = [raw.u for raw in dialect_of("netcdf").read(path)]
     monkeypatch.setattr(h5py, "File", refuse)
     monkeypatch.setattr(scipy.io, "loadmat", refuse)
     with Child() as child:

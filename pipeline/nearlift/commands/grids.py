@@ -9,7 +9,7 @@ from pathlib import Path
 from nearlift.errors import InputRefused
 from nearlift.flow.field import on_grid
 from nearlift.readers.channel import Channel, Contents
-from nearlift.readers.piv.sniff import first_raw, told_apart
+from nearlift.readers.piv.sniff import raws, told_apart
 from nearlift.readers.piv.vectors import PIXEL, Raw
 
 
@@ -43,12 +43,14 @@ class Grid:
 def grid_of(path: Path) -> Grid | None:
     """The file as a velocity grid; None where it is none."""
     try:
-        of = told_apart(path)
-        raw = first_raw(path, of)
-        across, up, _ = on_grid(raw.x, raw.y, (raw.u,), str(path))
+        dialect = told_apart(path)
+        for raw in raws(path, dialect):
+            across, up, _ = on_grid(raw.x, raw.y, (raw.u,), str(path))
+            nodes = len(across), len(up)
+            return Grid(format=dialect.name, title=dialect.title, nodes=nodes, raw=raw)
     except InputRefused:
-        return None
-    return Grid(format=of.name, title=of.title, nodes=(len(across), len(up)), raw=raw)
+        pass
+    return None
 
 
 def piv_block(grid: Grid, path: Path) -> str:

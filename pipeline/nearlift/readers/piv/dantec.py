@@ -65,10 +65,7 @@ def read(path: Path) -> Iterator[Raw]:
     (k, velocity), (m, _) = _column(names, "u", path), _column(names, "v", path)
     status = next((n for n, name in enumerate(names) if name.lower().startswith("status")), None)
     yield Raw(
-        x=table[:, i],
-        y=table[:, j],
-        u=table[:, k],
-        v=table[:, m],
+        *table[:, [i, j, k, m]].T,
         good=np.ones(len(table), dtype=bool) if status is None else table[:, status] == 0,
         length_unit=length,
         velocity_unit=f"{velocity}/frame" if "/" not in velocity else velocity,

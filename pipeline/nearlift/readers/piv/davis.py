@@ -48,10 +48,7 @@ def read(path: Path) -> Iterator[Raw]:
         )
     what, unit = quantities[2]
     yield Raw(
-        x=table[:, 0],
-        y=table[:, 1],
-        u=table[:, 2],
-        v=table[:, 3],
+        *table[:, :4].T,
         good=np.ones(len(table), dtype=bool),
         length_unit=quantities[0][1],
         velocity_unit=f"{unit}/frame" if what.lower() == "displacement" else unit,

@@ -48,10 +48,7 @@ def read(path: Path) -> Iterator[Raw]:
         _number(header, "MicrosecondsPerDeltaT", path),
     )
     yield Raw(
-        x=table[:, 0],
-        y=table[:, 1],
-        u=table[:, 2],
-        v=table[:, 3],
+        *table[:, :4].T,
         good=table[:, columns.index("CHC")] == MEASURED,
         length_unit=unit[0],
         velocity_unit=unit[2],

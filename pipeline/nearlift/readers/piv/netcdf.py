@@ -56,25 +56,18 @@ def read(path: Path) -> Iterator[Raw]:
             )
         x, y = (np.asarray(dataset.variables[n][...], dtype=float) for n in "xy")
         u, v = (_frames(dataset.variables[n], n, path) for n in "uv")
-        chc = (
-            _frames(dataset.variables["chc"], "chc", path)
-            if "chc" in dataset.variables
-            else np.ones(u.shape)
-        )
-        mask = (
-            _frames(dataset.variables["mask"], "mask", path)
-            if "mask" in dataset.variables
-            else np.zeros(u.shape)
+        chc, mask = (
+            _frames(dataset.variables[n], n, path)
+            if n in dataset.variables
+            else np.full(u.shape, usual)
+            for n, usual in (("chc", 1.0), ("mask", 0.0))
         )
         length, velocity = _unit(dataset.variables["x"]), _unit(dataset.variables["u"])
         frame = float(np.ravel(dataset.attrs["delta_t"])[0]) if "delta_t" in dataset.attrs else 0.0
     across, up = np.meshgrid(x, y)
     for i in range(len(u)):
         yield Raw(
-            x=across.ravel(),
-            y=up.ravel(),
-            u=u[i].ravel(),
-            v=v[i].ravel(),
+            *(a.ravel() for a in (across, up, u[i], v[i])),
             good=((chc[i] == 1) & (mask[i] != 1)).ravel(),
             length_unit=length,
             velocity_unit=velocity,

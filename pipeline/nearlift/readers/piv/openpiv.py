@@ -76,10 +76,7 @@ def read(path: Path) -> Iterator[Raw]:
             )
         good = np.isfinite(table[:, 4])
     yield Raw(
-        x=table[:, 0],
-        y=table[:, 1],
-        u=table[:, 2],
-        v=table[:, 3],
+        *table[:, :4].T,
         good=good,
         length_unit=None,
         velocity_unit=None,

@@ -52,12 +52,8 @@ def read(path: Path) -> Iterator[Raw]:
                 f"{path}, field {i + 1}", "lacks v or its vector types", "save the session again"
             )
         x, y = (variables[name][min(i, len(variables[name]) - 1)] for name in "xy")
-        columns = [np.asarray(a, dtype=float).ravel() for a in (x, y, u, v[i])]
         yield Raw(
-            x=columns[0],
-            y=columns[1],
-            u=columns[2],
-            v=columns[3],
+            *(np.asarray(a, dtype=float).ravel() for a in (x, y, u, v[i])),
             good=np.asarray(flags[i]).ravel() == MEASURED,
             length_unit=length,
             velocity_unit=velocity,

@@ -63,10 +63,7 @@ def read(path: Path) -> Iterator[Raw]:
         None,
     )
     yield Raw(
-        x=table[:, 0],
-        y=table[:, 1],
-        u=table[:, 2],
-        v=table[:, 3],
+        *table[:, :4].T,
         good=table[:, 4] == MEASURED,
         length_unit=length,
         velocity_unit=velocity,

@@ -25,7 +25,7 @@ HEAD = 1 << 16
 UNSAID = Setting()
 
 
-def dialect(name: str) -> Dialect:
+def dialect_of(name: str) -> Dialect:
     """The dialect of that name; `ManifestError` with the nearest if there is none."""
     known = {d.name: d for d in DIALECTS}
     if name not in known:
@@ -80,28 +80,13 @@ def read(
     InputRefused
         The file cannot be read, or holds no velocities in known units.
     """
-    of = told_apart(path) if format_name is None else dialect(format_name)
-    with contextlib.ExitStack() as own:
-        found = (
-            _fields(child or own.enter_context(Child()), of.name, path)
-            if of.child
-            else of.read(path)
-        )
-        for i, raw in enumerate(found):
-            yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
+    dialect = told_apart(path) if format_name is None else dialect_of(format_name)
+    for i, raw in enumerate(raws(path, dialect, child)):
+        yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
 
 
-def first_raw(path: Path, of: Dialect) -> Raw:
-    """The first field of a file as it stands there; raises `InputRefused` as `read` does."""
-    with contextlib.ExitStack() as own:
-        found = _fields(own.enter_context(Child()), of.name, path) if of.child else of.read(path)
-        for raw in found:
-            return raw
-    raise InputRefused(str(path), "holds no velocity field", "export it again")
-
-
-def _fields(child: Child, dialect: str, path: Path) -> Iterator[Raw]:
-    """The velocity fields of one file, one in memory at a time.
+def raws(path: Path, dialect: Dialect, child: Child | None = None) -> Iterator[Raw]:
+    """The fields of one file as they stand there, one in memory at a time; arguments as for `read`.
 
     Raises
     ------
@@ -109,8 +94,13 @@ def _fields(child: Child, dialect: str, path: Path) -> Iterator[Raw]:
         As the dialect's own reader does; or the file is damaged, or its reader crashed or came to a
         limit.
     """
+    if not dialect.child:
+        yield from dialect.read(path)
+        return
+    request = ReadFields(reader=dialect.name, path=str(path))
     try:
-        for answer, (x, y, u, v, good) in child.ask(ReadFields(reader=dialect, path=str(path))):
-            yield Raw(x=x, y=y, u=u, v=v, good=good != 0, **answer["field"])
+        with contextlib.nullcontext(child) if child else Child() as worker:
+            for answer, (x, y, u, v, good) in worker.ask(request):
+                yield Raw(x, y, u, v, good=good != 0, **answer["field"])
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "export it again") from None

@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -39,7 +39,7 @@ class Setting:
     frame_time_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Raw:
     """One field as it stands in a file, rows (n,) in any order.
 
@@ -61,6 +61,7 @@ class Raw:
     y: FloatArray
     u: FloatArray
     v: FloatArray
+    _: KW_ONLY
     good: NDArray[np.bool_]
     length_unit: str | None
     velocity_unit: str | None
@@ -260,41 +261,36 @@ def _plain(unit: str) -> str:
     return f"{head}/{tail}" if tail else head
 
 
-def _scale(raw: Raw, setting: Setting, where: str) -> float:
-    found = raw.scale_m if raw.scale_m is not None else setting.scale_m
-    if found is None:
+def _length(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+    """Metres in a unit of length, which may be the pixel."""
+    if unit != "px":
+        return _factor(unit, "length", where)
+    scale = raw.scale_m if raw.scale_m is not None else setting.scale_m
+    if scale is None:
         raise InputRefused(
             where,
             "is in pixels, and nothing says how large a pixel is",
             'add scale = "20 um/px" under [piv]',
         )
-    return found
+    return scale
 
 
-def _frame_time(raw: Raw, setting: Setting, where: str, unit: str) -> float:
-    found = raw.frame_time_s if raw.frame_time_s else setting.frame_time_s
-    if found is None:
+def _velocity(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+    """m/s in a unit of velocity, or of displacement between a pair's images."""
+    head, _, tail = unit.partition("/")
+    if tail not in ("frame", ""):
+        if head != "px":
+            return _factor(unit, "velocity", where)
+        return _length(head, raw, setting, where) / _factor(tail, "time", where)
+    length = _length(head, raw, setting, where)
+    frame_time = raw.frame_time_s or setting.frame_time_s
+    if frame_time is None:
         raise InputRefused(
             where,
             f"holds displacements ({unit}), not velocities",
             'add frame_time = "100 us", the time between a pair\'s images',
         )
-    return found
-
-
-def _length(unit: str, raw: Raw, setting: Setting, where: str) -> float:
-    return _scale(raw, setting, where) if unit == "px" else _factor(unit, "length", where)
-
-
-def _velocity(unit: str, raw: Raw, setting: Setting, where: str) -> float:
-    head, _, tail = unit.partition("/")
-    size = _scale(raw, setting, where) if head == "px" else None
-    if tail in ("frame", ""):
-        per = size if size is not None else _factor(head, "length", where)
-        return per / _frame_time(raw, setting, where, unit)
-    if size is not None:
-        return size / _factor(tail, "time", where)
-    return _factor(unit, "velocity", where)
+    return length / frame_time
 
 
 def _factor(unit: str, dimension: str, where: str) -> float:
