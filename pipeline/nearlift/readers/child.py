@@ -51,13 +51,13 @@ Reading = Callable[[Path, RecordsDialect, Names], Contents]
 def source(
     form: Format, worker: contextlib.AbstractContextManager[Child] | None = None
 ) -> Iterator[Reading]:
-    """What reads files of a format: its own function, or a child process that runs it, one for this
-    alone unless a `worker` is given.
+    """What reads files of a format: its own function, or a child process that runs it, a lasting
+    one unless a `worker` is given.
     """
     if not form.child:
         yield form.contents
         return
-    with worker or Child() as child:
+    with worker or borrowed() as child:
         yield functools.partial(_contents, child, form.name)
 
 
@@ -68,15 +68,10 @@ def _contents(
     asked = ReadContents(reader=reader, path=str(path), dialect=dialect, names=names)
     [(answer, values)] = child.ask(asked)
     channels = tuple(
-        Channel(name=c["name"], unit=c["unit"], rate_Hz=c["rate_Hz"], values=v)
-        for c, v in zip(answer["channels"], values, strict=True)
+        Channel(**about, values=v) for about, v in zip(answer["channels"], values, strict=True)
     )
-    return Contents(
-        channels=channels,
-        kind=answer["kind"],
-        codes=tuple(answer["codes"]),
-        notes=tuple(answer["notes"]),
-    )
+    codes, notes = tuple(answer["codes"]), tuple(answer["notes"])
+    return Contents(channels=channels, kind=answer["kind"], codes=codes, notes=notes)
 
 
 def rows(asked: Sequence[ReduceRecord]) -> Iterator[Row]:

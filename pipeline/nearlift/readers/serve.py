@@ -22,7 +22,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import Contents, Malformed, Names, RecordsDialect
+from nearlift.readers.channel import Malformed, Names, RecordsDialect
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import ChannelSpec
 from nearlift.reduction.conditions import Conditions
@@ -43,6 +43,18 @@ class ReadContents:
     dialect: RecordsDialect = field(default_factory=dict)
     names: Names = None
 
+    def answers(self) -> Iterator[Answer]:
+        """One, of all channels."""
+        contents = _format(self.reader).contents(Path(self.path), self.dialect, self.names)
+        channels = contents.channels
+        about = {
+            "channels": [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz} for c in channels],
+            "kind": contents.kind,
+            "codes": contents.codes,
+            "notes": contents.notes,
+        }
+        yield about, [c.values for c in channels]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReduceRecord:
@@ -56,6 +68,25 @@ class ReduceRecord:
     source: str
     tare_after_N: float
 
+    def answers(self) -> Iterator[Answer]:
+        """One, without samples."""
+        from nearlift.readers.per_file import record
+        from nearlift.readers.row import row_of
+
+        contents = _format(self.reader).contents
+        whole = record(contents, self.spec, self.trial, Path(self.path), self.source)
+        try:
+            # damaged numbers may be anything
+            with np.errstate(over="ignore", invalid="ignore"):
+                row = row_of(whole, self.conditions, self.tare_after_N)
+        except (InputRefused, MemoryError):
+            raise
+        except Exception as fault:
+            raise Malformed(f"{type(fault).__name__}: {fault}") from None
+        reduced = {name: getattr(row.reduced, name) for name in row.reduced.__slots__}
+        about = {"samples": row.samples, "notes": row.notes, "fault": row.fault}
+        yield {"reduced": reduced, **about}, []
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadFields:
@@ -63,6 +94,19 @@ class ReadFields:
 
     reader: str
     path: str
+
+    def answers(self) -> Iterator[Answer]:
+        """One a field."""
+        from nearlift.readers.piv.sniff import dialect_of
+
+        for raw in dialect_of(self.reader).read(Path(self.path)):
+            about = {
+                key: getattr(raw, key)
+                for key in ("length_unit", "velocity_unit", "scale_m", "frame_time_s")
+            }
+            columns = [raw.x, raw.y, raw.u, raw.v, raw.good.astype(float)]
+            yield {"field": about, "more": True}, columns
+        yield {"end": True}, []
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +116,13 @@ class ReadSpans:
     reader: ClassVar[str] = "Parquet"
     path: str
     columns: tuple[tuple[str, str], ...] = ()
+
+    def answers(self) -> Iterator[Answer]:
+        """One, of all trials."""
+        from nearlift.readers import long_table
+
+        trials, rows, ends = long_table.spans(Path(self.path), self.columns)
+        yield {"trials": trials}, [*rows.T, ends]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,11 +136,28 @@ class ReadRows:
     end: int
     size: int
 
+    def answers(self) -> Iterator[Answer]:
+        """One a batch."""
+        from nearlift.readers import long_table
+
+        path = Path(self.path)
+        for arrays in long_table.batches(path, self.columns, self.first, self.end, self.size):
+            yield {"more": True}, arrays
+        yield {"end": True}, []
+
 
 Request = ReadContents | ReduceRecord | ReadFields | ReadSpans | ReadRows
 REQUESTS: Mapping[str, type[Request]] = {
     kind.__name__: kind for kind in (ReadContents, ReduceRecord, ReadFields, ReadSpans, ReadRows)
 }
+
+
+def _format(name: str) -> Format:
+    from nearlift import readers
+
+    form = readers.reader(name).format
+    assert form is not None
+    return form
 
 
 def serve(requests: int, answers: int, memory: int) -> None:
@@ -127,7 +195,7 @@ def _answers(asked: bytes) -> Iterator[Answer]:
     content = json.loads(asked)
     request = decode(REQUESTS[content.pop("ask")], content)
     try:
-        yield from _read(request)
+        yield from request.answers()
     except InputRefused as refusal:
         yield {"refused": [refusal.where, refusal.what, refusal.remedy]}, []
     except Malformed as fault:
@@ -136,93 +204,8 @@ def _answers(asked: bytes) -> Iterator[Answer]:
         yield {"malformed": "it needs more memory than its reader is allowed"}, []
     except Exception as fault:
         # libraries raise anything on damaged bytes; the child turns it into one kind
-        yield {"malformed": _unreadable(request.reader, fault)}, []
-
-
-def _read(request: Request) -> Iterator[Answer]:
-    if isinstance(request, ReadContents):
-        return _read_contents(request)
-    if isinstance(request, ReduceRecord):
-        return _reduce(request)
-    if isinstance(request, ReadFields):
-        return _read_fields(request)
-    return _read_spans(request) if isinstance(request, ReadSpans) else _read_rows(request)
-
-
-def _unreadable(name: str, fault: Exception) -> str:
-    told = (str(fault).splitlines() or [""])[0]
-    return f"cannot be read as {name}: {told or type(fault).__name__}"
-
-
-def _format(name: str) -> Format:
-    from nearlift import readers
-
-    form = readers.reader(name).format
-    assert form is not None
-    return form
-
-
-def _read_contents(asked: ReadContents) -> Iterator[Answer]:
-    found = _format(asked.reader).contents(Path(asked.path), asked.dialect, asked.names)
-    listed = [{"name": c.name, "unit": c.unit, "rate_Hz": c.rate_Hz} for c in found.channels]
-    yield (
-        {"channels": listed, "kind": found.kind, "codes": found.codes, "notes": found.notes},
-        [c.values for c in found.channels],
-    )
-
-
-def _reduce(asked: ReduceRecord) -> Iterator[Answer]:
-    from nearlift.readers.per_file import record
-    from nearlift.readers.row import row_of
-
-    def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-        try:
-            return _format(asked.reader).contents(path, dialect, names)
-        except (InputRefused, Malformed, MemoryError):
-            raise
-        except Exception as fault:
-            raise Malformed(_unreadable(asked.reader, fault)) from None
-
-    found = record(contents, asked.spec, asked.trial, Path(asked.path), asked.source)
-    try:
-        # damaged numbers may be anything
-        with np.errstate(over="ignore", invalid="ignore"):
-            row = row_of(found, asked.conditions, asked.tare_after_N)
-    except (InputRefused, MemoryError):
-        raise
-    except Exception as fault:
-        raise Malformed(f"{type(fault).__name__}: {fault}") from None
-    reduced = {name: getattr(row.reduced, name) for name in row.reduced.__slots__}
-    yield {"reduced": reduced, "samples": row.samples, "notes": row.notes, "fault": row.fault}, []
-
-
-def _read_fields(asked: ReadFields) -> Iterator[Answer]:
-    from nearlift.readers.piv.sniff import dialect
-
-    for raw in dialect(asked.reader).read(Path(asked.path)):
-        about = {
-            key: getattr(raw, key)
-            for key in ("length_unit", "velocity_unit", "scale_m", "frame_time_s")
-        }
-        yield {"field": about, "more": True}, [raw.x, raw.y, raw.u, raw.v, raw.good.astype(float)]
-    yield {"end": True}, []
-
-
-def _read_spans(asked: ReadSpans) -> Iterator[Answer]:
-    from nearlift.readers import long_table
-
-    trials, rows, ends = long_table.spans(Path(asked.path), asked.columns)
-    yield {"trials": trials}, [rows[:, 0], rows[:, 1], ends]
-
-
-def _read_rows(asked: ReadRows) -> Iterator[Answer]:
-    from nearlift.readers import long_table
-
-    for arrays in long_table.batches(
-        Path(asked.path), asked.columns, asked.first, asked.end, asked.size
-    ):
-        yield {"more": True}, arrays
-    yield {"end": True}, []
+        what = (str(fault).splitlines() or [""])[0] or type(fault).__name__
+        yield {"malformed": f"cannot be read as {request.reader}: {what}"}, []
 
 
 def _limit(memory: int) -> None:
