@@ -20,7 +20,7 @@ from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.columns import BY_NAME
 from nearlift.readers.dialect import sniff
 from nearlift.readers.schedule import MEANS, REQUIRED
-from nearlift.readers.table import Cells
+from nearlift.readers.table import CellSyntax
 from nearlift.units import NUMBER
 
 #: A schedule is written by hand, or by a spreadsheet.
@@ -185,7 +185,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
     return Table(names=layout.names, rows=rows, meant=meant)
 
 
-def _rows(lines: Collection[str], cells: Cells, width: int) -> Iterator[tuple[str, ...]]:
+def _rows(lines: Collection[str], cells: CellSyntax, width: int) -> Iterator[tuple[str, ...]]:
     for line in lines:
         if not cells.skips(line):
             row = cells.split(line)[: width if cells.trailing else None]

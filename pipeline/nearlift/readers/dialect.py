@@ -23,7 +23,7 @@ from nearlift.errors import InputRefused
 from nearlift.readers import table
 from nearlift.readers.channel import split_unit, unit_word
 from nearlift.readers.layout import SPOKEN, UNGIVEN, Given, Layout, encoding_of
-from nearlift.readers.table import BLANKS, NONE, Cells, cut_at, label, row_of
+from nearlift.readers.table import BLANKS, NONE, CellSyntax, cut_at, label, row_of
 from nearlift.readers.words import value_of
 from nearlift.units import NUMBER
 
@@ -149,7 +149,7 @@ def _tried(
         for separator, decimal in itertools.product(separators, decimals):
             if separator == decimal:
                 continue
-            cells = Cells(
+            cells = CellSyntax(
                 separator=separator, decimal=decimal, ignore=given.ignore, labels=given.labels
             )
             try:
@@ -176,8 +176,12 @@ class _Unfit(Exception):
         self.lines, self.refusal = lines, refusal
 
 
+def _unfit(lines: int, where: str, what: str, remedy: str = "") -> _Unfit:
+    return _Unfit(lines, InputRefused(where, what, remedy))
+
+
 def _fit(
-    lines: Sequence[str], where: str, cells: Cells, given: Given, *, strict: bool
+    lines: Sequence[str], where: str, cells: CellSyntax, given: Given, *, strict: bool
 ) -> tuple[Layout, Reading]:
     """The layout of a file read with these cells; `strict` wants every cell of a row to
     be numeric.
@@ -196,56 +200,44 @@ def _fit(
     trailing = len(row) > 1 and row[-1] == "" and cells.separator not in (BLANKS, NONE)
     names, units, top = _header(lines, start, cells, given, row, trailing, where)
     if trailing and len(names) == len(row) - 1:
-        cells = Cells(
-            separator=cells.separator,
-            decimal=cells.decimal,
-            trailing=True,
-            ignore=cells.ignore,
-            labels=cells.labels,
-        )
+        cells = replace(cells, trailing=True)
     elif len(names) != len(row):
-        raise _Unfit(
+        raise _unfit(
             0,
-            InputRefused(
-                f"{where}, line {start + 1}",
-                f"has {len(row)} cells under {len(names)} column names",
-                "a decimal comma makes two cells of one where commas part cells; save it with"
-                " decimal points, or parted by semicolons",
-            ),
+            f"{where}, line {start + 1}",
+            f"has {len(row)} cells under {len(names)} column names",
+            "a decimal comma makes two cells of one where commas part cells; save it with"
+            " decimal points, or parted by semicolons",
         )
     if cells.separator != NONE and len(names) < 2 and not cells.trailing:
-        raise _Unfit(-2, InputRefused(where, "is one column", ""))
+        raise _unfit(-2, where, "is one column")
     if (
         not given.columns
         and cells.separator == NONE
         and re.search(r"[,;\t|]", re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0]))
     ):
-        raise _Unfit(-2, InputRefused(where, "is not one column", ""))
+        raise _unfit(-2, where, "is not one column")
     twice = sorted(n for n, k in Counter(names).items() if k > 1)
     if twice:
-        raise _Unfit(
+        raise _unfit(
             len(lines),
-            InputRefused(
-                f"{where}, line {top}",
-                f"has more than one column {twice[0]!r}",
-                "rename or drop one of them",
-            ),
+            f"{where}, line {top}",
+            f"has more than one column {twice[0]!r}",
+            "rename or drop one of them",
         )
     first = [_value(cell, cells) for cell in row[: len(names)]]
     texts = tuple(i for i, value in enumerate(first) if value is None)
     if texts and row[texts[0]].endswith(":") and len(row) > texts[0] + 1:
         # what the number beside it is differs from line to line
         said, below = row[texts[0]], "".join(lines[start + 1 : start + 2]).split(":")[0]
-        raise _Unfit(
+        raise _unfit(
             len(lines),
-            InputRefused(
-                f"{where}, line {start + 1}",
-                f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}",
-                "such cells are read by dialect = { labels = true } under [records], where every"
-                " line has the same"
-                if texts[0] or f"{below.strip()}:" == said
-                else cut_at(said),
-            ),
+            f"{where}, line {start + 1}",
+            f"labels its cells: {' '.join(row[texts[0] : texts[0] + 2])!r}",
+            "such cells are read by dialect = { labels = true } under [records], where every"
+            " line has the same"
+            if texts[0] or f"{below.strip()}:" == said
+            else cut_at(said),
         )
     reading: list[tuple[float | None, ...]] = []
     for at, line in enumerate(lines[start:], start):
@@ -261,15 +253,13 @@ def _fit(
         )
         bad = next((i for i, value in enumerate(values) if value is None and i not in texts), None)
         if bad is not None:
-            raise _Unfit(
+            raise _unfit(
                 at - start,
-                InputRefused(
-                    place,
-                    f"{found[bad]!r} in column {names[bad]!r} is not a number",
-                    cut_at(f"{mark[0]}:")
-                    if (mark := label(found[bad])) and NUMBER.fullmatch(mark[1])
-                    else "mend the line, or say the dialect under [records]",
-                ),
+                place,
+                f"{found[bad]!r} in column {names[bad]!r} is not a number",
+                cut_at(f"{mark[0]}:")
+                if (mark := label(found[bad])) and NUMBER.fullmatch(mark[1])
+                else "mend the line, or say the dialect under [records]",
             )
         if len(reading) < READ:
             reading.append(tuple(0.5 if value != value else value for value in values))
@@ -285,21 +275,21 @@ def _fit(
     return layout, (tuple(names), tuple(reading))
 
 
-def _cut(line: str, cells: Cells) -> list[str]:
+def _cut(line: str, cells: CellSyntax) -> list[str]:
     try:
         return cells.split(line)
     except csv.Error:
         return [line]
 
 
-def _value(cell: str, cells: Cells) -> float | None:
+def _value(cell: str, cells: CellSyntax) -> float | None:
     if cells.labels:
         pair = label(cell)
         return value_of(pair[1], cells.decimal) if pair and pair[1] else None
     return value_of(cell, cells.decimal)
 
 
-def _first_row(lines: Sequence[str], cells: Cells, given: Given, strict: bool) -> int | None:
+def _first_row(lines: Sequence[str], cells: CellSyntax, given: Given, strict: bool) -> int | None:
     """Index of the first line that holds a number and, if `strict`, nothing but numbers and words
     for none.
     """
@@ -318,7 +308,7 @@ def _first_row(lines: Sequence[str], cells: Cells, given: Given, strict: bool) -
 def _header(
     lines: Sequence[str],
     start: int,
-    cells: Cells,
+    cells: CellSyntax,
     given: Given,
     row: Sequence[str],
     trailing: bool,
@@ -332,13 +322,11 @@ def _header(
     if cells.labels:
         names = [pair[0] if (pair := label(cell)) else "" for cell in row]
         if not all(names):
-            raise _Unfit(
+            raise _unfit(
                 0,
-                InputRefused(
-                    f"{where}, line {start + 1}",
-                    f"has a cell without a label: {row[names.index('')]!r}",
-                    "mend the line, or say `skip`",
-                ),
+                f"{where}, line {start + 1}",
+                f"has a cell without a label: {row[names.index('')]!r}",
+                "mend the line, or say `skip`",
             )
         return names, [""] * len(names), start + 1
     above = [at for at in range(start - 1, -1, -1) if not cells.skips(lines[at])]
@@ -364,7 +352,7 @@ def _header(
     return heads[0], [split_unit(name)[1] for name in heads[0]], above[0] + 1
 
 
-def _names(line: str, cells: Cells, columns: int, trailing: bool) -> list[str] | None:
+def _names(line: str, cells: CellSyntax, columns: int, trailing: bool) -> list[str] | None:
     """The line's cells if they may be names of so many columns."""
     row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), cells)
     if trailing and len(row) == columns and row[-1] == "":

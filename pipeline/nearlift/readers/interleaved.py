@@ -57,14 +57,13 @@ def parted(path: Path, said: Given, found: Contents) -> Contents:
                 f" {column[row - 1]:g}: a line is lost, or the clock was set back",
                 "mend the file, or take the record out of the schedule",
             )
-    return Contents(
+    columns = zip(said.columns, said.units or [""] * k, table.T, strict=True)
+    return replace(
+        found,
         channels=tuple(
             Channel(name=name, unit=unit, values=np.ascontiguousarray(column))
-            for name, unit, column in zip(
-                said.columns, said.units or [""] * k, table.T, strict=True
-            )
+            for name, unit, column in columns
         ),
-        kind=found.kind,
         codes=codes,
         notes=(*found.notes, f"text read as {k} lines to a row"),
     )

@@ -8,7 +8,7 @@ import codecs
 from dataclasses import dataclass
 
 from nearlift.errors import InputRefused
-from nearlift.readers.table import BLANKS, NONE, Cells
+from nearlift.readers.table import BLANKS, NONE, CellSyntax
 
 SPOKEN = {
     "\t": "tabs",
@@ -60,7 +60,7 @@ class Layout:
     """
 
     encoding: str
-    cells: Cells
+    cells: CellSyntax
     names: tuple[str, ...]
     units: tuple[str, ...]
     first: int

@@ -25,7 +25,7 @@ from nearlift.readers.channel import (
 from nearlift.readers.layout import UNGIVEN, Layout
 from nearlift.readers.per_file import Format, reader_of
 from nearlift.readers.seam import Reader
-from nearlift.readers.table import Cells
+from nearlift.readers.table import CellSyntax
 from nearlift.readers.text import from_text, head_of, with_rate
 
 #: A stand that shows this much lift turns, whatever its speed channel says, N.
@@ -99,7 +99,7 @@ def stand_reader(
             )
         layout = Layout(
             encoding="utf-8-sig" if head.startswith(b"\xef\xbb\xbf") else "utf-8",
-            cells=Cells(trailing=trailing),
+            cells=CellSyntax(trailing=trailing),
             names=tuple(columns),
             units=tuple(split_unit(name)[1] for name in columns),
             first=2,

@@ -43,7 +43,7 @@ def _stands_for(form: str, line: str) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Cells:
+class CellSyntax:
     """How the lines of a table are cut into cells and cells become numbers.
 
     Attributes
@@ -57,7 +57,7 @@ class Cells:
     ignore : tuple of str
         Whole lines (such as START) that are no rows; ``*`` stands for anything in them.
     labels : bool
-        Cells are ``name: number``, with the same names on every line.
+        CellSyntax are ``name: number``, with the same names on every line.
     """
 
     separator: str = ","
@@ -91,7 +91,7 @@ class Cells:
         ]
 
 
-COMMAS = Cells()
+COMMAS = CellSyntax()
 
 
 def label(cell: str) -> tuple[str, str] | None:
@@ -115,7 +115,7 @@ def read(
     first: int,
     header: Sequence[str],
     wanted: Sequence[int],
-    cells: Cells = COMMAS,
+    cells: CellSyntax = COMMAS,
 ) -> list[FloatArray]:
     """The wanted columns of `body`, UTF-8 text whose lines end in a line feed and whose first is
     line `first` of the file.
@@ -130,7 +130,7 @@ def read(
 
 
 def _by_arrow(
-    body: bytes, columns: int, wanted: Sequence[int], cells: Cells
+    body: bytes, columns: int, wanted: Sequence[int], cells: CellSyntax
 ) -> list[FloatArray] | None:
     """Pyarrow's road; None where it finds a line that it cannot read."""
     import pyarrow as pa
@@ -165,7 +165,12 @@ def _by_arrow(
 
 
 def _explained(
-    body: bytes, where: str, first: int, header: Sequence[str], wanted: Sequence[int], cells: Cells
+    body: bytes,
+    where: str,
+    first: int,
+    header: Sequence[str],
+    wanted: Sequence[int],
+    cells: CellSyntax,
 ) -> list[FloatArray]:
     """The slow road."""
     try:
@@ -188,7 +193,7 @@ def _explained(
     return [np.array(values) for values in out]
 
 
-def _way_out(line: str, cells: Cells) -> str:
+def _way_out(line: str, cells: CellSyntax) -> str:
     """What to do about a line with other cells than the header has: a rig may write lines of
     another kind, and label its cells.
     """
@@ -210,7 +215,7 @@ def _way_out(line: str, cells: Cells) -> str:
     )
 
 
-def row_of(line: str, at: str, header: Sequence[str], cells: Cells) -> list[str]:
+def row_of(line: str, at: str, header: Sequence[str], cells: CellSyntax) -> list[str]:
     """One line's cells, one for each name of the header.
 
     Raises

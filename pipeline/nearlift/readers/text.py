@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import codecs
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,7 @@ from nearlift.readers.dialect import HEAD, NoRows, sniff
 from nearlift.readers.interleaved import ONE
 from nearlift.readers.layout import Given, Layout
 from nearlift.readers.per_file import Format, reader_of
-from nearlift.readers.table import NONE, Cells
+from nearlift.readers.table import NONE, CellSyntax
 
 BLOCK = 8 << 20
 OPTIONS = {
@@ -161,7 +162,7 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     )
 
 
-def _after_ignored(body: bytes, cells: Cells, rows: int) -> tuple[list[int], int]:
+def _after_ignored(body: bytes, cells: CellSyntax, rows: int) -> tuple[list[int], int]:
     """Of the rows of a block, those that stand right behind an ignored line; and how many rows
     there are by now.
     """
@@ -215,16 +216,13 @@ def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
     """Which columns to read: those that `pick` may choose, or all that hold numbers."""
     if names is None:
         return [i for i in range(len(layout.names)) if i not in layout.texts]
-    return [i for i, name in enumerate(layout.names) if wanted(name, names)] or _none_fits(
-        layout, names, where
-    )
-
-
-def _none_fits(layout: Layout, names: tuple[str, ...], where: str) -> list[int]:
-    blank: FloatArray = np.empty(0)
-    channels = [Channel(name=name, values=blank) for name in layout.names]
-    pick(channels, names[0], "records.force.column", f"{where}, line {max(layout.first - 1, 1)}")
-    return []
+    chosen = [i for i, name in enumerate(layout.names) if wanted(name, names)]
+    if not chosen:
+        channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
+        header = f"{where}, line {max(layout.first - 1, 1)}"
+        # refuses: none of them fits
+        pick(channels, names[0], "records.force.column", header)
+    return chosen
 
 
 class Blocks:
@@ -316,14 +314,7 @@ def with_rate(found: Contents) -> Contents:
     if clock is None or len(clock.values) < 3:
         return found
     rate = rate_of(clocks[clock.unit] * clock.values)
-    return Contents(
-        channels=tuple(
-            Channel(name=c.name, unit=c.unit, values=c.values, rate_Hz=rate) for c in found.channels
-        ),
-        kind=found.kind,
-        codes=found.codes,
-        notes=found.notes,
-    )
+    return replace(found, channels=tuple(replace(c, rate_Hz=rate) for c in found.channels))
 
 
 TEXT = Format(

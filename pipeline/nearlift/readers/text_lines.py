@@ -12,7 +12,7 @@ from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.dialect import HEAD
 from nearlift.readers.interleaved import one_column
 from nearlift.readers.layout import Given, Layout
-from nearlift.readers.table import Cells, row_of
+from nearlift.readers.table import CellSyntax, row_of
 from nearlift.readers.text import Blocks, given, layout_of
 
 
@@ -23,7 +23,7 @@ def marked(path: Path, said: Given, marks: Sequence[str]) -> list[tuple[int, str
     to_a_row = said.lines
     said = replace(said, ignore=tuple(dict.fromkeys((*said.ignore, *marks))))
     layout = layout_of(path, said if to_a_row == 1 else one_column(said))
-    are = Cells(ignore=tuple(marks))
+    are = CellSyntax(ignore=tuple(marks))
     found = [(0, line.strip()) for line in _above(path, layout) if line.strip() and are.skips(line)]
     rows = 0
     for _, line in _lines(path, layout):
