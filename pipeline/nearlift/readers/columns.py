@@ -81,7 +81,7 @@ BESIDE = tuple(k.name for k in KNOWN if k.inside in CARRIED)
 
 
 @dataclass(frozen=True, slots=True)
-class Cells:
+class ColumnTexts:
     """One column as read: its name, its texts, and where each stands (``trials.csv, line 7``)."""
 
     name: str
@@ -114,7 +114,7 @@ class Numbers(Sequence[str]):
         return "" if value != value else repr(value)
 
 
-def numbers(cells: Cells, *, blank: bool) -> FloatArray:
+def numbers(cells: ColumnTexts, *, blank: bool) -> FloatArray:
     """The cells as plain numbers, NaN where blank.
 
     Raises
@@ -154,7 +154,9 @@ def without(text: str) -> str:
     return f"{text.strip()!r} is no value" if text.strip() else "is empty"
 
 
-def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True) -> FloatArray:
+def quantity(
+    cells: ColumnTexts, known: Known, unit: str | None, *, blank: bool = True
+) -> FloatArray:
     """The cells in SI, NaN where blank. `unit` is what the manifest says, None where it says
     nothing.
 
@@ -176,7 +178,7 @@ def quantity(cells: Cells, known: Known, unit: str | None, *, blank: bool = True
     return factor * numbers(cells, blank=blank) + offset
 
 
-def seconds(cells: Cells, unit: str | None) -> FloatArray:
+def seconds(cells: ColumnTexts, unit: str | None) -> FloatArray:
     """Start times: numbers in `unit`, or ISO 8601 texts, which become seconds since the first
     trial.
 
@@ -213,7 +215,7 @@ def seconds(cells: Cells, unit: str | None) -> FloatArray:
     return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
 
 
-def further(cells: Cells) -> NDArray[Any]:
+def further(cells: ColumnTexts) -> NDArray[Any]:
     """A column that the contract does not name: numbers if every filled cell is one, else the
     texts.
     """
@@ -223,7 +225,7 @@ def further(cells: Cells) -> NDArray[Any]:
     return np.array([t.strip() for t in cells.texts], dtype=object)
 
 
-def ids(cells: Cells) -> NDArray[Any]:
+def ids(cells: ColumnTexts) -> NDArray[Any]:
     """The trials' ids; refuses one that is blank, does not show, or stands twice."""
     first: dict[str, int] = {}
     for i, text in enumerate(cells.texts):
@@ -249,7 +251,7 @@ def ids(cells: Cells) -> NDArray[Any]:
     return np.array(list(first), dtype=object)
 
 
-def boundaries(cells: Cells) -> NDArray[Any]:
+def boundaries(cells: ColumnTexts) -> NDArray[Any]:
     """The boundaries' names; refuses one that there is not."""
     allowed = (*BOUNDARIES, "none")
     names = [t.strip() for t in cells.texts]
@@ -263,7 +265,7 @@ def boundaries(cells: Cells) -> NDArray[Any]:
     return np.array(names, dtype=object)
 
 
-def plain(cells: Cells, name: str) -> FloatArray:
+def plain(cells: ColumnTexts, name: str) -> FloatArray:
     """A column of plain numbers: approach (+1, -1, or 0 where the traverse did not move) and n
     (whole, from 1).
     """
@@ -284,7 +286,7 @@ def plain(cells: Cells, name: str) -> FloatArray:
     return values
 
 
-def counts(campaign: Campaign, cells: Cells) -> FloatArray:
+def counts(campaign: Campaign, cells: ColumnTexts) -> FloatArray:
     """A zero reading in counts, through the force channel's calibration."""
     if campaign.records.force is None:
         raise ManifestError(

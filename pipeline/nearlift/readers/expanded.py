@@ -19,7 +19,7 @@ from nearlift.errors import ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import Segments
 from nearlift.readers.brought import brought_by, dimension_of
-from nearlift.readers.columns import KNOWN, Cells, Numbers
+from nearlift.readers.columns import KNOWN, ColumnTexts, Numbers
 from nearlift.readers.schedule import Schedule, of_cells, reserved, schedule_file
 from nearlift.readers.schedule_text import columns_of, text_of, unended
 from nearlift.readers.segments import Pieces
@@ -31,8 +31,8 @@ NO_PIECE = Pieces(number=np.zeros(1, dtype=np.int64), since_s=np.zeros(1))
 
 
 def of_records(
-    campaign: Campaign, path: Path, cells: Mapping[str, Cells]
-) -> tuple[dict[str, Cells], tuple[str, ...]]:
+    campaign: Campaign, path: Path, cells: Mapping[str, ColumnTexts]
+) -> tuple[dict[str, ColumnTexts], tuple[str, ...]]:
     """The columns of a schedule of records under the names of one of trials, and which of those
     that every trial needs the pieces will bring.
 
@@ -76,7 +76,7 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
     cut = [pieces.get(record) or NO_PIECE for record in ids]
     of = [i for i, own in enumerate(cut) for _ in range(len(own))]
     given = {n: u for n, u in campaign.trials.units.items() if n not in bring}
-    cells: dict[str, Cells] = {}
+    cells: dict[str, ColumnTexts] = {}
     for name, own in whole.items():
         texts = [own.texts[i] for i in of]
         cells[name] = replace(own, texts=texts, lines=[own.lines[i] for i in of if own.lines])
@@ -87,9 +87,9 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
     cells["trial"] = replace(cells["trial"], texts=names)
     if "session" not in cells:
         # a record is set up anew, and nothing says that two of them were set up alike
-        cells["session"] = Cells("session", records, path.name, lines)
+        cells["session"] = ColumnTexts("session", records, path.name, lines)
     for name, values in _together(campaign.segments, bring, cut).items():
-        cells[name] = Cells(name, Numbers(values), path.name, lines)
+        cells[name] = ColumnTexts(name, Numbers(values), path.name, lines)
         if dimension := dimension_of(name):
             given[name] = units.SI[dimension]
     schedule = of_cells(campaign, path, cells, given, unended(path, text), bring)

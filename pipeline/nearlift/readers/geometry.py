@@ -7,6 +7,8 @@ if one does.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,7 +17,7 @@ from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import columns
-from nearlift.readers.columns import BY_NAME, Cells
+from nearlift.readers.columns import BY_NAME, ColumnTexts
 
 #: Distance over radius that is none.
 NEAREST = 1e-4
@@ -28,7 +30,7 @@ SHARES = {
 
 def distances(
     campaign: Campaign,
-    cells: Cells | None,
+    cells: ColumnTexts | None,
     boundary: NDArray[np.object_],
     unit: str | None,
     blank: bool = False,
@@ -84,7 +86,7 @@ def _offset(campaign: Campaign, side: Boundary) -> float:
 
 def _inside_the_arena(
     campaign: Campaign,
-    cells: Cells,
+    cells: ColumnTexts,
     recorded: FloatArray,
     z_m: FloatArray,
     here: NDArray[np.intp],
@@ -99,50 +101,47 @@ def _inside_the_arena(
     approaches on purpose.
     """
     arena, r = campaign.rig.arena, campaign.vehicle.rotor_radius
-    worst = int(here[np.argmax(z_m[here])])
-    if arena is not None and z_m[worst] > arena:
-        low, high = r / 50 - offset, arena - offset
-        ends = [
-            units.plausible(float(v), "length", low, high)
-            for v in (recorded[here].min(), recorded[here].max())
-        ]
-        fitting = [u for u in ends[0] if u in ends[1] and u != unit]
+    farthest, nearest = (int(here[place(z_m[here])]) for place in (np.argmax, np.argmin))
+    if arena is not None and z_m[farthest] > arena:
+        ends = recorded[here].min(), recorded[here].max()
         raise InputRefused(
-            cells.at(worst),
-            f"{cells.texts[worst].strip()} {unit} is outside the {arena:g} m arena"
-            + (f"; {' or '.join(fitting)}?" if fitting else ""),
+            cells.at(farthest),
+            f"{cells.texts[farthest].strip()} {unit} is outside the {arena:g} m arena"
+            + _other_units(ends, r / 50 - offset, arena - offset, unit),
             "mend distance under [trials.units], the schedule, or [rig] arena",
         )
-    worst = int(here[np.argmin(z_m[here])])
-    if z_m[worst] <= NEAREST * r:
+    if z_m[nearest] <= NEAREST * r:
         raise InputRefused(
-            cells.at(worst),
-            f"{cells.texts[worst].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the"
+            cells.at(nearest),
+            f"{cells.texts[nearest].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the"
             " rotor "
             + (
-                f"{-1e3 * z_m[worst]:.3g} mm into the {side}"
-                if z_m[worst] < 0
+                f"{-1e3 * z_m[nearest]:.3g} mm into the {side}"
+                if z_m[nearest] < 0
                 else f"on the {side} itself"
             ),
             "mend [rig] distance_datum and distance_offset, or the schedule",
         )
-    worst = int(here[np.argmax(z_m[here])])
-    if z_m[worst] < r / 50:
-        fitting = [
-            u
-            for u in units.plausible(float(recorded[worst]), "length", r, arena or 100 * r)
-            if u != unit
-        ]
+    if z_m[farthest] < r / 50:
         raise InputRefused(
-            cells.at(worst),
-            f"{cells.texts[worst].strip()} {unit} is the farthest from the {side},"
-            f" {z_m[worst] / r:.2g} of a rotor's radius"
-            + (f"; {' or '.join(fitting)}?" if fitting else ""),
+            cells.at(farthest),
+            f"{cells.texts[farthest].strip()} {unit} is the farthest from the {side},"
+            f" {z_m[farthest] / r:.2g} of a rotor's radius"
+            + _other_units(recorded[[farthest]], r, arena or 100 * r, unit),
             "mend distance under [trials.units], or the schedule",
         )
 
 
-def share_is_plausible(name: str, values: FloatArray, cells: Cells, unit: str) -> None:
+def _other_units(values: Iterable[float], low: float, high: float, unit: str) -> str:
+    """The units that bring all these distances between two others, m, as a question; empty where
+    none does.
+    """
+    first, *others = (units.plausible(float(value), "length", low, high) for value in values)
+    fitting = [u for u in first if u != unit and all(u in other for other in others)]
+    return f"; {' or '.join(fitting)}?" if fitting else ""
+
+
+def share_is_plausible(name: str, values: FloatArray, cells: ColumnTexts, unit: str) -> None:
     """Refuse one of `SHARES` outside 0 to 1, or 1 % at most throughout, with the unit that would
     make sense; anything else is let through.
     """

@@ -21,7 +21,7 @@ from nearlift.errors import ManifestError, did_you_mean
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import columns
-from nearlift.readers.columns import BY_NAME, KNOWN, Cells
+from nearlift.readers.columns import BY_NAME, KNOWN, ColumnTexts
 from nearlift.readers.files import inside
 from nearlift.readers.geometry import distances, share_is_plausible
 from nearlift.readers.schedule_text import columns_of, text_of, unended
@@ -123,7 +123,7 @@ def parse_schedule(campaign: Campaign, path: Path, text: str) -> Schedule:
 def of_cells(
     campaign: Campaign,
     path: Path,
-    cells: Mapping[str, Cells],
+    cells: Mapping[str, ColumnTexts],
     given: Mapping[str, str],
     notes: list[str],
     missing: Collection[str] = (),
@@ -300,7 +300,7 @@ def _units_name_columns(given: Mapping[str, str], present: Sequence[str]) -> Non
             )
 
 
-def _only_free_air(cells: Mapping[str, Cells]) -> tuple[str, ...]:
+def _only_free_air(cells: Mapping[str, ColumnTexts]) -> tuple[str, ...]:
     """Columns that a campaign of nothing but free-air trials may leave out."""
     boundary = cells.get("boundary")
     return (
@@ -310,7 +310,7 @@ def _only_free_air(cells: Mapping[str, Cells]) -> tuple[str, ...]:
     )
 
 
-def _backwards(cells: Cells, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
+def _backwards(cells: ColumnTexts, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
     """A note on trials of a session that began before the one above them."""
     known = np.flatnonzero(np.isfinite(start_s))
     earlier = np.diff(start_s[known]) < 0

@@ -13,7 +13,7 @@ from pathlib import Path
 from nearlift import units
 from nearlift.errors import InputRefused, ManifestError, brief
 from nearlift.manifest.campaign import Campaign
-from nearlift.readers.columns import BY_NAME, Cells
+from nearlift.readers.columns import BY_NAME, ColumnTexts
 
 
 def text_of(path: Path) -> str:
@@ -45,7 +45,7 @@ def unended(path: Path, text: str) -> list[str]:
     ]
 
 
-def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
+def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, ColumnTexts]:
     """Every column's texts, constants included, in the file's order."""
     header: list[str] = []
     found: list[list[str]] = []
@@ -83,7 +83,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Cells]:
             str(path), "lists no trial", "one line per trial, in the order in which they were run"
         )
     cells = {
-        name: Cells(name, column, path.name, lines)
+        name: ColumnTexts(name, column, path.name, lines)
         for name, column in zip(header, found, strict=True)
     }
     for name, value in campaign.trials.constants.items():
@@ -136,7 +136,7 @@ def _header(path: Path, line: int, row: list[str]) -> list[str]:
     return header
 
 
-def _constant(campaign: Campaign, name: str, value: object, n: int) -> Cells:
+def _constant(campaign: Campaign, name: str, value: object, n: int) -> ColumnTexts:
     """A constant as a column of texts; a text with its own unit is brought to the unit of the
     column.
     """
@@ -159,4 +159,4 @@ def _constant(campaign: Campaign, name: str, value: object, n: int) -> Cells:
             )
         factor, offset = units.to_si(unit, known.dimension, f"trials.units.{name}")
         text = repr((si - offset) / factor)
-    return Cells(name, [text] * n, "campaign.toml", [])
+    return ColumnTexts(name, [text] * n, "campaign.toml", [])
