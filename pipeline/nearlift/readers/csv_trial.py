@@ -34,7 +34,7 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
         with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - half the time of the path's own
             content = file.readall()
         plain = packed.unpacked(content, str(path))
-        force, time, codes = _parsed(plain, str(path), spec.column, spec.clock)
+        force, time, codes = parse(plain, str(path), spec.column, spec.clock)
         yield Record(
             trial=trial,
             # the products are the record's own, unlike what was parsed
@@ -53,7 +53,8 @@ def _sha256(content: bytes) -> str:
 def parse(
     content: bytes, where: str, force: str, time: str | None = None
 ) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
-    """Force and clock columns of one file's bytes, and quality codes.
+    """Force and clock columns of one file's bytes, in memory that this thread's next file takes
+    over, and quality codes.
 
     Raises
     ------
@@ -61,14 +62,6 @@ def parse(
         The file is not UTF-8, a column is missing or stands twice, or a line is not what the header
         promises.
     """
-    found, clock, codes = _parsed(content, where, force, time)
-    return found.copy(), None if clock is None else clock.copy(), codes
-
-
-def _parsed(
-    content: bytes, where: str, force: str, time: str | None
-) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
-    """What `parse` gives, in memory that this thread's next file takes over."""
     nothing = np.empty(0)
     blank = None if time is None else nothing
     codes: tuple[str, ...] = ()

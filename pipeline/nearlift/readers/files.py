@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.seam import MARK, Piece, Plan, files_pattern
+from nearlift.readers.seam import MARK, Piece, ReadingPlan
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -104,7 +104,7 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
     InputRefused
         A file leads outside the folder or is not a regular file.
     """
-    pattern = files_pattern(campaign)
+    pattern = campaign.records.pattern
     if MARK not in pattern:
         raise ManifestError(
             "records.files",
@@ -141,7 +141,7 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
     """A note where files stand among the records that no trial of the schedule names: its row may
     be lost, or its id mistyped.
     """
-    pattern = files_pattern(campaign)
+    pattern = campaign.records.pattern
     head, tail, times = pattern.partition(MARK)[0], pattern.rpartition(MARK)[2], pattern.count(MARK)
     listed, names = set(trials), []
     folder, slash, _ = pattern.rpartition("/")
@@ -190,10 +190,10 @@ def files_per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> li
     return [path for path, _ in per_trial(campaign, root, trials).values()]
 
 
-def plan_per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
+def plan_per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
     """`Reader.plan` where every trial has a file of its own."""
     there = per_trial(campaign, root, trials)
-    return Plan(pieces=tuple(pieces(there)), notes=unlisted(campaign, root, trials))
+    return ReadingPlan(pieces=tuple(pieces(there)), notes=unlisted(campaign, root, trials))
 
 
 def pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:

@@ -89,7 +89,12 @@ class Clock:
     @property
     def hole_s(self) -> float:
         """The shortest time without a sample that is a hole."""
-        return max(HOLE_S, HOLE_STEPS * median(np.diff(self.time_s)))
+        return hole_of(median(np.diff(self.time_s)))
+
+
+def hole_of(step_s: float) -> float:
+    """The shortest time without a sample that is a hole in a series of such a step, s."""
+    return max(HOLE_S, HOLE_STEPS * step_s)
 
 
 def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> FlightLog | Contents:
@@ -109,7 +114,7 @@ def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> FlightLo
     assert flight is not None
     if path.stat().st_size == 0:
         return Contents(channels=(), codes=("EMPTY",))
-    with child.source(form, child.borrowed()) as contents:
+    with child.source(form) as contents:
         found = contents(path, campaign.records.dialect, None)
     if not any(len(c.values) for c in found.channels):
         return Contents(channels=(), codes=found.codes or ("NO_DATA",), notes=found.notes)
@@ -266,7 +271,7 @@ class _Aligned:
         """The samples whose stamps ascend, those aside that jump ahead and come back."""
         n = len(time_s)
         known = np.isfinite(time_s)
-        step = float(np.nanmedian(np.diff(time_s)))
+        hole_s = hole_of(float(np.nanmedian(np.diff(time_s))))
         latest = np.maximum.accumulate(np.where(known, time_s, -np.inf))
         before = np.concatenate([[-np.inf], latest[:-1]])
         # a stamp that every later one lies below came from nowhere
@@ -277,13 +282,13 @@ class _Aligned:
         if kept.sum() < (1 - WORST_CLOCK) * n:
             kept = known & (time_s > before)
         strides = np.diff(time_s[kept])
-        holes = np.count_nonzero(strides > max(HOLE_S, HOLE_STEPS * step))
+        holes = np.count_nonzero(strides > hole_s)
         lost = n - int(kept.sum())
         if kept.sum() < FEWEST or lost + holes > WORST_CLOCK * n:
             raise InputRefused(
                 self.where,
                 f"the clock {name!r} jumps: {lost} of {n} stamps do not ascend, and {holes} lie"
-                f" more than {1e3 * max(HOLE_S, HOLE_STEPS * step):.3g} ms behind the one before",
+                f" more than {1e3 * hole_s:.3g} ms behind the one before",
                 "log at a steady rate, or name the clock that runs with it under [records] time",
             )
         return Clock(time_s=time_s[kept], kept=kept)

@@ -4,15 +4,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from pathlib import Path
-
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.manifest.campaign import Campaign
 from nearlift.readers.schedule import Schedule
-from nearlift.readers.seam import Piece, Plan, Reader, Record
+from nearlift.readers.seam import Reader, ReadingPlan
 
 
 def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
@@ -35,23 +31,11 @@ def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
     }
 
 
-def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
-    return []
-
-
-def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
-    return Plan(pieces=())
-
-
-def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-    return iter(())
-
-
 READER = Reader(
     name="means",
     title="mean lift per trial in the schedule, no samples",
-    files=_files,
-    plan=_plan,
-    read_piece=_read_piece,
+    files=lambda campaign, root, trials: [],
+    plan=lambda campaign, root, trials: ReadingPlan(pieces=()),
+    read_piece=lambda campaign, root, piece: iter(()),
     series=False,
 )

@@ -16,7 +16,7 @@ from nearlift.readers import child, long_table
 from nearlift.readers.channel import Malformed
 from nearlift.readers.files import inside, source_of
 from nearlift.readers.per_file import Format
-from nearlift.readers.seam import ChannelSpec, Piece, Plan, Reader, Record, files_pattern
+from nearlift.readers.seam import ChannelSpec, Piece, Reader, ReadingPlan, Record
 from nearlift.readers.serve import Answer, ReadRows, ReadSpans
 
 #: Rows of one answer, and of one task at least.
@@ -24,7 +24,7 @@ BATCH, ROWS = 1 << 16, 1 << 21
 
 
 def _path(campaign: Campaign, root: Path) -> Path:
-    pattern = files_pattern(campaign)
+    pattern = campaign.records.pattern
     if "{" in pattern:
         raise ManifestError(
             "records.files",
@@ -56,7 +56,7 @@ def trials(path: Path) -> list[str]:
     return [str(trial) for trial in answer["trials"]]
 
 
-def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
+def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
     path, spec = _path(campaign, root), ChannelSpec.of(campaign)
     if not path.is_file():
         raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
@@ -64,53 +64,33 @@ def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
     columns += [("records.time.column", spec.clock)] if spec.clock is not None else []
     asked = ReadSpans(path=str(path), columns=tuple(columns))
     ((answer, (starts, stops, ends)),) = _asked(path, asked)
-    rows = np.column_stack([starts, stops]).astype(np.int64)
-    spans = {
-        name: (first, end)
-        for name, (first, end) in zip(answer["trials"], rows.tolist(), strict=True)
-    }
+    rows = zip(starts.astype(int).tolist(), stops.astype(int).tolist(), strict=True)
+    spans = dict(zip(answer["trials"], rows, strict=True))
     wanted = set(trials)
     unlisted = [name for name in spans if name not in wanted]
-    notes = (
-        [
-            (
-                f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not"
-                f" list, such as {unlisted[0]!r}; they were left out"
-            )
-        ]
+    note = (
+        f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not list,"
+        f" such as {unlisted[0]!r}; they were left out"
         if unlisted
-        else []
+        else ""
     )
-    here = [name for name in spans if name in wanted]
-    return Plan(
-        pieces=tuple(_pieces(path, {name: spans[name] for name in here}, ends)), notes=tuple(notes)
-    )
+    here = {name: span for name, span in spans.items() if name in wanted}
+    return ReadingPlan(pieces=tuple(_pieces(path, here, ends)), notes=(note,) if note else ())
 
 
 def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) -> Iterator[Piece]:
     """The trials of whole row groups, of as many as make a piece worth a child of its own."""
     groups = np.searchsorted(ends, [first for first, _ in spans.values()], side="right")
     size = path.stat().st_size // max(int(ends[-1]), 1) if len(ends) else 0
-    trials: list[str] = []
-    rows: list[tuple[int, int]] = []
-    for i, (name, span) in enumerate(spans.items()):
-        if rows and groups[i] != groups[i - 1] and span[0] - rows[0][0] >= ROWS:
-            yield Piece(
-                trials=tuple(trials),
-                paths=(path,),
-                rows=tuple(rows),
-                bytes=size * (span[0] - rows[0][0]),
-            )
-            trials, rows = [], []
-        trials.append(name)
-        rows.append(span)
-    if trials:
-        yield Piece(
-            trials=tuple(trials),
-            paths=(path,),
-            rows=tuple(rows),
-            bytes=size * (rows[-1][1] - rows[0][0]),
-        )
+    names, rows = tuple(spans), tuple(spans.values())
+    begin = 0
+    for i in range(1, len(names) + 1):
+        at_end = i == len(names)
+        length = (rows[-1][1] if at_end else rows[i][0]) - rows[begin][0]
+        if at_end or (groups[i] != groups[i - 1] and length >= ROWS):
+            part = slice(begin, i)
+            yield Piece(trials=names[part], paths=(path,), rows=rows[part], bytes=size * length)
+            begin = i
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:

@@ -13,10 +13,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from nearlift import units
-from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.readers.channel import (
     AS_FORCE,
@@ -35,7 +32,7 @@ from nearlift.readers.files import (
     plan_per_trial,
     source_of,
 )
-from nearlift.readers.seam import MARK, ChannelSpec, Piece, Plan, Reader, Record, files_pattern
+from nearlift.readers.seam import MARK, ChannelSpec, Piece, Reader, ReadingPlan, Record
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
@@ -106,23 +103,23 @@ def reader_of(form: Format) -> Reader:
 
     def files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
         if _one_for_all(campaign):
-            path = inside(root, files_pattern(campaign), "records.files")
+            path = inside(root, campaign.records.pattern, "records.files")
             return [path] if path.is_file() else []
         return files_per_trial(campaign, root, trials)
 
-    def plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> Plan:
+    def plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
         form.checked_dialect(campaign.records.dialect)
         if not _one_for_all(campaign):
             return plan_per_trial(campaign, root, trials)
-        path = inside(root, files_pattern(campaign), "records.files")
+        path = inside(root, campaign.records.pattern, "records.files")
         there = dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
-        return Plan(pieces=tuple(pieces(there)))
+        return ReadingPlan(pieces=tuple(pieces(there)))
 
     def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
         from nearlift.readers import child
 
         spec = ChannelSpec.of(campaign)
-        with child.source(form, child.borrowed()) as contents:
+        with child.source(form) as contents:
             for trial, path in zip(piece.trials, piece.paths, strict=True):
                 yield record(contents, spec, trial, path, source_of(root, path))
 
@@ -171,12 +168,12 @@ def _one_for_all(campaign: Campaign) -> bool:
     ManifestError
         Neither the files nor the column say where the trial's id stands, or both do.
     """
-    in_files = MARK in files_pattern(campaign)
+    in_files = MARK in campaign.records.pattern
     in_column = MARK in ChannelSpec.of(campaign).column
     if in_files == in_column:
         raise ManifestError(
             "records.files",
-            f"{files_pattern(campaign)!r}"
+            f"{campaign.records.pattern!r}"
             f" {'and the column both say' if in_files else 'does not say'} where the trial's id"
             " stands",
             'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all trials,'
@@ -193,20 +190,13 @@ def record(
     source: str,
 ) -> Record:
     """The record of one trial from its file."""
-    nothing: FloatArray = np.empty(0)
     if path.stat().st_size == 0:
-        return Record(trial=trial, force_N=nothing, source=source, codes=("EMPTY",))
+        return Record(trial=trial, source=source, codes=("EMPTY",))
     column, tick = spec.of_trial(trial)
     try:
         found = contents(path, spec.dialect, (column,) if tick is None else (column, tick))
     except Malformed as fault:
-        return Record(
-            trial=trial,
-            force_N=nothing,
-            source=source,
-            codes=("MALFORMED",),
-            fault=f"{source}: {fault}",
-        )
+        return Record(trial=trial, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}")
     return record_of(found, spec, trial, str(path), source)
 
 
@@ -218,11 +208,8 @@ def record_of(found: Contents, spec: ChannelSpec, trial: str, where: str, source
     InputRefused
         A channel is not there, or contradicts the manifest's unit or rate.
     """
-    nothing: FloatArray = np.empty(0)
     if not found.channels and "NO_DATA" in found.codes:
-        return Record(
-            trial=trial, force_N=nothing, source=source, codes=found.codes, notes=found.notes
-        )
+        return Record(trial=trial, source=source, codes=found.codes, notes=found.notes)
     column, tick = spec.of_trial(trial)
     channel = pick(found.channels, column, "records.force.column", where)
     _same_unit(channel, spec.unit, "force", "records.force.unit", where)

@@ -97,7 +97,7 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
     from nearlift.readers import child
 
     form, spec = format_of(reader), ChannelSpec.of(campaign)
-    with child.source(form, child.borrowed()) as contents:
+    with child.source(form) as contents:
         found = contents(path, form.checked_dialect(campaign.records.dialect), None)
     column, clock = spec.of_trial(trial)
     force = pick(found.channels, column, "records.force.column", str(path))

@@ -9,18 +9,18 @@ A new format is one file with one `Reader` in it.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
+import numpy as np
+
 from nearlift import units
 from nearlift.declare import FloatArray
-from nearlift.errors import ManifestError
 from nearlift.readers.channel import RecordsDialect
 
 if TYPE_CHECKING:
     from nearlift.manifest.campaign import Campaign
-    from nearlift.manifest.rig import ForceChannel
     from nearlift.readers.per_file import Format
     from nearlift.readers.row import Row
     from nearlift.reduction.conditions import Conditions
@@ -55,7 +55,7 @@ class Record:
     """
 
     trial: str
-    force_N: FloatArray
+    force_N: FloatArray = field(default_factory=lambda: np.empty(0))
     source: str
     time_s: FloatArray | None = None
     codes: tuple[str, ...] = ()
@@ -80,7 +80,7 @@ class Piece:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class ReadingPlan:
     """The pieces of a campaign, and what the user should know about the files. Trials in no piece
     have no record.
     """
@@ -101,7 +101,7 @@ class Reader:
         ``files(campaign, root, trials)``: every record file there is, checked to be a regular file
         under `root`. Staleness is judged by these.
     plan : callable
-        ``plan(campaign, root, trials)``: the `Plan`; reads no samples.
+        ``plan(campaign, root, trials)``: the `ReadingPlan`; reads no samples.
     read_piece : callable
         ``read_piece(campaign, root, piece)``: the piece's records in the plan's order, one in
         memory at a time.
@@ -119,7 +119,7 @@ class Reader:
     name: str
     title: str
     files: Callable[[Campaign, Path, Sequence[str]], list[Path]]
-    plan: Callable[[Campaign, Path, Sequence[str]], Plan]
+    plan: Callable[[Campaign, Path, Sequence[str]], ReadingPlan]
     read_piece: Callable[[Campaign, Path, Piece], Iterator[Record]]
     reduce_piece: (
         Callable[[Campaign, Path, Piece, Conditions, Mapping[str, float]], Iterator[Row]] | None
@@ -131,28 +131,6 @@ class Reader:
         """Every record of these trials, streamed, in the plan's order."""
         for piece in self.plan(campaign, root, trials).pieces:
             yield from self.read_piece(campaign, root, piece)
-
-
-def files_pattern(campaign: Campaign) -> str:
-    """``[records] files``, a record's mark as that of a trial; the manifest's own check has made
-    sure that it is there.
-    """
-    if campaign.records.files is None:
-        raise ManifestError(
-            "records.files",
-            "is missing",
-            'name the file, or a pattern such as "trials/{trial}.csv"',
-        )
-    return campaign.records.pattern
-
-
-def _force_channel(campaign: Campaign) -> ForceChannel:
-    """``[records] force``; the manifest's own check has made sure that it is there."""
-    if campaign.records.force is None:
-        raise ManifestError(
-            "records.force", "is missing", 'such as { column = "force", unit = "mN", sign = 1 }'
-        )
-    return campaign.records.force
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -177,7 +155,9 @@ class ChannelSpec:
     @classmethod
     def of(cls, campaign: Campaign) -> Self:
         """What a campaign's manifest says."""
-        force, clock = _force_channel(campaign), campaign.records.time
+        force, clock = campaign.records.force, campaign.records.time
+        # by the manifest's own check
+        assert force is not None
         factor, zero = force.linear()
         dialect = campaign.records.dialect
         return cls(

@@ -137,7 +137,7 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
 
     form, source = format_of(reader), source_of(root, path)
     nothing = Segmented(
-        record=Record(trial=record, force_N=np.empty(0), source=source),
+        record=Record(trial=record, source=source),
         cuts=cuts.settled([], 0, 1),
         pieces=(),
     )
@@ -154,7 +154,7 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
     try:
         if campaign.segments.begin is not None:
             marks, dialect = marks_of(form, path, campaign)
-        with child.source(form, child.borrowed()) as contents:
+        with child.source(form) as contents:
             found = contents(path, dialect, None)
     except Malformed as fault:
         return without(f"{source}: {fault}", "MALFORMED")
@@ -281,7 +281,7 @@ def _own_samples(whole: Record) -> tuple[FloatArray | None, np.ndarray]:
     return (whole.time_s if kept.all() else None), kept
 
 
-def _lowest(pieces: cuts.Cuts, values: FloatArray, hold: float) -> tuple[cuts.Piece, ...]:
+def _lowest(pieces: cuts.Cuts, values: FloatArray, hold: float) -> tuple[cuts.Span, ...]:
     """The pieces at the lowest level there is, within `hold`."""
     level = {p: _level("throttle", values[p.start : p.end]) for p in pieces.pieces}
     lowest = min(level.values(), default=np.nan)
@@ -289,7 +289,7 @@ def _lowest(pieces: cuts.Cuts, values: FloatArray, hold: float) -> tuple[cuts.Pi
 
 
 def _tare(
-    force_N: FloatArray, head: int, at_level: Sequence[cuts.Piece], piece: cuts.Piece
+    force_N: FloatArray, head: int, at_level: Sequence[cuts.Span], piece: cuts.Span
 ) -> FloatArray:
     """The samples of a piece's zero: the record's head, or the nearest pieces at rest before it and
     behind it.
