@@ -65,8 +65,6 @@ class Malformed(Exception):
 class Channel:
     """One series: its name, the unit that the file states (empty: none), its samples, and the rate
     that the file states.
-
-    `n` counts the samples where they were not read.
     """
 
     name: str

@@ -23,7 +23,7 @@ from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces
 from nearlift.reduction import motor_lag
 from nearlift.reduction.airborne import CLEAN, Phases, Window, phases, windows_of
-from nearlift.reduction.motor_lag import GRID, Moments
+from nearlift.reduction.motor_lag import GRID, LagMoments
 from nearlift.reduction.specific_force import along_axis, apart, faults, leaning, silent
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ class Weighed:
     codes_of: tuple[str, ...]
     lift_N: FloatArray
     command: FloatArray
-    stretches: tuple[Moments, ...]
+    stretches: tuple[LagMoments, ...]
     counts: Counter[str]
 
     @property
@@ -258,7 +258,7 @@ class _Cut:
                 found[f"setpoint_m_{k}"] = self.log.setpoint_m[at]
         return found
 
-    def _stretches(self, found: Phases, means: FloatArray) -> list[Moments]:
+    def _stretches(self, found: Phases, means: FloatArray) -> list[LagMoments]:
         log = self.log
         clean = found.code == CLEAN
         z_hat = (log.height_m - found.floor_m) / self.campaign.vehicle.rotor_radius

@@ -109,14 +109,8 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     attributes = (
         {str(key).casefold(): value for key, value in item.attrs.items()} if len(item.attrs) else {}
     )
-    unit = next(
-        (
-            unit_word(text(attributes[k])) or text(attributes[k])
-            for k in ("unit", "units")
-            if k in attributes
-        ),
-        "",
-    )
+    stated = next((text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
+    unit = unit_word(stated) or stated
     rate = rate_from(attributes)
     for own, part in chosen:
         values = np.asarray(part[()], dtype=np.float64) if dtype.names else series(item, part)
@@ -146,21 +140,15 @@ def text(value: Any) -> str:
 
 def rate_from(attributes: Mapping[str, object]) -> float | None:
     """The rate that attributes state, Hz."""
-    for key, invert in (
-        ("sample_rate", False),
-        ("sampling_rate", False),
-        ("rate", False),
-        ("fs", False),
-        ("dt", True),
-        ("wf_increment", True),
-    ):
+    steps = ("dt", "wf_increment")
+    for key in ("sample_rate", "sampling_rate", "rate", "fs", *steps):
         if key in attributes:
             try:
                 number = float(text(attributes[key]))
             except ValueError:
                 continue
             if number > 0:
-                return 1 / number if invert else number
+                return 1 / number if key in steps else number
     return None
 
 

@@ -120,19 +120,11 @@ def _table(path: Path, name: str) -> Iterator[Channel]:
     if table is None or not hasattr(table, "columns"):
         return
     index = table.index
-    if index.dtype.kind == "m":
-        yield Channel(
-            name=f"{name}.{index.name or 'Time'}",
-            unit="s",
-            values=_floats(index.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9),
-        )
-    elif index.dtype.kind == "M":
-        since = (index - index[0]).to_numpy() if len(index) else index.to_numpy()
-        yield Channel(
-            name=f"{name}.{index.name or 'Time'}",
-            unit="s",
-            values=_floats(since.astype("timedelta64[ns]").astype(np.int64) * 1e-9),
-        )
+    if index.dtype.kind in "mM":
+        # durations, or dates: since the first
+        since = index - index[0] if index.dtype.kind == "M" and len(index) else index
+        seconds = since.to_numpy().astype("timedelta64[ns]").astype(np.int64) * 1e-9
+        yield Channel(name=f"{name}.{index.name or 'Time'}", unit="s", values=_floats(seconds))
     for column in table.columns:
         values = table[column].to_numpy()
         if values.dtype.kind in "iuf":

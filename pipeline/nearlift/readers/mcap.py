@@ -73,30 +73,26 @@ def channels_of(
         raise ManifestError(
             "records.dialect.stamps", f"{stamps!r} is no stamp", 'write "header" or "log"'
         )
-    found: dict[str, dict[str, list[float]]] = {}
+    topics: dict[str, dict[str, list[float]]] = {}
     for topic, logged, decoded in messages:
         row = dict(_numbers("", decoded))
-        own = _stamp(row) if stamps == "header" else None
-        when = NANO * logged if own is None else own
-        columns = found.setdefault(topic, {"time": []})
-        if len(columns["time"]) == 0:
-            columns |= {field: [] for field in row if field != "time"}
-        if row.keys() - {"time"} != columns.keys() - {"time"}:
+        stamp = _stamp(row) if stamps == "header" else None
+        row["time"] = NANO * logged if stamp is None else stamp
+        if topic not in topics:
+            topics[topic] = {"time": [], **{field: [] for field in row}}
+        columns = topics[topic]
+        if row.keys() != columns.keys():
             raise Malformed(f"has messages of two layouts on {topic}")
-        columns["time"].append(when)
         for field, value in row.items():
-            if field != "time":
-                columns[field].append(value)
+            columns[field].append(value)
     channels = []
-    for name, columns in found.items():
-        clock = np.array(columns["time"])
+    for topic, columns in topics.items():
+        clock = np.array(columns.pop("time"))
         rate = rate_of(clock) if len(clock) > 2 else None
+        channels.append(Channel(name=f"{topic}.time", unit="s", rate_Hz=rate, values=clock))
         for field, values in columns.items():
-            whole = f"{name}.{field}"
-            if field != "time" and not wanted(whole, names):
-                continue
-            unit = "s" if field == "time" else ""
-            channels.append(Channel(name=whole, unit=unit, rate_Hz=rate, values=np.array(values)))
+            if wanted(name := f"{topic}.{field}", names):
+                channels.append(Channel(name=name, rate_Hz=rate, values=np.array(values)))
     return tuple(channels)
 
 

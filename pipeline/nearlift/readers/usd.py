@@ -110,13 +110,8 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
         rate = rate_of(clock) if len(clock) > 2 else None
         channels.append(Channel(name=f"{event.name}.time", unit="s", rate_Hz=rate, values=clock))
         for field in (event.layout.names or ())[1:]:
-            channels.append(
-                Channel(
-                    name=f"{event.name}.{field}",
-                    rate_Hz=rate,
-                    values=records[field].astype(np.float64),
-                )
-            )
+            values = records[field].astype(np.float64)
+            channels.append(Channel(name=f"{event.name}.{field}", rate_Hz=rate, values=values))
     return Contents(channels=tuple(channels), kind=KIND, codes=() if whole else ("salvaged",))
 
 
