@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift.reduction import motor_lag
-from nearlift.reduction.motor_lag import GRID, Moments, estimate, filtered, moments
+from nearlift.reduction.motor_lag import GRID, LagMoments, estimate, filtered, moments
 
 
 def test_a_command_acts_behind_its_sample() -> None:
@@ -34,7 +34,7 @@ def test_every_lag_is_a_first_order_system_that_each_run_begins_anew() -> None:
     np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
-def steps(lag_s: float, power: float = 1.7) -> list[Moments]:
+def steps(lag_s: float, power: float = 1.7) -> list[LagMoments]:
     """Flight whose commands answer nothing."""
     rng = np.random.default_rng(5)
     n, step = 12_000, 0.01

@@ -27,7 +27,7 @@ PENALTY = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Piece:
+class Span:
     """A piece of a record: its number, from 1 in the record's order, its first sample, the first
     that is settled, and one past the last.
     """
@@ -44,7 +44,7 @@ class Cuts:
     stand in pieces too short.
     """
 
-    pieces: tuple[Piece, ...]
+    pieces: tuple[Span, ...]
     short: int
     settling: int
     between: int
@@ -172,7 +172,7 @@ def settled(cuts: Sequence[Cut], settle: int, shortest: int, length: int | None 
     Pieces are counted whether they are kept or not, so that another `settle` renames none of them
     (windows aside, whose number it changes).
     """
-    kept: list[Piece] = []
+    kept: list[Span] = []
     number = short = settling = between = 0
     for first, end in cuts:
         start = min(first + settle, end)
@@ -180,7 +180,7 @@ def settled(cuts: Sequence[Cut], settle: int, shortest: int, length: int | None 
         for k, (a, b) in enumerate(parts):
             number += 1
             if b - a >= shortest:
-                kept.append(Piece(number=number, first=a if k else first, start=a, end=b))
+                kept.append(Span(number=number, first=a if k else first, start=a, end=b))
                 settling += 0 if k else start - first
             else:
                 short += 1

@@ -42,7 +42,7 @@ FORGOTTEN = 1e-18
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Moments:
+class LagMoments:
     """Sums of squares and products of one stretch of flight at each time constant, less their
     means: of log lift first, then of what it is fitted by, (T, k, k); of the instruments with
     these (T, q, k), and among themselves (q, q), where a set-point was logged.
@@ -100,7 +100,7 @@ def moments(
     group: NDArray[np.int64],
     step_s: float,
     instruments: FloatArray | None = None,
-) -> list[Moments]:
+) -> list[LagMoments]:
     """The sums of each stretch: samples of one `group` (from 1; 0 is left out).
 
     Parameters
@@ -138,7 +138,9 @@ def moments(
     ]
 
 
-def _sums(told: FloatArray, fixed: FloatArray, sent: FloatArray | None, step_s: float) -> Moments:
+def _sums(
+    told: FloatArray, fixed: FloatArray, sent: FloatArray | None, step_s: float
+) -> LagMoments:
     """The sums of one stretch, from log command (T, n) and what no lag changes (k - 1, n)."""
     told, fixed = (x - x.mean(axis=1, keepdims=True) for x in (told, fixed))
     beside = [0, *range(2, len(fixed) + 1)]
@@ -147,15 +149,15 @@ def _sums(told: FloatArray, fixed: FloatArray, sent: FloatArray | None, step_s: 
     products[:, beside, 1] = products[:, 1, beside] = told @ fixed.T
     products[:, 1, 1] = np.einsum("ti,ti->t", told, told)
     if sent is None:
-        return Moments(products=products, step_s=step_s)
+        return LagMoments(products=products, step_s=step_s)
     sent = sent - sent.mean(axis=1, keepdims=True)
     seen = np.empty((len(told), len(sent), len(fixed) + 1))
     seen[:, :, beside] = sent @ fixed.T
     seen[:, :, 1] = told @ sent.T
-    return Moments(products=products, step_s=step_s, seen=seen, instruments=sent @ sent.T)
+    return LagMoments(products=products, step_s=step_s, seen=seen, instruments=sent @ sent.T)
 
 
-def estimate(stretches: Sequence[Moments], given_s: float | None = None) -> Lag | None:
+def estimate(stretches: Sequence[LagMoments], given_s: float | None = None) -> Lag | None:
     """The lag that all stretches share, and the command's power there, or at the given lag; None
     where they cannot tell one.
 
@@ -164,10 +166,10 @@ def estimate(stretches: Sequence[Moments], given_s: float | None = None) -> Lag 
     """
     if len(stretches) < 2:
         return None
-    plain = _Sums.of(stretches, seen=False)
+    plain = _PartSums.of(stretches, seen=False)
     found = [_told(plain, FEEDBACK_S / np.sqrt(3))]
     if all(s.seen is not None for s in stretches):
-        found.append(_told(_Sums.of(stretches, seen=True), 0.0))
+        found.append(_told(_PartSums.of(stretches, seen=True), 0.0))
     best = min(found, key=lambda lag: (lag.at_edge, lag.u_s))
     if given_s is not None:
         return replace(best, value_s=given_s, u_s=0.0, at_edge=False)
@@ -176,7 +178,7 @@ def estimate(stretches: Sequence[Moments], given_s: float | None = None) -> Lag 
     return replace(best, u_s=float(np.hypot(best.u_s, within)))
 
 
-def _told(sums: _Sums, feedback: float) -> Lag:
+def _told(sums: _PartSums, feedback: float) -> Lag:
     """The lag by these sums, and its uncertainty from leaving out parts of flight."""
     best, power = _best(sums.products())
     n = len(sums.each)
@@ -193,7 +195,7 @@ def _told(sums: _Sums, feedback: float) -> Lag:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Sums:
+class _PartSums:
     """The sums of parts of flight, stretches that follow each other: their own, (parts, T, k, k),
     or those of the instruments with them, (parts, T, q, k), and among themselves, (parts, q, q).
     """
@@ -202,7 +204,7 @@ class _Sums:
     instruments: FloatArray | None = None
 
     @classmethod
-    def of(cls, stretches: Sequence[Moments], seen: bool) -> _Sums:
+    def of(cls, stretches: Sequence[LagMoments], seen: bool) -> _PartSums:
         edges = np.linspace(0, len(stretches), min(len(stretches), PARTS) + 1).astype(int).tolist()
 
         def summed(values: list[FloatArray]) -> FloatArray:

@@ -56,19 +56,16 @@ def lengths(
     well measure for different times.
     """
     if planned is not None and samples is not None:
-        for i, found in enumerate(samples):
-            if 0 < found < planned:
-                codes[i].append("SHORT" if found < (1 - missing) * planned else "short")
+        for i, length in enumerate(samples):
+            if 0 < length < planned:
+                codes[i].append("SHORT" if length < (1 - missing) * planned else "short")
         return
     whole = n[n > 0]
-    if len(whole) == 0:
-        return
-    usual = median(whole)
-    for i, samples in enumerate(n):
-        if 0 < samples < (1 - missing) * usual:
-            codes[i].append(
-                "SHORT" if samples < 0.5 * usual or "truncated" in codes[i] else "short"
-            )
+    usual = median(whole) if len(whole) else 0.0
+    for i, length in enumerate(n):
+        if 0 < length < (1 - missing) * usual:
+            aborted = length < 0.5 * usual or "truncated" in codes[i]
+            codes[i].append("SHORT" if aborted else "short")
 
 
 def planned_length(
@@ -144,14 +141,14 @@ def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str
         The largest far lift is more than 15 times the weight, less than a hundredth (a quarter at a
         throttle of 75 % and more), or negative.
     """
-    peaks = [
-        (side, throttles[i], lifts[i])
+    levels = [
+        (side, throttle, lift)
         for side, (throttles, lifts) in far_lifts(table).items()
-        for i in [int(np.argmax(np.abs(lifts)))]
+        for throttle, lift in zip(throttles, lifts, strict=True)
     ]
-    if not peaks:
+    if not levels:
         return
-    side, throttle, lift = max(peaks, key=lambda p: abs(p[2]))
+    side, throttle, lift = max(levels, key=lambda level: abs(level[2]))
     place = f"far from the {side}" if side != "none" else "in free air"
     ratio = lift / weight_N
     if abs(ratio) > STRONGEST or abs(ratio) < (
@@ -236,17 +233,14 @@ def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
     (boundary, its farthest z_hat).
     """
     good = ~rejected(table["quality"])
-    sides = [
-        str(side) for side in ("ground", "ceiling") if (good & (table["boundary"] == side)).any()
-    ]
-    farthest = {
-        side: float(table["z_hat"][good & (table["boundary"] == side)].max()) for side in sides
-    }
-    return (
-        []
-        if (good & (table["boundary"] == "none")).any()
-        else [(side, far) for side, far in farthest.items() if far < REACH]
-    )
+    if (good & (table["boundary"] == "none")).any():
+        return []
+    near = []
+    for side in ("ground", "ceiling"):
+        z_hat = table["z_hat"][good & (table["boundary"] == side)]
+        if len(z_hat) and z_hat.max() < REACH:
+            near.append((side, float(z_hat.max())))
+    return near
 
 
 def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
@@ -364,14 +358,10 @@ def mostly_unsettled(table: Mapping[str, NDArray[Any]]) -> list[str]:
     """
     good = ~rejected(table["quality"])
     begins = np.array(["unsettled" in text.split() for text in table["quality"]])
-    if not good.any() or np.mean(begins[good]) < 0.5:
+    if not good.any() or (share := np.mean(begins[good])) < 0.5:
         return []
-    share = (
-        f"{np.mean(begins[good]):.0%} of the records begin with another force than they go on with"
+    note = (
+        f"{share:.0%} of the records begin with another force than they go on with: is `tare` too"
+        " short (rotors still at rest), or `settle`, or is sample_rate wrong?"
     )
-    return [
-        (
-            f"{share}: is `tare` too short (rotors still at rest), or `settle`, or is sample_rate"
-            " wrong?"
-        )
-    ]
+    return [note]

@@ -175,17 +175,11 @@ def remarks(quality: NDArray[Any]) -> list[str]:
         for c in CODES
         if not c.rejects and (n := sum(c.name in names for names in accepted))
     ]
+    if not told:
+        return []
     count = len(accepted)
-    return (
-        [
-            (
-                f"{count} accepted trial{'s carry' if count > 1 else ' carries'} a remark:"
-                f" {', '.join(told)}"
-            )
-        ]
-        if told
-        else []
-    )
+    carry = "s carry" if count > 1 else " carries"
+    return [f"{count} accepted trial{carry} a remark: {', '.join(told)}"]
 
 
 @functools.lru_cache(maxsize=256)

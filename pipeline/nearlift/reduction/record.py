@@ -189,17 +189,6 @@ def _drifts(
     the zero.
     """
     allowed = limits.drift * abs(lift)
-    found = []
-    if abs(change) > 4 * u_change:
-        found += (
-            ["DRIFT"] if abs(change) > allowed else ["drift"] if abs(change) > 0.2 * allowed else []
-        )
-    if math.isfinite(tare_change):
-        found += (
-            ["DRIFT"]
-            if abs(tare_change) > allowed
-            else ["drift"]
-            if abs(tare_change) > 0.2 * allowed
-            else []
-        )
-    return found
+    changes = [change] if abs(change) > 4 * u_change else []
+    changes += [tare_change] if math.isfinite(tare_change) else []
+    return ["DRIFT" if abs(c) > allowed else "drift" for c in changes if abs(c) > 0.2 * allowed]

@@ -26,7 +26,7 @@ from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces
 from nearlift.reduction import motor_lag, quality
-from nearlift.reduction.motor_lag import GRID, Lag, Moments
+from nearlift.reduction.motor_lag import GRID, Lag, LagMoments
 from nearlift.reduction.record import Reduced
 from nearlift.reduction.stretch import distinct
 from nearlift.run.job import Job
@@ -51,7 +51,7 @@ class Flown(Answer):
 
     clean: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
     command: FloatArray = field(default_factory=lambda: np.empty((0, len(GRID))))
-    stretches: tuple[Moments, ...] = ()
+    stretches: tuple[LagMoments, ...] = ()
 
 
 def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
