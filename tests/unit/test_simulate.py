@@ -145,7 +145,7 @@ def test_figures_and_chapter(flown):
     assert [f["boundary"] for f in facts["fitted"]] == ["ground", "ceiling"]
     assert "not resolved by 40 flights; about" in facts["fitted"][0]["best"][-1]["refused"]
     assert (
-        facts["claims"][0]["values"][0]["number"].source
+        facts["claims"][0]["values"][0]["value"].source
         == "safety.json#/claims/0/presets/paper/value"
     )
 

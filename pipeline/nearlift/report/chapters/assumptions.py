@@ -61,17 +61,17 @@ def _collapse(place: Place) -> dict[str, object]:
 
 def _held(place: Place) -> dict[str, object]:
     found = place.content
-    rows = [
-        {
-            "supposes": e["supposes"],
-            "n": place.number("plausible", i, "n", digits=2),
-            "value": place.number("plausible", i, "value", like_u=e["u"]),
-            "lo90": place.number("plausible", i, "lo90", like_u=e["u"]),
-            "hi90": place.number("plausible", i, "hi90", like_u=e["u"]),
-            "p": _chance(place, "plausible", i, "p_value"),
-        }
-        for i, e in enumerate(found["plausible"])
-    ]
+    rows = []
+    for i, e in enumerate(found["plausible"]):
+        at = place.at("plausible", i)
+        rows.append(
+            {
+                "supposes": e["supposes"],
+                "n": at.number("n", digits=2),
+                **at.numbers("value", "lo90", "hi90", like_u=e["u"]),
+                "p": _chance(at, "p_value"),
+            }
+        )
     return {
         "boundary": place.path[-1],
         "declared": found["declared_text"],

@@ -156,16 +156,16 @@ def _alike(found: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult
     own = quoted.quotable.get(quoted.headline)
     values = {d.explanation: plain(d.value, 2) for d in own.doubts} if own else {}
 
-    def told(name: str, equals: str = "") -> str:
+    def with_value(name: str, equals: str = "") -> str:
         return f"{name} ({equals}{values[name]})" if name in values else name
 
     said = []
     if alone:
-        best = told(effect.name, f"{letter(quoted.headline)} = ")
-        rivals = [told(o) for o in alone]
+        best = with_value(effect.name, f"{letter(quoted.headline)} = ")
+        rivals = [with_value(o) for o in alone]
         said.append(f"this design cannot tell {best} from {listed(rivals, 'or')}")
     if together:
-        pairs = [told(o) for o in together]
+        pairs = [with_value(o) for o in together]
         said.append(
             f"{listed(pairs, 'or')} together would be likelier than {effect.name} alone, if not"
             " plainly"

@@ -157,35 +157,15 @@ def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None
             else None
         )
         source = pointer(FIT, "boundaries", boundary, model.name, "parameters")
-        if model.name == evidence.document(FIT)["base"].get(boundary):
-            value = (ours or declared)[-1]
-            how = "1 - downwash at these, in percent"
-            base = Number(text=_percent(value), value=value, source=source, how=how)
+        if model.name == evidence.fits.base.get(boundary):
+            base = _shortfall((ours or declared)[-1], source, "these")
         rows.append(
             {
                 "title": model.title,
                 "declared": [
-                    Number(
-                        text=_percent(v),
-                        value=v,
-                        source=f"model {model.name}",
-                        how="1 - downwash at its declared values, in percent",
-                    )
-                    for v in declared
+                    _shortfall(v, f"model {model.name}", "its declared values") for v in declared
                 ],
-                "fitted": (
-                    None
-                    if ours is None
-                    else [
-                        Number(
-                            text=_percent(v),
-                            value=v,
-                            source=source,
-                            how="1 - downwash at these, in percent",
-                        )
-                        for v in ours
-                    ]
-                ),
+                "fitted": None if ours is None else [_shortfall(v, source, "these") for v in ours],
             }
         )
     return {
@@ -210,8 +190,14 @@ def reduction_percent(
     return [100 * (1 - float(v)) for v in found]
 
 
-def _percent(value: float) -> str:
-    return "–" if not math.isfinite(value) else fixed(value, 2 if abs(value) < 10 else 1)
+def _shortfall(percent: float, source: str, values: str) -> Number:
+    places = 2 if abs(percent) < 10 else 1
+    return Number(
+        text=fixed(percent, places) if math.isfinite(percent) else "–",
+        value=percent,
+        source=source,
+        how=f"1 - downwash at {values}, in percent",
+    )
 
 
 def _joint(evidence: Evidence) -> list[dict[str, object]]:

@@ -106,7 +106,7 @@ def _reading(place: Place) -> dict[str, object]:
         "ratio": place.number("ratio", digits=4),
         "u": place.number("u", digits=2),
         "beyond": replace(beyond, text="< 0.01") if found["beyond"] < inverse.NONE else beyond,
-        **{name: place.number("z_hat", name, digits=3) for name in ("median", "lo90", "hi90")},
+        **place.at("z_hat").numbers("median", "lo90", "hi90", digits=3),
         "z_mm": place.number("z_m", "median", digits=3, scale=1e3, how="in mm"),
     }
 

@@ -14,6 +14,9 @@ from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place
 from nearlift.rounding import plain
 
+#: Of a level of risk: the set-point, its interval, and what it would be on other readings.
+LEVEL = ("value", "lo90", "hi90", "without_model", "held")
+
 
 def facts(evidence: Evidence) -> dict[str, object]:
     """Claims, presets and fitted models, each number with its source."""
@@ -51,12 +54,10 @@ def _claim(place: Place) -> dict[str, object]:
         "tolerance": claim["tolerance"],
         "values": [
             {
-                "number": place.number("presets", name, "value", places=2),
-                "lo90": place.number("presets", name, "lo90", places=2),
-                "hi90": place.number("presets", name, "hi90", places=2),
-                "verdict": own["verdict"],
+                **place.at("presets", name).numbers("value", "lo90", "hi90", places=2),
+                "verdict": preset["verdict"],
             }
-            for name, own in claim["presets"].items()
+            for name, preset in claim["presets"].items()
         ],
     }
 
@@ -79,12 +80,8 @@ def _fitted(place: Place, boundary: str) -> dict[str, object]:
         "levels": [
             {
                 "risk": f"{100 * e['risk']:g} %",
-                "value": place.number("levels", i, "value", places=2),
-                "lo90": place.number("levels", i, "lo90", places=2),
-                "hi90": place.number("levels", i, "hi90", places=2),
-                "without": place.number("levels", i, "without_model", places=2),
+                **place.at("levels", i).numbers(*LEVEL, places=2),
                 "least": e["value"] == e["lowest_flown"],
-                "held": place.number("levels", i, "held", places=2),
                 "agrees": e["agrees"],
             }
             for i, e in enumerate(own["levels"])
@@ -100,9 +97,7 @@ def _best(place: Place, flights: int) -> dict[str, object]:
     own = place.content
     return {
         "price": f"{own['price']:g}",
-        "target": place.number("target_z_hat", places=2),
-        "lo90": place.number("lo90", places=2),
-        "hi90": place.number("hi90", places=2),
+        **place.numbers("target_z_hat", "lo90", "hi90", places=2),
         "cost": place.number("relative_cost", places=3),
         "farthest": own["farthest"],
         "refused": refusal(own, flights),
@@ -132,7 +127,7 @@ def _route(place: Place) -> dict[str, object]:
         "bound": f"{entry['risk_bound']:g}",
         "flights": entry["flights"],
         "energy": place.number("energy", places=3),
-        **{name: place.number(name, digits=2) for name in ("risk", "lo90", "hi90")},
+        **place.numbers("risk", "lo90", "hi90", digits=2),
         "berth": [b for b in presets.TARGETS if b not in lowest],
         "berth_z_hat": f"{BERTH:g}",
         "lowest": {side: place.number("lowest_z_hat", side, digits=3) for side in lowest},

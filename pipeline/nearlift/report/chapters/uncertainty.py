@@ -95,8 +95,7 @@ def _budget(
         "untold": untold(own),
         "u": here.number("u", digits=3),
         "dof": here.degrees("dof"),
-        "lo95": here.number("lo95", like_u=own.u),
-        "hi95": here.number("hi95", like_u=own.u),
+        **here.numbers("lo95", "hi95", like_u=own.u),
     }
 
 
@@ -121,10 +120,8 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     ]
     error = None
     if fit.height_error:
-        error = {
-            k: place.number("height_error", k, like_u=fit.height_error.u, scale=1e3, how="in mm")
-            for k in ("value", "u")
-        }
+        form = {"like_u": fit.height_error.u, "scale": 1e3, "how": "in mm"}
+        error = place.at("height_error").numbers("value", "u", **form)
     return {"boundary": boundary, "lines": lines, "error": error}
 
 
