@@ -105,13 +105,15 @@ def test_of_repeats_only_what_matters_somewhere_is_drawn_and_what_was_declared_a
     lines = (line("large", 0.9, "A"), line("small", 0.0015, "A"), line("declared", 1e-9, "B"))
     ground = dataclasses.replace(own, budget=lines)
     ceiling = dataclasses.replace(own, budget=(line("large", 1.0, "A"),))
-    rows = budget._rows([("ground", "K_b", ground), ("ceiling", "alpha", ceiling)])
-    assert [(r[0], r[2], r[3], pytest.approx(r[4], abs=1e-6, nan_ok=True)) for r in rows] == [
-        ("ground", "large", "A", 90.0),
-        ("ground", "declared", "B", 0.0),
-        ("ceiling", "large", "A", 100.0),
-        ("ceiling", "declared", "B", math.nan),
+    bars = budget.bars([("ground", "K_b", ground), ("ceiling", "alpha", ceiling)])
+    assert list(zip(bars["panel"], bars["component"], bars["type"], strict=True)) == [
+        ("ground", "large", "A"),
+        ("ground", "declared", "B"),
+        ("ceiling", "large", "A"),
+        ("ceiling", "declared", "B"),
     ]
+    expected = [90.0, 0.0, 100.0, math.nan]
+    assert bars["fall_percent"] == pytest.approx(expected, abs=1e-6, nan_ok=True)
 
 
 def test_profiles_are_drawn_with_their_intervals(evidence):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -71,21 +71,13 @@ class Evidence:
     def table(self, product: Product) -> Columns:
         """A table product; `ProductError` if it does not exist."""
         if product.file not in self.tables:
-            raise ProductError(
-                product.file,
-                "is missing",
-                "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
-            )
+            raise _missing(product)
         return self.tables[product.file]
 
     def document(self, product: Product) -> dict[str, Any]:
         """A JSON product; `ProductError` if it does not exist."""
         if product.file not in self.documents:
-            raise ProductError(
-                product.file,
-                "is missing",
-                "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
-            )
+            raise _missing(product)
         return self.documents[product.file]
 
     @property
@@ -149,6 +141,11 @@ class Evidence:
         }
 
 
+def _missing(product: Product) -> ProductError:
+    remedy = "run the stage that writes it (`nearlift plan CAMPAIGN` says which)"
+    return ProductError(product.file, "is missing", remedy)
+
+
 def levels_N(fit: ModelFit, drawn: bool = False) -> dict[float, float]:
     """L_inf in N by throttle, of one model's fit; medians of its posterior where it was `drawn` and
     there is one.
@@ -167,9 +164,31 @@ def lift_inf_N(fit: ModelFit, data: Observations, drawn: bool = False) -> FloatA
     return np.array([known.get(float(f"{t:g}"), np.nan) for t in data.levels])[data.level]
 
 
-def stack(rows: list[Columns]) -> Columns:
-    """Tables with the same columns, one below the other."""
-    return {name: np.concatenate([r[name] for r in rows]) for name in rows[0]}
+def stack(parts: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> Columns:
+    """Parts of a table, one below the other; its columns in that order, else as the first part has
+    them.
+
+    A single value stands in every row of its part. What a part lacks is empty there: nan among
+    numbers, no text among texts.
+    """
+    sizes = [max((len(v) for v in part.values() if np.ndim(v)), default=1) for part in parts]
+    return {
+        name: _joined([part.get(name) for part in parts], sizes)
+        for name in columns or (parts[0] if parts else ())
+    }
+
+
+def _joined(values: Sequence[Any], sizes: Sequence[int]) -> NDArray[Any]:
+    given = [None if value is None else np.asarray(value) for value in values]
+    text = any(value is not None and value.dtype.kind in "OU" for value in given)
+    empty = np.asarray("" if text else np.nan)
+    filled = [
+        np.broadcast_to(empty if value is None else value, (n,))
+        for value, n in zip(given, sizes, strict=True)
+    ]
+    if text:
+        filled = [value.astype(object) for value in filled]
+    return np.concatenate(filled) if filled else np.zeros(0)
 
 
 def select(table: Rows, rows: Any) -> Columns:
@@ -177,9 +196,10 @@ def select(table: Rows, rows: Any) -> Columns:
     return {name: column[rows] for name, column in table.items()}
 
 
-def distinct(column: NDArray[Any]) -> list[Any]:
-    """The values of a column, in the order in which they come."""
-    return list(dict.fromkeys(column.tolist()))
+def distinct(*columns: NDArray[Any]) -> list[Any]:
+    """The values of a column in the order in which they come; of several columns, the tuples."""
+    values = [column.tolist() for column in columns]
+    return list(dict.fromkeys(values[0] if len(values) == 1 else zip(*values, strict=True)))
 
 
 def text_column(value: str, n: int) -> NDArray[Any]:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.nomenclature import VERDICTS, mathematics
 from nearlift.products import RESULTS
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import decimals, like, siunitx
 
@@ -27,23 +25,24 @@ def coefficients(evidence: Evidence) -> Columns:
     """Every coefficient to be quoted, a row each; `base_model` with `effects` is what it belongs
     to.
     """
+    names = ("boundary", "base_model", "verdict", "effects", "parameter", "unit", *FIELDS)
     rows = []
     for boundary in evidence.boundaries:
-        own = evidence.quoted(boundary)
-        for name, c in own.every.items():
+        quoted = evidence.quoted(boundary)
+        for name, c in quoted.every.items():
+            stated = FIELDS if c.refused is None else ("holds",)
             rows.append(
-                (
-                    boundary,
-                    own.base_model,
-                    own.verdict,
-                    " + ".join(own.effects),
-                    name,
-                    c.unit,
-                    *(getattr(c, f) if c.refused is None or f == "holds" else "" for f in FIELDS),
-                )
+                {
+                    "boundary": boundary,
+                    "base_model": quoted.base_model,
+                    "verdict": quoted.verdict,
+                    "effects": " + ".join(quoted.effects),
+                    "parameter": name,
+                    "unit": c.unit,
+                    **{field: getattr(c, field) for field in stated},
+                }
             )
-    names = ("boundary", "base_model", "verdict", "effects", "parameter", "unit", *FIELDS)
-    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+    return stack(rows, names)
 
 
 def table(evidence: Evidence) -> str:

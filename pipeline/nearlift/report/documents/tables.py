@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,59 +13,43 @@ from nearlift.nomenclature import mathematics
 from nearlift.products import FIT, RESULTS
 from nearlift.report.chapters.uncertainty import LEAST, untold
 from nearlift.report.documents.latex import comment, escape
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import FEW
+from nearlift.results.fit import ModelScore
 from nearlift.results.quotation import BudgetLine
 
 BUDGET = (
-    "source",
-    "kind",
-    "distribution",
-    "scope",
-    "u_input",
-    "unit",
-    "sensitivity",
-    "u",
-    "u_without",
-    "dof",
+    *("source", "type", "distribution", "scope", "u_input", "unit"),
+    *("sensitivity", "u", "u_without", "dof"),
 )
 SCORES = (
-    "visits",
-    "skipped",
-    "elpd",
-    "d_elpd",
-    "u_d_elpd",
-    "rmse",
-    "d_rmse",
-    "u_d_rmse",
-    "aic",
-    "bic",
-    "r2",
+    *("visits", "skipped", "elpd", "d_elpd", "u_d_elpd"),
+    *("held_out_rmse", "d_held_out_rmse", "u_d_held_out_rmse", "aic", "bic", "r2"),
 )
-UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
-#: What a figure or table calls a score: every RMSE here is of visits left out.
-HEADS = {
-    "kind": "type",
-    "rmse": "held_out_rmse",
-    "d_rmse": "d_held_out_rmse",
-    "u_d_rmse": "u_d_held_out_rmse",
+#: Fields of the results that the tables call otherwise: every RMSE here is of visits left out.
+FIELDS = {
+    "type": "kind",
+    "held_out_rmse": "rmse",
+    "d_held_out_rmse": "d_rmse",
+    "u_d_held_out_rmse": "u_d_rmse",
 }
+UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
 
 
 def budget(evidence: Evidence) -> Columns:
     """Every source of error of every coefficient that is quoted, a row each; the combined
     uncertainty is a row named so.
     """
-    rows: list[tuple[Any, ...]] = []
+    rows: list[dict[str, Any]] = []
     for boundary in evidence.boundaries:
-        own = evidence.quoted(boundary)
-        for name, c in own.quotable.items():
-            head = (boundary, own.base_model, name)
-            rows += [(*head, *(_cell(getattr(line, k)) for k in BUDGET)) for line in c.budget]
-            rows.append((*head, "combined", "", "", "", math.nan, "", math.nan, c.u, 0.0, c.dof))
-    names = ("boundary", "model", "coefficient", *(HEADS.get(k, k) for k in BUDGET))
-    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+        quoted = evidence.quoted(boundary)
+        for name, c in quoted.quotable.items():
+            shared = {"boundary": boundary, "model": quoted.base_model, "coefficient": name}
+            rows += [{**shared, **_fields(line, BUDGET)} for line in c.budget]
+            combined = {"source": "combined", "u": c.u, "u_without": 0.0, "dof": c.dof}
+            rows.append({**shared, **combined})
+    return stack(rows, ("boundary", "model", "coefficient", *BUDGET))
 
 
 def comparison(evidence: Evidence) -> Columns:
@@ -72,25 +57,25 @@ def comparison(evidence: Evidence) -> Columns:
     others.
     """
     fits = evidence.fits
-    rows = []
-    for boundary, own in fits.comparison.items():
-        for model, scores in own.models.items():
+    rows: list[dict[str, Any]] = []
+    for boundary, compared in fits.comparison.items():
+        for model, scores in compared.models.items():
             fit = fits.boundaries[boundary][model]
-            head = (boundary, model, model == own.reference, len(fit.parameters))
-            rows.append((*head, *(getattr(scores, k) for k in SCORES), fit.log_evidence_value))
-    names = (
-        "boundary",
-        "model",
-        "base",
-        "free",
-        *(HEADS.get(k, k) for k in SCORES),
-        "log_evidence",
-    )
-    return {name: np.array([row[i] for row in rows], dtype=object) for i, name in enumerate(names)}
+            rows.append(
+                {
+                    "boundary": boundary,
+                    "model": model,
+                    "base": model == compared.reference,
+                    "free": len(fit.parameters),
+                    **_fields(scores, SCORES),
+                    "log_evidence": fit.log_evidence_value,
+                }
+            )
+    return stack(rows)
 
 
-def _cell(value: Any) -> Any:
-    return math.nan if value is None else value
+def _fields(line: BudgetLine | ModelScore, columns: Sequence[str]) -> dict[str, Any]:
+    return {name: getattr(line, FIELDS.get(name, name)) for name in columns}
 
 
 def budget_table(evidence: Evidence) -> str:

@@ -14,13 +14,12 @@ from matplotlib.ticker import MaxNLocator
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.products import FIT
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style
 from nearlift.results.assumptions import HeldQuantity, RotorTrend
 from nearlift.rounding import plain
 
-PARTS = ("throttle", "exponent", "rotor")
 NUMBERS = ("x", "value", "lo90", "hi90", "lo90_apart", "hi90_apart")
 COLOUR = SERIES[0][0]
 
@@ -37,23 +36,16 @@ def summarise(evidence: Evidence) -> Columns:
         `curve`, `plausible`, and `supported` (an end of what the logs leave). Part `rotor`: kinds
         `C_L` (x in Hz), `law`, `paper`.
     """
-    rows: list[dict[str, object]] = []
-    for boundary in evidence.boundaries:
-        rows += [
-            {"panel": boundary, "part": "throttle", **r} for r in _throttles(evidence, boundary)
-        ]
-        rows += [
-            {"panel": boundary, "part": "exponent", **r} for r in _exponents(evidence, boundary)
-        ]
-        rows += [{"panel": boundary, "part": "rotor", **r} for r in _rotor(evidence, boundary)]
-    texts = {
-        name: np.array([r[name] for r in rows], dtype=object)
-        for name in ("panel", "part", "kind", "label")
-    }
-    return {
-        **texts,
-        **{name: np.array([r.get(name, np.nan) for r in rows], dtype=float) for name in NUMBERS},
-    }
+    parts = (("throttle", _throttles), ("exponent", _exponents), ("rotor", _rotor))
+    return stack(
+        [
+            {"panel": boundary, "part": part, **row}
+            for boundary in evidence.boundaries
+            for part, rows in parts
+            for row in rows(evidence, boundary)
+        ],
+        ("panel", "part", "kind", "label", *NUMBERS),
+    )
 
 
 def _estimate(e: object) -> dict[str, float]:
@@ -71,13 +63,7 @@ def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]
         apart = (e.hi90 - e.value) * e.u_apart / e.u
         around = {"lo90_apart": e.value - apart, "hi90_apart": e.value + apart}
         rows.append(
-            {
-                "kind": "throttle",
-                "label": name,
-                "x": 100 * throttle,
-                **_estimate(e),
-                **around,
-            }
+            {"kind": "throttle", "label": name, "x": 100 * throttle, **_estimate(e), **around}
         )
     return rows
 
@@ -110,10 +96,7 @@ def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
         drawn = [e.speed_Hz for e in found.per_throttle.values()]
         speeds = np.geomspace(min(drawn), max(drawn), 41)
         law = found.law.C_L * (speeds / found.law.speed_Hz) ** found.exponent.value
-        rows += [
-            {"kind": "law", "label": "C_L", "x": float(x), "value": float(c)}
-            for x, c in zip(speeds, law, strict=True)
-        ]
+        rows.append({"kind": "law", "label": "C_L", "x": speeds, "value": law})
     return rows
 
 

@@ -5,16 +5,16 @@ known exactly; a panel per coefficient, a bar per source.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from nearlift.declare import Boundary
 from nearlift.nomenclature import letter, mathematics
 from nearlift.products import FIT
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, effects
 from nearlift.results.quotation import BudgetLine, CoefficientResult
@@ -22,6 +22,7 @@ from nearlift.results.quotation import BudgetLine, CoefficientResult
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
 #: not drawn; what was declared always is.
 LEAST = 0.002
+COLUMNS = ("panel", "parameter", "component", "type", "fall_percent", "u", "u_without")
 LOOKS = {"A": (SERIES[0][0], ""), "B": (SERIES[1][0], "////")}
 MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
 
@@ -37,25 +38,39 @@ def summarise(evidence: Evidence) -> Columns:
         `u` that it adds, `u_without` it. Every panel has every component, the largest fall first;
         numbers are NaN where a coefficient has no such source.
     """
-    bars = [
+    budgets = [
         (b, name, c)
         for b in evidence.boundaries
         for name, c in evidence.quoted(b).quotable.items()
         if c.budget
     ]
-    rows = _rows(bars)
-    kinds: tuple[tuple[str, type], ...] = (
-        ("panel", object),
-        ("parameter", object),
-        ("component", object),
-        ("type", object),
-        ("fall_percent", float),
-        ("u", float),
-        ("u_without", float),
+    return bars(budgets)
+
+
+def bars(budgets: Sequence[tuple[Boundary, str, CoefficientResult]]) -> Columns:
+    """The table of these coefficients' budgets."""
+    falls: dict[str, list[float]] = {}
+    kinds: dict[str, str] = {}
+    for _, _, coefficient in budgets:
+        for line in coefficient.budget:
+            falls.setdefault(line.source, []).append(fall(line, coefficient.u))
+            kinds[line.source] = line.kind
+    shown = sorted(
+        (c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"),
+        key=lambda c: -sum(falls[c]),
     )
-    return {
-        name: np.array([row[i] for row in rows], dtype=kind) for i, (name, kind) in enumerate(kinds)
-    }
+    rows = []
+    for boundary, name, coefficient in budgets:
+        lines = {line.source: line for line in coefficient.budget}
+        for source in shown:
+            head = (boundary, name, source, kinds[source])
+            row: dict[str, object] = dict(zip(COLUMNS, head, strict=False))
+            if source in lines:
+                line = lines[source]
+                percent = 100 * fall(line, coefficient.u)
+                row |= {"fall_percent": percent, "u": line.u, "u_without": line.u_without}
+            rows.append(row)
+    return stack(rows, COLUMNS)
 
 
 def fall(line: BudgetLine, u: float) -> float:
@@ -65,35 +80,10 @@ def fall(line: BudgetLine, u: float) -> float:
     return 1.0 - line.u_without / u if np.isfinite(u) else 0.0
 
 
-def _rows(bars: Sequence[tuple[str, str, CoefficientResult]]) -> list[tuple[Any, ...]]:
-    falls: dict[str, list[float]] = {}
-    kinds: dict[str, str] = {}
-    for _, _, own in bars:
-        for line in own.budget:
-            falls.setdefault(line.source, []).append(fall(line, own.u))
-            kinds[line.source] = line.kind
-    shown = sorted(
-        (c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"),
-        key=lambda c: -sum(falls[c]),
-    )
-    rows: list[tuple[Any, ...]] = []
-    for boundary, name, own in bars:
-        lines = {line.source: line for line in own.budget}
-        for source in shown:
-            held = lines.get(source)
-            found = (
-                (100 * fall(held, own.u), held.u, held.u_without)
-                if held
-                else (np.nan, np.nan, np.nan)
-            )
-            rows.append((boundary, name, source, kinds[source], *found))
-    return rows
-
-
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and the largest source of each coefficient."""
     words = []
-    for panel, name in dict.fromkeys(zip(table["panel"], table["parameter"], strict=True)):
+    for panel, name in distinct(table["panel"], table["parameter"]):
         mine = (table["panel"] == panel) & (table["parameter"] == name)
         top = np.flatnonzero(mine)[np.nanargmax(table["fall_percent"][mine])]
         words.append(
@@ -110,7 +100,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """The same for who cannot see it."""
-    n = len(set(zip(table["panel"], table["parameter"], strict=True)))
+    n = len(distinct(table["panel"], table["parameter"]))
     return (
         f"Horizontal bars in {n} panel{'s' if n != 1 else ''}. "
         + caption(evidence, table).split("Largest: ")[1]
@@ -119,9 +109,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """Panels side by side share the list of sources."""
-    panels = list(
-        dict.fromkeys(zip(table["panel"].tolist(), table["parameter"].tolist(), strict=True))
-    )
+    panels = distinct(table["panel"], table["parameter"])
     components = distinct(table["component"])
     height = min((0.19 * len(components) + 0.75) * look.text_pt / 8, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from nearlift.manifest.campaign import Campaign
 from nearlift.nomenclature import CARRIED, symbol
 from nearlift.products import LIFT
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, quantity
 from nearlift.rounding import plain
@@ -24,19 +24,18 @@ def summarise(evidence: Evidence) -> Columns:
     parts = []
     for name, u in CARRIED.items():
         for side in evidence.boundaries if name in cells else ():
-            mine = (cells["boundary"] == side) & np.isfinite(cells[name])
+            rows = select(cells, (cells["boundary"] == side) & np.isfinite(cells[name]))
             parts.append(
                 {
-                    "panel": text_column(side, int(mine.sum())),
-                    "quantity": text_column(name, int(mine.sum())),
-                    "throttle": cells["throttle"][mine],
-                    "z_hat": cells["z_hat"][mine],
-                    "value": cells[name][mine],
-                    "u_value": cells[u][mine],
+                    "panel": side,
+                    "quantity": name,
+                    "throttle": rows["throttle"],
+                    "z_hat": rows["z_hat"],
+                    "value": rows[name],
+                    "u_value": rows[u],
                 }
             )
-    table = stack(parts) if parts else {}
-    return table if parts and len(table["z_hat"]) else {}
+    return stack(parts)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -70,7 +69,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """A panel for each quantity and boundary."""
-    keys = list(dict.fromkeys(zip(table["quantity"], table["panel"], strict=True)))
+    keys = distinct(table["quantity"], table["panel"])
     width = look.single_in if len(keys) == 1 else look.double_in
     figure = Figure(figsize=(width, 0.62 * look.single_in + 0.3), layout="constrained")
     axes = figure.subplots(1, len(keys), squeeze=False)[0]

@@ -12,18 +12,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
-from numpy.typing import NDArray
 
 from nearlift import nomenclature, units
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
 from nearlift.products import FIT, POSTERIOR
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, Style, plain_text
 from nearlift.rounding import plain
 
+COLUMNS = ("panel", "kind", "x_name", "y_name", "x_low", "x_high", "y_low", "y_high", "value")
 BINS, CELLS = 40, 26
 #: Shares of the draws between which an axis runs.
 SHOWN = (0.001, 0.999)
@@ -70,12 +70,15 @@ def summarise(evidence: Evidence) -> Columns:
         found = draws(evidence, boundary)
         edges = {name: _edges(x, CELLS) for name, x in found.items()}
         for i, (name, x) in enumerate(found.items()):
-            rows.append(_histogram(boundary, name, x))
+            rows.append({"panel": boundary, **_histogram(name, x)})
             rows += [
-                _region(boundary, (name, x, edges[name]), (other, found[other], edges[other]))
+                {
+                    "panel": boundary,
+                    **_region((name, x, edges[name]), (other, found[other], edges[other])),
+                }
                 for other in list(found)[i + 1 :]
             ]
-    return stack(rows) if rows else {}
+    return stack(rows, COLUMNS)
 
 
 def _edges(x: FloatArray, bins: int) -> FloatArray:
@@ -88,24 +91,21 @@ def _edges(x: FloatArray, bins: int) -> FloatArray:
     return np.linspace(float(low - margin), float(high + margin), bins + 1)
 
 
-def _histogram(boundary: str, name: str, x: FloatArray) -> Columns:
+def _histogram(name: str, x: FloatArray) -> dict[str, object]:
     edges = _edges(x, BINS)
     count = np.histogram(x, edges)[0]
-    none = np.full(BINS, np.nan)
-    return _rows(
-        boundary,
-        "histogram",
-        (name, ""),
-        (edges[:-1], edges[1:], none, none),
-        count / max(int(count.max()), 1),
-    )
+    return {
+        "kind": "histogram",
+        "x_name": name,
+        "x_low": edges[:-1],
+        "x_high": edges[1:],
+        "value": count / max(int(count.max()), 1),
+    }
 
 
 def _region(
-    boundary: str,
-    first: tuple[str, FloatArray, FloatArray],
-    second: tuple[str, FloatArray, FloatArray],
-) -> Columns:
+    first: tuple[str, FloatArray, FloatArray], second: tuple[str, FloatArray, FloatArray]
+) -> dict[str, object]:
     (x_name, x, x_edges), (y_name, y, y_edges) = first, second
     count = np.histogram2d(x, y, (x_edges, y_edges))[0]
     count = _smooth(_smooth(count).T).T
@@ -114,9 +114,17 @@ def _region(
     share[order] = np.cumsum(count.ravel()[order]) / count.sum()
     i, j = (index.ravel() for index in np.indices(count.shape))
     keep = (count.ravel() > 0) & (share < 0.995)
-    ends = (x_edges[i], x_edges[i + 1], y_edges[j], y_edges[j + 1])
-    low_x, high_x, low_y, high_y = (end[keep] for end in ends)
-    return _rows(boundary, "region", (x_name, y_name), (low_x, high_x, low_y, high_y), share[keep])
+    i, j = i[keep], j[keep]
+    return {
+        "kind": "region",
+        "x_name": x_name,
+        "y_name": y_name,
+        "x_low": x_edges[i],
+        "x_high": x_edges[i + 1],
+        "y_low": y_edges[j],
+        "y_high": y_edges[j + 1],
+        "value": share[keep],
+    }
 
 
 def _smooth(count: FloatArray) -> FloatArray:
@@ -128,28 +136,6 @@ def _smooth(count: FloatArray) -> FloatArray:
     return np.asarray(
         sum(w * padded[k : k + n] for k, w in enumerate((1, 4, 6, 4, 1))) / 16, dtype=np.float64
     )
-
-
-def _rows(
-    boundary: str,
-    kind: str,
-    names: tuple[str, str],
-    ends: tuple[NDArray[np.float64], ...],
-    value: FloatArray,
-) -> Columns:
-    n = len(value)
-    x_low, x_high, y_low, y_high = ends
-    return {
-        "panel": text_column(boundary, n),
-        "kind": text_column(kind, n),
-        "x_name": text_column(names[0], n),
-        "y_name": text_column(names[1], n),
-        "x_low": x_low,
-        "x_high": x_high,
-        "y_low": y_low,
-        "y_high": y_high,
-        "value": value,
-    }
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

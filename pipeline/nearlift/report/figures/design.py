@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from nearlift.report.evidence import Columns, Rows, distinct, select
+from nearlift.report.evidence import Columns, Rows, distinct, select, stack
 from nearlift.report.figures.style import SERIES, Style, effects, plain_log
 
 #: Displayed units of sizes that are small in SI.
@@ -25,6 +25,8 @@ LOOKS = {
     "too small to see": (SERIES[1][0], SERIES[1][1]),
     "silent": ("0.5", "x"),
 }
+#: Of what would not be seen nothing is said beyond its limit.
+UNSEEN = ("silent", "too small to see")
 #: Chances below this are left blank.
 LEAST = 0.05
 
@@ -39,36 +41,34 @@ def rows(found: dict[str, Any]) -> Columns:
     """The figure's rows. `panel` limits: `x` the detection limit over the plausible size (nan if
     never seen); confused: `x` the chance.
     """
-    content: list[tuple[str, str, str, str, float, str]] = []
+    parts: list[dict[str, object]] = []
     for boundary, at in found["boundaries"].items():
-        order = at["effects"]
-        for row in order:
-            name = label(row)
+        for row in at["effects"]:
             limit = row["detection_limit"]
-            ratio = np.nan if limit is None else limit / row["plausible_size"]
-            text = "" if limit is None else size_text(limit, row["unit"])
-            content.append((boundary, "limits", name, row["verdict"], ratio, text))
-        for row in order:
-            if row["verdict"] in ("silent", "too small to see"):
+            parts.append(
+                {
+                    "boundary": boundary,
+                    "panel": "limits",
+                    "effect": label(row),
+                    "series": row["verdict"],
+                    "x": None if limit is None else limit / row["plausible_size"],
+                    "note": "" if limit is None else size_text(limit, row["unit"]),
+                }
+            )
+        for row in at["effects"]:
+            if row["verdict"] in UNSEEN:
                 continue
-            content.append((boundary, "confused", label(row), row["effect"], row["within"], ""))
-            content += [
-                (boundary, "confused", label(row), rival, chance, "")
-                for rival, chance in row["rivals"].items()
+            parts += [
+                {
+                    "boundary": boundary,
+                    "panel": "confused",
+                    "effect": label(row),
+                    "series": named,
+                    "x": chance,
+                }
+                for named, chance in ((row["effect"], row["within"]), *row["rivals"].items())
             ]
-    boundary, panel, effect, series, x, note = zip(*content, strict=True)
-
-    def text_of(values: tuple[str, ...]) -> Any:
-        return np.array(values, dtype=object)
-
-    return {
-        "boundary": text_of(boundary),
-        "panel": text_of(panel),
-        "effect": text_of(effect),
-        "series": text_of(series),
-        "x": np.array(x, dtype=float),
-        "note": text_of(note),
-    }
+    return stack(parts)
 
 
 def label(row: dict[str, object]) -> str:
@@ -79,15 +79,15 @@ def label(row: dict[str, object]) -> str:
 def text(found: dict[str, Any]) -> str:
     """The outlook in words, its numbers from `found`."""
     lines = [f"{found['campaign']}: a plan from {found['plan']}"]
-    lines += [line for said in found["assumed"] for line in _wrap(f"Assumed: {said}.")]
+    lines += [line for said in found["assumed"] for line in wrap(f"Assumed: {said}.")]
     for boundary, at in found["boundaries"].items():
         lines += ["", f"{boundary}: {at['trials']} trials about {at['base_model']}", ""]
         lines += _boundary(at)
-    lines += [line for note in found["notes"] for line in ("", *_wrap(f"Not weighed: {note}"))]
+    lines += [line for note in found["notes"] for line in ("", *wrap(f"Not weighed: {note}"))]
     s = found["schedule"]
     lines += [
         "",
-        *_wrap(
+        *wrap(
             f"Random schedule (seed {s['seed']}): {s['trials']} trials at {s['visits']} visits in"
             f" {s['sessions']} sessions, about {s['hours']:.1f} h; {100 * s['from_afar']:.0f} % of"
             f" visits arrive moving towards the boundary, {s['detours']} drive past their station"
@@ -103,14 +103,14 @@ def text(found: dict[str, Any]) -> str:
 
 def _boundary(at: dict[str, Any]) -> list[str]:
     noise = at["expected_noise"]
-    lines = _wrap(
+    lines = wrap(
         f"Noise ({noise['source']}): {100 * noise['relative']:.2g} % of lift,"
         f" {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit. False-alarm"
         f" rate {at['false_alarm_rate']:g}, for all tests together."
     )
     for name, c in at["coefficients"].items():
         wide = f"{c['u_with_undetected_effects']:.2g}"
-        lines += _wrap(
+        lines += wrap(
             f"Expected: {name} = {c['expected']:.3g} +- {c['u']:.2g}; with every effect of"
             f" plausible size unnoticed, +- {wide}."
         )
@@ -135,7 +135,7 @@ def _boundary(at: dict[str, Any]) -> list[str]:
         ),
         "",
     ]
-    hidden = [r for r in at["effects"] if r["verdict"] in ("silent", "too small to see")]
+    hidden = [r for r in at["effects"] if r["verdict"] in UNSEEN]
     first = next(iter(at["coefficients"]), None)
     if first is not None and hidden:
         worst = sorted(hidden, key=lambda r: -abs(r["bias"][first]["in_u"]))[:3]
@@ -144,14 +144,14 @@ def _boundary(at: dict[str, Any]) -> list[str]:
             f" {r['bias'][first]['shift']:+.2g}"
             for r in worst
         )
-        lines += _wrap(f"Bias of {first} by what this plan would not see: {told}.")
+        lines += wrap(f"Bias of {first} by what this plan would not see: {told}.")
     for limit in at["limits"]:
-        lines += _wrap(limit.text)
+        lines += wrap(limit.text)
     for group in at["groups"]:
-        lines += _wrap(f"Not told apart: {', '.join(group)}.")
+        lines += wrap(f"Not told apart: {', '.join(group)}.")
     for lacking in at["untestable"]:
         if lacking.log_next_time:
-            lines += _wrap(f"Untestable: {lacking.effect}; log {', '.join(lacking.log_next_time)}.")
+            lines += wrap(f"Untestable: {lacking.effect}; log {', '.join(lacking.log_next_time)}.")
     lines += _changes(at["changes"])
     return lines
 
@@ -199,7 +199,8 @@ def _cost(option: dict[str, object]) -> str:
     )
 
 
-def _wrap(text: str) -> list[str]:
+def wrap(text: str) -> list[str]:
+    """Lines of a console's text."""
     return textwrap.wrap(text, 110)
 
 

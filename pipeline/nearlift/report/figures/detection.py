@@ -13,12 +13,15 @@ from matplotlib.figure import Figure
 from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
 from nearlift.products import DETECTION, PROXIMITY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log
 from nearlift.rounding import plain
 
-REAL = ("payload_percent", "voltage_percent", "x", "y", "lo90", "hi90")
+COLUMNS = (
+    *("row", "panel", "case", "payload_percent", "voltage_percent"),
+    *("x", "y", "lo90", "hi90"),
+)
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -45,37 +48,36 @@ def summarise(evidence: Evidence) -> Columns:
                 # each alone shows what it costs; both together are in the product
                 continue
             own = mine & (table["payload"] == payload) & (table["voltage"] == voltage)
-            known = {
-                "payload_percent": 100 * payload,
-                "voltage_percent": 100 * voltage,
-                "lo90": table["lo90"][own],
-                "hi90": table["hi90"][own],
-            }
             parts.append(
-                _rows(
-                    "range",
-                    side,
-                    table["averaging_s"][own],
-                    table["range_z_hat"][own],
-                    case=case(payload, voltage),
-                    **known,
-                )
+                {
+                    "row": "range",
+                    "panel": side,
+                    "case": case(payload, voltage),
+                    "payload_percent": 100 * payload,
+                    "voltage_percent": 100 * voltage,
+                    "x": table["averaging_s"][own],
+                    "y": table["range_z_hat"][own],
+                    "lo90": table["lo90"][own],
+                    "hi90": table["hi90"][own],
+                }
             )
-        found = content[side].get("located", [])
-        if found:
-            z_hat, median, lo90, hi90 = (
-                np.array([f[k] for f in found]) for k in ("z_hat", "median", "lo90", "hi90")
-            )
-            parts.append(_rows("located", side, z_hat, median, lo90=lo90, hi90=hi90))
+        parts += [
+            {
+                "row": "located",
+                "panel": side,
+                "x": located["z_hat"],
+                "y": located["median"],
+                "lo90": located["lo90"],
+                "hi90": located["hi90"],
+            }
+            for located in content[side].get("located", [])
+        ]
         for read in evidence.document(PROXIMITY)["readings"]:
             if read["boundary"] == side and "refused" not in read:
                 z = read["z_hat"]
-                parts.append(
-                    _rows(
-                        "reading", side, [np.nan], [z["median"]], lo90=[z["lo90"]], hi90=[z["hi90"]]
-                    )
-                )
-    return stack(parts) if parts else {}
+                ends = {"lo90": z["lo90"], "hi90": z["hi90"]}
+                parts.append({"row": "reading", "panel": side, "y": z["median"], **ends})
+    return stack(parts, COLUMNS)
 
 
 def case(payload: float, voltage: float) -> str:
@@ -86,19 +88,6 @@ def case(payload: float, voltage: float) -> str:
         if u > 0
     ]
     return ", ".join(known) if known else "weight and supply known exactly"
-
-
-def _rows(row: str, panel: str, x: Any, y: Any, case: str = "", **further: Any) -> Columns:
-    n = len(x)
-    real = {"x": x, "y": y, **further}
-    return {
-        "row": text_column(row, n),
-        "panel": text_column(panel, n),
-        "case": text_column(case, n),
-    } | {
-        name: np.broadcast_to(np.asarray(real.get(name, np.nan), dtype=float), (n,))
-        for name in REAL
-    }
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

@@ -4,7 +4,6 @@ what it is taken for; drawn, and as text for the console.
 
 from __future__ import annotations
 
-import textwrap
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.report.evidence import Columns, Rows, select
-from nearlift.report.figures.design import SHOWN, size_text
+from nearlift.report.evidence import Columns, Rows, distinct, select, stack
+from nearlift.report.figures.design import SHOWN, size_text, wrap
 from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, effects, plain_log, quantity
 from nearlift.results import Observations
 
@@ -49,46 +48,38 @@ def rows(
     own = {"z_hat": data.z_hat, "throttle": 100 * data.throttle, "session": data.session + 1.0}
     x = np.asarray(own[name] if name in own else data.covariates[name], dtype=float)
     finite = np.isfinite(x)
-    parts = [
-        ("signature", "raw", x[finite], 100 * raw[finite]),
-        ("signature", "left", x[finite], 100 * left[finite]),
-        ("signature", "noise", np.array([np.nan]), np.array([100 * noise])),
+    parts: list[dict[str, object]] = [
+        {"panel": "signature", "series": "raw", "x": x[finite], "y": 100 * raw[finite]},
+        {"panel": "signature", "series": "left", "x": x[finite], "y": 100 * left[finite]},
+        {"panel": "signature", "series": "noise", "y": 100 * noise},
     ]
     power = found["power"]
     unit, factor = SHOWN.get(found["unit"], (found["unit"], 1.0))
     if power is not None:
         size = factor * np.asarray(power["size"])
-        parts += [
-            ("power", key, size, np.asarray(power[key])) for key in ("seen", "within", "alone")
-        ]
-        parts.append(("power", "false alarm", np.array([np.nan]), np.array([false_alarm_rate])))
+        parts += [{"panel": "power", "series": key, "x": size, "y": power[key]} for key in LOOKS]
+        parts.append({"panel": "power", "series": "false alarm", "y": false_alarm_rate})
     if found["detection_limit"] is not None:
-        parts.append(
-            ("power", "limit", np.array([factor * found["detection_limit"]]), np.array([0.8]))
-        )
+        limit = factor * found["detection_limit"]
+        parts.append({"panel": "power", "series": "limit", "x": limit, "y": 0.8})
     parts += [
-        ("confused", c["effect"], np.array([c["rival_chance"]]), np.array([c["energy_absorbed"]]))
+        {
+            "panel": "confused",
+            "series": c["effect"],
+            "x": c["rival_chance"],
+            "y": c["energy_absorbed"],
+        }
         for c in found["confused_with"][:MOST]
     ]
-    panel, series, xs, ys = zip(*parts, strict=True)
-    count = [len(v) for v in xs]
-    total = sum(count)
-
-    def text(value: str) -> Any:
-        return np.full(total, value, dtype=object)
-
-    return {
-        "boundary": text(boundary),
-        "effect": text(effect.title),
-        "parameter": text(found["parameter"]),
-        "unit": text(unit),
-        "size": np.full(total, factor * found["shown_size"]),
-        "covariate": text(name),
-        "panel": np.repeat(np.array(panel, dtype=object), count),
-        "series": np.repeat(np.array(series, dtype=object), count),
-        "x": np.concatenate(xs),
-        "y": np.concatenate(ys),
+    shared = {
+        "boundary": boundary,
+        "effect": effect.title,
+        "parameter": found["parameter"],
+        "unit": unit,
+        "size": factor * found["shown_size"],
+        "covariate": name,
     }
+    return stack([{**shared, **part} for part in parts], (*shared, "panel", "series", "x", "y"))
 
 
 def text(found: dict[str, Any]) -> str:
@@ -99,19 +90,19 @@ def text(found: dict[str, Any]) -> str:
     lines = [
         f"{found['effect']}: {found['title']}",
         "",
-        *_wrap(f"Mechanism: {found['mechanism']} (acts on {found['acts_on']})."),
+        *wrap(f"Mechanism: {found['mechanism']} (acts on {found['acts_on']})."),
     ]
     lines += [
         "",
         *found["notes_of_declaration"].strip().splitlines(),
         "",
-        *_wrap(f"Source: {cited}."),
+        *wrap(f"Source: {cited}."),
     ]
-    lines += [line for doubt in source["doubts"] for line in _wrap(f"Doubt: {doubt}")]
+    lines += [line for doubt in source["doubts"] for line in wrap(f"Doubt: {doubt}")]
     for boundary, at in found["boundaries"].items():
         lines += ["", f"In {found['campaign']}, {boundary}", ""]
         lines += _boundary(at, found)
-    lines += [line for note in found["notes"] for line in ("", *_wrap(f"Not looked at: {note}"))]
+    lines += [line for note in found["notes"] for line in ("", *wrap(f"Not looked at: {note}"))]
     if found["files"]:
         lines += ["", *found["files"]]
     return "\n".join(lines) + "\n"
@@ -120,14 +111,14 @@ def text(found: dict[str, Any]) -> str:
 def _boundary(at: dict[str, Any], found: dict[str, Any]) -> list[str]:
     if not at["testable"]:
         if at.get("reason"):
-            return _wrap(f"Not a candidate here: {at['reason']}.")
-        return _wrap(
+            return wrap(f"Not a candidate here: {at['reason']}.")
+        return wrap(
             f"Untestable: {', '.join(at['needs'])} {'are' if len(at['needs']) > 1 else 'is'}"
             " unknown, or did not vary. Log next time:"
             f" {', '.join(at['log_next_time']) or 'more of the same'}, and let it vary."
         )
     noise = at["noise"]
-    lines = _wrap(
+    lines = wrap(
         f"{at['trials']} trials about {at['base_model']}; noise {100 * noise['relative']:.2g} % of"
         f" lift, {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit;"
         f" false-alarm rate {at['false_alarm_rate']:g}, for all tests together."
@@ -135,7 +126,7 @@ def _boundary(at: dict[str, Any], found: dict[str, Any]) -> list[str]:
     lines += _here(at["in_this_campaign"], found["effect"])
     if "within_trial" in at:
         w = at["within_trial"]
-        return lines + _wrap(
+        return lines + wrap(
             "It acts within a record and leaves no mark on trial means. "
             + (
                 f"A mean change of {100 * w.limit:.2g} % of lift over a record would be seen"
@@ -151,7 +142,7 @@ def _boundary(at: dict[str, Any], found: dict[str, Any]) -> list[str]:
 
 def _here(verdict: dict[str, Any] | None, name: str) -> list[str]:
     if verdict is None:
-        return _wrap(
+        return wrap(
             "The loop has not run on this campaign (`nearlift diagnose CAMPAIGN`); the noise is"
             " that of its own trials."
         )
@@ -161,9 +152,9 @@ def _here(verdict: dict[str, Any] | None, name: str) -> list[str]:
             if verdict["rivals"]
             else ", without a rival"
         )
-        return _wrap(f"The loop named it here{with_rivals}.")
+        return wrap(f"The loop named it here{with_rivals}.")
     if verdict["rival_of"]:
-        return _wrap(
+        return wrap(
             "The loop lists it here among what this design cannot tell from"
             f" {', '.join(verdict['rival_of'])}."
         )
@@ -174,30 +165,30 @@ def _here(verdict: dict[str, Any] | None, name: str) -> list[str]:
             if tried.get("left_in")
             else "it earns too little"
         )
-        return _wrap(
+        return wrap(
             f"The loop tried it here and did not accept it: {left}. Verdict: {verdict['verdict']}."
         )
-    return _wrap(f"The loop had no need of it here. Verdict: {verdict['verdict']}.")
+    return wrap(f"The loop had no need of it here. Verdict: {verdict['verdict']}.")
 
 
 def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
     unit = s["unit"]
     shape = ", ".join(f"{k} = {v:g}" for k, v in s["shape"].items())
     head = f"{s['parameter']}{f' (with {shape})' if shape else ''}: {s['meaning']}."
-    lines = _wrap(head)
+    lines = wrap(head)
     if at["share_visible"] <= 1e-4:
-        lines += _wrap(
+        lines += wrap(
             "Silent: the model's coefficients and L_inf absorb it wholly. No number of trials of"
             " this kind can show it."
         )
     elif s["detection_limit"] is None:
-        lines += _wrap(
+        lines += wrap(
             f"Even the largest possible size, {size_text(s['largest_size'], unit)}, is not seen"
             f" with 80 % chance (seen with {100 * s['power']['seen'][-1]:.0f} %)."
         )
     else:
         ratio = s["detection_limit"] / s["plausible_size"]
-        lines += _wrap(
+        lines += wrap(
             "Detection limit (80 % power):"
             f" {size_text(s['detection_limit'], unit)}"
             f"{' rms over sessions' if s['per'] == 'session' else ''},"
@@ -205,7 +196,7 @@ def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
             f" {size_text(s['plausible_size'], unit)}."
         )
         named = s["limit_named_alone"]
-        lines += _wrap(
+        lines += wrap(
             "Among the names or their rivals with 80 % chance from"
             f" {_or(s['limit_within_set'], unit)}; named alone from {_or(named, unit)}. "
             + (
@@ -219,7 +210,7 @@ def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
             )
         )
     sig = s["signature"]
-    lines += _wrap(
+    lines += wrap(
         f"At {size_text(s['shown_size'], unit)} it changes lift by {100 * sig['rms']:.2g} % (rms"
         f" over trials), of which {100 * sig['rms_left']:.2g} % are left when the coefficients and"
         f" L_inf have absorbed what they can (at most {100 * sig['largest_left']:.2g} % in one"
@@ -227,7 +218,7 @@ def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
     )
     for name, b in s["bias"].items():
         units = f"{abs(b['in_u']):.2g} of its standard uncertainty"
-        lines += _wrap(
+        lines += wrap(
             f"Unnoticed at that size it shifts {name} = {b['value']:.3g} by {b['shift']:+.2g},"
             f" {units}."
         )
@@ -255,15 +246,9 @@ def _or(value: float | None, unit: str) -> str:
     return "beyond any size looked at" if value is None else size_text(value, unit)
 
 
-def _wrap(text: str) -> list[str]:
-    return textwrap.wrap(text, 110)
-
-
 def draw(rows: Rows, look: Style) -> Figure:
     """A line of three panels for each boundary and each of the effect's sizes."""
-    keys = list(
-        dict.fromkeys(zip(rows["boundary"].tolist(), rows["parameter"].tolist(), strict=True))
-    )
+    keys = distinct(rows["boundary"], rows["parameter"])
     figure = Figure(figsize=(look.double_in, 0.35 + 2.15 * len(keys)), layout="constrained")
     grid = figure.subplots(len(keys), 3, squeeze=False, width_ratios=(1.25, 1.1, 1))
     for line, (boundary, parameter) in zip(grid, keys, strict=True):

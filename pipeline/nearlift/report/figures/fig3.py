@@ -24,7 +24,6 @@ from nearlift.report.figures.flow_panels import (
     origin,
     profile_rows,
     reduction_text,
-    rows,
     title,
 )
 from nearlift.report.figures.spec import FigureSpec
@@ -59,16 +58,15 @@ def summarise(evidence: Evidence) -> Columns:
     for case in columns(piv):
         row = cut(evidence, case.name)
         r = evidence.campaign.vehicle.rotor_radius
-        parts.append(field_rows(evidence, case, title(case)))
+        parts += field_rows(evidence, case, title(case))
         parts.append(profile_rows(evidence, case.name, case.name, "profile"))
         if case.name != piv.control:
             parts.append(profile_rows(evidence, piv.control, case.name, "control"))
         for centre in piv.of(case, "rotors"):
             ends = (np.array([-1.0, 1.0]) * row["half_span_m"] + centre) / r
-            parts.append(
-                rows(case.name, "span", "", x_hat=ends, y_hat=np.full(2, -row["below_m"] / r))
-            )
-    return stack(parts)
+            height = -row["below_m"] / r
+            parts.append({"panel": case.name, "kind": "span", "x_hat": ends, "y_hat": height})
+    return stack(parts, flow_panel.COLUMNS)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

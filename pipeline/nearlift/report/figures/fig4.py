@@ -55,10 +55,12 @@ def summarise(evidence: Evidence) -> Columns:
     """Rows as in Figure 3's upper panels; `value_m_s` is airspeed less the control's. Empty where
     no case lies near a boundary.
     """
-    found = cases(evidence)
-    if not found:
-        return {}
-    return stack([field_rows(evidence, c, title(c), less_control(evidence, c.name)) for c in found])
+    parts = [
+        row
+        for case in cases(evidence)
+        for row in field_rows(evidence, case, title(case), less_control(evidence, case.name))
+    ]
+    return stack(parts, flow_panel.COLUMNS)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

@@ -17,7 +17,7 @@ from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, 
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig3 import X, Y
 from nearlift.report.figures.fig4 import LEVEL
-from nearlift.report.figures.flow_panels import field_rows, manifest, origin, rows, title
+from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed, plain
@@ -36,26 +36,21 @@ def summarise(evidence: Evidence) -> Columns:
     """Rows as in Figure 3's upper panels; `vortex` rows carry the sign of rotation in `flag`. Empty
     without tilted cases.
     """
-    found = cases(evidence)
-    if not found:
-        return {}
     r = evidence.campaign.vehicle.rotor_radius
     parts = []
-    for case in found:
-        parts.append(field_rows(evidence, case, title(case, tilted=True)))
-        cores = evidence.document(FLOW)["cases"][case.name]["vortices"]
-        if cores:
-            parts.append(
-                rows(
-                    case.name,
-                    "vortex",
-                    "",
-                    x_hat=np.array([v["x_m"] for v in cores]) / r,
-                    y_hat=np.array([v["y_m"] for v in cores]) / r,
-                    flag=np.sign([v["circulation_m2_s"] for v in cores]),
-                )
-            )
-    return stack(parts)
+    for case in cases(evidence):
+        parts += field_rows(evidence, case, title(case, tilted=True))
+        parts += [
+            {
+                "panel": case.name,
+                "kind": "vortex",
+                "x_hat": vortex["x_m"] / r,
+                "y_hat": vortex["y_m"] / r,
+                "flag": np.sign(vortex["circulation_m2_s"]),
+            }
+            for vortex in evidence.document(FLOW)["cases"][case.name]["vortices"]
+        ]
+    return stack(parts, flow_panel.COLUMNS)
 
 
 def number(evidence: Evidence, case: str, quantity: str) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from nearlift import catalogue, nomenclature
 from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, plain_text
 
@@ -22,7 +22,7 @@ SIDES = ("ground", "ceiling")
 ROWS = ("histories", "paper", "converged")
 #: Of a sample flight so much is shown before and after the crash that it is about, s.
 BEFORE_S, AFTER_S = 20.0, 10.0
-REAL = ("exponent", "flight", "x", "y", "lo90", "hi90")
+COLUMNS = ("row", "panel", "kind", "label", "exponent", "flight", "x", "y", "lo90", "hi90")
 LETTERS = "abcdefgh"
 NONE = "#000000"
 COST = {"cost_paper": (0, (4, 1.5)), "cost": (0, (1, 1.2))}
@@ -41,60 +41,49 @@ def summarise(evidence: Evidence) -> Columns:
         (z_hat, crash rate or relative cost), `lo90` and `hi90` of a crash rate. A flight that
         crashed ends at z_hat = 0, on the line through its last two heights.
     """
-    rates, flights = evidence.table(CRASH_RATES), evidence.table(FLIGHTS)
     parts = []
     for side in SIDES:
-        mine = flights["boundary"] == side
-        for flight in flights["flight"][mine][:1].tolist():
-            models = flights["model"][mine & (flights["flight"] == flight)]
-            end = min(
-                flights["t_s"][mine & (flights["flight"] == flight) & (flights["model"] == m)].max()
-                for m in set(models.tolist())
-            )
-            near = (flights["t_s"] >= end - BEFORE_S) & (flights["t_s"] <= end + AFTER_S)
-            for model in (
-                "none",
-                *dict.fromkeys(m for m in flights["model"][mine].tolist() if m != "none"),
-            ):
-                own = mine & near & (flights["flight"] == flight) & (flights["model"] == model)
-                t_s, z_hat = touching(flights["t_s"][own], flights["z_hat"][own])
-                label = "none" if model == "none" else catalogue.model(model).title
-                parts.append(
-                    curve_rows("histories", side, "flight", label, t_s, z_hat, flight=flight)
-                )
+        parts += [{"row": "histories", "panel": side, **part} for part in _sample(evidence, side)]
         for preset in ROWS[1:]:
-            for exponent in dict.fromkeys(
-                rates["exponent"][
-                    (rates["preset"] == preset) & (rates["boundary"] == side)
-                ].tolist()
-            ):
-                own = (
-                    (rates["preset"] == preset)
-                    & (rates["boundary"] == side)
-                    & (rates["exponent"] == exponent)
-                )
-                x, label = rates["target_z_hat"][own], str(rates["model"][own][0])
-                ends = {"lo90": rates["lo90"][own], "hi90": rates["hi90"][own]}
-                parts.append(
-                    curve_rows(
-                        preset,
-                        side,
-                        "crash",
-                        label,
-                        x,
-                        rates["rate"][own],
-                        exponent=exponent,
-                        **ends,
-                    )
-                )
-                if exponent == 1.0:
-                    parts += [
-                        curve_rows(
-                            preset, side, kind, label, x, rates[kind][own], exponent=exponent
-                        )
-                        for kind in ("cost_paper", "cost")
-                    ]
-    return stack(parts) if parts else {}
+            shared = {"row": preset, "panel": side}
+            parts += [{**shared, **part} for part in _curves(evidence, side, preset)]
+    return stack(parts, COLUMNS)
+
+
+def _sample(evidence: Evidence, side: str) -> list[dict[str, object]]:
+    """The first flight near a boundary, by each model."""
+    flights = evidence.table(FLIGHTS)
+    mine = flights["boundary"] == side
+    models = distinct(flights["model"][mine])
+    parts = []
+    for flight in flights["flight"][mine][:1].tolist():
+        first = mine & (flights["flight"] == flight)
+        end = min(
+            flights["t_s"][first & (flights["model"] == model)].max()
+            for model in distinct(flights["model"][first])
+        )
+        near = (flights["t_s"] >= end - BEFORE_S) & (flights["t_s"] <= end + AFTER_S)
+        for model in ("none", *(m for m in models if m != "none")):
+            flown = select(flights, first & near & (flights["model"] == model))
+            t_s, z_hat = touching(flown["t_s"], flown["z_hat"])
+            label = "none" if model == "none" else catalogue.model(model).title
+            parts.append({"kind": "flight", "label": label, "flight": flight, "x": t_s, "y": z_hat})
+    return parts
+
+
+def _curves(evidence: Evidence, side: str, preset: str) -> list[dict[str, object]]:
+    """Crash rates of a preset at each power of the ratio, and costs of the model itself."""
+    rates = evidence.table(CRASH_RATES)
+    rates = select(rates, (rates["preset"] == preset) & (rates["boundary"] == side))
+    parts = []
+    for exponent in distinct(rates["exponent"]):
+        curve = select(rates, rates["exponent"] == exponent)
+        shared = {"label": str(curve["model"][0]), "exponent": exponent, "x": curve["target_z_hat"]}
+        ends = {"lo90": curve["lo90"], "hi90": curve["hi90"]}
+        parts.append({"kind": "crash", **shared, "y": curve["rate"], **ends})
+        if exponent == 1.0:
+            parts += [{"kind": kind, **shared, "y": curve[kind]} for kind in COST]
+    return parts
 
 
 def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
@@ -105,24 +94,6 @@ def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
         return t_s, z_hat
     share = z_hat[-2] / (z_hat[-2] - z_hat[-1])
     return np.append(t_s[:-1], t_s[-2] + share * (t_s[-1] - t_s[-2])), np.append(z_hat[:-1], 0.0)
-
-
-def curve_rows(
-    row: str, panel: str, kind: str, label: str, x: Any, y: Any, **further: Any
-) -> Columns:
-    """Rows of one curve; a single value stands in all of them, what is not given is nan."""
-    n = len(x)
-    table: Columns = {
-        "row": text_column(row, n),
-        "panel": text_column(panel, n),
-        "kind": text_column(kind, n),
-        "label": text_column(label, n),
-    }
-    real = {"x": x, "y": y, **further}
-    return table | {
-        name: np.broadcast_to(np.asarray(real.get(name, np.nan), dtype=float), (n,))
-        for name in REAL
-    }
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -178,9 +149,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """A row of panels for the flights and one for each preset that was flown."""
-    rows = list(
-        dict.fromkeys(r for r in ("histories", "paper", "converged") if (table["row"] == r).any())
-    )
+    rows = [r for r in ROWS if (table["row"] == r).any()]
     sides = distinct(table["panel"])
     height = min(look.double_in * 0.33 * len(rows) + 0.25, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")

@@ -18,11 +18,14 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, Rows, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, select
 from nearlift.rounding import fixed
 
-#: Everything a node has; other rows leave most of it empty.
-NUMBERS = ("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag")
+#: Columns of a field's table; only nodes have them all.
+COLUMNS = (
+    *("panel", "kind", "label"),
+    *("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag"),
+)
 UNOBSERVED = "0.80"
 LINES = "0.10"
 
@@ -52,89 +55,62 @@ def title(case: PivCase, tilted: bool = False) -> str:
     return "control" if case.z_hat is None else f"{case.boundary}, $\\hat{{z}} = {case.z_hat:g}$"
 
 
-def rows(panel: str, kind: str, label: str, **columns: Any) -> Columns:
-    """Rows of one kind in one panel."""
-    n = max(len(np.atleast_1d(c)) for c in columns.values())
-    empty = np.full(n, np.nan)
-    numbers = {
-        name: np.broadcast_to(np.asarray(columns.get(name, empty), dtype=float), (n,))
-        for name in NUMBERS
-    }
-    return {
-        "panel": text_column(panel, n),
-        "kind": text_column(kind, n),
-        "label": text_column(label, n),
-        **numbers,
-    }
-
-
 def nodes(evidence: Evidence, name: str) -> Columns:
     """The rows of flow_fields.parquet of one case, with x and y over rotor radius and the speed."""
     table = evidence.table(FLOW_FIELDS)
-    mine = table["case"] == name
     r = evidence.campaign.vehicle.rotor_radius
-    found = select(table, mine)
-    return found | {
-        "x_hat": found["x_m"] / r,
-        "y_hat": found["y_m"] / r,
-        "speed_m_s": np.hypot(found["vx_m_s"], found["vy_m_s"]),
+    flow = select(table, table["case"] == name)
+    return flow | {
+        "x_hat": flow["x_m"] / r,
+        "y_hat": flow["y_m"] / r,
+        "speed_m_s": np.hypot(flow["vx_m_s"], flow["vy_m_s"]),
     }
 
 
 def field_rows(
     evidence: Evidence, case: PivCase, label: str, value: FloatArray | None = None
-) -> Columns:
+) -> list[dict[str, object]]:
     """One panel: its nodes coloured by speed (or by `value`), its rotors and its boundary."""
     r = evidence.campaign.vehicle.rotor_radius
-    found = nodes(evidence, case.name)
+    flow = nodes(evidence, case.name)
     place = scene(evidence, case)
-    shown = found["speed_m_s"] if value is None else value
-    parts = [
-        rows(
-            case.name,
-            "node",
-            label,
-            x_hat=found["x_hat"],
-            y_hat=found["y_hat"],
-            vx_m_s=found["vx_m_s"],
-            vy_m_s=found["vy_m_s"],
-            value_m_s=shown,
-            flag=found["stagnant"],
-        )
+    parts: list[dict[str, object]] = [
+        {
+            "kind": "node",
+            **{name: flow[name] for name in ("x_hat", "y_hat", "vx_m_s", "vy_m_s")},
+            "value_m_s": flow["speed_m_s"] if value is None else value,
+            "flag": flow["stagnant"],
+        }
     ]
     parts += [
-        rows(case.name, "rotor", label, x_hat=[c / r - 1, c / r + 1], y_hat=[0.0, 0.0])
-        for c in place.rotors_m
+        {"kind": "rotor", "x_hat": [c / r - 1, c / r + 1], "y_hat": 0.0} for c in place.rotors_m
     ]
     if case.boundary != "none":
-        ends = np.array([found["x_m"].min() - 2 * r, found["x_m"].max() + 2 * r])
+        ends = np.array([flow["x_m"].min() - 2 * r, flow["x_m"].max() + 2 * r])
         parts.append(
-            rows(
-                case.name,
-                "boundary",
-                label,
-                x_hat=ends / r,
-                y_hat=place.boundary_y_m(ends) / r,
-                flag=1.0 if case.boundary == "ground" else -1.0,
-            )
+            {
+                "kind": "boundary",
+                "x_hat": ends / r,
+                "y_hat": place.boundary_y_m(ends) / r,
+                "flag": 1.0 if case.boundary == "ground" else -1.0,
+            }
         )
-    return stack(parts)
+    return [{"panel": case.name, "label": label, **part} for part in parts]
 
 
-def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> Columns:
+def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> dict[str, object]:
     """The cut of one case; `flag` is 1 where it was mirrored."""
     table = evidence.table(DOWNWASH_PROFILE)
-    mine = table["case"] == name
-    r = evidence.campaign.vehicle.rotor_radius
-    return rows(
-        panel,
-        kind,
-        name,
-        x_hat=table["x_m"][mine] / r,
-        value_m_s=table["downwash_m_s"][mine],
-        u_value_m_s=table["u_downwash_m_s"][mine],
-        flag=table["mirrored"][mine],
-    )
+    profile = select(table, table["case"] == name)
+    return {
+        "panel": panel,
+        "kind": kind,
+        "label": name,
+        "x_hat": profile["x_m"] / evidence.campaign.vehicle.rotor_radius,
+        "value_m_s": profile["downwash_m_s"],
+        "u_value_m_s": profile["u_downwash_m_s"],
+        "flag": profile["mirrored"],
+    }
 
 
 def cut(evidence: Evidence, name: str, rotor: str = "all") -> dict[str, Any]:

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import origin
 from nearlift.report.figures.spec import FigureSpec
@@ -45,18 +45,15 @@ def summarise(evidence: Evidence) -> Columns:
     for panel, axis, quantities in PANELS:
         for quantity, label in quantities:
             mine = np.isin(table["case"], names) & (table["quantity"] == quantity)
-            mine &= np.isfinite(table["value"])
-            order = np.argsort(table["tilt_rad"][mine])
-            n = int(mine.sum())
+            rows = select(table, mine & np.isfinite(table["value"]))
+            rows = select(rows, np.argsort(rows["tilt_rad"]))
             parts.append(
                 {
-                    "panel": text_column(panel, n),
-                    "axis": text_column(axis, n),
-                    "label": text_column(label, n),
-                    "tilt_deg": np.degrees(table["tilt_rad"][mine][order]),
-                    "value": table["value"][mine][order],
-                    "lo90": table["lo90"][mine][order],
-                    "hi90": table["hi90"][mine][order],
+                    "panel": panel,
+                    "axis": axis,
+                    "label": label,
+                    "tilt_deg": np.degrees(rows["tilt_rad"]),
+                    **{name: rows[name] for name in ("value", "lo90", "hi90")},
                 }
             )
     return stack(parts)

@@ -16,14 +16,16 @@ from matplotlib.ticker import MaxNLocator
 from nearlift import nomenclature
 from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
-from nearlift.report.evidence import Columns, Rows, select
+from nearlift.report.evidence import Columns, Rows, distinct, select, stack
 from nearlift.report.figures.style import BAND, SERIES, Style, plain_text
 from nearlift.rounding import like
 
 #: A 90 % interval of a normal is so many standard deviations wide.
 WIDTH_90 = 3.289707253902945
-TEXT = ("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict")
-REAL = ("value", "lo90", "hi90")
+COLUMNS = (
+    *("panel", "coefficient", "unit", "kind", "label", "vehicle", "verdict"),
+    *("value", "lo90", "hi90"),
+)
 LINE_IN = 0.17
 #: What the loop said of the campaign decides the symbol: only an open one has structure that nobody
 #: could name.
@@ -34,42 +36,36 @@ def summarise(content: Mapping[str, Any]) -> Columns:
     """Rows of comparison.json: `kind` is campaign, population or next."""
     rows: list[dict[str, object]] = []
     for group in content["groups"]:
-        unit = group["campaigns"][0]["quoted"]["unit"]
-        shared = {"panel": group["boundary"], "coefficient": group["coefficient"], "unit": unit}
-        for own in group["campaigns"]:
-            rows.append(
-                {
-                    **shared,
-                    "kind": "campaign",
-                    "label": own["campaign"],
-                    "vehicle": own["vehicle"],
-                    "verdict": own["verdict"],
-                }
-                | _interval(own["quoted"])
-            )
-        together = group.get("population")
-        if together:
-            rows.append(
-                {**shared, "kind": "population", "label": "population mean"}
-                | _interval(together["mean"])
-            )
-            rows.append(
-                {**shared, "kind": "next", "label": "next campaign"} | _interval(together["next"])
-            )
-    text = {name: np.array([row.get(name, "") for row in rows], dtype=object) for name in TEXT}
-    return text | {
-        name: np.array([row.get(name, np.nan) for row in rows], dtype=float) for name in REAL
-    }
+        shared = {
+            "panel": group["boundary"],
+            "coefficient": group["coefficient"],
+            "unit": group["campaigns"][0]["quoted"]["unit"],
+        }
+        rows += [
+            {
+                **shared,
+                "kind": "campaign",
+                "label": finished["campaign"],
+                "vehicle": finished["vehicle"],
+                "verdict": finished["verdict"],
+                **_interval(finished["quoted"]),
+            }
+            for finished in group["campaigns"]
+        ]
+        if together := group.get("population"):
+            mean, following = _interval(together["mean"]), _interval(together["next"])
+            rows.append({**shared, "kind": "population", "label": "population mean", **mean})
+            rows.append({**shared, "kind": "next", "label": "next campaign", **following})
+    return stack(rows, COLUMNS)
 
 
 def _interval(estimate: Mapping[str, Any]) -> dict[str, float]:
     return {name: estimate[name] for name in ("value", "lo90", "hi90")}
 
 
-def panel_rows(table: Columns, boundary: str, coefficient: str) -> Columns:
+def panel_rows(table: Rows, boundary: str, coefficient: str) -> Columns:
     """The rows of one panel."""
-    own = (table["panel"] == boundary) & (table["coefficient"] == coefficient)
-    return {name: values[own] for name, values in table.items()}
+    return select(table, (table["panel"] == boundary) & (table["coefficient"] == coefficient))
 
 
 def interval(rows: Columns, i: int) -> str:
@@ -96,9 +92,7 @@ def caption(table: Columns) -> str:
 def alt(table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
-    for boundary, coefficient in dict.fromkeys(
-        zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)
-    ):
+    for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
         rows = panel_rows(table, boundary, coefficient)
         told = "; ".join(f"{name} {interval(rows, i)}" for i, name in enumerate(rows["label"]))
         parts.append(f"{boundary.capitalize()}, {letter(coefficient)}: {told}.")
@@ -107,10 +101,8 @@ def alt(table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """Campaigns from top to bottom in the order given."""
-    keys = list(
-        dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True))
-    )
-    panels = [select(table, (table["panel"] == b) & (table["coefficient"] == c)) for b, c in keys]
+    keys = distinct(table["panel"], table["coefficient"])
+    panels = [panel_rows(table, boundary, coefficient) for boundary, coefficient in keys]
     lines = [len(rows["value"]) for rows in panels]
     height = min(LINE_IN * (sum(lines) + 3.2 * len(panels)) + 0.3, look.height_in)
     figure = Figure(figsize=(look.single_in * 1.25, height), layout="constrained")

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.nomenclature import VERDICTS, letter
-from nearlift.report.evidence import Columns
+from nearlift.report.evidence import Columns, distinct
 from nearlift.report.figures.forest import interval, panel_rows
-from nearlift.report.page.chart import Chart, Choice, Control, Spec, View, column, frame, params
+from nearlift.report.page.chart import Chart, Choice, Control, Spec, View, column, frame
 
 LINE = 30
 SHAPES = {"effect": "square"}
@@ -21,7 +21,7 @@ TOOLTIP = (
 
 def chart(table: Columns) -> Chart:
     """A view for each boundary and coefficient of `summaries.forest`."""
-    keys = dict.fromkeys(zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True))
+    keys = distinct(table["panel"], table["coefficient"])
     views = tuple(_view(b, c, panel_rows(table, b, c)) for b, c in keys)
     controls = (
         Control(
@@ -78,7 +78,6 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
     spec = frame(
         f"{letter(coefficient)} near the {boundary}, campaign by campaign",
         height=LINE * len(given) + 10,
-        parameters=params(),
         layers=_layers(f"{letter(coefficient)}{unit}"),
     )
     return View(

@@ -4,15 +4,13 @@ the prior's.
 
 from __future__ import annotations
 
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nearlift import nomenclature
-from nearlift.declare import BOUNDARIES
 from nearlift.errors import UsageError
 from nearlift.products import FIT, POSTERIOR
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, Style, plain_text
 from nearlift.rounding import plain
@@ -35,35 +33,32 @@ def summarise(evidence: Evidence) -> Columns:
         `low`, `middle`, `high` with the prior's interval going from 0 to 1, and `ratio`, the
         posterior's width over the prior's.
     """
-    content = evidence.document(FIT)
-    rows: list[dict[str, object]] = []
-    for boundary in (b for b in BOUNDARIES if b in content["boundaries"]):
-        base = content["base"][boundary]
-        fits = content["boundaries"][boundary]
-        for model in (base, *(m for m in fits if m != base)):
-            for name, entry in fits[model].get("posterior", {}).get("parameters", {}).items():
-                prior = entry["prior"]
-                width = prior["hi90"] - prior["lo90"]
-                row: dict[str, object] = {
-                    "panel": boundary,
-                    "model": fits[model]["title"],
-                    "base": int(model == base),
-                    "parameter": name,
-                }
-                row |= {
-                    "prior_lo90": prior["lo90"],
-                    "prior_hi90": prior["hi90"],
-                    **{k: entry[k] for k in ("lo90", "median", "hi90")},
-                }
-                place = {"low": "lo90", "middle": "median", "high": "hi90"}
-                row |= {k: (entry[v] - prior["lo90"]) / width for k, v in place.items()}
-                rows.append(row | {"ratio": entry["width_ratio"]})
-    text = ("panel", "model", "parameter")
-    return (
-        {k: np.array([r[k] for r in rows], dtype=object if k in text else None) for k in rows[0]}
-        if rows
-        else {}
-    )
+    rows = []
+    for boundary in evidence.boundaries:
+        base = evidence.fits.base[boundary]
+        fits = evidence.fits.boundaries[boundary].values()
+        for fit in sorted(fits, key=lambda f: f.model != base):
+            for name, posterior in fit.posterior.parameters.items() if fit.posterior else ():
+                prior = posterior.prior
+                width = prior.hi90 - prior.lo90
+                rows.append(
+                    {
+                        "panel": boundary,
+                        "model": fit.title,
+                        "base": int(fit.model == base),
+                        "parameter": name,
+                        "prior_lo90": prior.lo90,
+                        "prior_hi90": prior.hi90,
+                        "lo90": posterior.lo90,
+                        "median": posterior.median,
+                        "hi90": posterior.hi90,
+                        "low": (posterior.lo90 - prior.lo90) / width,
+                        "middle": (posterior.median - prior.lo90) / width,
+                        "high": (posterior.hi90 - prior.lo90) / width,
+                        "ratio": posterior.width_ratio,
+                    }
+                )
+    return stack(rows)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

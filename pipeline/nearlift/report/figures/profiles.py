@@ -5,7 +5,6 @@ the parabola that a standard uncertainty stands for.
 from __future__ import annotations
 
 import string
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from nearlift.nomenclature import letter, mathematics
 from nearlift.products import FIT, PROFILES
-from nearlift.report.evidence import Columns, Evidence, Rows, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import REFERENCES, SERIES, Style
 
@@ -24,7 +23,6 @@ LEVELS = (68, 90, 95)
 #: Halves of a 90 % interval that differ by more than this are called lopsided.
 LOPSIDED = 0.1
 COLUMNS = 4
-TOP = 6.5
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -50,40 +48,26 @@ def summarise(evidence: Evidence) -> Columns:
             mine &= np.minimum(table["rise"], table["quadratic"]) < TOP + 3
             if not mine.any():
                 continue
-            unit = entry.parameters[name].unit
+            shared = {
+                "panel": boundary,
+                "parameter": name,
+                "unit": entry.parameters[name].unit,
+            }
             x, rise, quadratic = (table[c][mine] for c in ("value", "rise", "quadratic"))
-            rows.append(_rows(boundary, name, unit, "profile", x, rise, quadratic))
+            rows.append({**shared, "kind": "profile", "x": x, "rise": rise, "quadratic": quadratic})
             for level in LEVELS:
-                ends = np.array(
-                    [
-                        bound
-                        for end in ("lo", "hi")
-                        if np.isfinite(bound := getattr(interval, f"{end}{level}"))
-                    ]
-                )
+                ends = np.array([getattr(interval, f"{end}{level}") for end in ("lo", "hi")])
+                ends = ends[np.isfinite(ends)]
                 rows.append(
-                    _rows(
-                        boundary,
-                        name,
-                        unit,
-                        str(level),
-                        ends,
-                        np.interp(ends, x, rise),
-                        np.interp(ends, x, quadratic),
-                    )
+                    {
+                        **shared,
+                        "kind": str(level),
+                        "x": ends,
+                        "rise": np.interp(ends, x, rise),
+                        "quadratic": np.interp(ends, x, quadratic),
+                    }
                 )
-    return stack(rows) if rows else {}
-
-
-def _rows(
-    boundary: str, name: str, unit: str, kind: str, x: Any, rise: Any, quadratic: Any
-) -> Columns:
-    texts = {"panel": boundary, "parameter": name, "unit": unit, "kind": kind}
-    return {k: text_column(v, len(x)) for k, v in texts.items()} | {
-        "x": x,
-        "rise": rise,
-        "quadratic": quadratic,
-    }
+    return stack(rows)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -118,7 +102,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """The same for who cannot see it."""
-    n = len(set(zip(table["panel"], table["parameter"], strict=True)))
+    n = len(distinct(table["panel"], table["parameter"]))
     return (
         f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each beside a"
         " parabola. " + caption(evidence, table).rsplit("intervals. ", 1)[1]
@@ -127,9 +111,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """Panels in rows of four, one axis of chi2."""
-    panels = list(
-        dict.fromkeys(zip(table["panel"].tolist(), table["parameter"].tolist(), strict=True))
-    )
+    panels = distinct(table["panel"], table["parameter"])
     columns = min(len(panels), COLUMNS)
     rows = -(-len(panels) // columns)
     width = look.single_in if columns == 1 else look.double_in

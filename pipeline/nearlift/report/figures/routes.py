@@ -16,12 +16,13 @@ from matplotlib.patches import Rectangle
 from nearlift.flight.simulation.corridor import BASES, BERTH
 from nearlift.flight.simulation.presets import TARGETS
 from nearlift.products import ROUTES, SAFETY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, SERIES, Style, plain_log
 
 #: So many ways are drawn: the cheapest, the chosen, the safest, and some between.
 SHOWN = 5
+COLUMNS = ("kind", "way", "chosen", "x", "y", "x2", "y2", "seen")
 #: Lines where flights crashed, and where the risk is only a bound.
 SEEN: Any = "-"
 BOUND: Any = (0, (3, 1.5))
@@ -50,44 +51,40 @@ def summarise(evidence: Evidence) -> Columns:
     numbers = np.unique(table["way"])
     chosen = int(table["way"][table["chosen"] == 1][0])
     spread = numbers[np.linspace(0, len(numbers) - 1, min(SHOWN, len(numbers))).astype(int)]
-    parts = [_rows("box", -1, 0, [b[0]], [b[2]], [b[1]], [b[3]]) for b in entry["boxes_m"]]
-    parts.append(_rows("room", -1, 0, [0.0], [0.0], [entry["length_m"]], [entry["height_m"]]))
-    parts.append(_rows("end", -1, 0, *zip(entry["start_m"], entry["goal_m"], strict=True)))
+    parts: list[dict[str, object]] = [
+        {"kind": "box", "x": left, "x2": right, "y": bottom, "y2": top}
+        for left, right, bottom, top in entry["boxes_m"]
+    ]
+    room = {"x": 0.0, "x2": entry["length_m"], "y": 0.0, "y2": entry["height_m"]}
+    parts.append({"kind": "room", **room})
+    (x, z), (x2, z2) = entry["start_m"], entry["goal_m"]
+    parts.append({"kind": "end", "x": [x, x2], "y": [z, z2]})
     for way in sorted({chosen, *spread.tolist()}):
         mine = table["way"] == way
-        seen = table["risk_from"][mine] == BASES[0]
         parts.append(
-            _rows("way", way, int(way == chosen), table["x_m"][mine], table["z_m"][mine])
-            | {"seen": seen.astype(int)}
+            {
+                "kind": "way",
+                "way": way,
+                "chosen": int(way == chosen),
+                "x": table["x_m"][mine],
+                "y": table["z_m"][mine],
+                "seen": (table["risk_from"][mine] == BASES[0]).astype(int),
+            }
         )
-    found = entry["ways"]
-    for i, w in enumerate(found):
+    for i, w in enumerate(entry["ways"]):
         parts.append(
-            _rows(
-                "front", i, int(w["chosen"]), [w["energy"]], [w["risk"]], [w["lo90"]], [w["hi90"]]
-            )
+            {
+                "kind": "front",
+                "way": i,
+                "chosen": int(w["chosen"]),
+                "x": w["energy"],
+                "y": w["risk"],
+                "x2": w["lo90"],
+                "y2": w["hi90"],
+            }
         )
-    parts.append(_rows("bound", -1, 0, [np.nan], [entry["risk_bound"]]))
-    return stack(parts)
-
-
-def _rows(
-    kind: str, way: int, chosen: int, x: object, y: object, x2: object = np.nan, y2: object = np.nan
-) -> Columns:
-    xs = np.asarray(x, dtype=float)
-    n = len(xs)
-    far = {
-        name: np.broadcast_to(np.asarray(v, dtype=float), (n,))
-        for name, v in (("y", y), ("x2", x2), ("y2", y2))
-    }
-    return {
-        "kind": text_column(kind, n),
-        "way": np.full(n, way),
-        "chosen": np.full(n, chosen),
-        "x": xs,
-        **far,
-        "seen": np.ones(n, dtype=int),
-    }
+    parts.append({"kind": "bound", "y": entry["risk_bound"]})
+    return stack([{"way": -1, "chosen": 0, "seen": 1, **part} for part in parts], COLUMNS)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

@@ -15,7 +15,7 @@ from matplotlib.patches import Patch
 from nearlift import nomenclature
 from nearlift.products import CRASH_RATES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
-from nearlift.report.figures.fig6 import SIDES, curve_rows
+from nearlift.report.figures.fig6 import COLUMNS, SIDES
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import (
     BAND,
@@ -54,76 +54,72 @@ def summarise(evidence: Evidence) -> Columns:
     rates, content = evidence.table(CRASH_RATES), evidence.document(SAFETY)["fitted"]
     parts = []
     for side in SIDES:
-        own = (rates["preset"] == "fitted") & (rates["boundary"] == side)
-        if side not in content or not own.any():
-            continue
-        none = own & (rates["exponent"] == 0)
-        best, held = (
-            own & (rates["member"] == -1) & (rates["below_nearest"] == reading)
-            for reading in ("form", "held")
-        )
-        x = rates["target_z_hat"][best]
-        draws = own & (rates["member"] >= 0)
-        low, high = _band(rates, draws, len(x))
-        label = content[side]["title"]
-        ends = {"lo90": rates["lo90"][none], "hi90": rates["hi90"][none]}
-        parts.append(
-            curve_rows(
-                "crash",
-                side,
-                "none",
-                "no boundary effect",
-                rates["target_z_hat"][none],
-                rates["rate"][none],
-                **ends,
-            )
-        )
-        lo90, hi90 = np.minimum(low, rates["lo90"][best]), np.maximum(high, rates["hi90"][best])
-        parts.append(
-            curve_rows("crash", side, "model", label, x, rates["rate"][best], lo90=lo90, hi90=hi90)
-        )
-        parts.append(curve_rows("crash", side, "held", label, x, rates["rate"][held]))
-        touches = content[side]["contact_z_hat"]
-        parts.append(curve_rows("crash", side, "contact", "touches", [touches], [0.0]))
-        costs = {"lo90": rates["cost_lo"][best], "hi90": rates["cost_hi"][best]}
-        parts.append(
-            curve_rows(
-                "crash", side, "cost", content[side]["held"], x, rates["cost"][best], **costs
-            )
-        )
-        parts.append(curve_rows("crash", side, "cost_paper", "paper", x, rates["cost_paper"][best]))
-        floor = FLOOR / content[side]["flights"]
-        shown = {
-            k: np.maximum(v, floor)
-            for k, v in (("y", rates["rate"][best]), ("lo90", lo90), ("hi90", hi90))
-        }
-        parts.append(
-            curve_rows(
-                "front",
-                side,
-                "model",
-                label,
-                rates["cost"][best],
-                shown["y"],
-                lo90=shown["lo90"],
-                hi90=shown["hi90"],
-            )
-        )
-        for found in content[side]["best_set_points"]:
-            if found["target_z_hat"] is not None:
-                name = f"{found['price']:g}: z_hat {found['target_z_hat']:g}"
-                at = max(found["crashes"] / content[side]["flights"], floor)
-                parts.append(
-                    curve_rows("front", side, "best", name, [found["relative_cost"]], [at])
-                )
-    return stack(parts) if parts else {}
+        flown = select(rates, (rates["preset"] == "fitted") & (rates["boundary"] == side))
+        if side in content and len(flown["rate"]):
+            for row, curves in (("crash", _crashes), ("front", _risks)):
+                rows = curves(flown, content[side])
+                parts += [{"row": row, "panel": side, **part} for part in rows]
+    return stack(parts, COLUMNS)
 
 
-def _band(rates: Columns, draws: Any, n: int) -> tuple[Any, Any]:
-    """5 and 95 % of the draws' rates, each widened by its own binomial interval's ends."""
-    low = rates["lo90"][draws].reshape(-1, n)
-    high = rates["hi90"][draws].reshape(-1, n)
-    return np.percentile(low, 5, axis=0), np.percentile(high, 95, axis=0)
+def _best(rates: Columns, reading: str = "form") -> Columns:
+    """What is flown with the fitted coefficients and one `reading` of lift nearer than measured."""
+    return select(rates, (rates["member"] == -1) & (rates["below_nearest"] == reading))
+
+
+def _crashes(rates: Columns, fitted: dict[str, Any]) -> list[dict[str, object]]:
+    """Crash rates and relative costs against set-point."""
+    none, best = select(rates, rates["exponent"] == 0), _best(rates)
+    x, label = best["target_z_hat"], fitted["title"]
+    low, high = _band(rates)
+    ends = {"lo90": none["lo90"], "hi90": none["hi90"]}
+    costs = {"lo90": best["cost_lo"], "hi90": best["cost_hi"]}
+    return [
+        {
+            "kind": "none",
+            "label": "no boundary effect",
+            "x": none["target_z_hat"],
+            "y": none["rate"],
+            **ends,
+        },
+        {"kind": "model", "label": label, "x": x, "y": best["rate"], "lo90": low, "hi90": high},
+        {"kind": "held", "label": label, "x": x, "y": _best(rates, "held")["rate"]},
+        {"kind": "contact", "label": "touches", "x": fitted["contact_z_hat"], "y": 0.0},
+        {"kind": "cost", "label": fitted["held"], "x": x, "y": best["cost"], **costs},
+        {"kind": "cost_paper", "label": "paper", "x": x, "y": best["cost_paper"]},
+    ]
+
+
+def _risks(rates: Columns, fitted: dict[str, Any]) -> list[dict[str, object]]:
+    """Crash rate against relative cost, and the set-points of least expected cost."""
+    best, floor = _best(rates), FLOOR / fitted["flights"]
+    low, high = _band(rates)
+    front = {"y": best["rate"], "lo90": low, "hi90": high}
+    shown = {name: np.maximum(rate, floor) for name, rate in front.items()}
+    return [
+        {"kind": "model", "label": fitted["title"], "x": best["cost"], **shown},
+        *(
+            {
+                "kind": "best",
+                "label": f"{point['price']:g}: z_hat {point['target_z_hat']:g}",
+                "x": point["relative_cost"],
+                "y": max(point["crashes"] / fitted["flights"], floor),
+            }
+            for point in fitted["best_set_points"]
+            if point["target_z_hat"] is not None
+        ),
+    ]
+
+
+def _band(rates: Columns) -> tuple[Any, Any]:
+    """Ends of a 90 % band over model and flights: 5 and 95 % of the draws' rates, each widened by
+    its own binomial interval, but never within that of the fitted model's own.
+    """
+    best, draws = _best(rates), select(rates, rates["member"] >= 0)
+    n = len(best["rate"])
+    low = np.percentile(draws["lo90"].reshape(-1, n), 5, axis=0)
+    high = np.percentile(draws["hi90"].reshape(-1, n), 95, axis=0)
+    return np.minimum(low, best["lo90"]), np.maximum(high, best["hi90"])
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

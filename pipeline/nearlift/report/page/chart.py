@@ -168,18 +168,10 @@ def shade(i: int, n: int) -> str:
     return f"color-mix(in oklab, var(--ramp0), var(--ramp1) {100 * i / max(n - 1, 1):.0f}%)"
 
 
-def params(**values: Any) -> list[Spec]:
-    """Signals with their first values."""
-    return [{"name": name, "value": value} for name, value in values.items()]
-
-
-def axis(title: str, **more: Any) -> Spec:
-    """An axis with its title."""
-    return {"title": title, **more}
-
-
-def frame(description: str, *, height: int, parameters: list[Spec], layers: list[Spec]) -> Spec:
-    """A specification as wide as its place, in the page's own colours."""
+def frame(description: str, *, height: int, layers: list[Spec], **signals: Any) -> Spec:
+    """A specification as wide as its place, in the page's own colours; `signals` by name with their
+    first values.
+    """
     ink, rule = "var(--text)", "var(--rule)"
     return {
         "description": description,
@@ -188,7 +180,7 @@ def frame(description: str, *, height: int, parameters: list[Spec], layers: list
         "background": None,
         "autosize": {"type": "fit-x", "contains": "padding"},
         "padding": 4,
-        "params": parameters,
+        "params": [{"name": name, "value": value} for name, value in signals.items()],
         "layer": layers,
         "config": {
             "font": "system-ui, sans-serif",

@@ -10,7 +10,7 @@ from typing import Any
 from markupsafe import Markup
 
 from nearlift.nomenclature import VERDICTS, letter
-from nearlift.report.evidence import Columns
+from nearlift.report.evidence import Columns, distinct
 from nearlift.report.figures import forest
 from nearlift.report.figures import forest_chart as chart
 from nearlift.report.page.chart import embedded
@@ -54,9 +54,7 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
 
 def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:
     groups = []
-    for boundary, coefficient in dict.fromkeys(
-        zip(table["panel"].tolist(), table["coefficient"].tolist(), strict=True)
-    ):
+    for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
         rows = forest.panel_rows(table, boundary, coefficient)
         lines = [
             {

@@ -28,7 +28,6 @@ from nearlift.report.page.chart import (
     View,
     column,
     frame,
-    params,
     shade,
 )
 from nearlift.results.fit import ModelFit
@@ -149,20 +148,18 @@ def _view(
     spec = frame(
         f"Lift change near the {boundary} against distance over rotor radius",
         height=HEIGHT,
-        parameters=params(
-            throttles=list(looks),
-            models=on,
-            quantity="delta",
-            field="delta",
-            per=1,
-            distance="radii",
-            reach=1,
-            bands=True,
-            levels=levels,
-            low=0,
-            high=1,
-        ),
         layers=[layer for layer in made if layer["data"].get("name", "cells") in data],
+        throttles=list(looks),
+        models=on,
+        quantity="delta",
+        field="delta",
+        per=1,
+        distance="radii",
+        reach=1,
+        bands=True,
+        levels=levels,
+        low=0,
+        high=1,
     )
     return View(
         name=boundary,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nearlift.report.page.chart import Spec, axis
+from nearlift.report.page.chart import Spec
 
 TOOLTIP = (
     ("label", "throttle"),
@@ -27,19 +27,21 @@ def layers(span: list[float], without: int) -> list[Spec]:
             "domain": [{"expr": f"{end} * reach"} for end in (0.94 * span[0], 1.06 * span[1])],
             "nice": False,
         },
-        "axis": axis("", format="~g", labelOverlap=True, labelSeparation=6)
-        | {"title": {"expr": "distance == 'mm' ? 'distance (mm)' : 'ẑ = distance / rotor radius'"}},
+        "axis": {
+            "title": {"expr": "distance == 'mm' ? 'distance (mm)' : 'ẑ = distance / rotor radius'"},
+            "format": "~g",
+            "labelOverlap": True,
+            "labelSeparation": 6,
+        },
     }
     out = f", effect{'s' * (without > 1)} taken out" if without else ""
-    titled = axis("") | {
-        "title": {"expr": f"quantity == 'delta' ? 'ΔL{out} (%)' : 'lift (' + quantity + ')'"}
-    }
+    title = f"quantity == 'delta' ? 'ΔL{out} (%)' : 'lift (' + quantity + ')'"
     far: Spec = {"calculate": "datum.z_hat * reach", "as": "x"}
     y: Spec = {
         "field": "y",
         "type": "quantitative",
         "scale": {"domain": [{"expr": "low"}, {"expr": "high"}], "nice": False, "zero": False},
-        "axis": titled,
+        "axis": {"title": {"expr": title}},
     }
     shown: Spec = {"filter": "indexof(throttles, datum.throttle) >= 0"}
     value = "100 * (datum.{0} - 1)", "per * levels[datum.model][datum.throttle] * datum.{0}"

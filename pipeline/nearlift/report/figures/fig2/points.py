@@ -14,7 +14,7 @@ from nearlift import units
 from nearlift.declare import Boundary
 from nearlift.products import LIFT, TRIALS
 from nearlift.reduction.quality import rejected
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.relative_lift import relative_lift
 from nearlift.rounding import plain, plus_minus
 
@@ -110,13 +110,7 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
             f" {row['force_text']}; trials: {row['trials']}; quality: {row['quality']}"
         )
         rows.append(row)
-    names = list(rows[0]) if rows else []
-    return {
-        name: np.array(
-            [row[name] for row in rows], dtype=object if isinstance(rows[0][name], str) else float
-        )
-        for name in names
-    }
+    return stack(rows)
 
 
 def _named(trials: NDArray[Any]) -> str:

@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray
 from nearlift.nomenclature import letter
 from nearlift.products import LIFT
 from nearlift.report import curves, relative_lift
-from nearlift.report.evidence import Columns, Evidence, select, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, select, stack
 from nearlift.rounding import fixed
 
 POINTS = 240
@@ -33,6 +34,10 @@ LEAST_SQUARES = "least squares"
 #: A trial or visit is marked if a coefficient without it would be so many of its standard
 #: uncertainties away.
 INFLUENTIAL = 0.5
+COLUMNS = (
+    *("panel", "kind", "label", "throttle_fraction", "z_hat"),
+    *("delta_L_percent", "u_delta_L_percent", "lo90_percent", "hi90_percent"),
+)
 SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattananon": "H-C"}
 
 
@@ -88,68 +93,76 @@ def summarise(evidence: Evidence) -> Columns:
         `throttle_fraction` (data only), `z_hat`, `delta_L_percent`, `u_delta_L_percent` (one
         standard uncertainty), `lo90_percent`, `hi90_percent` (band only).
     """
+    table = stack(
+        [
+            {"panel": boundary, **part}
+            for boundary in evidence.boundaries
+            for part in _panel(evidence, boundary)
+        ],
+        COLUMNS,
+    )
+    return select(table, np.isfinite(table["delta_L_percent"]) & (table["z_hat"] > 0))
+
+
+def _panel(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
     cells = evidence.table(LIFT)
-    rows = []
-    for boundary in evidence.boundaries:
-        mine = cells["boundary"] == boundary
-        if not mine.any():
-            continue
-        cell = {
-            name: np.asarray(values[mine], dtype=float)
-            for name, values in cells.items()
-            if name != "boundary"
+    cells = select(cells, cells["boundary"] == boundary)
+    if not len(cells["z_hat"]):
+        return []
+    reference: dict[str, Any] = {"kind": "L_inf", "label": "the farthest"}
+    if by_fit(evidence):
+        over = relative_lift.relative_lift(evidence, boundary)
+        cells = {
+            "throttle": over.throttle,
+            "z_hat": over.z_hat,
+            "delta_L": over.delta_L,
+            "u_delta_L": over.u,
         }
-        if by_fit(evidence):
-            over = relative_lift.relative_lift(evidence, boundary)
-            cell = {
-                "throttle": over.throttle,
-                "z_hat": over.z_hat,
-                "delta_L": over.delta_L,
-                "u_delta_L": over.u,
+        reference |= {"label": "the fit's", "u_delta_L_percent": 100 * over.u_L_inf}
+    z_hat, delta = cells["z_hat"], np.asarray(cells["delta_L"], dtype=float)
+    # what says something of the whole panel stands at its farthest distance
+    parts = [
+        {**part, "z_hat": z_hat.max(), "delta_L_percent": 0.0}
+        for part in (
+            reference,
+            *({"kind": "without", "label": titled(e)} for e in named(evidence, boundary)),
+        )
+    ]
+    parts += _influence(evidence, boundary, cells)
+    parts.append(
+        {
+            "kind": "data",
+            "label": [f"{100 * t:.3g} %" for t in cells["throttle"]],
+            "throttle_fraction": cells["throttle"],
+            "z_hat": z_hat,
+            "delta_L_percent": 100 * delta,
+            "u_delta_L_percent": 100 * np.asarray(cells["u_delta_L"], dtype=float),
+        }
+    )
+    parts += [
+        {
+            "kind": "overlay",
+            "label": overlay.label,
+            "z_hat": points["z_hat"],
+            "delta_L_percent": 100 * points["delta_L"],
+            "u_delta_L_percent": 100 * points["u"],
+        }
+        for overlay, points in evidence.overlays
+        if overlay.boundary == boundary
+    ]
+    positive = z_hat[z_hat > 0]
+    grid = np.geomspace(positive.min(), positive.max(), POINTS)
+    for theory in references(evidence, boundary):
+        curve = curves.ratio(catalogue.model(theory.model), grid, theory.arguments)
+        parts.append(
+            {
+                "kind": "model",
+                "label": theory.label,
+                "z_hat": grid,
+                "delta_L_percent": 100 * (curve - 1),
             }
-            rows.append(_single(boundary, "L_inf", "the fit's", cell["z_hat"], 100 * over.u_L_inf))
-        else:
-            rows.append(_single(boundary, "L_inf", "the farthest", cell["z_hat"]))
-        rows += [
-            _single(boundary, "without", catalogue.titled(name), cell["z_hat"])
-            for name in named(evidence, boundary)
-        ]
-        rows += _influence(evidence, boundary, cell)
-        labels = np.array([f"{100 * t:.3g} %" for t in cell["throttle"]], dtype=object)
-        rows.append(
-            _rows(
-                boundary,
-                "data",
-                labels,
-                cell["z_hat"],
-                100 * cell["delta_L"],
-                throttle=cell["throttle"],
-                u=100 * cell["u_delta_L"],
-            )
         )
-        for overlay, points in evidence.overlays:
-            if overlay.boundary == boundary:
-                rows.append(
-                    _rows(
-                        boundary,
-                        "overlay",
-                        overlay.label,
-                        points["z_hat"],
-                        100 * points["delta_L"],
-                        u=100 * points["u"],
-                    )
-                )
-        positive = cell["z_hat"][cell["z_hat"] > 0]
-        grid = np.geomspace(positive.min(), positive.max(), POINTS)
-        for reference in references(evidence, boundary):
-            curve = curves.ratio(catalogue.model(reference.model), grid, reference.arguments)
-            rows.append(_rows(boundary, "model", reference.label, grid, 100 * (curve - 1)))
-        rows += _fit(
-            evidence, boundary, grid, float(np.nanmax(cell["delta_L"]) - np.nanmin(cell["delta_L"]))
-        )
-    table = stack(rows)
-    keep = np.isfinite(table["delta_L_percent"]) & (table["z_hat"] > 0)
-    return select(table, keep)
+    return parts + _fit(evidence, boundary, grid, float(np.nanmax(delta) - np.nanmin(delta)))
 
 
 def by_fit(evidence: Evidence) -> bool:
@@ -183,36 +196,36 @@ def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
     return [r for r in REFERENCES if r.boundary == boundary and (several or not r.several_only)]
 
 
-def _fit(evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float) -> list[Columns]:
+def _fit(
+    evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float
+) -> list[dict[str, Any]]:
     """The model's curve and band, and least squares beside it where the two can be told apart."""
     model, _ = evidence.base(boundary)
     short = SHORT.get(model.name, model.title)
     curve = line(evidence, boundary, grid)
     refused = [letter(name) for name in evidence.quoted(boundary).refused]
-    rows = [
-        _rows(
-            boundary,
-            "band",
-            f"{short}, {LEAST_SQUARES}: {', '.join(refused)} refused"
+    parts: list[dict[str, Any]] = [
+        {
+            "kind": "band",
+            "label": f"{short}, {LEAST_SQUARES}: {', '.join(refused)} refused"
             if refused
             else f"{short}, fitted",
-            grid,
-            100 * curve.middle,
-            lo90=100 * curve.low,
-            hi90=100 * curve.high,
-        )
+            "z_hat": grid,
+            "delta_L_percent": 100 * curve.middle,
+            "lo90_percent": 100 * curve.low,
+            "hi90_percent": 100 * curve.high,
+        }
     ]
     if curve.parts(span):
-        rows.append(
-            _rows(
-                boundary,
-                LEAST_SQUARES,
-                f"{short}, {LEAST_SQUARES}",
-                grid,
-                100 * curve.least_squares,
-            )
+        parts.append(
+            {
+                "kind": LEAST_SQUARES,
+                "label": f"{short}, {LEAST_SQUARES}",
+                "z_hat": grid,
+                "delta_L_percent": 100 * curve.least_squares,
+            }
         )
-    return rows
+    return parts
 
 
 def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, str, float]]:
@@ -227,50 +240,23 @@ def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, 
     ]
 
 
-def _influence(evidence: Evidence, boundary: Boundary, cell: Columns) -> list[Columns]:
+def _influence(evidence: Evidence, boundary: Boundary, cells: Columns) -> list[dict[str, Any]]:
     """The cells of what moves a coefficient by at least `INFLUENTIAL`."""
     data = evidence.observations[boundary]
-    rows = []
+    parts = []
     for name, kind, which, shift in influential(evidence, boundary):
         if abs(shift) < INFLUENTIAL:
             continue
         mine = (data.trial if kind == "trial" else data.visit.astype(str)) == which
-        told = data.levels[data.level][mine]
-        places = set(zip(told.tolist(), data.z_hat[mine].tolist(), strict=True))
-        at = np.array([p in places for p in zip(cell["throttle"], cell["z_hat"], strict=True)])
-        if at.any():
-            rows.append(
-                _rows(
-                    boundary,
-                    "influence",
-                    f"{kind} {which}: {name} by {fixed(shift, 1)} u",
-                    cell["z_hat"][at],
-                    100 * cell["delta_L"][at],
-                )
-            )
-    return rows
-
-
-def _single(
-    boundary: str, kind: str, label: str, z_hat: FloatArray, u: float = math.nan
-) -> Columns:
-    """A row that says something of a whole panel."""
-    return _rows(boundary, kind, label, np.array([z_hat.max()]), np.array([0.0]), u=np.array([u]))
-
-
-def _rows(
-    boundary: str, kind: str, label: Any, z_hat: FloatArray, delta: FloatArray, **more: FloatArray
-) -> Columns:
-    n = len(z_hat)
-    empty = np.full(n, np.nan)
-    return {
-        "panel": text_column(boundary, n),
-        "kind": text_column(kind, n),
-        "label": label if isinstance(label, np.ndarray) else text_column(label, n),
-        "throttle_fraction": more.get("throttle", empty),
-        "z_hat": np.asarray(z_hat, dtype=float),
-        "delta_L_percent": np.asarray(delta, dtype=float),
-        "u_delta_L_percent": more.get("u", empty),
-        "lo90_percent": more.get("lo90", empty),
-        "hi90_percent": more.get("hi90", empty),
-    }
+        throttle = data.levels[data.level][mine]
+        places = set(zip(throttle.tolist(), data.z_hat[mine].tolist(), strict=True))
+        at = np.array([p in places for p in zip(cells["throttle"], cells["z_hat"], strict=True)])
+        parts.append(
+            {
+                "kind": "influence",
+                "label": f"{kind} {which}: {name} by {fixed(shift, 1)} u",
+                "z_hat": cells["z_hat"][at],
+                "delta_L_percent": 100 * cells["delta_L"][at],
+            }
+        )
+    return parts

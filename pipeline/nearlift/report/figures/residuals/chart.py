@@ -21,7 +21,6 @@ from nearlift.report.page.chart import (
     View,
     column,
     frame,
-    params,
     shade,
 )
 from nearlift.rounding import plain, plus_minus
@@ -147,13 +146,11 @@ def _view(
     spec = frame(
         f"Residuals of {model.title} near the {boundary}",
         height=HEIGHT,
-        parameters=params(
-            covariate=next(iter(keys.values())),
-            throttles=list(colours) or ["all"],
-            shown=["trials", "means", "noise"],
-            varying=[keys[n] for n in here],
-        ),
         layers=_layers(boundary, [low - room, high + room]),
+        covariate=next(iter(keys.values())),
+        throttles=list(colours) or ["all"],
+        shown=["trials", "means", "noise"],
+        varying=[keys[n] for n in here],
     )
     part = (
         f" ({len(own['trial'])} of {total} trials drawn, evenly in run order; means are of all)"

@@ -99,11 +99,7 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
                 "quality": str(table["quality"][j]) or "good",
             }
         )
-    columns = {
-        n: np.array([k[n] for k in kept], dtype=float if n == "residual" else object)
-        for n in (kept[0] if kept else ())
-    }
-    return columns, {name: x[keep] for name, x in covariates(data).items()}, data.n
+    return stack(kept), {name: x[keep] for name, x in covariates(data).items()}, data.n
 
 
 def _samples(n: int, effective: float) -> str:
@@ -134,14 +130,14 @@ def sums(evidence: Evidence, boundary: Boundary, *, by_throttle: bool = True) ->
 
 def _sums(
     name: str, x: NDArray[Any], residual: NDArray[Any], sigma: NDArray[Any], throttle: NDArray[Any]
-) -> Columns:
+) -> dict[str, object]:
     keep = np.isfinite(x) & np.isfinite(residual)
     x, residual, sigma = x[keep], residual[keep], sigma[keep]
     keys, which = np.unique(throttle[keep].astype(str), return_inverse=True)
     label = bins(x)
     group, index = np.unique(label * len(keys) + which, return_inverse=True)
     return {
-        "covariate": text_column(name, len(group)),
+        "covariate": name,
         "bin": group // len(keys),
         "throttle": keys[group % len(keys)].astype(object),
         "n": np.bincount(index),

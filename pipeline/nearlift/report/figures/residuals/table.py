@@ -19,16 +19,14 @@ from nearlift.likelihood.problem import height_slope, need, usable
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
-from nearlift.report.evidence import (
-    Columns,
-    Evidence,
-    lift_inf_N,
-    stack,
-    text_column,
-)
+from nearlift.report.evidence import Columns, Evidence, lift_inf_N, stack
 from nearlift.results import Observations
 from nearlift.rounding import plain
 
+COLUMNS = (
+    *("panel", "covariate", "kind", "trial", "x"),
+    *("residual_percent", "u_residual_percent", "n_trials"),
+)
 #: Up to this many distinct values a covariate is binned by value, beyond it by quantiles.
 DISTINCT = 24
 BINS = 16
@@ -63,8 +61,10 @@ def summarise(evidence: Evidence) -> Columns:
     for boundary in evidence.boundaries:
         data, residual, sigma = residuals(evidence, boundary)
         for name, x in covariates(data).items():
-            rows.append(_panel(boundary, name, data.trial, x, 100 * residual, 100 * sigma))
-    return stack(rows)
+            panel = {"panel": boundary, "covariate": name}
+            parts = _panel(data.trial, x, 100 * residual, 100 * sigma)
+            rows += [{**panel, **part} for part in parts]
+    return stack(rows, COLUMNS)
 
 
 def residuals(
@@ -108,13 +108,8 @@ def covariates(data: Observations) -> dict[str, FloatArray]:
 
 
 def _panel(
-    boundary: str,
-    name: str,
-    trial: NDArray[np.object_],
-    x: FloatArray,
-    residual: FloatArray,
-    sigma: FloatArray,
-) -> Columns:
+    trial: NDArray[np.object_], x: FloatArray, residual: FloatArray, sigma: FloatArray
+) -> list[dict[str, object]]:
     keep = np.isfinite(x) & np.isfinite(residual)
     trial, x, residual, sigma = trial[keep], x[keep], residual[keep], sigma[keep]
     label = bins(x)
@@ -123,19 +118,17 @@ def _panel(
     spread = np.sqrt(np.bincount(label, (residual - mean[label]) ** 2) / np.maximum(count - 1, 1))
     error = np.where(count > 1, spread / np.sqrt(count), np.nan)
     expected = np.sqrt(np.bincount(label, sigma**2) / count)
-    n, k = len(x), len(count)
-    return {
-        "panel": text_column(boundary, n + 2 * k),
-        "covariate": text_column(name, n + 2 * k),
-        "kind": np.concatenate(
-            [text_column("trial", n), text_column("bin", k), text_column("noise", k)]
-        ),
-        "trial": np.concatenate([trial, text_column("", 2 * k)]),
-        "x": np.concatenate([x, centre, centre]),
-        "residual_percent": np.concatenate([residual, mean, np.zeros(k)]),
-        "u_residual_percent": np.concatenate([np.full(n, np.nan), error, expected]),
-        "n_trials": np.concatenate([np.full(n, np.nan), count, np.full(k, np.nan)]),
-    }
+    return [
+        {"kind": "trial", "trial": trial, "x": x, "residual_percent": residual},
+        {
+            "kind": "bin",
+            "x": centre,
+            "residual_percent": mean,
+            "u_residual_percent": error,
+            "n_trials": count,
+        },
+        {"kind": "noise", "x": centre, "residual_percent": 0.0, "u_residual_percent": expected},
+    ]
 
 
 def bins(x: FloatArray) -> NDArray[np.int64]:
