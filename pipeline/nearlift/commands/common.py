@@ -233,7 +233,7 @@ def dialect_of(text: str) -> dict[str, object]:
 
     plain = text.strip()
     try:
-        found: dict[str, object] = toml.loads(
+        dialect: dict[str, object] = toml.loads(
             b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it"
         )["dialect"]
     except ManifestError as fault:
@@ -241,4 +241,4 @@ def dialect_of(text: str) -> dict[str, object]:
         raise UsageError(
             "--dialect", f"{brief(repr(text))} is not as a manifest has it: {fault.what}", remedy
         ) from None
-    return found
+    return dialect

@@ -71,12 +71,12 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
     for journal in home.glob(f"*/{JOURNAL}"):
         settled(Homes.of(out, journal.parent.name))
     if not names:
-        found = sorted(path.parent for path in home.glob(f"*/{RESULTS.file}"))
-        if not found:
+        fitted = sorted(path.parent for path in home.glob(f"*/{RESULTS.file}"))
+        if not fitted:
             raise UsageError(
                 str(home), "holds no fitted campaign", "`nearlift run CAMPAIGN` first, or say --out"
             )
-        return found
+        return fitted
     missing = [name for name in names if not (home / name / RESULTS.file).is_file()]
     if missing:
         raise UsageError(
@@ -92,19 +92,19 @@ def entries(folder: Path) -> list[Entry]:
     results = store.load(folder / RESULTS.file, Results)
     about = store.read_json_if_whole(folder / PROVENANCE.file)
     listed = []
-    for boundary, own in results.boundaries.items():
-        if not own.headline:
+    for boundary, result in results.boundaries.items():
+        if not result.headline:
             continue
-        quoted = own.coefficients[own.headline]
+        quoted = result.coefficients[result.headline]
         listed.append(
             Entry(
                 campaign=folder.name,
                 vehicle=about.get("vehicle", ""),
                 boundary=boundary,
-                model=own.base_model,
-                coefficient=own.headline,
+                model=result.base_model,
+                coefficient=result.headline,
                 quoted=quoted,
-                verdict=own.verdict,
+                verdict=result.verdict,
                 parts=_shared_parts(quoted),
             )
         )
@@ -154,26 +154,32 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str] = ()) -> tuple[Group,
     keys = sorted({(e.boundary, e.model, e.coefficient) for e in listed})
     groups = []
     for key in keys:
-        own = tuple(e for e in listed if (e.boundary, e.model, e.coefficient) == key)
+        members = tuple(e for e in listed if (e.boundary, e.model, e.coefficient) == key)
         # an interval over rivals is lopsided, and its best value no centre: the population is
         # fitted to the interval
-        value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in own])
+        value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])
         together = (
-            population(value, covariance(own, shared), own[0].quoted.unit)
-            if len(own) >= FEWEST
+            population(value, covariance(members, shared), members[0].quoted.unit)
+            if len(members) >= FEWEST
             else None
         )
         groups.append(
-            Group(boundary=key[0], model=key[1], coefficient=key[2], entries=own, together=together)
+            Group(
+                boundary=key[0],
+                model=key[1],
+                coefficient=key[2],
+                entries=members,
+                together=together,
+            )
         )
     return tuple(groups)
 
 
-def covariance(own: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
+def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
     """Of the errors of these entries; what is shared stands off the diagonal too."""
-    total: FloatArray = np.diag([e.quoted.u**2 for e in own])
+    total: FloatArray = np.diag([e.quoted.u**2 for e in members])
     for name in shared:
-        part = np.array([e.parts.get(name, 0.0) for e in own])
+        part = np.array([e.parts.get(name, 0.0) for e in members])
         if (part**2 > np.diag(total) * (1 + 1e-9)).any():
             raise InputRefused(
                 "--shared",
@@ -201,11 +207,11 @@ def run(
 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     groups = grouped(listed, shared)
-    told = [_told(group) for group in groups]
+    encoded = [_told(group) for group in groups]
     content: dict[str, object] = {
         "schema": "nearlift.comparison/1",
         "shared": list(shared),
-        "groups": told,
+        "groups": encoded,
     }
     target = out / "reports" / FOLDER
     rows = forest.summarise(content)
@@ -215,15 +221,15 @@ def run(
     store.write_bytes(target / "forest.csv", to_csv(rows))
     said = [
         f"{g['boundary'].capitalize()}, {g['coefficient']}: {remark}"
-        for g in told
+        for g in encoded
         for remark in g["remarks"]
     ]
-    own = {
+    reported = {
         str(name)
         for name in rows["label"]
         if (out / "reports" / str(name) / "index.html").is_file()
     }
-    store.write_bytes(target / "index.html", comparison.page(rows, own, said))
+    store.write_bytes(target / "index.html", comparison.page(rows, reported, said))
     store.write_json(target / "comparison.json", content)
     return content
 
@@ -235,7 +241,9 @@ def table(content: dict[str, Any]) -> list[str]:
     lines = []
     for group in content["groups"]:
         lines.append(f"{group['boundary']}: {group['coefficient']} of {group['model']}")
-        rows = [(own["campaign"], own["quoted"], own["verdict"]) for own in group["campaigns"]]
+        rows = [
+            (entry["campaign"], entry["quoted"], entry["verdict"]) for entry in group["campaigns"]
+        ]
         together = group.get("population")
         if together:
             spread = together["spread"]
@@ -302,16 +310,16 @@ def _told(group: Group) -> dict[str, Any]:
         }
         for i, e in enumerate(group.entries)
     ]
-    told: dict[str, object] = {
+    encoded: dict[str, object] = {
         "boundary": group.boundary,
         "model": group.model,
         "coefficient": group.coefficient,
         "campaigns": campaigns,
     }
-    told["remarks"] = remarks(group)
+    encoded["remarks"] = remarks(group)
     if group.together is not None:
         p = group.together
-        told["population"] = {
+        encoded["population"] = {
             "mean": _estimate(p.mean),
             "spread": _estimate(p.spread),
             "next": _estimate(p.next_value),
@@ -324,7 +332,7 @@ def _told(group: Group) -> dict[str, Any]:
                 "mean_if_doubled": _estimate(p.if_doubled),
             },
         }
-    return told
+    return encoded
 
 
 def _estimate(e: Estimate) -> dict[str, object]:

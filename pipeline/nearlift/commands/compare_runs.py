@@ -109,12 +109,12 @@ class Side:
     @property
     def about(self) -> RunAbout:
         """What the comparison says of it."""
-        told = self.ledger or ProvenanceLedger()
+        ledger = self.ledger or ProvenanceLedger()
         return RunAbout(
             folder=str(self.folder),
-            campaign=told.campaign,
-            nearlift=told.nearlift,
-            platform=told.platform,
+            campaign=ledger.campaign,
+            nearlift=ledger.nearlift,
+            platform=ledger.platform,
         )
 
     @property
@@ -186,8 +186,8 @@ def _differing(one: Mapping[str, object], two: Mapping[str, object]) -> Differen
 def _side(path: Path) -> Side:
     if kept := history.read(path.resolve()):
         file = path / RESULTS.file
-        found = store.load(file, Results) if kept.results else NOTHING
-        return Side(folder=path, ledger=None, quoted=found.boundaries, manifest=kept.manifest)
+        quoted = store.load(file, Results) if kept.results else NOTHING
+        return Side(folder=path, ledger=None, quoted=quoted.boundaries, manifest=kept.manifest)
     folder = _finished(path)
     file = folder / RESULTS.file
     results = file.read_bytes() if file.is_file() else b""
@@ -205,20 +205,20 @@ def _side(path: Path) -> Side:
 def _finished(path: Path) -> Path:
     if (path / PROVENANCE.file).is_file():
         return path
-    found = sorted(p.parent for p in path.glob(f"processed/*/{PROVENANCE.file}"))
-    if len(found) == 1:
-        return found[0]
-    what = f"holds {len(found)} finished runs" if found else "holds no finished run"
+    runs = sorted(p.parent for p in path.glob(f"processed/*/{PROVENANCE.file}"))
+    if len(runs) == 1:
+        return runs[0]
+    what = f"holds {len(runs)} finished runs" if runs else "holds no finished run"
     remedy = (
-        f"name one of them: {', '.join(str(f) for f in found)}"
-        if found
+        f"name one of them: {', '.join(str(f) for f in runs)}"
+        if runs
         else "name processed/CAMPAIGN, a run in its history, or the folder that was given as --out"
     )
     raise UsageError(str(path), what, remedy)
 
 
 def _part(ledger: ProvenanceLedger, part: str) -> Mapping[str, object]:
-    """Name to value of one part; what stages have in common is told once."""
+    """Name to value of one part; what stages have in common is listed once."""
     if part == "inputs":
         return {name: entry.sha256 for name, entry in ledger.inputs.items()}
     if part == "options":
@@ -249,11 +249,11 @@ Key = tuple[str, str, str]
 def _numbers(side: Side) -> dict[Key, QuotedNumber]:
     """The coefficients that a run quotes."""
     return {
-        (boundary, own.base_model, name): QuotedNumber(
+        (boundary, result.base_model, name): QuotedNumber(
             value=c.value, u=c.u, lo90=c.lo90, hi90=c.hi90, even=c.even
         )
-        for boundary, own in side.quoted.items()
-        for name, c in own.quotable.items()
+        for boundary, result in side.quoted.items()
+        for name, c in result.quotable.items()
     }
 
 
@@ -268,59 +268,59 @@ def _moved(key: Key, one: QuotedNumber | None, two: QuotedNumber | None) -> Move
     )
 
 
-def _verdict(own: BoundaryResult | None) -> str | None:
-    if own is None:
+def _verdict(result: BoundaryResult | None) -> str | None:
+    if result is None:
         return None
-    return own.verdict + (f": {', '.join(own.effects)}" if own.effects else "")
+    return result.verdict + (f": {', '.join(result.effects)}" if result.effects else "")
 
 
-def _error(own: BoundaryResult | None) -> dict[str, float] | None:
-    if own is None or own.error is None:
+def _error(result: BoundaryResult | None) -> dict[str, float] | None:
+    if result is None or result.error is None:
         return None
-    return {k: getattr(own.error, k) for k in ("before", "after", "noise_floor")}
+    return {k: getattr(result.error, k) for k in ("before", "after", "noise_floor")}
 
 
-def table(found: RunComparison, digests: bool = False) -> list[str]:
+def table(comparison: RunComparison, digests: bool = False) -> list[str]:
     """The comparison as lines of text; each digest that differs only where they are asked for."""
     lines = [
         f"{letter}  {r.folder}"
         + (f"  (nearlift {r.nearlift}, {r.campaign})" if r.nearlift else "  (kept)")
-        for letter, r in zip("AB", found.runs, strict=True)
+        for letter, r in zip("AB", comparison.runs, strict=True)
     ]
-    rows: list[tuple[str, ...]] = [("", "A", "B", "shift, in u of A"), *_rows(found)]
+    rows: list[tuple[str, ...]] = [("", "A", "B", "shift, in u of A"), *_rows(comparison)]
     wide = [max(len(row[i]) for row in rows) for i in range(3)]
     lines += [
         "  ".join((*(f"{cell:<{w}}" for cell, w in zip(row, wide, strict=False)), row[3])).rstrip()
         for row in rows
     ]
-    values = found.manifest_values
+    values = comparison.manifest_values
     if values is not None:
         lines.append("manifest:" if values else "manifest: the same values")
         lines += history.lines(tuple((key, old, new) for key, (old, new) in values.items()))
-    if found.trials:
+    if comparison.trials:
         lines.append("trials rejected:")
         lines += [
             f"  {trial}: {one or 'accepted'} -> {two or 'accepted'}"
-            for trial, (one, two) in found.trials.items()
+            for trial, (one, two) in comparison.trials.items()
         ]
-    if not all(r.nearlift for r in found.runs):
+    if not all(r.nearlift for r in comparison.runs):
         return [*lines, "a kept run has no digests of inputs, code and products"]
     for part in PARTS:
-        lines += _of_part(part, getattr(found, part), found.same[part], digests)
+        lines += _of_part(part, getattr(comparison, part), comparison.same[part], digests)
     return lines
 
 
-def _rows(found: RunComparison) -> Iterator[tuple[str, ...]]:
+def _rows(comparison: RunComparison) -> Iterator[tuple[str, ...]]:
     """Verdict, coefficients and error of each boundary, in A and in B."""
-    for boundary, verdicts in found.verdicts.items():
+    for boundary, verdicts in comparison.verdicts.items():
         one, two = (verdict or "absent" for verdict in verdicts)
         yield boundary, one, two, "the same" if one == two else ""
-        for c in found.coefficients:
+        for c in comparison.coefficients:
             if c.boundary == boundary:
                 sides = c.a, c.b
                 yield f"{boundary} {c.name}", *map(_estimate, sides), _shift(c)
                 yield "  90 %", *map(_interval, sides), ""
-        errors = found.errors[boundary]
+        errors = comparison.errors[boundary]
         if any(errors):
             for key, what in (("before", "error before"), ("after", "error after")):
                 yield f"{boundary} {what}", *(_percent(e, key) for e in errors), ""
@@ -333,8 +333,8 @@ def _of_part(part: str, changed: Differences, same: int, digests: bool) -> list[
     if part in DIGESTS and not digests:
         names = [*changed][:FEW]
         more = [f"and {len(changed) - FEW} more"] if len(changed) > FEW else []
-        told = ", ".join([*names, *more])
-        return [f"{what}: {len(changed)} differ, {same} the same: {told} (--digests)"]
+        which = ", ".join([*names, *more])
+        return [f"{what}: {len(changed)} differ, {same} the same: {which} (--digests)"]
     listed = (
         f"  {name}: {_side_of(one)} -> {_side_of(two)}" for name, (one, two) in changed.items()
     )
@@ -375,5 +375,5 @@ def _shift(c: MovedCoefficient) -> str:
 @click.option("--digests", is_flag=True, help="List every digest that differs.")
 def command(call: Call, a: Path, b: Path, digests: bool) -> None:
     """What differs."""
-    found = run(a, b)
-    call.answer(encode(found), "\n".join(table(found, digests)))
+    comparison = run(a, b)
+    call.answer(encode(comparison), "\n".join(table(comparison, digests)))

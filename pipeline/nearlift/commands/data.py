@@ -27,9 +27,9 @@ def _list(call: Call, registry: Path | None) -> None:
     from nearlift.datasets.registry import OWN, datasets
     from nearlift.run.lock import size
 
-    found = datasets(registry or OWN)
+    listed = datasets(registry or OWN)
     lines = []
-    for item in found:
+    for item in listed:
         held = (
             "size unknown"
             if any(f.bytes is None for f in item.file)
@@ -45,7 +45,7 @@ def _list(call: Call, registry: Path | None) -> None:
             unchecked,
         )
         lines += [item.name, *(f"  {line}" for line in about if line)]
-    call.answer([item.model_dump() for item in found], "\n".join(lines))
+    call.answer([item.model_dump() for item in listed], "\n".join(lines))
 
 
 @click.argument("name")

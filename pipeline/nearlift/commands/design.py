@@ -35,5 +35,5 @@ def command(call: Call, campaign: Path, noise_from: str | None, write: Path | No
         settled(Homes.of(call.out, noise_from))
         earlier = call.out / "processed" / noise_from
     with call.planned_job(campaign) as job, call.busy(f"nearlift: {job.campaign.name}"):
-        found = design.run(job, earlier=earlier, write=write)
-    call.answer(encode(found), text(found))
+        answer = design.run(job, earlier=earlier, write=write)
+    call.answer(encode(answer), text(answer))

@@ -85,15 +85,14 @@ def _packages() -> Iterator[Finding]:
     )
     for name, (extra, use) in EXTRAS.items():
         try:
-            found, state = metadata.version(name), "good"
+            yield Finding(what=name, state="good", found=metadata.version(name))
         except metadata.PackageNotFoundError:
-            found, state = f"not installed: no {use}", "note"
-        yield Finding(
-            what=name,
-            state="good" if state == "good" else "note",
-            found=found,
-            remedy=f'pip install "nearlift[{extra}]"',
-        )
+            yield Finding(
+                what=name,
+                state="note",
+                found=f"not installed: no {use}",
+                remedy=f'pip install "nearlift[{extra}]"',
+            )
 
 
 def _plug_ins() -> Iterator[Finding]:

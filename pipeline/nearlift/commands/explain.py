@@ -17,5 +17,5 @@ def answer(campaign: Path, given: Mapping[str, Any], call: Call) -> None:
 
     name = given["explain"]
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {name}"):
-        found = explain.run(job, name)
-    call.answer(encode(found), text(found))
+        explanation = explain.run(job, name)
+    call.answer(encode(explanation), text(explanation))

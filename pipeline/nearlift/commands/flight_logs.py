@@ -74,9 +74,9 @@ def channels_of(contents: Contents) -> Channels | None:
     known: dict[str, Channel] = {}
     for what, patterns in NAMES.items():
         left = [c for c in contents.channels if c not in known.values() and len(c.values)]
-        found = next((c for p in patterns for c in left if p.search(c.name.lower())), None)
-        if found is not None:
-            known[what] = found
+        channel = next((c for p in patterns for c in left if p.search(c.name.lower())), None)
+        if channel is not None:
+            known[what] = channel
         elif what not in ("setpoint", "supply"):
             return None
     commands = _commands(contents.channels)
@@ -98,10 +98,10 @@ def _commands(channels: Sequence[Channel]) -> tuple[Channel, ...]:
     return ()
 
 
-def flight_block(found: Channels, contents: Contents) -> str:
+def flight_block(channels: Channels, contents: Contents) -> str:
     """[flight], with what the log does not say marked FILL IN."""
-    acceleration, command = found.known["acceleration"], found.commands
-    unit, gravity, axes = conventions(found, contents)
+    acceleration, command = channels.known["acceleration"], channels.commands
+    unit, gravity, axes = conventions(channels, contents)
     said = (
         "   # as its samples have it"
         if unit
@@ -119,31 +119,31 @@ def flight_block(found: Channels, contents: Contents) -> str:
     full, zero = _full(max(float(np.nanmax(c.values)) for c in command))
     at_rest = f", zero = {zero}" if zero else ""
     lines.append(f"command  = {{ columns = [{columns}], full = {full}{at_rest} }}")
-    if (supply := found.known.get("supply")) is not None:
+    if (supply := channels.known.get("supply")) is not None:
         unit = "mV" if float(np.nanmedian(supply.values)) > 500 else "V"
         lines.append(f'supply   = {{ column = {_text(supply)}, unit = "{unit}" }}')
     for what in ("height", "velocity", "setpoint"):
-        if what in found.known:
+        if what in channels.known:
             zero_at = ', zero = "each start"' if what == "height" else ""
             lines.append(
-                f"{what:8} = {{ column = {_text(found.known[what])}, unit ="
-                f' "{found.known[what].unit or UNITS[what]}"{zero_at} }}'
+                f"{what:8} = {{ column = {_text(channels.known[what])}, unit ="
+                f' "{channels.known[what].unit or UNITS[what]}"{zero_at} }}'
             )
     return "\n".join(lines) + "\n"
 
 
-def conventions(found: Channels, contents: Contents) -> tuple[str, str, str]:
+def conventions(channels: Channels, contents: Contents) -> tuple[str, str, str]:
     """Unit, gravity and axes of the acceleration that its samples do not contradict; empty where
     they leave a choice, or where series have clocks of their own.
     """
-    z, velocity = found.known["height"].values, found.known["velocity"]
-    up = found.known["acceleration"]
-    lengths = {len(c.values) for c in (up, velocity, found.known["height"], *found.commands)}
+    z, velocity = channels.known["height"].values, channels.known["velocity"]
+    up = channels.known["acceleration"]
+    lengths = {len(c.values) for c in (up, velocity, channels.known["height"], *channels.commands)}
     rate = up.rate_Hz
     if len(lengths) > 1 or rate is None:
         return "", "", ""
     a, v = _three(up, contents), _three(velocity, contents)
-    command = np.stack([c.values for c in found.commands], axis=1)
+    command = np.stack([c.values for c in channels.commands], axis=1)
     with np.errstate(all="ignore"):
         climb = v if v.ndim == 1 else v[:, 2]
         full, zero = _full(float(np.nanmax(command)))

@@ -183,21 +183,21 @@ def recognised(head: bytes, name: str) -> Format:
 def _contents(form: Format, path: Path, dialect: RecordsDialect) -> Contents:
     try:
         with child.source(form) as read:
-            found = read(path, form.checked_dialect(dialect), None)
+            contents = read(path, form.checked_dialect(dialect), None)
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "copy it anew from the rig") from None
-    if not found.channels:
+    if not contents.channels:
         raise InputRefused(
             str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
         )
-    return found
+    return contents
 
 
-def described(found: Found) -> str:
+def described(inspected: Found) -> str:
     """The whole answer as text."""
-    lines = [f"{found.path}: {found.contents.kind}, {size(found.bytes)}"]
+    lines = [f"{inspected.path}: {inspected.contents.kind}, {size(inspected.bytes)}"]
     rows = [("channel", "unit", "samples", "rate, Hz", "lowest", "highest", "")]
-    for c in found.contents.channels:
+    for c in inspected.contents.channels:
         known = c.values[np.isfinite(c.values)]
         low, high = (f"{known.min():.6g}", f"{known.max():.6g}") if len(known) else ("-", "-")
         rows.append(
@@ -219,49 +219,50 @@ def described(found: Found) -> str:
         + row[6]
         for row in rows
     ]
-    lines += [f"note: {note}" for note in found.contents.notes]
-    for c in found.contents.channels:
+    lines += [f"note: {note}" for note in inspected.contents.notes]
+    for c in inspected.contents.channels:
         lost = int(np.count_nonzero(~np.isfinite(c.values)))
         if 0 < lost < len(c.values):
             lines.append(
                 f"note: {lost} of {len(c.values)} samples of {c.name!r} hold no number (blank, NaN,"
                 " OVER, #NV or the like)"
             )
-    if "truncated" in found.contents.codes:
+    if "truncated" in inspected.contents.codes:
         lines.append(
             "note: the file ends within a line or a segment: it is cut off, or still being written"
         )
-    if "dead_speed" in found.contents.codes:
+    if "dead_speed" in inspected.contents.codes:
         lines.append("note: a rotor's speed reads zero while there is lift")
-    if found.doubt:
-        lines.append(f"note: {found.doubt}")
-    if found.flight is not None:
+    if inspected.doubt:
+        lines.append(f"note: {inspected.doubt}")
+    if inspected.flight is not None:
         lines.append("note: it is the log of a flight: [flight] cuts it into trials")
-    if found.ramp is not None:
-        lines.append(f"note: the record {found.ramp.words}; {CUT}")
-    return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(found)
+    if inspected.ramp is not None:
+        lines.append(f"note: the record {inspected.ramp.words}; {CUT}")
+    return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(inspected)
 
 
-def block(found: Found) -> str:
+def block(inspected: Found) -> str:
     """The tables of a manifest for the file."""
-    if found.grid is not None:
-        return grids.piv_block(found.grid, found.path)
-    if found.table is not None:
-        return trials_block(found.table)
-    if found.flight is not None:
-        records = flight_records(found, f"{{record}}{found.path.suffix}")
-        return (
-            f"{records}{flight_logs.RIG}\n{flight_logs.flight_block(found.flight, found.contents)}"
-        )
-    return records_block(found)
+    if inspected.grid is not None:
+        return grids.piv_block(inspected.grid, inspected.path)
+    if inspected.table is not None:
+        return trials_block(inspected.table)
+    if inspected.flight is not None:
+        records = flight_records(inspected, f"{{record}}{inspected.path.suffix}")
+        flight = flight_logs.flight_block(inspected.flight, inspected.contents)
+        return f"{records}{flight_logs.RIG}\n{flight}"
+    return records_block(inspected)
 
 
-def flight_records(found: Found, files: str) -> str:
+def flight_records(inspected: Found, files: str) -> str:
     """The [records] table of flight logs."""
-    lines = ["[records]", f'reader = "{found.reader}"', f"files  = {json.dumps(files)}"]
-    if found.clock is not None and not found.clock.name.endswith(".time"):
-        column = json.dumps(found.clock.name, ensure_ascii=False)
-        lines.append(f'time   = {{ column = {column}, unit = "{found.clock.unit or "FILL IN"}" }}')
+    lines = ["[records]", f'reader = "{inspected.reader}"', f"files  = {json.dumps(files)}"]
+    if inspected.clock is not None and not inspected.clock.name.endswith(".time"):
+        column = json.dumps(inspected.clock.name, ensure_ascii=False)
+        lines.append(
+            f'time   = {{ column = {column}, unit = "{inspected.clock.unit or "FILL IN"}" }}'
+        )
     return "\n".join(lines) + "\n\n"
 
 
@@ -269,7 +270,7 @@ def trials_block(table: Table) -> str:
     """[trials] of a table of trials, [records] where it holds their mean lifts, and how its columns
     are to be called.
     """
-    _, section = table.schedule(table.own_ids(), means=table.means)
+    _, section = table.schedule(table.row_ids(), means=table.means)
     other = [
         f"{table.names[place]} -> {name}"
         for name, (place, _) in table.meant.items()
@@ -280,23 +281,24 @@ def trials_block(table: Table) -> str:
     return f"{MEANS if table.means else ''}\n{how if other else ''}{section}".lstrip()
 
 
-def records_block(found: Found, files: str | None = None) -> str:
+def records_block(inspected: Found, files: str | None = None) -> str:
     """The [load_cell] and [records] tables of a manifest, with what cannot be known
     marked FILL IN.
     """
     pattern = (
         files
         if files is not None
-        else found.path.name
-        if found.reader == "parquet"
-        else f"{{{'trial' if found.ramp is None else 'record'}}}{found.path.suffix}"
+        else inspected.path.name
+        if inspected.reader == "parquet"
+        else f"{{{'trial' if inspected.ramp is None else 'record'}}}{inspected.path.suffix}"
     )
     rates = {
-        c.rate_Hz for c in ([found.force] if found.force is not None else found.contents.channels)
+        c.rate_Hz
+        for c in ([inspected.force] if inspected.force is not None else inspected.contents.channels)
     }
     rate = rates.pop() if len(rates) == 1 else None
     why = "the file does not say" if rates <= {None} else "that of the force: the channels differ"
-    doubt = found.doubt
+    doubt = inspected.doubt
     lines = [
         "[load_cell]",
         (
@@ -314,34 +316,34 @@ def records_block(found: Found, files: str | None = None) -> str:
     ]
     lines += [
         "[records]",
-        f'reader = "{found.reader}"',
+        f'reader = "{inspected.reader}"',
         f"files  = {json.dumps(pattern, ensure_ascii=False)}",
     ]
-    if found.force is None:
-        names = ", ".join(c.name for c in found.contents.channels[:8])
+    if inspected.force is None:
+        names = ", ".join(c.name for c in inspected.contents.channels[:8])
         lines.append(
             f'force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # one of: {names}'
         )
     else:
-        unit = AS_FORCE.get(found.force.unit, found.force.unit)
-        column = json.dumps(found.force.name, ensure_ascii=False)
+        unit = AS_FORCE.get(inspected.force.unit, inspected.force.unit)
+        column = json.dumps(inspected.force.name, ensure_ascii=False)
         if unit == "count":
             lines.append(
                 f'force  = {{ column = {column}, unit = "count", sign = 1, calibration = {{ gain ='
                 ' "FILL IN mN/count", offset = "FILL IN count" } }'
             )
         else:
-            told = [] if unit in FORCE_UNITS else ["the file does not say the unit"]
-            known = found.force.values[np.isfinite(found.force.values)]
+            remarks = [] if unit in FORCE_UNITS else ["the file does not say the unit"]
+            known = inspected.force.values[np.isfinite(inspected.force.values)]
             if len(known) and -float(known.min()) > 3 * abs(float(known.max())):
-                told.append("sign = -1 if lift makes these numbers negative")
-            remark = "   # " + "; ".join(told) if told else ""
+                remarks.append("sign = -1 if lift makes these numbers negative")
+            remark = "   # " + "; ".join(remarks) if remarks else ""
             lines.append(
                 f"force  = {{ column = {column}, unit ="
                 f' "{unit if unit in FORCE_UNITS else "FILL IN"}", sign = 1 }}{remark}'
             )
-    named = {"columns": [c.name for c in found.contents.channels]} if found.columns else {}
-    if dialect := {**found.dialect, **named}:
+    named = {"columns": [c.name for c in inspected.contents.channels]} if inspected.columns else {}
+    if dialect := {**inspected.dialect, **named}:
         # texts, whole numbers, booleans and lists of texts are the same in JSON
         items = ", ".join(
             f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in dialect.items()
@@ -350,27 +352,29 @@ def records_block(found: Found, files: str | None = None) -> str:
             f"dialect = {{ {items} }}"
             + ("   # the file names none: FILL IN what they are" if named else "")
         )
-    if found.clock is not None and found.clock is not found.force and not doubt:
+    if inspected.clock is not None and inspected.clock is not inspected.force and not doubt:
         # a clock whose unit cannot be right is left out
-        seconds = None if found.clock.unit else meaning.clock_rate(replace(found.clock, unit="s"))
+        seconds = (
+            None if inspected.clock.unit else meaning.clock_rate(replace(inspected.clock, unit="s"))
+        )
         lines.append(
-            f"time   = {{ column = {json.dumps(found.clock.name, ensure_ascii=False)}, unit ="
-            f' "{found.clock.unit or "FILL IN"}" }}'
+            f"time   = {{ column = {json.dumps(inspected.clock.name, ensure_ascii=False)}, unit ="
+            f' "{inspected.clock.unit or "FILL IN"}" }}'
             + (f"   # in s the rate is {seconds:.6g} Hz" if seconds else "")
         )
-    cut = "" if found.ramp is None or files is not None else f"\n{found.ramp.segments}"
+    cut = "" if inspected.ramp is None or files is not None else f"\n{inspected.ramp.segments}"
     return "\n".join(lines) + "\n" + cut
 
 
-def as_json(found: Found) -> dict[str, object]:
+def as_json(inspected: Found) -> dict[str, object]:
     """The same for machines."""
     return {
-        "file": str(found.path),
-        "reader": found.reader,
-        "kind": found.contents.kind,
-        "bytes": found.bytes,
-        "codes": list(found.contents.codes),
-        "notes": list(found.contents.notes),
+        "file": str(inspected.path),
+        "reader": inspected.reader,
+        "kind": inspected.contents.kind,
+        "bytes": inspected.bytes,
+        "codes": list(inspected.contents.codes),
+        "notes": list(inspected.contents.notes),
         "channels": [
             {
                 "name": c.name,
@@ -380,13 +384,13 @@ def as_json(found: Found) -> dict[str, object]:
                 "lowest": float(np.nanmin(c.values)) if np.isfinite(c.values).any() else None,
                 "highest": float(np.nanmax(c.values)) if np.isfinite(c.values).any() else None,
             }
-            for c in found.contents.channels
+            for c in inspected.contents.channels
         ],
-        "force": found.force.name if found.force else None,
-        "sweep": None if found.ramp is None else found.ramp.words,
-        "piv": None if found.grid is None else found.grid.format,
-        "means": found.table is not None and found.table.means,
-        "records": block(found),
+        "force": inspected.force.name if inspected.force else None,
+        "sweep": None if inspected.ramp is None else inspected.ramp.words,
+        "piv": None if inspected.grid is None else inspected.grid.format,
+        "means": inspected.table is not None and inspected.table.means,
+        "records": block(inspected),
     }
 
 
@@ -395,5 +399,5 @@ def as_json(found: Found) -> dict[str, object]:
 @DIALECT
 def command(call: Call, file: Path, dialect: str) -> None:
     """Channels, sparklines and the block to paste."""
-    found = inspect(file, dialect_of(dialect))
-    call.answer(as_json(found), described(found))
+    inspected = inspect(file, dialect_of(dialect))
+    call.answer(as_json(inspected), described(inspected))

@@ -115,8 +115,8 @@ def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel 
     """The channel that may be the clock of the force."""
     group = force.name.rpartition(".")[0] if force is not None and "." in force.name else ""
     clocks = [c for c in channels if c.unit in ("", *SECONDS) and is_clock(c.name)]
-    own = [c for c in clocks if c.name.rpartition(".")[0] == group]
-    return next(iter(own or clocks), None)
+    in_group = [c for c in clocks if c.name.rpartition(".")[0] == group]
+    return next(iter(in_group or clocks), None)
 
 
 def is_clock(name: str) -> bool:

@@ -158,13 +158,13 @@ def write_from(
     if (folder / "campaign.toml").exists():
         raise _there(folder / "campaign.toml")
     files = [file for path in files for file in (_within(path) if path.is_dir() else (path,))]
-    own = folder / "trials.csv"
-    beside = own.exists() and own not in files
-    records, table = _parted([*files, own] if beside else files, dialect or {})
-    if beside and own in records:
-        raise _there(own)
-    found = [inspect(path, dialect, record=i > 0) for i, path in enumerate(records)]
-    first = found[0]
+    listing = folder / "trials.csv"
+    has_listing = listing.exists() and listing not in files
+    records, table = _parted([*files, listing] if has_listing else files, dialect or {})
+    if has_listing and listing in records:
+        raise _there(listing)
+    inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(records)]
+    first = inspected[0]
     if first.grid is not None:
         raise UsageError(
             str(first.path),
@@ -173,25 +173,25 @@ def write_from(
             " manifest of a campaign of forces",
         )
     means = first.table if first.table is not None and first.table.means else None
-    means = means if len(found) == 1 else None
-    if means is None and own in records:
+    means = means if len(inspected) == 1 else None
+    if means is None and listing in records:
         raise UsageError(
-            str(own),
+            str(listing),
             "lists trials, and neither lifts nor the names of the files beside it",
             "name the records, or the folder that they are in: nearlift new DIR --from FILES",
         )
     copies: dict[Path, Path] = {}
     if means is not None:
-        block, trials, table = MEANS, means.own_ids(), means
+        block, trials, table = MEANS, means.row_ids(), means
     else:
-        _of_one_kind(found)
-        block, trials, copies = _records(folder, found)
+        _of_one_kind(inspected)
+        block, trials, copies = _records(folder, inspected)
     flown = means is None and first.flight is not None
     if flown:
         lines = [f"{cell(record)},FILL IN" for record in trials]
         schedule, section = "\n".join(["record,boundary", *lines]), FLOWN_TRIALS
         more = [f"trials.csv: boundary of {len(trials)} logs"]
-    elif table is None and means is None and _swept(found):
+    elif table is None and means is None and _swept(inspected):
         # the throttle is what the pieces say
         lines = [f"{cell(record)},FILL IN,FILL IN" for record in trials]
         schedule = "\n".join(["record,boundary,distance", *lines])
@@ -203,7 +203,7 @@ def write_from(
         more = [f"trials.csv: boundary, distance and throttle of {len(trials)} trials"]
     else:
         ids = trials if means is not None else table.ids(trials) or trials
-        of_records = means is None and bool(_swept(found))
+        of_records = means is None and bool(_swept(inspected))
         schedule, section = table.schedule(ids, means=means is not None, of_records=of_records)
         more = table.wanted(means=means is not None)
     held = "command" if flown else BLANK
@@ -230,33 +230,33 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
     return list(files), None
 
 
-def _of_one_kind(found: list[Found]) -> None:
+def _of_one_kind(inspected: list[Found]) -> None:
     """See that one reader reads all, with the same channels."""
-    if {f.reader for f in found} == {csv_trial.READER.name, TEXT.name}:
+    if {f.reader for f in inspected} == {csv_trial.READER.name, TEXT.name}:
         # the one that reads plain CSV as well
-        found[:] = [replace(f, reader=TEXT.name) for f in found]
-    for other in found[1:]:
-        if other.reader != found[0].reader or {c.name for c in other.contents.channels} != {
-            c.name for c in found[0].contents.channels
+        inspected[:] = [replace(f, reader=TEXT.name) for f in inspected]
+    for other in inspected[1:]:
+        if other.reader != inspected[0].reader or {c.name for c in other.contents.channels} != {
+            c.name for c in inspected[0].contents.channels
         }:
             raise InputRefused(
                 str(other.path),
-                f"is {other.contents.kind} with other channels than {found[0].path.name}",
+                f"is {other.contents.kind} with other channels than {inspected[0].path.name}",
                 "make a campaign of files of one kind, and of one table that lists them in a column",
             )
-    if found[0].reader == parquet.READER.name and len(found) > 1:
+    if inspected[0].reader == parquet.READER.name and len(inspected) > 1:
         raise UsageError(
-            "--from", f"names {len(found)} tables", "a campaign takes one long table of Parquet"
+            "--from", f"names {len(inspected)} tables", "a campaign takes one long table of Parquet"
         )
 
 
-def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict[Path, Path]]:
+def _records(folder: Path, inspected: Sequence[Found]) -> tuple[str, list[str], dict[Path, Path]]:
     """[load_cell] and [records] of the records, their trials, and where which is to be copied."""
     root = folder.resolve()
-    paths = [f.path for f in found]
+    paths = [f.path for f in inspected]
     inside = all(path.resolve().is_relative_to(root) for path in paths)
-    long, flight = found[0].reader == parquet.READER.name, found[0].flight
-    cut = _swept(found)
+    long, flight = inspected[0].reader == parquet.READER.name, inspected[0].flight
+    cut = _swept(inspected)
     targets = [
         path.resolve().relative_to(root).as_posix()
         if inside
@@ -274,9 +274,9 @@ def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict
         files = f"{before}{{{'record' if flight or cut else 'trial'}}}{after}"
         trials = [target[len(before) : len(target) - len(after)] for target in targets]
     if flight is not None:
-        block = flight_records(found[0], files) + flight_block(flight, found[0].contents)
+        block = flight_records(inspected[0], files) + flight_block(flight, inspected[0].contents)
     else:
-        block = records_block(found[0], files).replace("\n[records]", CELL + "\n[records]")
+        block = records_block(inspected[0], files).replace("\n[records]", CELL + "\n[records]")
         block += f"\n{cut}" if cut else ""
     return (
         block,
@@ -285,9 +285,9 @@ def _records(folder: Path, found: Sequence[Found]) -> tuple[str, list[str], dict
     )
 
 
-def _swept(found: Sequence[Found]) -> str:
+def _swept(inspected: Sequence[Found]) -> str:
     """The [segments] of records that are all sweeps of the throttle; empty of others."""
-    ramps = [f.ramp for f in found]
+    ramps = [f.ramp for f in inspected]
     return ramps[0].segments if ramps[0] is not None and all(ramps) else ""
 
 

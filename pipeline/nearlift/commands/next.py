@@ -65,24 +65,24 @@ def command(
     if as_csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
-        found, elsewhere = next_visits.run(job, asked, count)
-        rows = next_rows.as_schedule(job, found) if as_csv else ""
-    boundaries = {of.boundary: of.content for of in found}
+        batches, elsewhere = next_visits.run(job, asked, count)
+        rows = next_rows.as_schedule(job, batches) if as_csv else ""
+    boundaries = {batch.boundary: batch.content for batch in batches}
     call.answer(
         {"campaign": job.campaign.name, "boundaries": boundaries, "notes": elsewhere},
-        rows or "\n\n".join([*map(_text, found), *elsewhere]),
+        rows or "\n\n".join([*map(_text, batches), *elsewhere]),
     )
 
 
-def _text(found: NextVisits) -> str:
+def _text(batch: NextVisits) -> str:
     """The visits as a short table, and what they bring."""
-    moved = any(v.supply_V is not None for v in found.visits)
+    moved = any(v.supply_V is not None for v in batch.visits)
     lines = [
-        f"{found.boundary}, {found.trials} trials, {found.base_model}",
+        f"{batch.boundary}, {batch.trials} trials, {batch.base_model}",
         "",
         "visit   distance     z/R" + ("  supply" if moved else "") + "   throttles",
     ]
-    for i, v in enumerate(found.visits):
+    for i, v in enumerate(batch.visits):
         free = v.z_hat == float("inf")
         where = f"{'free air':>11}" if free else f"{1e3 * v.distance_m:8.2f} mm"
         supply = f"{v.supply_V:6.2f} V" if v.supply_V is not None else ""
@@ -90,4 +90,4 @@ def _text(found: NextVisits) -> str:
         ratio = "" if free else f"{v.z_hat:.3g}"
         via = f", from {1e3 * v.via_m:.2f} mm" if v.via_m is not None else ""
         lines.append(f"{i + 1:>5}{where}{ratio:>8}{supply}   {throttles} %{via}")
-    return "\n".join([*lines, "", *found.lines, *(f"note: {note}" for note in found.notes)])
+    return "\n".join([*lines, "", *batch.lines, *(f"note: {note}" for note in batch.notes)])

@@ -25,5 +25,5 @@ def answer(campaign: Path, given: Mapping[str, object], call: Call) -> None:
     fields = {name.removesuffix("_u"): value for name, value in given.items()}
     reading = validated(Reading, fields, "nearlift detect")
     with call.job(campaign) as job:
-        found = read(job, reading)
-    call.answer(encode(found), found.text)
+        result = read(job, reading)
+    call.answer(encode(result), result.text)

@@ -116,8 +116,8 @@ def follow(call: Call, campaign: Path, period_s: float, asked: Asked | None) -> 
     looks = watch(
         campaign, call.out, call.executor, call.seed, period_s, call.progress, STAGES, asked
     )
-    for found in looks:
-        for line in (found.words, *found.next):
+    for latest in looks:
+        for line in (latest.words, *latest.next):
             call.line(line)
         if call.as_json:
-            click.echo(json.dumps(asdict(found)))
+            click.echo(json.dumps(asdict(latest)))

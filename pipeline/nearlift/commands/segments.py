@@ -39,10 +39,10 @@ def told(record: Segmented, rate_Hz: float) -> dict[str, object]:
     }
 
 
-def described(found: list[dict[str, Any]]) -> list[str]:
+def described(records: list[dict[str, Any]]) -> list[str]:
     """The same in words: a line for each record, and one for each of its pieces."""
     lines = []
-    for record in found:
+    for record in records:
         lines.append(
             f"{record['record']}: {len(record['pieces'])} pieces, {record['too_short']} too short,"
             f" {record['at_rest']} at rest; {record['settling_s']:.3g} s settling,"
@@ -82,10 +82,10 @@ def command(call: Call, campaign: Path) -> None:
         segments.read(given, campaign, reader, record, path)
         for record, (path, _) in per_trial(given, campaign, ids).items()
     ]
-    found = [told(record, rate) for record in records]
+    contents = [told(record, rate) for record in records]
     place = call.out / "reports" / given.name / PICTURE
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(segments_preview.picture(records, rate))
     call.answer(
-        {"picture": str(place), "records": found}, "\n".join([*described(found), str(place)])
+        {"picture": str(place), "records": contents}, "\n".join([*described(contents), str(place)])
     )

@@ -101,7 +101,7 @@ def execute(
             call.line(f"  ... and {len(rejected) - LISTED} more (-v lists all)")
     code = SOME_TRIALS_REJECTED if rejected else 0
     if call.as_json:
-        told = [
+        stages = [
             {
                 "stage": step.stage.name,
                 "why": step.why,
@@ -115,7 +115,7 @@ def execute(
             "campaign": job.campaign.name,
             "exit_code": code,
             "report": str(report) if report.is_file() else None,
-            "stages": told,
+            "stages": stages,
         }
         click.echo(json.dumps(content))
     elif report.is_file() and not call.quiet and wanted[-1].report:

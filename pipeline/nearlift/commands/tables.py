@@ -58,12 +58,12 @@ class Table:
         """
         for cells in zip(*self.rows, strict=True):
             ids = [Path(cell).stem if Path(cell).suffix else cell for cell in cells]
-            for own in (list(cells), ids):
-                if set(wanted) <= set(own):
-                    return own
+            for candidate in (list(cells), ids):
+                if set(wanted) <= set(candidate):
+                    return candidate
         return None
 
-    def own_ids(self) -> list[str]:
+    def row_ids(self) -> list[str]:
         """The trial of every row, from the column of that name, else counted."""
         if "trial" in self.meant:
             cells = [row[self.meant["trial"][0]] for row in self.rows]

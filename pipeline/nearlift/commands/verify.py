@@ -37,19 +37,19 @@ def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[st
     for case in campaign.piv.case if campaign.piv is not None else ():
         label, files = listing(root, case)
         grids[label] = store.listing_sha256({name: store.sha256(root / name) for name in files})
-    found = []
+    differing = []
     for name, sha in inputs.items():
         if name.startswith(PIV_INPUT):
             if grids.get(name) != sha:
-                found.append(
+                differing.append(
                     f"{name}:"
                     f" {'are not what they were' if name in grids else 'are other files by now'}"
                 )
         else:
-            found += _difference(root / name, sha)
+            differing += _difference(root / name, sha)
     for name, sha in outputs.items():
-        found += _difference(homes.place(name), sha)
-    return len(inputs) + len(outputs), found
+        differing += _difference(homes.place(name), sha)
+    return len(inputs) + len(outputs), differing
 
 
 def _entries(content: dict[str, Any], where: str) -> tuple[dict[str, str], dict[str, str]]:

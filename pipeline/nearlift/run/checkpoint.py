@@ -46,8 +46,8 @@ class Checkpoint:
 
     def _read(self, i: int) -> Block | None:
         try:
-            with np.load(io.BytesIO(self._path(i).read_bytes()), allow_pickle=False) as found:
-                content: dict[str, Any] = {name: found[name] for name in (*FIELDS, "key")}
+            with np.load(io.BytesIO(self._path(i).read_bytes()), allow_pickle=False) as file:
+                content: dict[str, Any] = {name: file[name] for name in (*FIELDS, "key")}
         except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile):
             return None
         if str(content.pop("key")) != self.key:

@@ -93,8 +93,8 @@ def shared_out(
     `task` does.
     """
 
-    def work(own: Sequence[Task], answers: IO[bytes]) -> None:
-        for spec in own:
+    def work(share: Sequence[Task], answers: IO[bytes]) -> None:
+        for spec in share:
             pickle.dump(task(spec), answers)
             answers.flush()
 

@@ -75,8 +75,9 @@ class Chain:
         elif count == TELLING and self.began is not None:
             left = (self.blocks - count) * (time.monotonic() - self.began) / (count - 1)
             if left > LONG_S:
-                told = _time(left)
-                self.say(f"{self.what}: by a chain, about {told} more if it takes all its steps")
+                self.say(
+                    f"{self.what}: by a chain, about {_time(left)} more if it takes all its steps"
+                )
 
 
 def _time(seconds: float) -> str:

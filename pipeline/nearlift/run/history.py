@@ -54,12 +54,12 @@ class Kept:
         if not self.results:
             return ("put aside by undo, not run",)
         try:
-            found = store.load(self.folder / RESULTS.file, Results)
+            results = store.load(self.folder / RESULTS.file, Results)
         except ProductError as fault:
             return (f"{RESULTS.file} {fault.what}",)
         return tuple(
-            f"{boundary} {', '.join(filter(None, (own.headline_text, own.claim)))}"
-            for boundary, own in found.boundaries.items()
+            f"{boundary} {', '.join(filter(None, (result.headline_text, result.claim)))}"
+            for boundary, result in results.boundaries.items()
         )
 
 
@@ -82,8 +82,8 @@ def read(folder: Path) -> Kept | None:
 
 def folders(homes: Homes) -> list[Path]:
     """Those of the kept runs, damaged ones among them, the newest first."""
-    found = (homes.processed / FOLDER).glob("*-*")
-    return sorted((f for f in found if _NAME.fullmatch(f.name)), reverse=True)
+    named = (homes.processed / FOLDER).glob("*-*")
+    return sorted((folder for folder in named if _NAME.fullmatch(folder.name)), reverse=True)
 
 
 def runs(homes: Homes) -> Iterator[Kept]:
@@ -118,9 +118,9 @@ def remember(job: Job, manifest: bytes | None, wrote: bool, alone: bool) -> None
     try:
         with contextlib.nullcontext() if alone else locked(job.homes):
             now = keep(job.homes, manifest, results)
-            found = folders(job.homes)
-            again = [f for f in found if f.name.endswith(now.digest) and f != now.folder]
-            for old in (*again, *found[MOST + len(again) :]):
+            kept = folders(job.homes)
+            again = [f for f in kept if f.name.endswith(now.digest) and f != now.folder]
+            for old in (*again, *kept[MOST + len(again) :]):
                 shutil.rmtree(old, ignore_errors=True)
     except (OSError, Busy) as fault:
         if wrote:
@@ -177,9 +177,9 @@ def changes(old: bytes, new: bytes) -> tuple[Change, ...]:
     )
 
 
-def lines(found: tuple[Change, ...]) -> list[str]:
+def lines(differing: tuple[Change, ...]) -> list[str]:
     """The same in words, a line each."""
-    return [f"  {key}: {old or 'absent'} -> {new or 'absent'}" for key, old, new in found]
+    return [f"  {key}: {old or 'absent'} -> {new or 'absent'}" for key, old, new in differing]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -231,10 +231,10 @@ def _nothing(root: Path) -> UsageError:
 
 def _chosen(root: Path, kept: list[Kept], present: bytes, wanted: str) -> Kept:
     if not wanted:
-        found = next((run for run in kept if run.manifest != present), None)
-        if found is None:
+        other = next((run for run in kept if run.manifest != present), None)
+        if other is None:
             raise _nothing(root)
-        return found
+        return other
     named = [run for run in kept if run.digest.startswith(wanted)]
     if not named or len({run.digest for run in named}) > 1:
         raise UsageError(
@@ -256,7 +256,7 @@ def name_of(path: Path) -> str:
     if not path.is_file():
         raise ManifestError(str(path), "is missing", "name the campaign's folder")
     head = re.split(r"^\s*\[", path.read_text(errors="replace"), maxsplit=1, flags=re.MULTILINE)[0]
-    found = re.search(r"""^\s*name\s*=\s*["'](\w[\w.-]*)["']""", head, re.MULTILINE)
-    if found is None:
+    match = re.search(r"""^\s*name\s*=\s*["'](\w[\w.-]*)["']""", head, re.MULTILINE)
+    if match is None:
         raise ManifestError(str(path), "names no campaign", 'say `name = "..."` above its tables')
-    return found[1]
+    return match[1]

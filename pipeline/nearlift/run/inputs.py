@@ -67,9 +67,9 @@ def digests(
             fresh[name]["sha256"] = sha
 
     overlays = (o.file for o in campaign.report.overlay if (root / o.file).is_file())
-    own = list(dict.fromkeys((*ingest.inputs(root, campaign), *overlays)))
-    look(own)
-    result.update((name, fresh[name]["sha256"]) for name in own)
+    listed = list(dict.fromkeys((*ingest.inputs(root, campaign), *overlays)))
+    look(listed)
+    result.update((name, fresh[name]["sha256"]) for name in listed)
     for case in campaign.piv.case if campaign.piv is not None else ():
         # hundreds of files in one line: names and digests of all of them
         label, files = listing(root, case)

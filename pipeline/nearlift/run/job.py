@@ -30,11 +30,11 @@ def silent(text: str, share: float | None = None, /) -> None:
     """Say nothing."""
 
 
-def part(say: Say, i: int, of: int) -> Say:
+def part(say: Say, i: int, count: int) -> Say:
     """What hears the `i`-th, from 0, of so many like parts of an activity."""
 
     def heard(text: str, share: float | None = None, /) -> None:
-        say(text, (i + (share or 0.0)) / of)
+        say(text, (i + (share or 0.0)) / count)
 
     return heard
 

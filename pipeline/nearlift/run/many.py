@@ -105,8 +105,8 @@ def _run(spec: Spec) -> End:
     except NearliftError as refusal:
         words = f"exit code {refusal.exit_code}: {str(refusal).splitlines()[0]}"
         return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran))
-    found = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
-    verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in found.items())
+    diagnosed = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
+    verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in diagnosed.items())
     words = (
         f"{verdicts or 'done'}"
         f"{f'; {rejected} trials rejected' if rejected else ''}"

@@ -36,10 +36,10 @@ def ordered(declared: Iterable[Stage]) -> tuple[Stage, ...]:
     DeclarationError
         Two stages have one name, or one reads what none before it has written.
     """
-    found: dict[str, Stage] = {}
+    stages: dict[str, Stage] = {}
     for stage in declared:
-        written = products(found.values())
-        if stage.name in found:
+        written = products(stages.values())
+        if stage.name in stages:
             raise DeclarationError(f"stage {stage.name}", "is declared twice", "rename one of them")
         if early := [p.file for p in stage.reads if p not in written]:
             raise DeclarationError(
@@ -47,8 +47,8 @@ def ordered(declared: Iterable[Stage]) -> tuple[Stage, ...]:
                 f"reads {early[0]}, which no stage before it writes",
                 "put it behind the one that does",
             )
-        found[stage.name] = replace(stage, reads=written) if stage.report else stage
-    return tuple(found.values())
+        stages[stage.name] = replace(stage, reads=written) if stage.report else stage
+    return tuple(stages.values())
 
 
 def products(stages: Iterable[Stage]) -> tuple[Product, ...]:

@@ -145,7 +145,7 @@ def sha256_of(
     """
     if len(paths) < 2:
         return [sha256(path) for path in paths]
-    found = [""] * len(paths)
+    digests = [""] * len(paths)
     with contextlib.ExitStack() as held:
         shares = [range(i, len(paths), WORKERS) for i in range(WORKERS if copies.alone() else 0)]
         answers = [
@@ -156,9 +156,9 @@ def sha256_of(
         for share, answer in zip(shares, answers, strict=True):
             content = answer.read().decode() if answer else ""
             for k, i in enumerate(share):
-                found[i] = content[HEX * k : HEX * (k + 1)]
+                digests[i] = content[HEX * k : HEX * (k + 1)]
     # what could not be read says why when it is read here
-    return found if all(len(digest) == HEX for digest in found) else _sha256_here(paths)
+    return digests if all(len(digest) == HEX for digest in digests) else _sha256_here(paths)
 
 
 def _write_digests(paths: Sequence[str | Path], file: IO[bytes]) -> None:
@@ -176,8 +176,8 @@ def _sha256_here(paths: Sequence[str | Path]) -> list[str]:
     with ThreadPoolExecutor(WORKERS) as pool:
         return [
             digest
-            for found in pool.map(lambda portion: [sha256(path) for path in portion], portions)
-            for digest in found
+            for digests in pool.map(lambda portion: [sha256(path) for path in portion], portions)
+            for digest in digests
         ]
 
 

@@ -93,13 +93,13 @@ def watch(
         now = _stamps(root)
         if again or now != seen:
             seen = now
-            found, again = _round(root, out, executor, seed, say, stages, asked)
-            if 0 < longest < found.scheduled and not found.planned:
-                found = replace(found, words=f"{found.words}; {GROWS}")
-            longest = max(longest, found.scheduled)
-            if found.ran or found.refused or waiting:
-                yield found
-            waiting = bool(found.refused)
+            latest, again = _round(root, out, executor, seed, say, stages, asked)
+            if 0 < longest < latest.scheduled and not latest.planned:
+                latest = replace(latest, words=f"{latest.words}; {GROWS}")
+            longest = max(longest, latest.scheduled)
+            if latest.ran or latest.refused or waiting:
+                yield latest
+            waiting = bool(latest.refused)
         time.sleep(period_s)
 
 
@@ -107,7 +107,7 @@ def _stamps(root: Path) -> dict[str, tuple[int, int]]:
     """Size and time of last change of every file in the campaign's folder; links are not
     followed.
     """
-    found = {}
+    stamps = {}
     for folder, _, names in os.walk(root):
         for name in names:
             path = Path(folder, name)
@@ -115,8 +115,8 @@ def _stamps(root: Path) -> dict[str, tuple[int, int]]:
                 status = path.lstat()
             except FileNotFoundError:
                 continue  # renamed meanwhile
-            found[str(path)] = (status.st_size, status.st_mtime_ns)
-    return found
+            stamps[str(path)] = (status.st_size, status.st_mtime_ns)
+    return stamps
 
 
 def _round(
@@ -140,7 +140,7 @@ def _round(
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]
             planned = job.campaign.diagnose.planned_trials is not None
-            found = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING)
+            diagnosis = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING)
             quoted = store.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
             visits = _next(job, asked) if asked and ran else ()
     except NearliftError as refusal:
@@ -148,7 +148,7 @@ def _round(
             ran=tuple(ran), words=f"waiting: {str(refusal).splitlines()[0]}", refused=str(refusal)
         ), isinstance(refusal, Busy)
     good = len(quality) - int(rejected(quality).sum())
-    words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted, found)])
+    words = "; ".join([f"{good} of {len(quality)} trials", *_headlines(quoted, diagnosis)])
     done = Round(
         ran=tuple(ran),
         good=good,
@@ -165,20 +165,20 @@ def _next(job: Job, asked: Asked) -> tuple[str, ...]:
     from nearlift.stages import next_visits
 
     try:
-        found, elsewhere = next_visits.run(job, asked)
+        batches, elsewhere = next_visits.run(job, asked)
     except NearliftError as refusal:
         return (f"next: {refusal.what}; {refusal.remedy}",)
-    return (*(line for of in found for line in of.brief), *elsewhere)
+    return (*(line for batch in batches for line in batch.brief), *elsewhere)
 
 
 def _headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
     """Each boundary's first coefficient, as quoted, the verdict behind it, and what a claim needs
     where trials are still to come.
     """
-    for boundary, own in quoted.boundaries.items():
-        if own.headline:
-            yield f"{boundary} {own.headline_text}"
-        if own.verdict != NOT_DIAGNOSED:
-            found = diagnosis.boundaries.get(boundary)
-            look = found.look if isinstance(found, BoundaryDiagnosis) else None
-            yield f"{boundary} {own.claim}" + (f" ({look.text})" if look else "")
+    for boundary, result in quoted.boundaries.items():
+        if result.headline:
+            yield f"{boundary} {result.headline_text}"
+        if result.verdict != NOT_DIAGNOSED:
+            diagnosed = diagnosis.boundaries.get(boundary)
+            look = diagnosed.look if isinstance(diagnosed, BoundaryDiagnosis) else None
+            yield f"{boundary} {result.claim}" + (f" ({look.text})" if look else "")

@@ -62,7 +62,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
     made = plan(job.campaign, job.root, job.seed)
     parts = budget.components(job.campaign)
     options = chosen(job)
-    found: dict[str, Any] = {
+    answer: dict[str, Any] = {
         "campaign": job.campaign.name,
         "plan": made.source,
         "assumed": list(made.assumed),
@@ -87,7 +87,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
         try:
             foresight, library, untestable = planned(data, base, parts, noise, options, theta)
         except NotConverged as fault:
-            found["notes"].append(f"{boundary}: {fault.what}; {fault.remedy}")
+            answer["notes"].append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
         variants = {}
         if made.design is None and "both directions" not in options.not_feasible:
@@ -97,20 +97,20 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
                 variants[text] = derive(other, other.level_medians(other.lift_N)[other.level])
         result = outlook(foresight, library, variants)
         expected = {k: getattr(noise, k) for k in ("relative", "force_N", "height_m", "source")}
-        found["boundaries"][boundary] = result | {
+        answer["boundaries"][boundary] = result | {
             "expected_noise": expected,
             "untestable": untestable,
         }
-    if not found["boundaries"]:
+    if not answer["boundaries"]:
         raise NotConverged(
             f"design of {job.campaign.name}",
-            "; ".join(found["notes"]) or "no trial is planned",
+            "; ".join(answer["notes"]) or "no trial is planned",
             "plan more trials",
         )
     drawn = made.design or draw(job.campaign, job.seed, _read_off(job.campaign, made))
-    found["schedule"] = _write(job, drawn, target)
-    found["files"] = _draw(job, found)
-    return found
+    answer["schedule"] = _write(job, drawn, target)
+    answer["files"] = _draw(job, answer)
+    return answer
 
 
 def _target(job: Job, write: Path | None) -> Path:
@@ -242,7 +242,7 @@ def outside(campaign: Campaign, name: str, value: float) -> str:
     return f"{(value - offset) / factor:.6g}"
 
 
-def _draw(job: Job, found: dict[str, object]) -> list[str]:
+def _draw(job: Job, answer: dict[str, object]) -> list[str]:
     """Numbers as JSON, the figure as pdf, png and csv; the paths written."""
     from nearlift.report.figures import design as picture
     from nearlift.report.figures import design as summary
@@ -250,10 +250,10 @@ def _draw(job: Job, found: dict[str, object]) -> list[str]:
     from nearlift.report.figures.style import style
     from nearlift.report.tidy import to_csv
 
-    table = summary.rows(found)
+    table = summary.rows(answer)
     files = render(picture.draw, table, style(job.campaign.report.style))
     content = {
-        "design.json": store.json_bytes(found),
+        "design.json": store.json_bytes(answer),
         "design.pdf": files["pdf"],
         "design.png": files["png"],
         "design.csv": to_csv(table),

@@ -58,7 +58,7 @@ def run(job: Job) -> Outcome:
         )
         base, _ = choice(job.campaign, boundary)
         try:
-            found = diagnose(
+            diagnosis = diagnose(
                 data,
                 base,
                 parts,
@@ -77,43 +77,43 @@ def run(job: Job) -> Outcome:
             )
             notes.append(f"{boundary}: not diagnosed: {reason}")
             continue
-        findings[boundary] = found.findings
-        if look := found.findings.look:
+        findings[boundary] = diagnosis.findings
+        if look := diagnosis.findings.look:
             notes.append(f"{boundary}: {look.text}")
-        if could := found.findings.sensitivity:
+        if could := diagnosis.findings.sensitivity:
             notes.append(f"{boundary}: {data.n} trials {could}")
         # the same likelihood but for its noise
         quoted[boundary] = (
-            found.quoted.doubting(shape_doubts(fitted.boundaries[boundary][base.name]))
-            if found.quoted.verdict == "adequate"
-            else found.quoted
+            diagnosis.quoted.doubting(shape_doubts(fitted.boundaries[boundary][base.name]))
+            if diagnosis.quoted.verdict == "adequate"
+            else diagnosis.quoted
         )
         notes += [
-            f"{boundary}: {told}"
-            for told in (
-                *(found.findings.contradicted or ()),
-                wandering(found.findings.wander) if found.findings.wander else "",
-                found.quoted.leaning,
+            f"{boundary}: {remark}"
+            for remark in (
+                *(diagnosis.findings.contradicted or ()),
+                wandering(diagnosis.findings.wander) if diagnosis.findings.wander else "",
+                diagnosis.quoted.leaning,
             )
-            if told
+            if remark
         ]
         residuals.append(
             {
-                "boundary": np.full(len(found.residuals["trial"]), boundary, dtype=object),
-                **found.residuals,
+                "boundary": np.full(len(diagnosis.residuals["trial"]), boundary, dtype=object),
+                **diagnosis.residuals,
             }
         )
     job.write(LOOP_RESIDUALS, stacked(LOOP_RESIDUALS, residuals))
     job.save(DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries=findings))
-    quoted, told = flown.quoted(job, trials, quoted)
-    notes += told
+    quoted, more_notes = flown.quoted(job, trials, quoted)
+    notes += more_notes
     job.save(Results(boundaries=quoted))
     return Outcome(notes=tuple(notes))
 
 
-def _fold(say: Say, boundary: Boundary, fold: int, of: int) -> None:
+def _fold(say: Say, boundary: Boundary, fold: int, count: int) -> None:
     # the search itself, and what follows the folds, take as long as one of them
-    say(f"diagnose {boundary}: fold {fold + 1} of {of}", (fold + 1) / (of + 2))
+    say(f"diagnose {boundary}: fold {fold + 1} of {count}", (fold + 1) / (count + 2))
 
 
 def chosen(job: Job) -> Options:

@@ -53,7 +53,7 @@ def run(job: Job, name: str) -> dict[str, object]:
     options = chosen(job)
     nothing = DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries={})
     loop = store.load_if_whole(job.processed / DIAGNOSIS.file, nothing).boundaries
-    told: dict[str, object] = {}
+    explained: dict[str, object] = {}
     pictures: list[Columns] = []
     refused = []
     present = boundaries(trials)
@@ -73,26 +73,26 @@ def run(job: Job, name: str) -> dict[str, object]:
             stage = dataclasses.replace(stage, noise=diagnosed.noise)
         else:
             diagnosed = None
-        told[boundary], rows = _at(
+        explained[boundary], rows = _at(
             stage, effect, library, untestable, diagnosed, boundary, job.seed
         )
         pictures += rows
-    if not told:
+    if not explained:
         raise InputRefused(
             job.campaign.name,
             "; ".join(refused) or "no trial was accepted",
             "an explanation needs what a diagnosis needs",
         )
-    found = {
+    answer = {
         **_words(effect),
         "campaign": job.campaign.name,
-        "boundaries": told,
+        "boundaries": explained,
         "notes": refused,
         "files": [],
     }
     if pictures:
-        found["files"] = _draw(job, name, pictures)
-    return found
+        answer["files"] = _draw(job, name, pictures)
+    return answer
 
 
 def _words(effect: Effect) -> dict[str, object]:
@@ -165,8 +165,8 @@ def _at(
     foresight = Foresight(stage=stage, seed=seed)
     sizes, rows = [], []
     for handle in handles(effect):
-        found, table = _size(foresight, handle, boundary)
-        sizes.append(found)
+        size, table = _size(foresight, handle, boundary)
+        sizes.append(size)
         rows.append(table)
     return common | {"share_visible": visibility(stage, effect), "sizes": sizes}, rows
 
@@ -197,7 +197,7 @@ def _size(
         for n, a in absorbed.items()
     ]
     confused.sort(key=lambda c: (-c["rival_chance"], -c["energy_absorbed"]))
-    found = {
+    size = {
         "parameter": handle.parameter.name,
         "unit": handle.parameter.unit,
         "meaning": handle.parameter.meaning,
@@ -226,7 +226,7 @@ def _size(
         },
     }
     noise, chance = floor(stage.data, stage.noise, stage.slope), stage.options.false_alarm_rate
-    return found, rows(stage.data, handle.effect, boundary, found, raw, left, noise, chance)
+    return size, rows(stage.data, handle.effect, boundary, size, raw, left, noise, chance)
 
 
 def _rms(x: Any) -> float:

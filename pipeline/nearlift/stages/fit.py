@@ -160,8 +160,8 @@ def run(job: Job) -> Outcome:
     posteriors.write()
     job.write(PROFILES, stacked(PROFILES, rows))
     job.save(results)
-    quoted, told = flown.quoted(job, trials, quoted)
-    notes += told
+    quoted, more_notes = flown.quoted(job, trials, quoted)
+    notes += more_notes
     job.save(Results(boundaries=quoted))
     if job.campaign.fit.netcdf:
         from nearlift.stages import netcdf
@@ -209,10 +209,10 @@ def overdeclared(result: Fit) -> list[str]:
 
     if not result.dof or chi2.cdf(result.chi2, result.dof) > SURELY_LESS:
         return []
-    found = f"chi² = {result.chi2:.3g} for {result.dof} degrees of freedom"
     where = result.problem.data.boundary
     note = (
-        f"{where}: trials scatter far less than the declared errors would have them ({found}): an"
-        " [[uncertainty]] is too large for its scope"
+        f"{where}: trials scatter far less than the declared errors would have them (chi² ="
+        f" {result.chi2:.3g} for {result.dof} degrees of freedom): an [[uncertainty]] is too large"
+        " for its scope"
     )
     return [f"{note}, and intervals are too wide"]

@@ -131,8 +131,8 @@ def _reduced(whole: Weighed) -> Rows:
     """Mean lift of each window, and its standard error from the scatter about a straight line: what
     a vehicle does in a quarter of a second is no noise. What windows share, the noise model finds.
     """
-    found = Rows(len(whole.pieces))
-    found.samples = np.diff([*whole.first, len(whole.lift_N)])
+    rows = Rows(len(whole.pieces))
+    rows.samples = np.diff([*whole.first, len(whole.lift_N)])
     also = tuple(c for c in whole.codes if not quality.code(c).rejects)
     known = np.isfinite(whole.lift_N)
     places = np.flatnonzero(known)
@@ -142,8 +142,8 @@ def _reduced(whole: Weighed) -> Rows:
     for n in distinct(held).tolist():
         if n < 3:
             continue
-        own = np.flatnonzero(held == n)
-        force = whole.lift_N[places[begins[own, None] + np.arange(n)]]
+        alike = np.flatnonzero(held == n)
+        force = whole.lift_N[places[begins[alike, None] + np.arange(n)]]
         along = np.asarray(np.arange(n) - (n - 1) / 2, dtype=np.float64)
         mean = force.mean(axis=1)
         slope = _dot(force, along) / (along @ along)
@@ -157,15 +157,15 @@ def _reduced(whole: Weighed) -> Rows:
             "sd_N": force.std(axis=1, ddof=1),
         }
         for name, values in real.items():
-            found.real[name][own] = values
-        found.n[own] = n
-    told = {code: ((code,) if code else ()) + also for code in {*whole.codes_of}}
+            rows.real[name][alike] = values
+        rows.n[alike] = n
+    codes = {code: ((code,) if code else ()) + also for code in {*whole.codes_of}}
     empty = (*also, "NO_DATA")
-    found.codes = [
-        told[code] if code or n >= 3 else empty
+    rows.codes = [
+        codes[code] if code or n >= 3 else empty
         for code, n in zip(whole.codes_of, held.tolist(), strict=True)
     ]
-    return found
+    return rows
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -183,8 +183,8 @@ def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[st
     for answer in answers.values():
         apart.setdefault(answer.rows.source_sha256[0], answer)
     stretches = [s for a in apart.values() for s in a.stretches]
-    found = motor_lag.estimate(stretches, given)
-    if found is None:
+    lag = motor_lag.estimate(stretches, given)
+    if lag is None:
         if given is None and any(a.clean.any() for a in answers.values()):
             raise InputRefused(
                 "flight.lag",
@@ -194,19 +194,19 @@ def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[st
         # nothing flies: why, the codes say
         return Lag(value_s=given or 0.0, u_s=0.0, power=USUAL_POWER), []
     if given is not None:
-        return found, []
-    if found.at_edge:
+        return lag, []
+    if lag.at_edge:
         raise InputRefused(
             "flight.lag",
-            f"the best lag is {1e3 * found.value_s:.0f} ms, the end of what is tried: lift does not"
+            f"the best lag is {1e3 * lag.value_s:.0f} ms, the end of what is tried: lift does not"
             " follow the command as a motor does",
             'mend [flight] command, or give the lag, such as "70 ms"',
         )
     note = (
-        f"the motors' lag is {1e3 * found.value_s:.1f} ms, standard uncertainty"
-        f" {1e3 * found.u_s:.1f} ms, from {len(stretches)} stretches of flight"
+        f"the motors' lag is {1e3 * lag.value_s:.1f} ms, standard uncertainty"
+        f" {1e3 * lag.u_s:.1f} ms, from {len(stretches)} stretches of flight"
     )
-    return found, [note]
+    return lag, [note]
 
 
 def _weights(lag: Lag) -> FloatArray:
@@ -223,11 +223,11 @@ def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> Pieces:
     throttle, slope = np.full((2, len(pieces)), np.nan)
     less, throttle[clean], more = (weights @ answer.command[clean][..., None])[..., 0].T
     slope[clean] = lag.power * np.log(more / less) / (2 * STEP_S)
-    own = {SLOPE: slope, "u_lag_s": np.where(clean, lag.u_s, np.nan)}
+    of_lag = {SLOPE: slope, "u_lag_s": np.where(clean, lag.u_s, np.nan)}
     return replace(
         pieces,
         brought={**pieces.brought, "throttle": throttle},
-        covariates={**pieces.covariates, **own},
+        covariates={**pieces.covariates, **of_lag},
     )
 
 

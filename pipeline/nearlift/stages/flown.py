@@ -90,32 +90,32 @@ def quoted(
     job: Job, trials: Table, results: Mapping[Boundary, BoundaryResult]
 ) -> tuple[dict[Boundary, BoundaryResult], list[str]]:
     """The results with what flights say put in, and notes; as they are of a tethered campaign."""
-    found, notes = dict(results), list[str]()
+    answers, notes = dict(results), list[str]()
     if job.campaign.flight is None:
-        return found, notes
+        return answers, notes
     for boundary, result in results.items():
         data = observe(trials, job.campaign, boundary)
         one = Determined(job.campaign, data)
         try:
-            told = one.determined()
+            determined = one.determined()
         except NotConverged as fault:
             notes.append(f"{boundary}: {fault.where} {fault.what}: {fault.remedy}")
-            told = None
+            determined = None
         model = catalogue.model(result.base_model)
         coefficients = one.coefficients(model, result.coefficients)
         hover = hovering.compared(job.campaign, trials, boundary)
-        found[boundary] = replace(
-            result, coefficients=coefficients, in_flight=told, hover=tuple(hover) or None
+        answers[boundary] = replace(
+            result, coefficients=coefficients, in_flight=determined, hover=tuple(hover) or None
         )
         notes += [f"{boundary}: {comparison.text}" for comparison in hover]
-        notes += [f"{boundary}: {name} is {why}" for name, why in found[boundary].refused.items()]
-        if told is not None:
-            gain, decay = (told[name] for name, _ in DETERMINED)
+        notes += [f"{boundary}: {name} is {why}" for name, why in answers[boundary].refused.items()]
+        if determined is not None:
+            gain, decay = (determined[name] for name, _ in DETERMINED)
             notes.append(
                 f"{boundary}: the gain at two radii is {gain.estimate} of lift (90 %:"
                 f" {gain.interval}); it decays over {decay.estimate} radii (90 %: {decay.interval})"
             )
-    return found, notes
+    return answers, notes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,12 +151,12 @@ class Determined:
             count = since_start(label)
             since = count / max(int(count.max()), 1)
             instruments = np.hstack([shapes, np.stack([since, since**2, *aside], axis=1)])
-        beside = [known["climb_m_s"], *aside]
-        beside += [np.log(known["supply_V"])] if "supply_V" in known else []
+        regressors = [known["climb_m_s"], *aside]
+        regressors += [np.log(known["supply_V"])] if "supply_V" in known else []
         self.windows = Windows(
             log_lift=np.log(data.lift_N),
             log_command=np.log(data.throttle),
-            beside=np.stack(beside, axis=1),
+            beside=np.stack(regressors, axis=1),
             z_hat=data.z_hat,
             start=label,
             instruments=instruments,
@@ -169,8 +169,8 @@ class Determined:
         powers = (None,) if self.has_setpoint else (None, *POWERS)
         solved = [(p, *each) for p in powers for each in closed_loop.gains(self.windows, p)]
         answers = [
-            self._answer(found, _of_form(form), power, closed_loop.BELIEVED)
-            for power, form, found in solved
+            self._answer(solution, _of_form(form), power, closed_loop.BELIEVED)
+            for power, form, solution in solved
         ]
         _, form, first = solved[0]
         holds, moves = HOLDS[self.has_setpoint], self._moves(form, first.theta)
@@ -203,9 +203,9 @@ class Determined:
 
         def farthest(by: FloatArray, label: NDArray[np.int64]) -> list[tuple[int, float]]:
             look = {i for k in range(len(theta)) for i in np.argsort(-np.abs(by[:, k]))[:TRIES]}
-            found = {int(i): moved(label == i) for i in look}
-            most = [max(found, key=lambda i: abs(found[i][k])) for k in range(len(theta))]
-            return [(i, float(found[i][k])) for k, i in enumerate(most)]
+            shifts = {int(i): moved(label == i) for i in look}
+            most = [max(shifts, key=lambda i: abs(shifts[i][k])) for k in range(len(theta))]
+            return [(i, float(shifts[i][k])) for k, i in enumerate(most)]
 
         trials = farthest(each, np.arange(data.n))
         starts = farthest(of_start, start)
@@ -229,10 +229,10 @@ class Determined:
         """The base model's coefficients by the instruments; refused where they cannot be told."""
         if not (why := self.why_refused):
             start = np.array([given[p.name].value for p in model.parameters])
-            of = _of_model(model, self.data)
+            ratio_of = _of_model(model, self.data)
             try:
-                ratio = of(self.windows)
-                answer = self._answer(closed_loop.solve(self.windows, ratio, start), of)
+                ratio = ratio_of(self.windows)
+                answer = self._answer(closed_loop.solve(self.windows, ratio, start), ratio_of)
             except NotConverged as fault:
                 why = f"refused: it {fault.what}; {fault.remedy}"
         if why:
@@ -250,20 +250,20 @@ class Determined:
 
     def _answer(
         self,
-        found: Solved,
-        of: Callable[[Windows], closed_loop.Ratio],
+        solution: Solved,
+        ratio_of: Callable[[Windows], closed_loop.Ratio],
         power: float | None = None,
         believed: tuple[FloatArray, FloatArray] | None = None,
     ) -> _Answer:
         """A solution with what the lag and the height of the rotor plane add to its uncertainty."""
-        sources = {"stretches of flight": np.sqrt(np.maximum(np.diag(found.covariance), 0.0))}
+        sources = {"stretches of flight": np.sqrt(np.maximum(np.diag(solution.covariance), 0.0))}
         moves = {"motor lag": self.windows.moved(log_lift=-self.lag)} if self.lag.any() else {}
         if self.u_height:
             moves["height of the rotor plane"] = self.windows.moved(z_hat=self.u_height)
         for name, windows in moves.items():
-            other = closed_loop.solve(windows, of(windows), found.theta, power, believed)
-            sources[name] = np.abs(other.theta - found.theta)
-        return _Answer(theta=found.theta, dof=found.dof, sources=sources)
+            other = closed_loop.solve(windows, ratio_of(windows), solution.theta, power, believed)
+            sources[name] = np.abs(other.theta - solution.theta)
+        return _Answer(theta=solution.theta, dof=solution.dof, sources=sources)
 
 
 def _of_form(form: float) -> Callable[[Windows], closed_loop.Ratio]:
@@ -314,10 +314,10 @@ def _result(
         BudgetLine(
             source=name,
             kind="A" if name != "height of the rotor plane" else "B",
-            u=scale * float(own[k]),
-            u_without=scale * math.sqrt(max(float(first.u[k]) ** 2 - float(own[k]) ** 2, 0.0)),
+            u=scale * float(part[k]),
+            u_without=scale * math.sqrt(max(float(first.u[k]) ** 2 - float(part[k]) ** 2, 0.0)),
         )
-        for name, own in first.sources.items()
+        for name, part in first.sources.items()
     )
     return CoefficientResult(
         value=value,

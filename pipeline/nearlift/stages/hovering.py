@@ -39,10 +39,11 @@ def compared(campaign: Campaign, trials: Table, boundary: Boundary) -> list[Hove
             f"has no column {CONDITION!r}, and flight.sound = {sound!r} is one of them",
             "say of every log what was changed before it flew",
         )
-    own, conditions = means(trials, boundary)
+    voltages, conditions = means(trials, boundary)
     rate = campaign.diagnose.false_alarm_rate
     groups = {
-        c: tuple(r for r in own if conditions[r] == c) for c in dict.fromkeys(conditions.values())
+        c: tuple(r for r in voltages if conditions[r] == c)
+        for c in dict.fromkeys(conditions.values())
     }
     healthy = groups.pop(sound, ())
     if len(healthy) <= hover.FEWEST_SOUND:
@@ -54,20 +55,22 @@ def compared(campaign: Campaign, trials: Table, boundary: Boundary) -> list[Hove
     pairs = [(c, logs, healthy) for c, logs in groups.items()]
     pairs += [(sound, (r,), tuple(q for q in healthy if q != r)) for r in healthy]
     return [
-        HoverComparison.of(condition, logs, len(against), _shifts(own, logs, against, rate))
-        for condition, logs, against in pairs
+        HoverComparison.of(
+            condition, logs, len(reference), _shifts(voltages, logs, reference, rate)
+        )
+        for condition, logs, reference in pairs
     ]
 
 
 def _shifts(
-    own: dict[str, FloatArray], logs: tuple[str, ...], against: tuple[str, ...], rate: float
+    voltages: dict[str, FloatArray], logs: tuple[str, ...], reference: tuple[str, ...], rate: float
 ) -> tuple[HoverShift, ...]:
-    found = hover.shifts(
-        np.array([own[r] for r in logs]), np.array([own[r] for r in against]), rate
+    shifts = hover.shifts(
+        np.array([voltages[r] for r in logs]), np.array([voltages[r] for r in reference]), rate
     )
     return tuple(
         HoverShift(rotor=k, value=float(value), limit=float(limit))
-        for k, (value, limit) in enumerate(zip(*found, strict=True))
+        for k, (value, limit) in enumerate(zip(*shifts, strict=True))
     )
 
 
@@ -84,7 +87,7 @@ def means(trials: Table, boundary: Boundary) -> tuple[dict[str, FloatArray], dic
         np.array(shares or [np.ones(len(hovers))])
     )
     starts = int(trials["flight"][hovers].max(initial=0))
-    own: dict[str, FloatArray] = {}
+    voltages: dict[str, FloatArray] = {}
     conditions: dict[str, str] = {}
     for record in dict.fromkeys(trials["record"][hovers]):
         mine = hovers & (trials["record"] == record)
@@ -94,6 +97,6 @@ def means(trials: Table, boundary: Boundary) -> tuple[dict[str, FloatArray], dic
             if here.sum() >= FEWEST:
                 means[start] = volts[:, here].mean(axis=1)
         if np.isfinite(means).any():
-            own[record] = means
+            voltages[record] = means
             conditions[record] = str(trials[CONDITION][mine][0])
-    return own, conditions
+    return voltages, conditions

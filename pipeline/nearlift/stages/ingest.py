@@ -147,12 +147,14 @@ def run(job: Job) -> Outcome:
             blank = {**table, "quality": np.full(len(bad), "", dtype=object)}
             weight = campaign.vehicle.mass * campaign.rig.gravity
             plausibility.against_weight(blank, weight, unit, key)
-        told = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
-        reasons = ", ".join(f"{code} {count}" for code, count in told.most_common())
+        counts = Counter(
+            code for text in table["quality"] for code in text.split() if code.isupper()
+        )
+        reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
         remedies = MISDESCRIBED if campaign.flight is None else IN_FLIGHT
         # a log stands on the floor at its ends whatever is wrong with it
-        beside = [name for name, _ in told.most_common() if name != "CONTACT"]
-        worst = quality.code([*beside, *told][0])
+        aloft = [name for name, _ in counts.most_common() if name != "CONTACT"]
+        worst = quality.code([*aloft, *counts][0])
         # what is wrong with the first says more than what the code means
         fault = next((f for f in table["fault"] if f), "") if worst.name == "MALFORMED" else ""
         raise InputRefused(
@@ -252,42 +254,42 @@ def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str
         return []
     wide = rows.real["sd_N"] > SWEEP * np.abs(rows.real["lift_N"])
     place = {str(schedule.trial[i]): i for i in np.flatnonzero(wide).tolist()}
-    found: dict[str, ramp.Ramp] = {}
+    sweeps: dict[str, ramp.Ramp] = {}
     for k, (trial, (path, _)) in enumerate(per_trial(job.campaign, job.root, [*place]).items()):
-        if k == FEW_SWEEPS and not found:
+        if k == FEW_SWEEPS and not sweeps:
             break
         with contextlib.suppress(NearliftError, Malformed):
             swept = ramp.of_file(job.campaign, reader, trial, path)
-            found |= {} if swept is None else {trial: swept}
-    if not found:
+            sweeps |= {} if swept is None else {trial: swept}
+    if not sweeps:
         return []
-    for i in (place[trial] for trial in found):
+    for i in (place[trial] for trial in sweeps):
         rows.codes[i] = tuple(dict.fromkeys((*rows.codes[i], "MIXED")))
-    trial, first = next(iter(found.items()))
-    more = f" (and {len(found) - 1} more like it)" if len(found) > 1 else ""
-    told = (
+    trial, first = next(iter(sweeps.items()))
+    more = f" (and {len(sweeps) - 1} more like it)" if len(sweeps) > 1 else ""
+    remark = (
         f"the record of {trial}{more} {first.words}; to cut it into trials write {RECORD_MARK} for"
         f" {MARK} in [records] files, call the column of ids in {job.campaign.trials.file} record,"
         f" and add\n{first.segments}`nearlift segments CAMPAIGN` then draws where it is cut"
     )
-    return [told]
+    return [remark]
 
 
 def _of_the_tare(campaign: Campaign) -> list[str]:
     """What the manifest says of the tare that asks for a remark."""
-    told = []
+    remarks = []
     if campaign.load_cell.tare == "none":
-        told.append(
+        remarks.append(
             "the records have no tare: the zero of the force is unknown and wants an"
             ' [[uncertainty]] on = "force"'
         )
     samples = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
     if 0 < samples < FEW_OF_TARE:
-        told.append(
+        remarks.append(
             f"the tares have {samples} samples: too few to show damage of more than one of them"
             f" ({FEW_OF_TARE} would)"
         )
-    return told
+    return remarks
 
 
 def _answers(

@@ -47,20 +47,20 @@ def run(job: Job) -> Outcome:
         base, _ = choice(job.campaign, boundary)
         try:
             alone = fit(base, data, parts)
-            found = fit_joint(alone, data, measured, parts)
+            together = fit_joint(alone, data, measured, parts)
         except NearliftError as fault:
             notes.append(f"{boundary}: no joint fit: {fault.what}; {fault.remedy}")
             continue
         fits[boundary] = BoundaryJointFit(
-            model=found.model.name,
-            title=found.model.title,
-            parameters=found.estimates,
+            model=together.model.name,
+            title=together.model.title,
+            parameters=together.estimates,
             lift_alone=alone.estimates,
-            covariance=ParameterCovariance.of(found.estimates, found.covariance),
-            chi2_lift=found.chi2_lift,
-            chi2_downwash=found.chi2_downwash,
-            n_downwash=found.n_downwash,
-            p_value=found.p_value,
+            covariance=ParameterCovariance.of(together.estimates, together.covariance),
+            chi2_lift=together.chi2_lift,
+            chi2_downwash=together.chi2_downwash,
+            n_downwash=together.n_downwash,
+            p_value=together.p_value,
             used=used,
             left_out=left_out,
         )
@@ -76,7 +76,7 @@ def select(
     """
     assert campaign.piv is not None
     whole = table["rotor"] == "all"
-    own = (
+    u_relative = (
         np.sqrt(sum(table[f"u_{part}_m_s"] ** 2 for part in ("noise", "mask", "position")))
         / table["downwash_m_s"]
     )
@@ -86,7 +86,7 @@ def select(
         why = next((w for w in str(table["warnings"][i]).split() if w in NOT_AT_THE_DISK), "")
         if abs(table["tilt_rad"][i]) > LEVEL_RAD:
             why = "tilted"
-        elif not why and not (table["downwash_m_s"][i] > 0 and np.isfinite(own[i])):
+        elif not why and not (table["downwash_m_s"][i] > 0 and np.isfinite(u_relative[i])):
             why = "no downwash, or no uncertainty"
         if why:
             left_out.append(LeftOutCase(case=str(table["case"][i]), reason=why.replace("_", " ")))
@@ -96,7 +96,7 @@ def select(
     measured = Downwash(
         z_hat=table["z_hat"][at],
         ratio=table["downwash_m_s"][at] / table["downwash_m_s"][control],
-        u_own=own[at],
-        u_control=float(own[control]),
+        u_own=u_relative[at],
+        u_control=float(u_relative[control]),
     )
     return tuple(str(table["case"][i]) for i in used), tuple(left_out), measured

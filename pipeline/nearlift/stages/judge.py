@@ -21,7 +21,7 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
     """The columns of trials.parquet in run order, with the codes that need no other trial and those
     of length.
     """
-    codes = [list(own) for own in rows.codes]
+    codes = [list(trial_codes) for trial_codes in rows.codes]
     if campaign.cuts_records:
         _whole_duplicates(rows, schedule.covariates[RECORD_COLUMN], codes)
     elif campaign.records.reader != "means":
@@ -39,8 +39,8 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
             np.abs(schedule.reached_m - schedule.z_m)
             > campaign.quality.height * campaign.vehicle.rotor_radius
         )
-        for own, lost in zip(codes, off, strict=True):
-            own += ["HEIGHT"] if lost else []
+        for trial_codes, lost in zip(codes, off, strict=True):
+            trial_codes += ["HEIGHT"] if lost else []
     excluded, owners = campaign.quality.exclude, schedule.trial
     if campaign.cuts_records:
         owners = schedule.covariates[RECORD_COLUMN]
@@ -101,12 +101,12 @@ def _same(table: store.Table, campaign: Campaign) -> list[str]:
     return list(notes)
 
 
-def _mark(table: store.Table, name: str, found: NDArray[np.bool_]) -> None:
-    """Add a quality code to the trials found."""
+def _mark(table: store.Table, name: str, marked: NDArray[np.bool_]) -> None:
+    """Add a quality code to the marked trials."""
     table["quality"] = np.array(
         [
-            quality.joined([*text.split(), name]) if f else text
-            for text, f in zip(table["quality"], found, strict=True)
+            quality.joined([*text.split(), name]) if mark else text
+            for text, mark in zip(table["quality"], marked, strict=True)
         ],
         dtype=object,
     )
@@ -165,13 +165,13 @@ def _outlying(table: store.Table, side: str) -> list[str]:
         (table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0)
     )
     z_hat, throttle, visit = (table[name][mine] for name in ("z_hat", "throttle", "visit"))
-    found = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
+    seen = outliers.screen(np.log(table["lift_N"][mine]), z_hat, throttle, visit)
     mask = np.zeros(len(table["quality"]), dtype=bool)
-    mask[mine[found.outlying]] = True
+    mask[mine[seen.outlying]] = True
     _mark(table, "outlying", mask)
     return [
-        f"{table['trial'][mine[i]]} lifts {100 * np.expm1(found.departure[i]):+.3g} % against its"
-        f" repeats and neighbours, {abs(found.sigmas[i]):.0f} times their scatter: noise does not"
+        f"{table['trial'][mine[i]]} lifts {100 * np.expm1(seen.departure[i]):+.3g} % against its"
+        f" repeats and neighbours, {abs(seen.sigmas[i]):.0f} times their scatter: noise does not"
         " reach so far; look at its record and its row"
-        for i in np.flatnonzero(found.outlying)
+        for i in np.flatnonzero(seen.outlying)
     ]

@@ -18,7 +18,7 @@ from nearlift.run.job import Job
 from nearlift.stages.design import outside
 
 
-def as_schedule(job: Job, found: Sequence[NextVisits]) -> str:
+def as_schedule(job: Job, batches: Sequence[NextVisits]) -> str:
     """The visits as further rows of the campaign's own schedule, CSV: its columns in its order, and
     a supply where that is moved; blank what is only known once a trial was run.
 
@@ -32,7 +32,7 @@ def as_schedule(job: Job, found: Sequence[NextVisits]) -> str:
         for name in columns_of(campaign, path, text_of(path))
         if name not in campaign.trials.constants
     ]
-    moved = any(v.supply_V is not None for of in found for v in of.visits)
+    moved = any(v.supply_V is not None for batch in batches for v in batch.visits)
     if moved and "supply" not in header:
         header.append("supply")
     rows: list[dict[str, str]] = []
@@ -41,11 +41,11 @@ def as_schedule(job: Job, found: Sequence[NextVisits]) -> str:
     start_s = trials["start_s"] if timed else np.zeros(1)
     spacing = float(np.median(np.diff(start_s))) if len(start_s) > 1 else 0.0
     session = str(trials["session"][-1]) if "session" in trials else ""
-    for of in found:
-        for visit in of.visits:
+    for batch in batches:
+        for visit in batch.visits:
             # records that hold several throttles are listed once
             throttles = visit.throttles if "throttle" in header else (np.nan,)
-            side = "none" if np.isinf(visit.z_hat) else str(of.boundary)
+            side = "none" if np.isinf(visit.z_hat) else str(batch.boundary)
             for i, throttle in enumerate(throttles):
                 at = float(start_s[-1]) + spacing * (len(rows) + 1)
                 cells = {

@@ -88,12 +88,12 @@ def run(
                 "no base model of this campaign has that coefficient",
                 f"ask for {listed or 'nothing here'}, separate or drift",
             )
-    found, refused = [], []
+    batches, refused = [], []
     for i, boundary in enumerate(present):
         job.say(f"next visits: {boundary}", i / len(present))
         diagnosed = loop.get(boundary)
         try:
-            found.append(
+            batches.append(
                 _at(
                     job,
                     trials,
@@ -107,13 +107,13 @@ def run(
             )
         except (NotConverged, InputRefused) as fault:
             refused.append((boundary, fault))
-    if not found:
+    if not batches:
         raise InputRefused(
             job.campaign.name,
             "; ".join(f"{b}: {fault.what}" for b, fault in refused),
             "; ".join(dict.fromkeys(fault.remedy for _, fault in refused)),
         )
-    return tuple(found), tuple(f"{b}: {fault.what}; {fault.remedy}" for b, fault in refused)
+    return tuple(batches), tuple(f"{b}: {fault.what}; {fault.remedy}" for b, fault in refused)
 
 
 def _at(
@@ -286,11 +286,11 @@ def _coefficient(
 def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
     """A note where results.json quotes much more than the noise floor leaves."""
     results = store.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
-    own = results.boundaries.get(stage.data.boundary)
-    if own is None or name not in own.coefficients:
+    result = results.boundaries.get(stage.data.boundary)
+    if result is None or name not in result.coefficients:
         return []
     at = [p.name for p in stage.base.parameters].index(name)
-    u, floor = own.coefficients[name].u, spread(stage, stage.base_fit)[1][at]
+    u, floor = result.coefficients[name].u, spread(stage, stage.base_fit)[1][at]
     if not u > BEYOND * floor:
         return []
     return [
@@ -346,8 +346,8 @@ def _points(
 ) -> tuple[Point, Point]:
     def fitted(names: Sequence[str], log_lift: FloatArray) -> Point:
         candidate = stage.candidate(*(known[n] for n in names))
-        found = search(candidate, stage.space, log_lift, stage.base_fit.vector)
-        return candidate.effects, found.vector
+        optimum = search(candidate, stage.space, log_lift, stage.base_fit.vector)
+        return candidate.effects, optimum.vector
 
     mine = stage.explain(tuple(known[n] for n in one))
     if mine.gain > FITTED or len(one) > 1:

@@ -73,26 +73,26 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
     levels = campaign.levels
     if levels is None and campaign.flight is not None:
         # no command comes twice
-        of = ["throttle"] if campaign.flight.supply is None else ["throttle", "supply_V"]
-        return with_curve(data, of, 1)
+        names = ["throttle"] if campaign.flight.supply is None else ["throttle", "supply_V"]
+        return with_curve(data, names, 1)
     if levels is None or levels.by == "throttle":
         return data
-    of = [BY_NAME[name].inside if name in BY_NAME else name for name in levels.of]
-    return with_curve(data, of, levels.degree)
+    names = [BY_NAME[name].inside if name in BY_NAME else name for name in levels.of]
+    return with_curve(data, names, levels.degree)
 
 
 def _run_in_two_ways(said: Table) -> dict[str, FloatArray]:
     """`inverted` (0 upright) and `other_propeller` (0 with those of the first trial), each where
     its column is; nan where that says neither.
     """
-    found = {}
+    columns = {}
     if "orientation" in said:
         up = said["orientation"].astype(str)
-        found["inverted"] = np.select([up == "upright", up == "inverted"], [0.0, 1.0], np.nan)
+        columns["inverted"] = np.select([up == "upright", up == "inverted"], [0.0, 1.0], np.nan)
     if "propeller" in said:
         on = said["propeller"].astype(str)
-        found["other_propeller"] = np.where(on == "", np.nan, np.sign(_in_order(on)))
-    return found
+        columns["other_propeller"] = np.where(on == "", np.nan, np.sign(_in_order(on)))
+    return columns
 
 
 def _in_order(labels: np.ndarray) -> np.ndarray:

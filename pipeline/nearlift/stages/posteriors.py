@@ -97,7 +97,7 @@ class Posteriors:
             say(f"{what}, {BLOCK * checkpoint.count} steps", 0.5)
 
         say(what, 0.5)
-        found = posterior.sample(
+        sampled = posterior.sample(
             density,
             self.settings,
             self.job.seed,
@@ -107,14 +107,14 @@ class Posteriors:
             keep=keep,
         )
         throttles = fitted.problem.data.levels
-        columns = {n: found.theta[:, :, i] for i, n in enumerate(found.names)}
+        columns = {n: sampled.theta[:, :, i] for i, n in enumerate(sampled.names)}
         if base:
-            columns |= {level_name(t): found.levels_N[:, :, i] for i, t in enumerate(throttles)}
+            columns |= {level_name(t): sampled.levels_N[:, :, i] for i, t in enumerate(throttles)}
         self.parts += [
-            _rows(boundary, name, n, values, found.log_prob) for n, values in columns.items()
+            _rows(boundary, name, n, values, sampled.log_prob) for n, values in columns.items()
         ]
-        evidence = LogEvidence(value=found.log_evidence, u=found.u_log_evidence)
-        return evidence, _summary(density, found, fitted, self._data)
+        evidence = LogEvidence(value=sampled.log_evidence, u=sampled.u_log_evidence)
+        return evidence, _summary(density, sampled, fitted, self._data)
 
     @functools.cached_property
     def _data(self) -> str:

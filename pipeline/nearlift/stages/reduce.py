@@ -34,15 +34,15 @@ def run(job: Job) -> Outcome:
         All accepted trials are in free air.
     """
     trials = job.read(TRIALS)
-    found, beside, curve = {}, {}, False
+    reduced, carried, curve = {}, {}, False
     for boundary in boundaries(trials):
         data = observe(trials, job.campaign, boundary)
         curve = data.curve is not None
         lift_N = at_shown(data) if curve else data.lift_N
         throttle = data.levels[data.level]
-        found[boundary] = cells.reduce(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
-        beside[boundary] = _carried(trials, data, found[boundary])
-    if not found:
+        reduced[boundary] = cells.reduce(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
+        carried[boundary] = _carried(trials, data, reduced[boundary])
+    if not reduced:
         remedy = (
             "trials.parquet stands; a change of lift wants trials at some distance to a ground,"
             " ceiling or sidewall"
@@ -51,13 +51,13 @@ def run(job: Job) -> Outcome:
             job.campaign.trials.file, "has no good trial near a boundary, only in free air", remedy
         )
     columns = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L")
-    table = {name: np.concatenate([getattr(c, name) for c in found.values()]) for name in columns}
+    table = {name: np.concatenate([getattr(c, name) for c in reduced.values()]) for name in columns}
     table["boundary"] = np.concatenate(
-        [np.full(len(c.z_hat), b, dtype=object) for b, c in found.items()]
+        [np.full(len(c.z_hat), b, dtype=object) for b, c in reduced.items()]
     )
-    for name in sorted({name for own in beside.values() for name in own}):
+    for name in sorted({name for means in carried.values() for name in means}):
         table[name] = np.concatenate(
-            [beside[b].get(name, np.full(len(c.z_hat), np.nan)) for b, c in found.items()]
+            [carried[b].get(name, np.full(len(c.z_hat), np.nan)) for b, c in reduced.items()]
         )
     wanted, notes = curve or job.campaign.quality.near_reference, []
     for side, far in plausibility.only_near(trials):
@@ -92,13 +92,13 @@ def run(job: Job) -> Outcome:
         )
         job.write(LIFT_COVARIANCE, {})
         return Outcome(notes=tuple(notes))
-    covariance = _block_diagonal([c.covariance() for c in found.values()])
+    covariance = _block_diagonal([c.covariance() for c in reduced.values()])
     covariance[lacking] = covariance[:, lacking] = np.nan
     job.write(LIFT_COVARIANCE, {f"c{i}": column for i, column in enumerate(covariance.T)})
     return Outcome(notes=tuple(notes))
 
 
-def _carried(trials: Table, data: Observations, of: cells.Cells) -> dict[str, FloatArray]:
+def _carried(trials: Table, data: Observations, reduced: cells.Cells) -> dict[str, FloatArray]:
     """Mean and standard uncertainty, for each cell, of what was measured beside lift.
 
     The uncertainty is that of the mean of the trials' own, or the scatter of the trials where that
@@ -106,19 +106,19 @@ def _carried(trials: Table, data: Observations, of: cells.Cells) -> dict[str, Fl
     """
     row = {str(t): i for i, t in enumerate(trials["trial"])}
     mine = np.array([row[str(t)] for t in data.trial], dtype=np.int64)
-    throttle, found = data.levels[data.level], {}
+    throttle, columns = data.levels[data.level], {}
     for name, u in CARRIED.items():
         if name not in trials:
             continue
         values = np.asarray(trials[name], dtype=float)[mine]
-        own = np.asarray(trials.get(u, np.full(len(row), np.nan)), dtype=float)[mine]
-        told = [
-            _mean(values[here], own[here])
-            for z, t in zip(of.z_hat, of.throttle, strict=True)
+        u_each = np.asarray(trials.get(u, np.full(len(row), np.nan)), dtype=float)[mine]
+        means = [
+            _mean(values[here], u_each[here])
+            for z, t in zip(reduced.z_hat, reduced.throttle, strict=True)
             for here in [(data.z_hat == z) & (throttle == t) & np.isfinite(values)]
         ]
-        found[name], found[u] = (np.array(column) for column in zip(*told, strict=True))
-    return found
+        columns[name], columns[u] = (np.array(column) for column in zip(*means, strict=True))
+    return columns
 
 
 def _mean(values: FloatArray, u: FloatArray) -> tuple[float, float]:

@@ -59,23 +59,24 @@ def _run(job: Job, give: Give) -> Outcome:
     from nearlift.report.documents.pdf import Drawn, pdf
     from nearlift.report.page.render import Picture, page, with_images
 
-    told = [
+    texts = [
         {"name": s.name, "title": s.title, "caption": s.caption(evidence, r)} for s, r, _ in made
     ]
     pictures = [
-        Picture(**own, alt=s.alt(evidence, r)) for own, (s, r, _) in zip(told, made, strict=True)
+        Picture(**words, alt=s.alt(evidence, r))
+        for words, (s, r, _) in zip(texts, made, strict=True)
     ]
     text = page(evidence, pictures, charts=charts(evidence))
     _documents(job, evidence)
     for spec, rows, _ in made:
         job.publish(f"{spec.name}.csv", to_csv(rows))
     images, printed = {}, list[Drawn]()
-    for own, (spec, _, drawn) in zip(told, made, strict=True):
+    for words, (spec, _, drawn) in zip(texts, made, strict=True):
         files = drawn()
         for kind in ("pdf", "png"):
             job.publish(f"{spec.name}.{kind}", files[kind])
         images[spec.name] = files["page"]
-        printed.append(Drawn(**own, pdf=files["pdf"]))
+        printed.append(Drawn(**words, pdf=files["pdf"]))
         job.say(f"report {len(images)} of {len(made)} figures", len(images) / len(made))
     job.publish("report.pdf", pdf(evidence, printed))
     job.publish("index.html", with_images(text, images))

@@ -88,13 +88,13 @@ class Rows:
 
     def put_all(self, at: int, rows: Rows) -> None:
         """The answers of one worker, from trial `at` on; those without a number stay without."""
-        own = slice(at, at + len(rows.codes))
+        span = slice(at, at + len(rows.codes))
         for name in self.real.keys() & rows.real.keys():
-            self.real[name][own] = rows.real[name]
-        self.n[own], self.samples[own] = rows.n, rows.samples
-        self.codes[own] = rows.codes
-        self.source_sha256[own], self.source[own] = rows.source_sha256, rows.source
-        self.fault[own] = rows.fault
+            self.real[name][span] = rows.real[name]
+        self.n[span], self.samples[span] = rows.n, rows.samples
+        self.codes[span] = rows.codes
+        self.source_sha256[span], self.source[span] = rows.source_sha256, rows.source
+        self.fault[span] = rows.fault
         for note, (more, place) in rows.notes.items():
             count, first = self.notes.get(note, (0, place))
             self.notes[note] = count + more, first

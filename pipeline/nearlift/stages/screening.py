@@ -37,19 +37,19 @@ def screen(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> Influenc
     outlying = marked.union(data.trial[seen.outlying]) & {*data.trial}
     odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD_TRIAL]}
     odd_visits = outliers.odd_visits(left, data.z_hat, throttle, data.visit)
-    found = influential.screen(fitted, parts, outlying, odd, odd_visits)
+    influence = influential.screen(fitted, parts, outlying, odd, odd_visits)
     return replace(
-        found,
+        influence,
         suspects=tuple(
             replace(s, text=text)
-            for s, text in zip(found.suspects, words(fitted, found), strict=True)
+            for s, text in zip(influence.suspects, words(fitted, influence), strict=True)
         ),
         unscreened=seen.unscreened,
-        why_not=found.why_not or seen.why_not,
+        why_not=influence.why_not or seen.why_not,
     )
 
 
-def words(fitted: Fit, found: Influence) -> list[str]:
+def words(fitted: Fit, influence: Influence) -> list[str]:
     """A sentence for each suspect: how far the headline moves without it."""
     name = fitted.names[0] if fitted.names else ""
     headline = fitted.estimates[name] if name else None
@@ -63,9 +63,9 @@ def words(fitted: Fit, found: Influence) -> list[str]:
         if s.without is None or headline is None:
             return f"{what} stands out, and without it the base model does not fit"
         alone = s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u)
-        beside = (
+        others = (
             " and the trials named"
-            if s.kind == "visit" and any(o.kind == "trial" for o in found.suspects)
+            if s.kind == "visit" and any(o.kind == "trial" for o in influence.suspects)
             else ""
         )
         if s.outlying:
@@ -81,9 +81,9 @@ def words(fitted: Fit, found: Influence) -> list[str]:
             if abs(math.log(s.without.u / headline.u)) > ANOTHER_U
             else ""
         )
-        return f"{without}{beside} the base fit’s {name} is {moved}, {ratio} u{known}"
+        return f"{without}{others} the base fit’s {name} is {moved}, {ratio} u{known}"
 
-    return [said(s) for s in found.suspects]
+    return [said(s) for s in influence.suspects]
 
 
 def notes(boundary: str, entry: Influence) -> Iterable[str]:

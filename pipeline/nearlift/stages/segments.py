@@ -87,8 +87,8 @@ def answers_of(
     answers: dict[str, Found] = {}
     refusals: list[InputRefused] = []
     small = not form.child and sum(n for _, n in there.values()) < WORTH_A_THREAD * len(there)
-    for found in answered(job.executor, cut, _tasks(job, there, schedule), small):
-        for answer in found:
+    for portion in answered(job.executor, cut, _tasks(job, there, schedule), small):
+        for answer in portion:
             answers[answer.record] = answer
             refusals += [] if answer.refusal is None else [answer.refusal]
         if 2 * len(refusals) > len(there):
@@ -152,18 +152,18 @@ def each_record(
     """What `answer` makes of each record of a task, from its place and the digests known so far; of
     one over which something is raised, a `kind` whose row is MALFORMED.
     """
-    found, digests = list[Found](), dict(task.inputs)
+    answers, digests = list[Found](), dict(task.inputs)
     for i, record in enumerate(task.piece.trials):
         try:
-            found.append(answer(task, i, digests))
+            answers.append(answer(task, i, digests))
         except Exception as fault:
             if not is_of_the_record(fault):
                 raise
             row = malformed(task, i, fault, digests)
-            found.append(
+            answers.append(
                 kind(record=record, rows=Rows.of([row]), counts=Counter(), refusal=row.refusal)
             )
-    return found
+    return answers
 
 
 @np.errstate(over="ignore", invalid="ignore")

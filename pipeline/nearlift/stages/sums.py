@@ -56,7 +56,7 @@ def stated(root: Path, path: Path) -> dict[str, str]:
         raise InputRefused(
             str(path), f"has more than {MOST_BYTES >> 20} MB", "list the campaign's own files"
         )
-    found: dict[str, str] = {}
+    sums: dict[str, str] = {}
     folder = PurePosixPath(source_of(root, path)).parent
     text = path.read_bytes().decode("utf-8-sig", "surrogateescape")
     for number, line in enumerate(text.split("\n"), start=1):
@@ -80,15 +80,15 @@ def stated(root: Path, path: Path) -> dict[str, str]:
             )
         source = (folder / (_unescaped(name) if line.startswith("\\") else name)).as_posix()
         inside(root, source, where)
-        if found.setdefault(source, sha) != sha:
+        if sums.setdefault(source, sha) != sha:
             raise InputRefused(
                 where,
                 f"states another sum for {source} than a line above",
                 f"write it anew: sha256sum * > {NAME}",
             )
     # written into the folder that it lists, it lists itself, empty
-    found.pop(source_of(root, path), None)
-    return found
+    sums.pop(source_of(root, path), None)
+    return sums
 
 
 def _unescaped(name: str) -> str:
@@ -146,22 +146,17 @@ def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> Checked:
             what = (
                 f"states other sums for {len(wrong)} of {len(listed)} records, such as {wrong[0]}"
             )
-            raise InputRefused(
-                str(path),
-                what,
-                "were they copied as text, which changes line ends? copy them anew from the rig, or"
-                " write the list anew",
-            )
+            raise InputRefused(str(path), what, remedy)
         missing = [source for source in sums if not (job.root / source).is_file()]
         notes += _note(missing, f"{name} lists", "missing: copy anew from the rig")
         folder = PurePosixPath(name).parent
-        beside = [
+        in_folder = [
             source
             for source in (*shared, *records)
             if PurePosixPath(source).parent == folder and source != name
         ]
         notes += _note(
-            [source for source in beside if source not in sums],
+            [source for source in in_folder if source not in sums],
             f"{name} does not list",
             "read all the same, and unchecked",
         )

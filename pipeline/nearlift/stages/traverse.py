@@ -40,7 +40,7 @@ class Traverse:
         """
         balance = dict(self.balance)
         known = [d for d in self.shown_m.values() if math.isfinite(d)]
-        here, found = self.shown_m[last], list[tuple[int, float | None]]()
+        here, ways = self.shown_m[last], list[tuple[int, float | None]]()
         for z in z_hat:
             distance = self.shown_m[z]
             straight, coin = 1 if distance > here else -1, int(rng.choice([-1, 1]))
@@ -51,8 +51,8 @@ class Traverse:
                 if wanted != straight and abs(past - distance) >= self.overshoot_m / 2:
                     way, via = wanted, past
                 balance[z] = balance.get(z, 0.0) + way
-            found.append((way, via))
-        return found
+            ways.append((way, via))
+        return ways
 
 
 def traverse(trials: store.Table, data: Observations, campaign: Campaign) -> Traverse:

@@ -224,14 +224,14 @@ def _quoted(quoted: Mapping[Boundary, BoundaryResult]) -> pd.DataFrame:
         [
             {
                 "boundary": boundary,
-                "model": own.base_model,
-                "verdict": own.verdict,
-                "effects": " + ".join(own.effects),
+                "model": result.base_model,
+                "verdict": result.verdict,
+                "effects": " + ".join(result.effects),
                 "coefficient": name,
             }
             | {key: getattr(c, key) for key in keys}
-            for boundary, own in quoted.items()
-            for name, c in own.coefficients.items()
+            for boundary, result in quoted.items()
+            for name, c in result.coefficients.items()
         ]
     )
 

@@ -20,26 +20,26 @@ if TYPE_CHECKING:
 LISTED = 5
 
 
-def reduction(found: Reduction) -> str:
+def reduction(answer: Reduction) -> str:
     """Cells of each boundary: how many, from how near to how far, and the largest change
     of lift.
     """
     rows = []
-    for boundary, cells in found.cells.groupby("boundary", sort=False):
+    for boundary, cells in answer.cells.groupby("boundary", sort=False):
         change, u, z_hat = (cells[name].to_numpy() for name in ("delta_L", "u_delta_L", "z_hat"))
         top = abs(change).argmax()
         largest = f"{plus_minus(100 * change[top], 100 * u[top])} % at {plain(z_hat[top], 3)}"
         ends = f"{plain(z_hat.min(), 3)} to {plain(z_hat.max(), 3)}"
         rows.append((str(boundary), str(cells["n_trials"].sum()), str(len(cells)), ends, largest))
-    return _whole(found, ("boundary", "trials", "cells", "z/r", "largest ΔL"), rows)
+    return _whole(answer, ("boundary", "trials", "cells", "z/r", "largest ΔL"), rows)
 
 
-def fit(found: Fit) -> str:
+def fit(answer: Fit) -> str:
     """Coefficients to be quoted, with uncertainty and 90 % interval."""
     rows = []
-    for boundary, own in found.quoted.items():
-        base = found[boundary].base
-        for name, c in own.coefficients.items():
+    for boundary, result in answer.quoted.items():
+        base = answer[boundary].base
+        for name, c in result.coefficients.items():
             rows.append(
                 (
                     boundary,
@@ -52,16 +52,16 @@ def fit(found: Fit) -> str:
                 )
             )
     return _whole(
-        found, ("boundary", "base model", "", "value (k = 1)", "90 % interval", "", "χ²/dof"), rows
+        answer, ("boundary", "base model", "", "value (k = 1)", "90 % interval", "", "χ²/dof"), rows
     )
 
 
-def diagnosis(found: Diagnosis) -> str:
+def diagnosis(answer: Diagnosis) -> str:
     """Verdicts, named effects with rivals, coefficients to be quoted, error on what was
     held out.
     """
     rows = []
-    for at in found:
+    for at in answer:
         others = (
             {e.name: at.stand_ins(e) for e in at.effects}
             if isinstance(at, BoundaryDiagnosis)
@@ -77,18 +77,21 @@ def diagnosis(found: Diagnosis) -> str:
         verdict = f"{at.verdict}; {at.sensitivity}" if at.sensitivity else at.verdict
         if at.reason:
             verdict = f"not diagnosed: {at.reason}"
-        for name, c in found.quoted[at.boundary].coefficients.items():
-            told = (
-                named or "none",
-                letter(name),
-                c.estimate,
-                c.interval,
-                c.holds,
-                "" if at.reason else error,
+        for name, c in answer.quoted[at.boundary].coefficients.items():
+            rows.append(
+                (
+                    at.boundary,
+                    verdict,
+                    named or "none",
+                    letter(name),
+                    c.estimate,
+                    c.interval,
+                    c.holds,
+                    "" if at.reason else error,
+                )
             )
-            rows.append((at.boundary, verdict, *told))
     return _whole(
-        found,
+        answer,
         (
             "boundary",
             "verdict",
@@ -103,47 +106,47 @@ def diagnosis(found: Diagnosis) -> str:
     )
 
 
-def finished(found: Finished) -> str:
+def finished(answer: Finished) -> str:
     """Where the report is, and what ran."""
-    where = found.report.resolve()
-    ran = ", ".join(found.ran) or "nothing: all was up to date"
+    where = answer.report.resolve()
+    ran = ", ".join(answer.ran) or "nothing: all was up to date"
     return (
         f'<p>Report: <a href="{escape(where.as_uri())}">{escape(str(where))}</a>. Ran:'
-        f" {escape(ran)}.</p>" + _words(found)
+        f" {escape(ran)}.</p>" + _words(answer)
     )
 
 
-def drawing(found: Drawing) -> str:
+def drawing(figure: Drawing) -> str:
     """The picture with its caption; who cannot see it hears `alt`."""
-    data = base64.b64encode(found.png).decode()
+    data = base64.b64encode(figure.png).decode()
     picture = (
-        f'<img src="data:image/png;base64,{data}" alt="{escape(found.alt)}"'
+        f'<img src="data:image/png;base64,{data}" alt="{escape(figure.alt)}"'
         ' style="max-width:44em;width:100%;background:white">'
     )
     return (
         '<figure style="margin:0.5em'
-        f' 0">{picture}<figcaption>{escape(found.caption)}</figcaption></figure>'
+        f' 0">{picture}<figcaption>{escape(figure.caption)}</figcaption></figure>'
     )
 
 
-def _whole(found: Answered, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+def _whole(answer: Answered, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     cells = "".join(
         "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
     )
     names = "".join(f"<th>{escape(name)}</th>" for name in head)
     table = (
-        f"<table><caption>{escape(found.campaign)}</caption>"
+        f"<table><caption>{escape(answer.campaign)}</caption>"
         f"<thead><tr>{names}</tr></thead><tbody>{cells}</tbody></table>"
     )
-    return table + _words(found) + (drawing(found.drawing) if found.drawing is not None else "")
+    return table + _words(answer) + (drawing(answer.drawing) if answer.drawing is not None else "")
 
 
-def _words(found: Answered) -> str:
+def _words(answer: Answered) -> str:
     """Rejected trials and notes."""
-    lines = [f"{trial}: {reason}" for trial, reason in found.rejected[:LISTED]]
-    if len(found.rejected) > LISTED:
-        lines.append(f"and {len(found.rejected) - LISTED} more trials rejected")
-    lines += found.notes
+    lines = [f"{trial}: {reason}" for trial, reason in answer.rejected[:LISTED]]
+    if len(answer.rejected) > LISTED:
+        lines.append(f"and {len(answer.rejected) - LISTED} more trials rejected")
+    lines += answer.notes
     if not lines:
         return ""
     items = "".join(f"<li>{escape(line)}</li>" for line in lines)

@@ -67,12 +67,12 @@ class Study:
         """Raw records to trials, and trials to the change of lift per cell."""
         from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 
-        told = self._bring("reduce")
+        about = self._bring("reduce")
         cells, covariance = self.read(LIFT), self.read(LIFT_COVARIANCE)
         names = list(zip(cells["boundary"], cells["z_hat"], cells["throttle"], strict=True))
         if len(covariance):
             covariance.index = covariance.columns = _cells(names)
-        return Reduction(**told, trials=self.read(TRIALS), cells=cells, covariance=covariance)
+        return Reduction(**about, trials=self.read(TRIALS), cells=cells, covariance=covariance)
 
     def fit(self) -> Fit:
         """Every lift model that suits, by least squares and as a posterior.
@@ -85,14 +85,14 @@ class Study:
         from nearlift.products import POSTERIOR
         from nearlift.results.fit import FitResults
 
-        told = self._bring("fit")
+        about = self._bring("fit")
         results = self._load(FitResults)
         boundaries = {
             boundary: BoundaryFit(boundary=boundary, base=results.of_base(boundary), models=models)
             for boundary, models in results.boundaries.items()
         }
         return Fit(
-            **told,
+            **about,
             drawing=self.figure("fig2", bring=False),
             boundaries=boundaries,
             quoted=self._quoted(),
@@ -103,21 +103,21 @@ class Study:
         """The loop: what the base models leave, traced to a named effect, or not."""
         from nearlift.results.diagnosis import DiagnosisResults
 
-        told = self._bring("diagnose")
-        found = self._load(DiagnosisResults).boundaries
-        drawn = any(not at.reason for at in found.values())
+        about = self._bring("diagnose")
+        boundaries = self._load(DiagnosisResults).boundaries
+        drawn = any(not at.reason for at in boundaries.values())
         return Diagnosis(
-            **told,
+            **about,
             drawing=self.figure("diagnosis", bring=False) if drawn else None,
-            boundaries=found,
+            boundaries=boundaries,
             quoted=self._quoted(),
         )
 
     def run(self) -> Finished:
         """Every stage that is stale, the report last: what ``nearlift run`` does."""
-        steps, told = self._steps("report")
+        steps, about = self._steps("report")
         return Finished(
-            **told, report=self.report, ran=tuple(step.stage.name for step in steps if step.why)
+            **about, report=self.report, ran=tuple(step.stage.name for step in steps if step.why)
         )
 
     def plan(self) -> dict[str, str]:
