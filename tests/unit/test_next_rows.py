@@ -12,7 +12,7 @@ from nearlift.readers import schedule as schedules
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages import next_rows
 from nearlift.stages import next_visits as stage_of_next
-from nearlift.stages.asked import ROUNDS, Asked
+from nearlift.stages.asked import ROUNDS, AskedQuestion
 from nearlift.stages.traverse import Traverse
 
 from . import small_run
@@ -149,7 +149,7 @@ def test_what_cannot_be_asked_is_refused_with_a_remedy(ingested, words, said):
 
 def test_what_the_supply_is_to_be_set_to_stands_in_the_rows(make_job):
     job = job_of(make_job, trials={"units": {"distance": "mm", "throttle": "percent"}})
-    ((found,), _) = stage_of_next.run(job, Asked.of("drift"), 4)
+    ((found,), _) = stage_of_next.run(job, AskedQuestion.parsed("drift"), 4)
     (job.root / "trials.csv").write_text("trial,boundary,distance,throttle\nt0000,ground,30,25\n")
     header, *rows = next_rows.as_schedule(job, (found,)).splitlines()
     assert header == "trial,boundary,distance,throttle,supply"
@@ -164,7 +164,7 @@ def job_of(make_job, **given):
 
 
 def test_every_boundary_has_its_own_visits(small_job):
-    asked = Asked.of("separate=height_offset,approach_backlash")
+    asked = AskedQuestion.parsed("separate=height_offset,approach_backlash")
     found, notes = stage_of_next.run(small_job, asked, 4)
     assert [of.boundary for of in found] == ["ground", "ceiling"]
     # there the amplitude absorbs an offset altogether
@@ -173,7 +173,9 @@ def test_every_boundary_has_its_own_visits(small_job):
 
 
 def test_one_throttle_is_enough(make_job):
-    ((found,), _) = stage_of_next.run(job_of(make_job, throttles=(0.5,)), Asked.of("K_b"))
+    ((found,), _) = stage_of_next.run(
+        job_of(make_job, throttles=(0.5,)), AskedQuestion.parsed("K_b")
+    )
     # 19 trials: too few for a diagnosis
     assert "too few" in found.notes[0]
     assert found.throttles == 1
@@ -182,13 +184,13 @@ def test_one_throttle_is_enough(make_job):
 
 def test_a_curve_of_lift_is_planned_for_at_its_throttles(make_job):
     job = job_of(make_job, levels={"by": "curve", "of": ["throttle"], "degree": 2})
-    ((found,), _) = stage_of_next.run(job, Asked.of("K_b"), 3)
+    ((found,), _) = stage_of_next.run(job, AskedQuestion.parsed("K_b"), 3)
     assert found.throttles == 4
     assert found.after < found.now
 
 
 def test_a_table_of_means_is_told_what_to_fill_in(make_job):
-    ((found,), _) = stage_of_next.run(job_of(make_job), Asked.of("K_b"), 2)
+    ((found,), _) = stage_of_next.run(job_of(make_job), AskedQuestion.parsed("K_b"), 2)
     assert any("fill in the mean lift" in note for note in found.notes)
 
 
@@ -196,10 +198,12 @@ def test_a_quoted_uncertainty_of_another_kind_is_told(make_job):
     job = job_of(make_job)
     results = job.read_json(RESULTS)
     own = results["boundaries"]["ground"]["coefficients"]["K_b"]
-    assert not any("results.json" in n for n in stage_of_next.run(job, Asked.of("K_b"))[0][0].notes)
+    assert not any(
+        "results.json" in n for n in stage_of_next.run(job, AskedQuestion.parsed("K_b"))[0][0].notes
+    )
     own["u"] *= 10
     job.write_json(RESULTS, results)
-    ((found,), _) = stage_of_next.run(job, Asked.of("K_b"), 2)
+    ((found,), _) = stage_of_next.run(job, AskedQuestion.parsed("K_b"), 2)
     assert any(f"results.json quotes u(K_b) = {own['u']:.2g}" in note for note in found.notes)
 
 
@@ -209,11 +213,11 @@ def test_nothing_to_plan_from_is_refused(make_job):
     trials["quality"][:] = "SATURATED"
     job.write(stage_of_next.TRIALS, trials)
     with pytest.raises(InputRefused, match="no trial was accepted"):
-        stage_of_next.run(job, Asked.of("K_b"))
+        stage_of_next.run(job, AskedQuestion.parsed("K_b"))
 
 
 def test_the_question_is_read_as_it_is_written():
-    assert Asked.of("drift").pair == ("supply_sag", "gain_drift")
-    assert Asked.of("separate= tilt , reynolds").pair == ("tilt", "reynolds")
+    assert AskedQuestion.parsed("drift").pair == ("supply_sag", "gain_drift")
+    assert AskedQuestion.parsed("separate= tilt , reynolds").pair == ("tilt", "reynolds")
     with pytest.raises(UsageError, match="wants two different effects"):
-        Asked.of("drift=tilt,reynolds")
+        AskedQuestion.parsed("drift=tilt,reynolds")

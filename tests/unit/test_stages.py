@@ -20,7 +20,7 @@ from nearlift.report.registry import declared
 from nearlift.run import graph
 from nearlift.run.registry import ordered, products
 from nearlift.run.schema import Product, real
-from nearlift.run.stage import Option, Question, Stage, StageChapter
+from nearlift.run.stage import Option, Stage, StageChapter, StageQuestion
 
 HEIGHTS = Product(
     file="heights.parquet",
@@ -35,7 +35,7 @@ WEIGH = Stage(
     writes=(HEIGHTS,),
     sections=("vehicle",),
     options=(Option(flag="--most", limits=(1, 9), help="Of how many."),),
-    question=Question(module="weighing", options=(Option(flag="--ask", help="Instead."),)),
+    question=StageQuestion(module="weighing", options=(Option(flag="--ask", help="Instead."),)),
     module="weighing",
 )
 

@@ -18,7 +18,7 @@ from nearlift.results.serial import decode
 from nearlift.run import graph
 from nearlift.run import watch as watching
 from nearlift.run.watch import Round, watch
-from nearlift.stages.asked import Asked
+from nearlift.stages.asked import AskedQuestion
 
 from . import small_run
 from . import test_compare as compared
@@ -59,7 +59,7 @@ def until(rounds, wanted, limit_s: float = 60.0) -> list[Round]:
 
 def test_the_next_visits_are_said_after_each_look(recording, tmp_path):
     raw, late = recording
-    asked = Asked.of("K_b", until=0.05)
+    asked = AskedQuestion.parsed("K_b", until=0.05)
     rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST, asked=asked)
     places, stop = next(rounds).next
     assert places.startswith("next at the ground: ")
@@ -188,7 +188,7 @@ def test_what_is_to_be_planned_is_asked_at_each_look(monkeypatch, tmp_path):
     words = ["--watch", "--next", "K_b", "--until", "0.05"]
     for more in ([], ["--rounds", "0.2"]):
         assert small_run.nearlift("run", tmp_path, *words, *more).exit_code == 0
-    assert looks == [Asked.of("K_b", 0.05), Asked.of("K_b", 0.05, 0.2)]
+    assert looks == [AskedQuestion.parsed("K_b", 0.05), AskedQuestion.of("K_b", 0.05, 0.2)]
 
 
 def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):

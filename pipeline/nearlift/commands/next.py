@@ -9,7 +9,7 @@ import click
 
 from nearlift.commands.common import CAMPAIGN, Call, declared
 from nearlift.errors import UsageError
-from nearlift.stages.asked import ROUNDS, Asked
+from nearlift.stages.asked import ROUNDS, AskedQuestion
 
 if TYPE_CHECKING:
     from nearlift.results.next_visits import NextVisits
@@ -61,7 +61,7 @@ def command(
     """Plan a batch of visits."""
     from nearlift.stages import next_rows, next_visits
 
-    asked = Asked.of(question, until, rounds)
+    asked = AskedQuestion.parsed(question, until, rounds)
     if as_csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):

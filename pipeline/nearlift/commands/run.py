@@ -12,7 +12,7 @@ import click
 from nearlift.commands.common import Call, declared, end_politely
 from nearlift.commands.stage import execute
 from nearlift.errors import UsageError
-from nearlift.stages.asked import ROUNDS, Asked
+from nearlift.stages.asked import ROUNDS, AskedQuestion
 
 
 @declared("run")
@@ -77,7 +77,7 @@ def command(
                 "watch one; run the others in terminals of their own",
             )
         share = ROUNDS if rounds is None else rounds
-        asked = Asked.of(question, until, share) if question else None
+        asked = AskedQuestion.parsed(question, until, share) if question else None
         follow(call, campaigns[0], every, asked)
     elif len(campaigns) == 1:
         execute(call, campaigns[0])
@@ -104,7 +104,7 @@ def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
     sys.exit(many.gravest(ends))
 
 
-def follow(call: Call, campaign: Path, period_s: float, asked: Asked | None) -> None:
+def follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | None) -> None:
     """Run a campaign that is being recorded, again and again, until it is interrupted; with --json
     one object a round.
     """

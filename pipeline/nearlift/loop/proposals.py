@@ -48,7 +48,7 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
+class DesignChange:
     """Something to do otherwise. `gain` is the evidence it adds for two points that have `now`;
     `data` the changed trials, if they change.
     """
@@ -137,7 +137,7 @@ def changes(
     return {"pairs": listed, "best": best}
 
 
-def _option(change: Change, gain: float, lacking: float) -> dict[str, object]:
+def _option(change: DesignChange, gain: float, lacking: float) -> dict[str, object]:
     """How far one change goes for one pair; `trials_to_part` is None where it does not part them in
     ten times its trials.
     """
@@ -160,7 +160,7 @@ def _option(change: Change, gain: float, lacking: float) -> dict[str, object]:
 
 
 def _after(
-    foresight: Foresight, change: Change, pairs: list[Pair]
+    foresight: Foresight, change: DesignChange, pairs: list[Pair]
 ) -> list[dict[str, object]] | None:
     """Each pair's chance of confusion once the change is made; None for a change that is
     no trial.
@@ -183,7 +183,7 @@ def _after(
     ]
 
 
-def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[Change]:
+def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[DesignChange]:
     """Everything that may be proposed for this design."""
     stage = foresight.stage
 
@@ -191,7 +191,7 @@ def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[
         return lambda one, other, now: max(parted(stage, data, one, other) - now, 0.0)
 
     offered = [
-        Change(text=text, trials=0, gain=by_data(data), data=data)
+        DesignChange(text=text, trials=0, gain=by_data(data), data=data)
         for text, data in variants.items()
     ]
     additions = {p.text: p.added for p in menu(stage.data, stage.options.not_feasible)} | _more(
@@ -199,10 +199,10 @@ def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[
     )
     for text, added in additions.items():
         whole = join(stage.data, added)
-        offered.append(Change(text=text, trials=added.n, gain=by_data(whole), data=whole))
+        offered.append(DesignChange(text=text, trials=added.n, gain=by_data(whole), data=whole))
     places = len(np.unique(stage.data.z_hat))
     offered.append(
-        Change(
+        DesignChange(
             text="a motors-off sweep of all distances, twice",
             trials=2 * places,
             gain=lambda one, other, _: _motors_off(foresight, one, other),
@@ -210,7 +210,7 @@ def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[
     )
     if np.isfinite(stage.data.z_hat).any():
         offered.append(
-            Change(
+            DesignChange(
                 text=f"touch the traverse off with a gauge ({1e3 * GAUGE_M:g} mm)",
                 trials=0,
                 gain=lambda one, other, _: _gauge(one, other),

@@ -36,7 +36,7 @@ class Option:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Question:
+class StageQuestion:
     """What a stage's command answers in place of running the stage, where one of these options is
     given: by `module`'s function ``answer(campaign, given, settings)``; `example` is such a call's
     options.
@@ -89,7 +89,7 @@ class Stage:
         It belongs to a run only where the campaign has that.
     options : tuple of Option
         Of its command; each stands in for a key of the manifest's section of the stage's name.
-    question : Question or None
+    question : StageQuestion or None
         What its command answers instead.
     module : str
         Full name; ``nearlift.stages.<name>`` unless given.
@@ -108,7 +108,7 @@ class Stage:
     report: bool = False
     where: str = ""
     options: tuple[Option, ...] = ()
-    question: Question | None = None
+    question: StageQuestion | None = None
     module: str = ""
     chapter: StageChapter | None = None
 

@@ -27,7 +27,7 @@ from nearlift.run.lock import Busy
 from nearlift.run.opening import open_job
 
 if TYPE_CHECKING:
-    from nearlift.stages.asked import Asked
+    from nearlift.stages.asked import AskedQuestion
 
 #: Seconds between looks, unless told otherwise.
 PERIOD_S = 5.0
@@ -75,7 +75,7 @@ def watch(
     period_s: float = PERIOD_S,
     say: Say = silent,
     stages: Sequence[graph.Stage] = graph.STAGES,
-    asked: Asked | None = None,
+    asked: AskedQuestion | None = None,
 ) -> Iterator[Round]:
     """Rounds without end; one is yielded whenever something was run or refused, or need not wait
     any longer.
@@ -126,7 +126,7 @@ def _round(
     seed: int,
     say: Say,
     stages: Sequence[graph.Stage],
-    asked: Asked | None,
+    asked: AskedQuestion | None,
 ) -> tuple[Round, bool]:
     """Run what is stale; the answer, and whether to look again although nothing changes (a record
     was still being written).
@@ -160,7 +160,7 @@ def _round(
     return done, pending
 
 
-def _next(job: Job, asked: Asked) -> tuple[str, ...]:
+def _next(job: Job, asked: AskedQuestion) -> tuple[str, ...]:
     """What to visit next, or why nobody can say."""
     from nearlift.stages import next_visits
 

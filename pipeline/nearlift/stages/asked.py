@@ -14,7 +14,7 @@ OF_DRIFT = ("supply_sag", "gain_drift")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Asked:
+class AskedQuestion:
     """The question in words: a coefficient; or two explanations, by default the diagnosis's; u of
     the coefficient at which to stop; and the share of a batch that goes round all stations.
     """
@@ -26,7 +26,7 @@ class Asked:
     rounds: float = ROUNDS
 
     @classmethod
-    def of(cls, text: str, until: float | None = None, rounds: float = ROUNDS) -> Asked:
+    def parsed(cls, text: str, until: float | None = None, rounds: float = ROUNDS) -> AskedQuestion:
         """What ``--for TEXT`` asks.
 
         Raises

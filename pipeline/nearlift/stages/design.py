@@ -30,7 +30,16 @@ from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
-from nearlift.stages.plans import Plan, as_schedule, draw, levels, plan, ranged, scatter, table_of
+from nearlift.stages.plans import (
+    PlannedTrials,
+    as_schedule,
+    draw,
+    levels,
+    plan,
+    ranged,
+    scatter,
+    table_of,
+)
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
 SCHEDULE = "trials.csv"
@@ -126,7 +135,7 @@ def _target(job: Job, write: Path | None) -> Path:
     return path
 
 
-def _read_off(campaign: Campaign, made: Plan) -> Planned:
+def _read_off(campaign: Campaign, made: PlannedTrials) -> Planned:
     """A `[design]` with the stations, throttles, visits and sessions of a schedule; what it cannot
     tell is the manifest's or the default.
     """
@@ -151,7 +160,7 @@ def _read_off(campaign: Campaign, made: Plan) -> Planned:
     ).model_copy(update=given)
 
 
-def _otherwise(campaign: Campaign, made: Plan, seed: int) -> dict[str, store.Table]:
+def _otherwise(campaign: Campaign, made: PlannedTrials, seed: int) -> dict[str, store.Table]:
     """The schedule's trials in random order, and from both sides."""
     drawn = draw(campaign, seed, _read_off(campaign, made))
     schedule = as_schedule(drawn, campaign)

@@ -31,7 +31,7 @@ from nearlift.reduction.record import Reduced
 from nearlift.reduction.stretch import distinct
 from nearlift.run.job import Job
 from nearlift.stages.rows import Rows, Task, digest_of
-from nearlift.stages.segments import Answer, answers_of, each_record, rows_of
+from nearlift.stages.segments import CutRecord, answers_of, each_record, rows_of
 
 #: What a trial's log lift changes by per second of lag: the covariate by which a lag left over, and
 #: the estimate's own uncertainty, act.
@@ -44,7 +44,7 @@ USUAL_POWER = 1.7
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Flown(Answer):
+class Flown(CutRecord):
     """What one worker answers for one log; its pieces are windows of flight, `clean` those without
     a code; `command` (windows, T) is what their rotors were told behind each lag of the grid.
     """

@@ -171,11 +171,11 @@ def run(job: Job) -> Outcome:
     return Outcome(rejected=rejected, notes=tuple(notes))
 
 
-def _checked(job: Job) -> sums.Checked:
+def _checked(job: Job) -> sums.CheckedRecords:
     """What SHA256SUMS says against the files, where there is one."""
     lists = {source_of(job.root, path) for path in sums.files(job.root, job.campaign)}
     if not lists:
-        return sums.Checked()
+        return sums.CheckedRecords()
     names = [name for name in inputs(job.root, job.campaign) if name not in lists]
     each = MARK in job.campaign.records.pattern
     return sums.check(job, names[:2] if each else names, names[2:] if each else [])

@@ -41,7 +41,7 @@ from nearlift.results.quotation import Results
 from nearlift.rounding import plain
 from nearlift.run import store
 from nearlift.run.job import Job
-from nearlift.stages.asked import Asked
+from nearlift.stages.asked import AskedQuestion
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
@@ -55,7 +55,7 @@ BEYOND = 1.5
 
 
 def run(
-    job: Job, asked: Asked, count: int = COUNT
+    job: Job, asked: AskedQuestion, count: int = COUNT
 ) -> tuple[tuple[NextVisits, ...], tuple[str, ...]]:
     """The next visits at every boundary at which the question can be asked, and why not at others.
 
@@ -122,7 +122,7 @@ def _at(
     data: Observations,
     base: LiftModel,
     loop: BoundaryDiagnosis | None,
-    asked: Asked,
+    asked: AskedQuestion,
     count: int,
     options: Options,
 ) -> NextVisits:
@@ -303,7 +303,7 @@ def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
 
 def _rivals(
     stage: SearchProblem,
-    asked: Asked,
+    asked: AskedQuestion,
     library: tuple[Effect, ...],
     loop: BoundaryDiagnosis | None,
 ) -> tuple[Question, tuple[str, ...]]:

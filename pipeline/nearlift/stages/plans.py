@@ -40,7 +40,7 @@ OVERSHOOT_RADII = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class PlannedTrials:
     """Planned trials as a table in the shape of trials.parquet, `lift_N` being L_inf; where they
     came from; what was assumed.
     """
@@ -65,7 +65,7 @@ def has_schedule(campaign: Campaign, root: Path) -> bool:
     )
 
 
-def plan(campaign: Campaign, root: Path, seed: int) -> Plan:
+def plan(campaign: Campaign, root: Path, seed: int) -> PlannedTrials:
     """The trials that are planned: the schedule in the folder where there is one, else a random one
     from `[design]`.
 
@@ -78,7 +78,7 @@ def plan(campaign: Campaign, root: Path, seed: int) -> Plan:
         schedule = read_schedule(campaign, root)
         far, assumed = levels(campaign, schedule.throttle)
         covariates, more = ranged(campaign.design, schedule)
-        return Plan(
+        return PlannedTrials(
             table=table_of(schedule, far, covariates),
             source=schedule_file(campaign, root).name,
             assumed=(*assumed, *more),
@@ -93,7 +93,7 @@ def plan(campaign: Campaign, root: Path, seed: int) -> Plan:
     schedule = as_schedule(drawn, campaign)
     far, assumed = levels(campaign, schedule.throttle)
     covariates, more = ranged(campaign.design, schedule)
-    return Plan(
+    return PlannedTrials(
         table=table_of(schedule, far, covariates),
         source="[design]",
         assumed=(*assumed, *more),

@@ -39,7 +39,7 @@ FURTHER = ("u_zero_N",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class CutRecord:
     """What one worker answers for one record: a row for each of its pieces, or one for a record
     without any; what was counted; and why the record cannot be read as the manifest asks.
     """
@@ -51,7 +51,7 @@ class Answer:
     refusal: InputRefused | None = None
 
 
-Found = TypeVar("Found", bound=Answer)
+Found = TypeVar("Found", bound=CutRecord)
 
 
 def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
@@ -98,7 +98,7 @@ def answers_of(
 
 
 def rows_of(
-    job: Job, schedule: Schedule, trials: Schedule, answers: Mapping[str, Answer], rows: Rows
+    job: Job, schedule: Schedule, trials: Schedule, answers: Mapping[str, CutRecord], rows: Rows
 ) -> tuple[Rows, list[str]]:
     """The rows of all trials in the order of the schedule's records, and a note of files that it
     does not list.
@@ -131,7 +131,7 @@ def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) 
         )
 
 
-def cut_records(task: Task) -> list[Answer]:
+def cut_records(task: Task) -> list[CutRecord]:
     """Read, cut and reduce the records of one task; runs in any thread or process.
 
     Whatever a record holds, it has an answer: what is raised over one makes it MALFORMED.
@@ -143,7 +143,7 @@ def cut_records(task: Task) -> list[Answer]:
     OSError, MemoryError
         The machine is at fault.
     """
-    return each_record(task, _answer, Answer)
+    return each_record(task, _answer, CutRecord)
 
 
 def each_record(
@@ -167,7 +167,7 @@ def each_record(
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def _answer(task: Task, i: int, digests: dict[str, str]) -> Answer:
+def _answer(task: Task, i: int, digests: dict[str, str]) -> CutRecord:
     campaign, record = task.campaign, task.piece.trials[i]
     reader = readers.reader(campaign.records.reader)
     whole = segments.read(campaign, task.root, reader, record, task.piece.paths[i])
@@ -183,7 +183,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Answer:
             source=source,
             source_sha256=sha,
         )
-        return Answer(record=record, rows=Rows.of([row]), counts=_counts(whole))
+        return CutRecord(record=record, rows=Rows.of([row]), counts=_counts(whole))
     conditions = replace(conditions_of(campaign), settle_s=0.0)
     rows = []
     for piece in whole.pieces:
@@ -207,7 +207,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Answer:
                 source_sha256=sha,
             )
         )
-    return Answer(
+    return CutRecord(
         record=record,
         rows=Rows.of(rows, FURTHER),
         pieces=whole.told,
@@ -226,7 +226,7 @@ def _counts(whole: Segmented) -> Counter[str]:
     )
 
 
-def _counted(answers: list[Answer]) -> list[str]:
+def _counted(answers: list[CutRecord]) -> list[str]:
     """What was kept and what was not, in one line."""
     total: Counter[str] = sum((a.counts for a in answers), Counter())
     if not total["pieces"]:

@@ -25,7 +25,7 @@ _ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
+class CheckedRecords:
     """What is wrong with records that are one trial's each, by file, and what the user
     should know.
     """
@@ -101,7 +101,7 @@ def _unescaped(name: str) -> str:
     return "".join(parts)
 
 
-def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> Checked:
+def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> CheckedRecords:
     """Hold what is to be read against the sums that are stated. Digests that the job has are not
     made again.
 
@@ -160,7 +160,7 @@ def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> Checked:
             f"{name} does not list",
             "read all the same, and unchecked",
         )
-    return Checked(faults=faults, notes=tuple(notes))
+    return CheckedRecords(faults=faults, notes=tuple(notes))
 
 
 def _digests(job: Job, sources: Sequence[str]) -> dict[str, str]:

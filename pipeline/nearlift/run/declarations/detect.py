@@ -6,7 +6,7 @@ from nearlift.run.declarations.diagnose import DIAGNOSIS
 from nearlift.run.declarations.fit import FIT, RESULTS
 from nearlift.run.declarations.ingest import TRIALS
 from nearlift.run.schema import Product, real, text
-from nearlift.run.stage import Option, Question, Stage
+from nearlift.run.stage import Option, Stage, StageQuestion
 
 DETECTION = Product(
     file="detection.parquet",
@@ -52,7 +52,7 @@ STAGE = Stage(
     writes=PROXIMITY_PRODUCTS,
     sections=("vehicle", "rig", "detect"),
     where="detect",
-    question=Question(
+    question=StageQuestion(
         module="nearlift.commands.reading",
         example="--boundary ground --ratio 1.12 --u '1 percent'",
         options=(

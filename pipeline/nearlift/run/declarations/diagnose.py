@@ -5,7 +5,7 @@ from __future__ import annotations
 from nearlift.run.declarations.fit import FIT, RESULTS
 from nearlift.run.declarations.ingest import TRIALS
 from nearlift.run.schema import Product, real, text
-from nearlift.run.stage import Option, Question, Stage
+from nearlift.run.stage import Option, Stage, StageQuestion
 
 #: Verdict of a boundary that could not be diagnosed; its block of diagnosis.json holds the `reason`
 #: in place of findings.
@@ -39,7 +39,7 @@ STAGE = Stage(
     reads=(TRIALS, FIT),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
-    question=Question(
+    question=StageQuestion(
         module="nearlift.commands.explain",
         example="--explain supply_sag",
         options=(
