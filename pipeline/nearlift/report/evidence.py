@@ -115,8 +115,8 @@ class Evidence:
         """The loop's findings at a boundary; None where there are none, as where it could not be
         diagnosed.
         """
-        found = self.diagnosis.get(boundary)
-        return found if isinstance(found, BoundaryDiagnosis) else None
+        diagnosis = self.diagnosis.get(boundary)
+        return diagnosis if isinstance(diagnosis, BoundaryDiagnosis) else None
 
     @property
     def left_out(self) -> str:
@@ -135,9 +135,10 @@ class Evidence:
         """
         geometry = self.campaign.geometry()
         data = self.observations[boundary]
-        own = {"throttle": data.throttle, **data.covariates}
+        measured = {"throttle": data.throttle, **data.covariates}
         return {
-            n: geometry[n] if n in geometry else float(np.nanmedian(own[n])) for n in model.needs
+            n: geometry[n] if n in geometry else float(np.nanmedian(measured[n]))
+            for n in model.needs
         }
 
 

@@ -26,12 +26,12 @@ def along(covariate: str) -> str:
     return ALONG.get(covariate, covariate.replace("_", " "))
 
 
-def structure_along(found: BoundaryDiagnosis) -> str:
+def structure_along(diagnosis: BoundaryDiagnosis) -> str:
     """The covariates along which structure is significant, the foremost two by name; the foremost
     where none is by itself.
     """
-    told = [s for s in found.structure if s.significant] or found.structure[:1]
-    every = [along(s.covariate) for s in told]
+    shown = [s for s in diagnosis.structure if s.significant] or diagnosis.structure[:1]
+    every = [along(s.covariate) for s in shown]
     return listed(every if len(every) < 3 else [*every[:2], "others"])
 
 
@@ -45,16 +45,16 @@ def listed(words: Sequence[str], last: str = "and") -> str:
     return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
 
 
-def to_log(found: BoundaryDiagnosis | None) -> list[str]:
+def to_log(diagnosis: BoundaryDiagnosis | None) -> list[str]:
     """What to record next time, once each."""
-    every = found.untestable.values() if found else ()
+    every = diagnosis.untestable.values() if diagnosis else ()
     return list(dict.fromkeys(word for words in every for word in words))
 
 
-def others(found: BoundaryDiagnosis | None, last: str = "or") -> str:
+def others(diagnosis: BoundaryDiagnosis | None, last: str = "or") -> str:
     """What this design cannot tell from the named effects, by title; empty where there is none."""
-    told = [r for e in found.effects for r in found.stand_ins(e)] if found else []
-    return listed([*dict.fromkeys(titled(r.replace(" + ", " with ")) for r in told)], last)
+    rivals = [r for e in diagnosis.effects for r in diagnosis.stand_ins(e)] if diagnosis else []
+    return listed([*dict.fromkeys(titled(r.replace(" + ", " with ")) for r in rivals)], last)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,20 +82,20 @@ class RankedCandidate:
     refuted: bool
 
 
-def ranked(found: BoundaryDiagnosis) -> list[RankedCandidate]:
+def ranked(diagnosis: BoundaryDiagnosis) -> list[RankedCandidate]:
     """Every candidate of every round, as it was tried last: the named one, its rivals, then by
     evidence.
     """
     known = {
         c.name: (c, (i, j))
-        for i, r in enumerate(found.rounds)
+        for i, r in enumerate(diagnosis.rounds)
         for j, c in enumerate(r.candidates)
         if math.isfinite(c.log_evidence)
     }
     every = [c.log_evidence for c, _ in known.values()]
     best = max([c.log_evidence for c, _ in known.values() if c.accepted] or every, default=0.0)
-    explanations = [{*e} for e in found.explanations or ()]
-    refuted = [{*names} for names in found.not_confirmed or ()]
+    explanations = [{*e} for e in diagnosis.explanations or ()]
+    refuted = [{*names} for names in diagnosis.not_confirmed or ()]
     listed = []
     for c, place in known.values():
         kind = "worse" if c.accepted else "rejected"

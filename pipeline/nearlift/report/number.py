@@ -118,8 +118,8 @@ class Place:
         """One number: to so many digits, or so many decimal places, or those of an uncertainty
         `like_u`.
         """
-        found = self.at(*path).content
-        value = math.nan if found is None else float(found)
+        content = self.at(*path).content
+        value = math.nan if content is None else float(content)
         if not math.isfinite(value):
             text = "–"
         elif places is not None:
@@ -153,43 +153,43 @@ class Place:
         """An estimate: an object with `value`, `lo90`, `hi90` and perhaps `u`, `unit`, `at_bound`;
         of the path's last key, or of `name`.
         """
-        own = self.at(*path)
-        entry = own.content
+        place = self.at(*path)
+        entry = place.content
         known = {k: v for k, v in entry.items() if isinstance(v, int | float)}
         # an interval without `u` still says to how many digits its centre is known
         width = known.get("u") or (known.get("hi90", math.nan) - known.get("lo90", math.nan)) / 3.3
         u = width if math.isfinite(width) and width > 0 else abs(entry["value"] or 1.0) * 1e-4
-        name = name or str(own.path[-1])
+        name = name or str(place.path[-1])
         head, _, sub = letter(name).partition("_")
         return Quoted(
             name=name,
             head=head,
             sub=sub,
             unit="" if entry.get("unit", "1") == "1" else entry["unit"],
-            value=own.number("value", like_u=u),
-            u=own.number("u", like_u=u) if "u" in known else None,
-            lo90=own.number("lo90", like_u=u),
-            hi90=own.number("hi90", like_u=u),
+            value=place.number("value", like_u=u),
+            u=place.number("u", like_u=u) if "u" in known else None,
+            lo90=place.number("lo90", like_u=u),
+            hi90=place.number("hi90", like_u=u),
             at_bound=bool(entry.get("at_bound")),
         )
 
     def chance(self, *path: str | int) -> Number:
         """A p-value; below what any test here can mean, only its bound."""
-        found = self.number(*path, digits=2)
-        if found.value < LEAST_CHANCE:
-            return replace(found, text="< 10⁻¹²")
-        digits, _, exponent = found.text.partition("e")
+        p = self.number(*path, digits=2)
+        if p.value < LEAST_CHANCE:
+            return replace(p, text="< 10⁻¹²")
+        digits, _, exponent = p.text.partition("e")
         raised = f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
-        return replace(found, text=raised)
+        return replace(p, text=raised)
 
     def degrees(self, *path: str | int) -> Number | None:
         """Degrees of freedom: one decimal below ten, where it matters; None where there is no end
         to them.
         """
-        found = self.number(*path, places=0)
-        if not math.isfinite(found.value):
+        dof = self.number(*path, places=0)
+        if not math.isfinite(dof.value):
             return None
-        return found if found.value >= FEW else replace(found, text=fixed(found.value, 1))
+        return dof if dof.value >= FEW else replace(dof, text=fixed(dof.value, 1))
 
 
 def count(product: Product, value: int, how: str) -> Number:
@@ -201,13 +201,13 @@ def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
     """A coefficient, or what a flight determines, as it is to be quoted: without u where ± would
     not say the interval, in a word where the trials cannot tell it.
     """
-    place, own = quotation(evidence, boundary, name), evidence.quoted(boundary).every[name]
-    found = place.quote(name=name)
-    if own.refused is not None:
+    place, coefficient = quotation(evidence, boundary, name), evidence.quoted(boundary).every[name]
+    quoted = place.quote(name=name)
+    if coefficient.refused is not None:
         nothing = Number(text="–", value=math.nan, source=place.source("refused"))
-        refused = replace(nothing, text=own.estimate)
-        return replace(found, value=refused, u=None, lo90=nothing, hi90=nothing, at_bound=False)
-    return found if own.even else replace(found, u=None)
+        refused = replace(nothing, text=coefficient.estimate)
+        return replace(quoted, value=refused, u=None, lo90=nothing, hi90=nothing, at_bound=False)
+    return quoted if coefficient.even else replace(quoted, u=None)
 
 
 def quotation(evidence: Evidence, boundary: Boundary, name: str) -> Place:

@@ -94,12 +94,12 @@ def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
     """The chapters that stages declare; each stands on the page when all that its stage writes
     exists.
     """
-    found = []
+    chapters = []
     for stage in stages:
         if stage.chapter is None:
             continue
         module, _, name = stage.chapter.facts.partition(":")
-        found.append(
+        chapters.append(
             Chapter(
                 name=stage.name,
                 title=stage.chapter.title,
@@ -111,7 +111,7 @@ def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
                 ),
             )
         )
-    return tuple(found)
+    return tuple(chapters)
 
 
 #: What the contents list names, in order; the first part is the first screen.

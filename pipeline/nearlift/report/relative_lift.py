@@ -124,7 +124,7 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     cell, index = np.unique(both, axis=1, return_inverse=True)
     index = index.ravel()
     n = np.bincount(index).astype(float)
-    own = (
+    of_trial = (
         (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2
     )
     curve = line(evidence, boundary, cell[1])
@@ -132,7 +132,7 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     slope = np.nan_to_num((np.log1p(beyond.middle) - np.log1p(curve.middle)) / (STEP * cell[1]))
     visits = np.bincount(np.unique(np.stack([index, data.visit]), axis=1)[0], minlength=len(n))
     shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
-    variance = np.bincount(index, own) / n**2 + shared
+    variance = np.bincount(index, of_trial) / n**2 + shared
     ratio = np.exp(np.bincount(index, log_ratio) / n)
     return RelativeLift(
         throttle=cell[0],

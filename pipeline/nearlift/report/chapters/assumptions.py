@@ -32,15 +32,15 @@ def facts(evidence: Evidence) -> dict[str, object]:
 
 def _chance(place: Place, *below: str | int) -> Number:
     """A p-value; below a thousandth only that."""
-    found = place.number(*below, digits=2)
-    return replace(found, text="< 0.001", how="below a thousandth") if found.value < 1e-3 else found
+    p = place.number(*below, digits=2)
+    return replace(p, text="< 0.001", how="below a thousandth") if p.value < 1e-3 else p
 
 
 def _collapse(place: Place) -> dict[str, object]:
-    found = place.content
+    collapse = place.content
 
     def percent(what: str) -> Number | None:
-        departure = found["largest_departure"][what]
+        departure = collapse["largest_departure"][what]
         if departure is None:
             return None
         digits = 2 if departure["bound95"] < 1 else 3
@@ -48,21 +48,21 @@ def _collapse(place: Place) -> dict[str, object]:
 
     return {
         "boundary": place.path[-1],
-        "text": found["text"],
+        "text": collapse["text"],
         "p": [
-            None if found["tests"][t] is None else _chance(place, "tests", t, "p_value")
+            None if collapse["tests"][t] is None else _chance(place, "tests", t, "p_value")
             for t in TESTS
         ],
-        "name": found["coefficient"],
+        "name": collapse["coefficient"],
         "of_coefficient": percent("coefficient"),
         "of_lift": percent("delta_L"),
     }
 
 
 def _held(place: Place) -> dict[str, object]:
-    found = place.content
+    held = place.content
     rows = []
-    for i, e in enumerate(found["plausible"]):
+    for i, e in enumerate(held["plausible"]):
         at = place.at("plausible", i)
         rows.append(
             {
@@ -74,21 +74,21 @@ def _held(place: Place) -> dict[str, object]:
         )
     return {
         "boundary": place.path[-1],
-        "declared": found["declared_text"],
-        "text": found["text"],
-        "name": found["coefficient"],
+        "declared": held["declared_text"],
+        "text": held["text"],
+        "name": held["coefficient"],
         "rows": rows,
     }
 
 
 def _rotor(place: Place) -> dict[str, object]:
-    found = place.content
+    rotor = place.content
     rows = [
         {
             "throttle": f"{100 * float(t):.4g} %",
             "speed": place.number("per_throttle", t, "speed_Hz", digits=4),
             "C_L": place.quote("per_throttle", t),
         }
-        for t in found.get("per_throttle", {})
+        for t in rotor.get("per_throttle", {})
     ]
-    return {"boundary": place.path[-1], "text": found["text"], "rows": rows}
+    return {"boundary": place.path[-1], "text": rotor["text"], "rows": rows}

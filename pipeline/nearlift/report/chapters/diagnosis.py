@@ -26,60 +26,64 @@ def facts(evidence: Evidence) -> dict[str, object]:
     rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",))
     return {
         "sections": [
-            _section(evidence, b, found) for b in BOUNDARIES if (found := evidence.diagnosed(b))
+            _section(evidence, b, diagnosis)
+            for b in BOUNDARIES
+            if (diagnosis := evidence.diagnosed(b))
         ],
         "not_diagnosed": {b: reason for b in BOUNDARIES if (reason := evidence.not_diagnosed(b))},
         "rate": None if rate.content is None else rate.percent(digits=3),
     }
 
 
-def _section(evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis) -> dict[str, object]:
+def _section(
+    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
+) -> dict[str, object]:
     place = Place(evidence, DIAGNOSIS, ("boundaries", boundary))
-    tried = [c for r in found.rounds for c in r.candidates]
+    tried = [c for r in diagnosis.rounds for c in r.candidates]
     structure = [
         {
             "covariate": s.covariate,
             "p": place.chance("structure", i, "p_value"),
             "significant": s.significant,
         }
-        for i, s in enumerate(found.structure[:LINES])
+        for i, s in enumerate(diagnosis.structure[:LINES])
     ]
     return {
         "boundary": boundary,
-        "kind": found.verdict,
-        "carried": found.coefficients.carried,
+        "kind": diagnosis.verdict,
+        "carried": diagnosis.coefficients.carried,
         "verdict": brief.verdict(evidence, boundary),
         "largest": loop_words.largest(place),
-        "look": found.look.text if found.look else "",
-        "effects": loop_words.effects(place, found),
-        "not_confirmed": [" + ".join(names) for names in found.not_confirmed or ()],
+        "look": diagnosis.look.text if diagnosis.look else "",
+        "effects": loop_words.effects(place, diagnosis),
+        "not_confirmed": [" + ".join(names) for names in diagnosis.not_confirmed or ()],
         "partial": [
             {"name": p.name, "share": place.percent("partial", i, "share", digits=2)}
-            for i, p in enumerate(found.partial or ())
+            for i, p in enumerate(diagnosis.partial or ())
         ],
         "structure": structure,
         "along": [s for s in structure if s["significant"]] or structure[:1],
         "error": _error(place),
         "left_out": evidence.left_out,
-        "outcome": loop_words.outcome(found.error),
-        "folds": loop_words.folds(place, found),
-        "within": loop_words.within(place, found.within_trial),
-        "candidates": loop_words.candidates(place, found),
+        "outcome": loop_words.outcome(diagnosis.error),
+        "folds": loop_words.folds(place, diagnosis),
+        "within": loop_words.within(place, diagnosis.within_trial),
+        "candidates": loop_words.candidates(place, diagnosis),
         "nearly_all": next(
-            (r.reason for r in found.rounds if r.reason.startswith("accounts for")), ""
+            (r.reason for r in diagnosis.rounds if r.reason.startswith("accounts for")), ""
         ),
         "by_visits": any(c.judged_by for c in tried),
-        "rounds": found.rounds,
+        "rounds": diagnosis.rounds,
         "limits": [
-            *(s.text for s in found.shifts if s.text is not None),
-            *(limit.text for limit in found.limits),
+            *(s.text for s in diagnosis.shifts if s.text is not None),
+            *(limit.text for limit in diagnosis.limits),
         ],
-        "sensitivity": found.sensitivity,
-        "could_have_seen": str(found.sensitivity or ""),
-        "untestable": found.not_testable,
-        "log": to_log(found),
-        "silent": _silent(place, found.silent),
-        "next_experiment": loop_words.proposals(place, found.next_experiment),
+        "sensitivity": diagnosis.sensitivity,
+        "could_have_seen": str(diagnosis.sensitivity or ""),
+        "untestable": diagnosis.not_testable,
+        "log": to_log(diagnosis),
+        "silent": _silent(place, diagnosis.silent),
+        "next_experiment": loop_words.proposals(place, diagnosis.next_experiment),
     }
 
 

@@ -62,11 +62,13 @@ def doubts(evidence: Evidence) -> list[Reservation]:
     product.
     """
     merged: dict[str, Reservation] = {}
-    for own in (doubt for b in evidence.boundaries for doubt in of(evidence, b)):
+    for reservation in (doubt for b in evidence.boundaries for doubt in reservations(evidence, b)):
         # what is said of several boundaries is said once
-        before = merged.get(own.text)
-        merged[own.text] = (
-            replace(own, boundaries=before.boundaries + own.boundaries) if before else own
+        before = merged.get(reservation.text)
+        merged[reservation.text] = (
+            replace(reservation, boundaries=before.boundaries + reservation.boundaries)
+            if before
+            else reservation
         )
     every = list(merged.values())
     out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
@@ -83,10 +85,10 @@ def doubts(evidence: Evidence) -> list[Reservation]:
     return every
 
 
-def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
+def reservations(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     """The doubts about one boundary, the gravest first."""
     model, fit = evidence.base(boundary)
-    found, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
+    diagnosis, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
     said = [quoted.leaning] if quoted.leaning else []
     hinge = quoted.hinge
     suspects = [
@@ -96,30 +98,30 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     ]
     if evidence.not_diagnosed(boundary):
         # what is known to move the headline out of its interval is graver than what might
-        own = quoted.coefficients.get(quoted.headline)
-        reach = 0.5 * (own.hi90 - own.lo90) if own else math.inf
+        headline = quoted.coefficients.get(quoted.headline)
+        reach = 0.5 * (headline.hi90 - headline.lo90) if headline else math.inf
         grave = sorted((s for s in suspects if abs(s.shift) > reach), key=lambda s: -abs(s.shift))
         said += [s.text for s in grave]
         said.append("not diagnosed, so an effect of any size may be in the coefficient")
-    if found and found.look:
-        said.append(f"the campaign is still growing: {found.look.text}")
-    if goodness(evidence, boundary)[0] and not (found and found.effects):
+    if diagnosis and diagnosis.look:
+        said.append(f"the campaign is still growing: {diagnosis.look.text}")
+    if goodness(evidence, boundary)[0] and not (diagnosis and diagnosis.effects):
         # where an effect is named, it is the base model's cells that stray, not the quoted one's
         said.append(
             f"means at one distance and throttle stray from {model.title} by more than chance"
             " allows, so the interval belongs to a curve that the data do not follow"
         )
-    if found:
-        said += found.contradicted or ()
-        said += [wandering(found.wander)] if found.wander is not None else []
-    told = [Reservation(boundaries=(boundary,), text=text) for text in said]
-    if found and found.verdict == "unexplained" and not found.contradicted:
-        where = structure_along(found)
+    if diagnosis:
+        said += diagnosis.contradicted or ()
+        said += [wandering(diagnosis.wander)] if diagnosis.wander is not None else []
+    gravest = [Reservation(boundaries=(boundary,), text=text) for text in said]
+    if diagnosis and diagnosis.verdict == "unexplained" and not diagnosis.contradicted:
+        where = structure_along(diagnosis)
         text = (
             f"what the base model leaves{' along ' if where else ''}{where} is unexplained, and may"
             " be in the coefficient too"
         )
-        told.append(Reservation(boundaries=(boundary,), text=text))
+        gravest.append(Reservation(boundaries=(boundary,), text=text))
     further = [s.text for s in suspects if s.text not in said]
     further += [
         f"{letter(name)} ends at a bound of its range"
@@ -129,32 +131,36 @@ def of(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     if quoted.verdict == NOT_DIAGNOSED:
         # by the noise of the fit; after the loop the conditions say it by the loop's
         further += [d.text for d in fit.degeneracies[:1]]
-    rivals = [text for e in found.effects for text in _alike(found, e, quoted)] if found else []
+    rivals = (
+        [text for e in diagnosis.effects for text in _alike(diagnosis, e, quoted)]
+        if diagnosis
+        else []
+    )
     left_out = _hidden(evidence, boundary)
     # the interval is over rivals, so where they hardly differ what it leaves out is graver
     further += [*rivals, *left_out] if _apart(quoted) else [*left_out, *rivals]
-    unlogged = [catalogue.titled(name) for name in found.untestable] if found else []
+    unlogged = [catalogue.titled(name) for name in diagnosis.untestable] if diagnosis else []
     if unlogged:
         further.append(f"nothing was logged that could tell of {listed(unlogged)}")
-    return told + [Reservation(boundaries=(boundary,), text=text) for text in further]
+    return gravest + [Reservation(boundaries=(boundary,), text=text) for text in further]
 
 
 def _apart(quoted: BoundaryResult) -> bool:
     """Whether the headline with some rival is farther than u from what is quoted."""
-    own = quoted.quotable.get(quoted.headline)
-    return own is not None and any(
-        d.explanation and abs(d.value - own.value) > own.u for d in own.doubts
+    headline = quoted.quotable.get(quoted.headline)
+    return headline is not None and any(
+        d.explanation and abs(d.value - headline.value) > headline.u for d in headline.doubts
     )
 
 
-def _alike(found: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult) -> list[str]:
+def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult) -> list[str]:
     """That a named effect has rivals, alone and two together, and what the headline would be with
     each.
     """
-    others = found.stand_ins(effect)
+    others = diagnosis.stand_ins(effect)
     alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
-    own = quoted.quotable.get(quoted.headline)
-    values = {d.explanation: plain(d.value, 2) for d in own.doubts} if own else {}
+    headline = quoted.quotable.get(quoted.headline)
+    values = {d.explanation: plain(d.value, 2) for d in headline.doubts} if headline else {}
 
     def with_value(name: str, equals: str = "") -> str:
         return f"{name} ({equals}{values[name]})" if name in values else name
@@ -189,14 +195,14 @@ class PlausibleError:
 
 def undeclared(evidence: Evidence, boundary: Boundary) -> list[PlausibleError]:
     """Errors of the inputs whose uncertainty nobody declared, the gravest first."""
-    quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
     u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
     if not (u > 0 and math.isfinite(u)):
         return []
     listed = []
     for error in evidence.base(boundary)[1].undeclared:
         shift = abs(error.shift[quoted.headline])
-        part = min(1.0, _unseen_shift(found, error.on, u) / shift) if shift else 0.0
+        part = min(1.0, _unseen_shift(diagnosis, error.on, u) / shift) if shift else 0.0
         if part:
             listed.append(
                 PlausibleError(
@@ -211,14 +217,19 @@ def undeclared(evidence: Evidence, boundary: Boundary) -> list[PlausibleError]:
     return sorted(listed, key=lambda error: -error.in_u)
 
 
-def _unseen_shift(found: BoundaryDiagnosis | None, on: str, u: float) -> float:
+def _unseen_shift(diagnosis: BoundaryDiagnosis | None, on: str, u: float) -> float:
     """The most that an error of that input can move the headline without being seen: `u` where the
     diagnosis found no more worth telling, without end where it tells nothing of it.
     """
     names = {e.name for e in catalogue.effects() if e.error_of == on}
-    if not names or found is None or found.verdict != "adequate" or names & {*found.untestable}:
+    if (
+        not names
+        or diagnosis is None
+        or diagnosis.verdict != "adequate"
+        or names & {*diagnosis.untestable}
+    ):
         return math.inf
-    hidden = [s for s in found.silent if s.effect in names]
+    hidden = [s for s in diagnosis.silent if s.effect in names]
     if any(s.hidden for s in hidden):
         return math.inf
     return max((s.shift for s in hidden), default=u)
@@ -228,12 +239,12 @@ def unseen(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:
     """The shift of the headline by the effect that could move it most without being seen, where
     that is more than its u; and the effect.
     """
-    quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
-    own = quoted.quotable.get(quoted.headline)
-    if not (own and found and found.silent):
+    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    headline = quoted.quotable.get(quoted.headline)
+    if not (headline and diagnosis and diagnosis.silent):
         return None
-    most = max(found.silent, key=lambda s: s.bias_at_detection_limit)
-    return (most.shift, most.effect) if own.u < most.shift < math.inf else None
+    most = max(diagnosis.silent, key=lambda s: s.bias_at_detection_limit)
+    return (most.shift, most.effect) if headline.u < most.shift < math.inf else None
 
 
 def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
@@ -243,13 +254,13 @@ def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
     moves = f"could move {noun(evidence.quoted(boundary).headline)}"
     said: list[tuple[float, str, str]] = []
     if grave := [e for e in undeclared(evidence, boundary) if e.in_u > 1]:
-        told = ", ".join(
+        sizes = ", ".join(
             f"{plain(SCALES[e.unit][0] * e.size, 2)} {SCALES[e.unit][1]} in {INPUT_WORDS[e.on]} by"
             f" {plain(e.shift, 2)}{' (more would show)' if e.at_most else ''}"
             for e in grave
         )
         errors = "errors that are not declared"
-        said.append((grave[0].shift, f"{errors} {moves}: {told}", f"{errors}: {told}"))
+        said.append((grave[0].shift, f"{errors} {moves}: {sizes}", f"{errors}: {sizes}"))
     if hidden := unseen(evidence, boundary):
         shift, name = hidden
         effect, by = f"{name}, though too small to be seen,", f"by {plain(shift, 2)}"

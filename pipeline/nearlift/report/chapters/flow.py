@@ -184,10 +184,10 @@ def reduction_percent(
     assert model.downwash is not None
     known = {n: geometry[n] for n in model.needs}
     with np.errstate(invalid="ignore", divide="ignore"):
-        found = np.broadcast_to(
+        velocity = np.broadcast_to(
             np.asarray(model.downwash(z_hat, **parameters, **known), dtype=float), np.shape(z_hat)
         )
-    return [100 * (1 - float(v)) for v in found]
+    return [100 * (1 - float(v)) for v in velocity]
 
 
 def _shortfall(percent: float, source: str, values: str) -> Number:
@@ -244,9 +244,9 @@ def _topology(evidence: Evidence) -> dict[str, object] | None:
         return None
     rows = []
     for quantity, title in NAMES.items():
-        found = [fig5.number(evidence, c.name, quantity) for c in cases]
+        numbers = [fig5.number(evidence, c.name, quantity) for c in cases]
         count = quantity.startswith("vort")
-        rows.append({"title": title, "cells": [_interval(row, count) for row in found]})
+        rows.append({"title": title, "cells": [_interval(row, count) for row in numbers]})
     return {
         "tilts": [f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases],
         "rows": rows,

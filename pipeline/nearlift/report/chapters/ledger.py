@@ -66,13 +66,13 @@ def _back(evidence: Evidence, boundary: Boundary, entry: Exclusions) -> dict[str
                 **_change(entry.all, place.at("all")),
             }
         )
-    for name, found in entry.codes.items():
+    for name, outcome in entry.codes.items():
         rows.append(
             {
                 "what": name,
                 "code": True,
                 "meaning": code(name).meaning,
-                **_change(found, place.at("codes", name)),
+                **_change(outcome, place.at("codes", name)),
             }
         )
     for i, without in enumerate(entry.left_out):
@@ -84,8 +84,8 @@ def _back(evidence: Evidence, boundary: Boundary, entry: Exclusions) -> dict[str
             }
         )
     single = [
-        {"what": name, "code": False, **_change(found, place.at("trials", name))}
-        for name, found in entry.trials.items()
+        {"what": name, "code": False, **_change(outcome, place.at("trials", name))}
+        for name, outcome in entry.trials.items()
     ]
     head, _, sub = entry.parameter.partition("_")
     return {
@@ -99,11 +99,11 @@ def _back(evidence: Evidence, boundary: Boundary, entry: Exclusions) -> dict[str
     }
 
 
-def _change(found: PutBack | NotPutBack | HeadlineWithout, place: Place) -> dict[str, object]:
-    if not isinstance(found, PutBack) and found.value is None:
+def _change(outcome: PutBack | NotPutBack | HeadlineWithout, place: Place) -> dict[str, object]:
+    if not isinstance(outcome, PutBack) and outcome.value is None:
         return {
             "trials": place.number("trials", places=0),
-            "why_not": found.why_not,
+            "why_not": outcome.why_not,
         }
     return {
         "trials": place.number("trials", places=0),

@@ -36,11 +36,11 @@ def largest(place: Place) -> dict[str, object] | None:
     }
 
 
-def effects(place: Place, found: BoundaryDiagnosis) -> list[dict[str, object]]:
+def effects(place: Place, diagnosis: BoundaryDiagnosis) -> list[dict[str, object]]:
     """The named effects with mechanism, parameters and rivals."""
     known = {e.name: e for e in catalogue.effects()}
     listed: list[dict[str, object]] = []
-    for i, effect in enumerate(found.effects):
+    for i, effect in enumerate(diagnosis.effects):
         sizes = (
             {p.name for p in known[effect.name].parameters if not p.grid}
             if effect.name in known
@@ -50,7 +50,7 @@ def effects(place: Place, found: BoundaryDiagnosis) -> list[dict[str, object]]:
             _marked(place.quote("effects", i, "parameters", name), known.get(effect.name))
             for name in effect.parameters
         ]
-        others = found.stand_ins(effect)
+        others = diagnosis.stand_ins(effect)
         ends = sorted(quoted, key=lambda q: q.value.value)
         listed.append(
             {
@@ -105,15 +105,15 @@ def outcome(error: LoopError | None) -> dict[str, object]:
     }
 
 
-def folds(place: Place, found: BoundaryDiagnosis) -> dict[str, Number] | None:
+def folds(place: Place, diagnosis: BoundaryDiagnosis) -> dict[str, Number] | None:
     """In how many folds the search, repeated without the visits held out, came to the
     same answer.
     """
-    chosen = found.error.chosen_in_folds if found.error else ()
-    if not chosen or found.verdict != "effect":
+    chosen = diagnosis.error.chosen_in_folds if diagnosis.error else ()
+    if not chosen or diagnosis.verdict != "effect":
         return None
-    own = {e.name for e in found.effects}
-    same = sum({part.strip() for part in c.split("+")} == own for c in chosen)
+    named = {e.name for e in diagnosis.effects}
+    same = sum({part.strip() for part in c.split("+")} == named for c in chosen)
     source = place.source("error", "chosen_in_folds")
     return {
         "same": Number(
@@ -123,9 +123,9 @@ def folds(place: Place, found: BoundaryDiagnosis) -> dict[str, Number] | None:
     }
 
 
-def within(place: Place, own: WithinTrial | None) -> dict[str, object] | None:
+def within(place: Place, change: WithinTrial | None) -> dict[str, object] | None:
     """The change of lift over a record, in percent."""
-    if own is None:
+    if change is None:
         return None
     place = place.at("within_trial")
     return {
@@ -133,27 +133,27 @@ def within(place: Place, own: WithinTrial | None) -> dict[str, object] | None:
         for k in ("value", "lo90", "hi90")
     } | {
         "p": place.chance("p_value"),
-        "significant": own.significant,
-        "candidates": own.candidates,
+        "significant": change.significant,
+        "candidates": change.candidates,
     }
 
 
-def candidates(place: Place, found: BoundaryDiagnosis) -> list[dict[str, object]]:
+def candidates(place: Place, diagnosis: BoundaryDiagnosis) -> list[dict[str, object]]:
     """Every candidate with its gain, how far its evidence lies behind, and why not."""
     rows = []
-    for c in ranked(found):
+    for c in ranked(diagnosis):
         i, j = c.place
-        own = place.at("rounds", i, "candidates", j)
+        at = place.at("rounds", i, "candidates", j)
         behind = Number(
             text=plain(c.behind, 3),
             value=c.behind,
-            source=own.source("log_evidence"),
+            source=at.source("log_evidence"),
             how="less that of the best, times −2",
         )
         rows.append(
             {
                 "name": c.tried.name,
-                "gain": own.number("gain", places=1),
+                "gain": at.number("gain", places=1),
                 "behind": behind,
                 "accepted": c.tried.accepted,
                 "left_in": c.tried.left_in,
@@ -166,15 +166,15 @@ def proposals(place: Place, experiments: Sequence[NextExperiment]) -> list[dict[
     """What to measure next, with the trials it takes and the evidence expected of them."""
     listed: list[dict[str, object]] = []
     for i, n in enumerate(experiments):
-        own = place.at("next_experiment", i)
+        at = place.at("next_experiment", i)
         digits = {"trials": 6, "expected_evidence": 2}
         known = {
-            k: own.number(k, digits=d) if getattr(n, k, None) else None for k, d in digits.items()
+            k: at.number(k, digits=d) if getattr(n, k, None) else None for k, d in digits.items()
         }
         others = [
             {
                 "measure": a.measure,
-                "gain": own.number("alternatives", j, "expected_evidence", digits=2),
+                "gain": at.number("alternatives", j, "expected_evidence", digits=2),
             }
             for j, a in enumerate(n.alternatives if isinstance(n, NextSession) else ())
         ]

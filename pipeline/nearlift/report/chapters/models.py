@@ -80,13 +80,13 @@ def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) 
 
 
 def grouped(
-    found: Sequence[Degeneracy], parameters: Mapping[str, CoefficientEstimate]
+    degeneracies: Sequence[Degeneracy], parameters: Mapping[str, CoefficientEstimate]
 ) -> list[str]:
     """Degeneracies in words, one sentence for all coefficients that trade places with the same
     thing.
     """
     together: dict[str, list[Degeneracy]] = {}
-    for d in found:
+    for d in degeneracies:
         first, second = d.pair
         # pairs of the model's own coefficients, and what cannot be told apart at all, stand alone
         alone = second in parameters or (d.u_if_free is None and not second.startswith(LEVEL))
@@ -106,20 +106,20 @@ def _sentence(
         each.setdefault(d.pair[0], []).append(d)
     if second == LEVEL:
         throttles = list(dict.fromkeys(d.pair[1].removeprefix(LEVEL) for d in group))
-        told = " and ".join(
-            f"{letter(name)} ({_range([d.r for d in own])})" for name, own in each.items()
+        named = " and ".join(
+            f"{letter(name)} ({_range([d.r for d in pairs])})" for name, pairs in each.items()
         )
         return (
-            f"{told} {'trade' if len(each) > 1 else 'trades'} places with L_inf at"
+            f"{named} {'trade' if len(each) > 1 else 'trades'} places with L_inf at"
             f" {', '.join(throttles)} throttle"
         )
-    told = " and ".join(
-        f"{letter(name)} ({_range([own[0].r])}, u from {plain(parameters[name].u, 2)} to"
-        f" {plain(own[0].u_if_free or math.nan, 2)})"
-        for name, own in each.items()
+    named = " and ".join(
+        f"{letter(name)} ({_range([pairs[0].r])}, u from {plain(parameters[name].u, 2)} to"
+        f" {plain(pairs[0].u_if_free or math.nan, 2)})"
+        for name, pairs in each.items()
     )
     return (
-        f"{told} would trade places with an unknown {second}, which would itself be known to"
+        f"{named} would trade places with an unknown {second}, which would itself be known to"
         f" {group[0].known_to}"
     )
 
@@ -153,18 +153,18 @@ def _curve(fit: LevelFit) -> str:
     curve = fit.curve
     # columns of trials end with their unit
     parts = [(name, *name.rpartition("_")[::2]) for name in curve.of]
-    of = [word or name for name, word, _ in parts]
+    names = [word or name for name, word, _ in parts]
     rest = [
         f"{word or name} {plain(typical, 3)}{' ' if word else ''}{unit if word else ''}"
         for (name, word, unit), typical in zip(parts, curve.typical, strict=True)
         if name != "throttle"
     ]
-    told = ", ".join(f"{100 * e:.2f} % (degree {d})" for d, e in fit.held_out.items())
+    errors = ", ".join(f"{100 * e:.2f} % (degree {d})" for d, e in fit.held_out.items())
     at = f" The table is at {' and '.join(rest)}, the median." if rest else ""
     return (
         f"log L∞ is a polynomial of degree {curve.degree} in the logarithms of"
-        f" {' and '.join(of)}. Beside any smooth curve of distance, visits left out are foretold to"
-        f" {told}; beyond the range of the trials it is not told.{at}"
+        f" {' and '.join(names)}. Beside any smooth curve of distance, visits left out are foretold"
+        f" to {errors}; beyond the range of the trials it is not told.{at}"
     )
 
 
@@ -173,7 +173,7 @@ def noise(evidence: Evidence) -> dict[str, object]:
     rows = []
     for boundary in evidence.boundaries:
         place = Place(evidence, FIT, ("noise", boundary))
-        own, quoted = evidence.fits.noise[boundary], evidence.quoted(boundary).quotable.values()
+        scatter, quoted = evidence.fits.noise[boundary], evidence.quoted(boundary).quotable.values()
         rows.append(
             {
                 "boundary": boundary,
@@ -182,9 +182,9 @@ def noise(evidence: Evidence) -> dict[str, object]:
                 "height": place.number("height_m", digits=3, scale=1000, how="in mm"),
                 "common": place.percent("common", digits=3),
                 "drift": place.percent("drift", digits=3),
-                "source": own.source,
+                "source": scatter.source,
                 "untold": sorted({source for c in quoted for source in untold(c)}),
-                "dof": place.number("dof", digits=6) if math.isfinite(own.dof) else None,
+                "dof": place.number("dof", digits=6) if math.isfinite(scatter.dof) else None,
             }
         )
     declared = [c for c in budget.components(evidence.campaign) if not c.is_measured]

@@ -72,14 +72,14 @@ def how(drawn: PosteriorSummary | None) -> str:
         return "it has no free parameter, and nothing had to be sampled"
     n = drawn.chains * drawn.draws
     if drawn.sampler == "emcee":
-        told = (
+        sampling = (
             f"emcee took {drawn.steps} steps of {drawn.chains} walkers (differential"
             f" evolution and snooker moves, {100 * drawn.acceptance:.0f} % accepted, τ ="
             f" {plain(drawn.tau or 0.0, 3)}); {n} draws are kept, worth {drawn.ess or 0.0:.0f}"
             " independent ones"
         )
     else:
-        told = (
+        sampling = (
             f"{n} independent draws by importance sampling from the peak (Pareto k ="
             f" {plain(drawn.pareto_k, 2)}; below 0.7 it can be used)"
         )
@@ -89,4 +89,4 @@ def how(drawn: PosteriorSummary | None) -> str:
         if not c.unfit
     ]
     unfit = [f"the {c.by} could not judge ({c.unfit})" for c in drawn.checks if c.unfit]
-    return "; ".join([told, *judged, *unfit])
+    return "; ".join([sampling, *judged, *unfit])

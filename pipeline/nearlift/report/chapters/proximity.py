@@ -24,7 +24,7 @@ def facts(evidence: Evidence) -> dict[str, object]:
     root = Place(evidence, PROXIMITY)
     rows = []
     for side in (b for b in BOUNDARIES if b in content["boundaries"]):
-        own = content["boundaries"][side]
+        detected = content["boundaries"][side]
         mine = table["boundary"] == side
         cells = []
         for words, payload, voltage in cases(table, mine):
@@ -47,10 +47,10 @@ def facts(evidence: Evidence) -> dict[str, object]:
                     root.number("boundaries", side, "significant", k, digits=2)
                     for k in ("z_hat", "lo90", "hi90")
                 ]
-                if own["significant"]["z_hat"] is not None
+                if detected["significant"]["z_hat"] is not None
                 else None,
                 "noticed": _noticed(root, side, content["averaging_s"]),
-                "refused": own.get("refused", ""),
+                "refused": detected.get("refused", ""),
             }
         )
     longest = max(table["averaging_s"].tolist(), default=0.0)
@@ -67,9 +67,9 @@ def facts(evidence: Evidence) -> dict[str, object]:
 
 def _noticed(root: Place, side: str, within_s: float) -> Number | None:
     """The farthest height at which the sequential test takes no longer than that."""
-    found = root.content["boundaries"][side]["noticed"]
+    heights = root.content["boundaries"][side]["noticed"]
     in_time = [
-        i for i, n in enumerate(found) if n["delay_s"] is not None and n["delay_s"] <= within_s
+        i for i, n in enumerate(heights) if n["delay_s"] is not None and n["delay_s"] <= within_s
     ]
     return (
         root.number("boundaries", side, "noticed", in_time[-1], "z_hat", digits=2)
@@ -85,27 +85,30 @@ def cases(table: Any, mine: Any) -> list[tuple[str, float, float]]:
     payloads, voltages = (
         sorted({float(v) for v in table[k][mine]}) for k in ("payload", "voltage")
     )
-    found = [(case(payloads[0], voltages[0]), payloads[0], voltages[0])]
+    known = [(case(payloads[0], voltages[0]), payloads[0], voltages[0])]
     if len(payloads) > 1:
-        found.append((case(payloads[-1], voltages[0]), payloads[-1], voltages[0]))
+        known.append((case(payloads[-1], voltages[0]), payloads[-1], voltages[0]))
     if len(voltages) > 1:
-        found.append((case(payloads[0], voltages[-1]), payloads[0], voltages[-1]))
-    return found
+        known.append((case(payloads[0], voltages[-1]), payloads[0], voltages[-1]))
+    return known
 
 
 def _reading(place: Place) -> dict[str, object]:
-    found = place.content
-    told: dict[str, object] = {"boundary": found["boundary"], "refused": found.get("refused", "")}
-    if told["refused"]:
-        return told
+    reading = place.content
+    row: dict[str, object] = {
+        "boundary": reading["boundary"],
+        "refused": reading.get("refused", ""),
+    }
+    if row["refused"]:
+        return row
 
     beyond = place.percent("beyond", digits=2)
-    known = found["throttle"] is not None
-    return told | {
+    known = reading["throttle"] is not None
+    return row | {
         "throttle": place.percent("throttle", digits=3) if known else None,
         "ratio": place.number("ratio", digits=4),
         "u": place.number("u", digits=2),
-        "beyond": replace(beyond, text="< 0.01") if found["beyond"] < inverse.NONE else beyond,
+        "beyond": replace(beyond, text="< 0.01") if reading["beyond"] < inverse.NONE else beyond,
         **place.at("z_hat").numbers("median", "lo90", "hi90", digits=3),
         "z_mm": place.number("z_m", "median", digits=3, scale=1e3, how="in mm"),
     }

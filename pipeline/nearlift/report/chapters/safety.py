@@ -32,8 +32,8 @@ def facts(evidence: Evidence) -> dict[str, object]:
 
 def _preset(place: Place, name: str) -> dict[str, object]:
     tests = {
-        (b, kind): found[kind]
-        for b, found in place.content["boundaries"].items()
+        (b, kind): flown[kind]
+        for b, flown in place.content["boundaries"].items()
         for kind in ("convergence", "variants")
     }
     worst = place.at("boundaries", *max(tests, key=lambda k: tests[k]["worst"]))
@@ -63,20 +63,20 @@ def _claim(place: Place) -> dict[str, object]:
 
 
 def _fitted(place: Place, boundary: str) -> dict[str, object]:
-    own = place.content
+    fitted = place.content
     return {
         "boundary": boundary,
-        "model": own["title"],
-        "effects": own["effects"],
-        "left": own["left_on_the_bench"],
-        "draws": own["draws"],
-        "source": own["draws_from"],
+        "model": fitted["title"],
+        "effects": fitted["effects"],
+        "left": fitted["left_on_the_bench"],
+        "draws": fitted["draws"],
+        "source": fitted["draws_from"],
         "contact": place.number("contact_z_hat", places=2),
         "contact_mm": place.number("contact_m", scale=1e3, digits=3, how="in mm"),
         "nearest": place.number("measured_z_hat", 0, places=2),
         "gains": [place.number("gains", k, digits=3) for k in ("kP", "kD", "kI")],
-        "droop": place.percent("droop", digits=2) if own["droop"] else None,
-        "converged": own["convergence"]["converged"],
+        "droop": place.percent("droop", digits=2) if fitted["droop"] else None,
+        "converged": fitted["convergence"]["converged"],
         "levels": [
             {
                 "risk": f"{100 * e['risk']:g} %",
@@ -84,37 +84,37 @@ def _fitted(place: Place, boundary: str) -> dict[str, object]:
                 "least": e["value"] == e["lowest_flown"],
                 "agrees": e["agrees"],
             }
-            for i, e in enumerate(own["levels"])
+            for i, e in enumerate(fitted["levels"])
         ],
         "best": [
-            _best(place.at("best_set_points", i), own["flights"])
-            for i in range(len(own["best_set_points"]))
+            _best(place.at("best_set_points", i), fitted["flights"])
+            for i in range(len(fitted["best_set_points"]))
         ],
     }
 
 
 def _best(place: Place, flights: int) -> dict[str, object]:
-    own = place.content
+    point = place.content
     return {
-        "price": f"{own['price']:g}",
+        "price": f"{point['price']:g}",
         **place.numbers("target_z_hat", "lo90", "hi90", places=2),
         "cost": place.number("relative_cost", places=3),
-        "farthest": own["farthest"],
-        "refused": refusal(own, flights),
+        "farthest": point["farthest"],
+        "refused": refusal(point, flights),
         "rate": place.percent("rate", digits=2),
         "rate_hi95": place.percent("rate_hi95", digits=2),
     }
 
 
-def refusal(found: dict[str, Any], flights: int) -> str:
+def refusal(point: dict[str, Any], flights: int) -> str:
     """Why no set-point is named for a price, and what would do; empty where one is."""
-    if not found["agrees"]:
+    if not point["agrees"]:
         return "no advice: it depends on lift nearer than measured; measure nearer"
-    if found["resolved"]:
+    if point["resolved"]:
         return ""
     enough = (
-        f"about {plain(found['flights_needed'], 2)} would"
-        if found["flights_needed"]
+        f"about {plain(point['flights_needed'], 2)} would"
+        if point["flights_needed"]
         else "no number of flights would"
     )
     return f"not resolved by {flights} flights; {enough}"
@@ -146,15 +146,15 @@ def _roll(place: Place) -> dict[str, object]:
         }
         for i, r in enumerate(content["paper"])
     ]
-    own = content.get("fitted")
-    if not own:
+    torques = content.get("fitted")
+    if not torques:
         return {"paper": rows, "fitted": [], "gap": None, "u_inertia": None}
     fitted = []
     for name, words in (
         ("near_pair_only", "the near pair alone loses lift"),
         ("same_law", "both pairs lose by one law, each over its own gap"),
     ):
-        at, known = place.at("fitted", name), "acceleration_deg_s2" in own[name]
+        at, known = place.at("fitted", name), "acceleration_deg_s2" in torques[name]
         accelerations = ("acceleration_deg_s2", "lo90_deg_s2", "hi90_deg_s2")
         fitted.append(
             {

@@ -56,12 +56,12 @@ def budget(evidence: Evidence) -> dict[str, object]:
 
 
 def _budget(
-    evidence: Evidence, boundary: Boundary, name: str, own: CoefficientResult
+    evidence: Evidence, boundary: Boundary, name: str, coefficient: CoefficientResult
 ) -> dict[str, object]:
     here = quotation(evidence, boundary, name)
     rows, small = [], 0
-    for i, line in sorted(enumerate(own.budget), key=lambda pair: pair[1].u_without):
-        if fall(line, own.u) < LEAST and line.kind == "A":
+    for i, line in sorted(enumerate(coefficient.budget), key=lambda pair: pair[1].u_without):
+        if fall(line, coefficient.u) < LEAST and line.kind == "A":
             small += 1
             continue
         at = here.at("budget", i)
@@ -92,16 +92,16 @@ def _budget(
         "quoted": headline(evidence, boundary, name),
         "rows": rows,
         "small": small,
-        "untold": untold(own),
+        "untold": untold(coefficient),
         "u": here.number("u", digits=3),
         "dof": here.degrees("dof"),
-        **here.numbers("lo95", "hi95", like_u=own.u),
+        **here.numbers("lo95", "hi95", like_u=coefficient.u),
     }
 
 
-def untold(own: CoefficientResult) -> list[str]:
+def untold(coefficient: CoefficientResult) -> list[str]:
     """The sources of a coefficient's uncertainty of which repeats tell next to nothing."""
-    return [line.source for line in own.budget if line.dof < TELLING]
+    return [line.source for line in coefficient.budget if line.dof < TELLING]
 
 
 def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
@@ -109,14 +109,14 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     place = Place(evidence, FIT, ("boundaries", boundary, model.name))
     lines = [
         {
-            "component": own.component,
-            "words": TREATMENTS[own.treatment],
-            "coefficient": headline(evidence, boundary, own.coefficient),
+            "component": height.component,
+            "words": TREATMENTS[height.treatment],
+            "coefficient": headline(evidence, boundary, height.coefficient),
             "size": place.number("heights", i, "standard_m", digits=2, scale=1e3, how="in mm"),
             "shift": place.number("heights", i, "shift", digits=2),
             "ratio": place.percent("heights", i, "ratio", digits=2),
         }
-        for i, own in enumerate(fit.heights)
+        for i, height in enumerate(fit.heights)
     ]
     error = None
     if fit.height_error:
@@ -131,10 +131,10 @@ def limits(evidence: Evidence) -> dict[str, object]:
     for boundary in evidence.boundaries:
         halves = [
             {
-                "texts": [k.text for k in own.knowledge] + [own.repeats.text],
+                "texts": [k.text for k in halving.knowledge] + [halving.repeats.text],
                 "coefficient": name,
             }
-            for name, own in evidence.base(boundary)[1].would_halve.items()
+            for name, halving in evidence.base(boundary)[1].would_halve.items()
         ]
         bound = [name for name, c in evidence.quoted(boundary).quotable.items() if c.at_bound]
         sections.append({"boundary": boundary, "halves": halves, "bound": bound})
@@ -145,13 +145,19 @@ def held_out(evidence: Evidence) -> dict[str, object]:
     """Each boundary's models by what they foretell of a visit left out, beside the criteria that
     count parameters, and R².
     """
-    found = evidence.fits.comparison
-    return {"tables": [_held_out(evidence, b, found[b]) for b in evidence.boundaries if b in found]}
+    comparisons = evidence.fits.comparison
+    return {
+        "tables": [
+            _held_out(evidence, b, comparisons[b]) for b in evidence.boundaries if b in comparisons
+        ]
+    }
 
 
-def _held_out(evidence: Evidence, boundary: Boundary, own: ModelComparison) -> dict[str, object]:
+def _held_out(
+    evidence: Evidence, boundary: Boundary, comparison: ModelComparison
+) -> dict[str, object]:
     fits = evidence.fits.boundaries[boundary]
-    models, base = own.models, own.reference
+    models, base = comparison.models, comparison.reference
     scores = Place(evidence, FIT, ("comparison", boundary, "models"))
     visits = models[base].visits
     weighed = Place(evidence, FIT, ("boundaries", boundary))
@@ -190,19 +196,19 @@ def _held_out(evidence: Evidence, boundary: Boundary, own: ModelComparison) -> d
     }
 
 
-def _half(own: ModelScore) -> float:
+def _half(score: ModelScore) -> float:
     """Half of the 95 % interval of a difference of scores, over visits."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(max(own.visits - 1, 1), 0.975)) * own.u_d_elpd
+    return float(stdtrit(max(score.visits - 1, 1), 0.975)) * score.u_d_elpd
 
 
-def _difference(own: ModelScore) -> str:
+def _difference(score: ModelScore) -> str:
     """Difference of scores with its 95 % interval."""
-    half = _half(own)
+    half = _half(score)
     return (
-        f"{fixed(own.d_elpd, 1)}, 95 %: {fixed(own.d_elpd - half, 1)} to"
-        f" {fixed(own.d_elpd + half, 1)}"
+        f"{fixed(score.d_elpd, 1)}, 95 %: {fixed(score.d_elpd - half, 1)} to"
+        f" {fixed(score.d_elpd + half, 1)}"
     )
 
 
@@ -213,11 +219,11 @@ def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, s
     worse: list[str] = []
     same: list[str] = []
     better: list[str] = []
-    for name, own in models.items():
-        if name == base or not own.u_d_elpd >= 0 or own.visits < models[base].visits:
+    for name, score in models.items():
+        if name == base or not score.u_d_elpd >= 0 or score.visits < models[base].visits:
             continue
-        size = max(_half(own), LEAST_SCORE)
-        (worse if own.d_elpd < -size else better if own.d_elpd > size else same).append(name)
+        size = max(_half(score), LEAST_SCORE)
+        (worse if score.d_elpd < -size else better if score.d_elpd > size else same).append(name)
 
     def listed(names: list[str]) -> str:
         return ", ".join(titles[n] for n in names)

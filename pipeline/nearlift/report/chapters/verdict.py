@@ -57,10 +57,12 @@ def hovering(compared: Iterable[HoverComparison], flight: Flight | None) -> list
     """
     each = list(compared)
     quiet = [c.condition for c in each if not c.effects and flight and c.condition != flight.sound]
-    found = [c.text for c in each if c.effects]
+    sentences = [c.text for c in each if c.effects]
     if quiet:
-        found.append(f"in hover {listed(quiet)} {'show' if len(quiet) > 1 else 'shows'} nothing")
-    return found
+        sentences.append(
+            f"in hover {listed(quiet)} {'show' if len(quiet) > 1 else 'shows'} nothing"
+        )
+    return sentences
 
 
 def _error(evidence: Evidence, boundary: str) -> dict[str, Number]:

@@ -72,13 +72,13 @@ def briefs(evidence: Evidence) -> list[Brief]:
         Brief(
             boundary=b,
             verdict=verdict(evidence, b),
-            quoted=(own := evidence.quoted(b)),
+            quoted=(quoted := evidence.quoted(b)),
             omits=_omits(evidence, b),
-            error=_error(own, evidence.left_out),
-            sources=_sources(own),
+            error=_error(quoted, evidence.left_out),
+            sources=_sources(quoted),
             doubts=tuple(titled(d.text) for d in held if b in d.boundaries or not d.boundaries),
-            influence=_influence(own),
-            next=_next(evidence, b, own),
+            influence=_influence(quoted),
+            next=_next(evidence, b, quoted),
         )
         for b in evidence.boundaries
     ]
@@ -86,34 +86,34 @@ def briefs(evidence: Evidence) -> list[Brief]:
 
 def verdict(evidence: Evidence, boundary: Boundary) -> str:
     """The verdict in a sentence, effects by their titles."""
-    quoted, found = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
     model = catalogue.model(quoted.base_model).title
     if quoted.verdict == "adequate":
-        few = found.sensitivity if found else None
+        few = diagnosis.sensitivity if diagnosis else None
         return f"{model} describes the data: nothing is left beyond the noise" + (
             f" that {few.trials} trials could show." if few else "."
         )
     if quoted.verdict == "effect":
         named = listed([titled(e) for e in quoted.effects])
-        rivals = [r for e in found.effects for r in found.stand_ins(e)] if found else []
+        rivals = [r for e in diagnosis.effects for r in diagnosis.stand_ins(e)] if diagnosis else []
         beside = {n for r in rivals for n in r.split(" + ")} - {*quoted.effects}
         if rivals and all(" + " in r for r in rivals) and beside:
             with_them = listed([titled(n) for n in sorted(beside)], "or")
             apart = f", alone or with {with_them}; this design cannot tell which"
         else:
-            apart = f"; this design cannot tell it from {others(found)}" if rivals else ""
+            apart = f"; this design cannot tell it from {others(diagnosis)}" if rivals else ""
         return f"{model} alone does not describe the data: the rest is explained by {named}{apart}."
     if quoted.verdict == "unexplained":
-        where = f" along {told}" if found and (told := structure_along(found)) else ""
-        fits = found.not_confirmed if found else None
+        where = f" along {words}" if diagnosis and (words := structure_along(diagnosis)) else ""
+        fits = diagnosis.not_confirmed if diagnosis else None
         if fits:
             names = [titled(" with ".join(pair)) for pair in fits]
-            told = listed(names, "or")
+            words = listed(names, "or")
             if len(names) > 2:
-                told = f"{names[0]}, or any of {len(names) - 1} others,"
+                words = f"{names[0]}, or any of {len(names) - 1} others,"
             but = "foretells nothing" if len(names) == 1 else "none of them foretells anything"
             return (
-                f"{model} leaves structure{where}; {told} would fit it, but {but} on"
+                f"{model} leaves structure{where}; {words} would fit it, but {but} on"
                 f" {evidence.left_out} left out."
             )
         return f"{model} leaves structure{where} that no effect testable here explains."
@@ -131,7 +131,7 @@ def _omits(evidence: Evidence, boundary: Boundary) -> str:
     return f"errors of {listed(words)}: none is declared" if words else ""
 
 
-def _error(quoted: BoundaryResult, of: str) -> str:
+def _error(quoted: BoundaryResult, left_out: str) -> str:
     """Error of predicting what was left out, before and after, in percent of lift."""
     error = quoted.error
     if error is None:
@@ -141,7 +141,7 @@ def _error(quoted: BoundaryResult, of: str) -> str:
         fixed(100 * e, places) for e in (error.before, error.after, error.noise_floor)
     )
     then = f", {after} % with the effect" if quoted.verdict == "effect" else ""
-    return f"{before} % of lift on {of} left out of the fit{then}; noise alone {floor} %"
+    return f"{before} % of lift on {left_out} left out of the fit{then}; noise alone {floor} %"
 
 
 def _sources(quoted: BoundaryResult) -> str:
@@ -157,12 +157,12 @@ def leads(c: CoefficientResult) -> list[tuple[str, float]]:
     """The largest sources of a coefficient's uncertainty and u without each, those aside of which
     repeats tell nothing, and one that is all there is.
     """
-    found = [
+    sources = [
         (line.source, line.u_without)
         for line in sorted(c.budget, key=lambda line: line.u_without)
         if line.u_without > 0 and fall(line, c.u) >= LEAST_FALL and line.source not in untold(c)
     ]
-    return found[:SOURCES]
+    return sources[:SOURCES]
 
 
 def _influence(quoted: BoundaryResult) -> str:
@@ -185,15 +185,17 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     """What to measure next: what would part rivals, or give a diagnosis; else what would show what
     hides, what nobody declared, or what matters most in the budget; and what to log.
     """
-    found = evidence.diagnosed(boundary)
+    diagnosis = evidence.diagnosed(boundary)
     visit = quoted.hinge[1] if quoted.hinge and quoted.hinge[0] == "visit" else None
-    if found and found.next_experiment:
+    if diagnosis and diagnosis.next_experiment:
         # what mends that on which the answer rests comes first
         ranked = sorted(
-            found.next_experiment, key=lambda n: (visit is None) != isinstance(n, NextSession)
+            diagnosis.next_experiment, key=lambda n: (visit is None) != isinstance(n, NextSession)
         )
-        told = [_proposal(n) for n in ranked[: 2 if visit else 1]]
-        return "; ".join(told + (_logging(found) if quoted.verdict == "unexplained" else []))
+        proposals = [_proposal(n) for n in ranked[: 2 if visit else 1]]
+        return "; ".join(
+            proposals + (_logging(diagnosis) if quoted.verdict == "unexplained" else [])
+        )
     said = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
     if said and evidence.observations[boundary].z_hat.max() < FARTHEST:
         said[-1] += (
@@ -205,7 +207,7 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     words = []
     if quoted.verdict == "unexplained":
         # what has no name is looked for first; a better input does not find it
-        where = structure_along(found) if found else ""
+        where = structure_along(diagnosis) if diagnosis else ""
         words = [f"whatever else changes along {where}"] if where else []
     else:
         said += _to_see(evidence, boundary)
@@ -216,17 +218,17 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
             )
         elif quoted.headline and not said:
             said += _better(quoted.coefficients[quoted.headline])
-    return "; ".join(said + _logging(found, words))
+    return "; ".join(said + _logging(diagnosis, words))
 
 
 def _better(c: CoefficientResult) -> list[str]:
     """What would lessen a coefficient's uncertainty most, of what can be measured: not the form of
     an effect, nor what has no name.
     """
-    own = {line.source: line for line in c.budget}
+    lines = {line.source: line for line in c.budget}
     for source, _ in leads(c):
-        if own[source].scope:
-            repeats = own[source].kind == "A"
+        if lines[source].scope:
+            repeats = lines[source].kind == "A"
             more = f"more trials: {source} is most of the uncertainty"
             return [more if repeats else f"a better {source}"]
     return []
@@ -246,11 +248,12 @@ def _to_see(evidence: Evidence, boundary: Boundary) -> list[str]:
     return [f"to see {titled(effect.name)}: {effect.separated_by}"]
 
 
-def _logging(found: BoundaryDiagnosis | None, more: Sequence[str] = ()) -> list[str]:
+def _logging(diagnosis: BoundaryDiagnosis | None, more: Sequence[str] = ()) -> list[str]:
     """What to record next time, and the effects that it would make testable."""
-    words = [*to_log(found), *more]
-    of = [catalogue.titled(name) for name in found.untestable] if found else []
-    for_what = f", to test {listed(of) if len(of) < 3 else f'{len(of)} effects more'}" if of else ""
+    words = [*to_log(diagnosis), *more]
+    untestable = [catalogue.titled(name) for name in diagnosis.untestable] if diagnosis else []
+    tested = listed(untestable) if len(untestable) < 3 else f"{len(untestable)} effects more"
+    for_what = f", to test {tested}" if untestable else ""
     return [f"log {listed(words)}{for_what}"] if words else []
 
 

@@ -59,19 +59,21 @@ def table(evidence: Evidence) -> str:
         r"\midrule",
     ]
     for boundary in evidence.boundaries:
-        own = evidence.quoted(boundary)
+        quoted = evidence.quoted(boundary)
         title = escape(
             " with ".join(
-                [catalogue.model(own.base_model).title, *(titled(e) for e in own.effects)]
+                [catalogue.model(quoted.base_model).title, *(titled(e) for e in quoted.effects)]
             )
         )
         rows = [
             rf"{mathematics(n)} refused & "
             if c.refused is not None
             else rf"{_equal(mathematics(n))} \num{{{_value(c)}}}$ & {_interval(c)}"
-            for n, c in own.every.items()
+            for n, c in quoted.every.items()
         ] or ["none & "]
-        lines.append(f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[own.verdict])} " + r"\\")
+        lines.append(
+            f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[quoted.verdict])} " + r"\\"
+        )
         lines += [rf" & & {row} & \\" for row in rows[1:]]
     return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 

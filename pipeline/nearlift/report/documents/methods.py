@@ -238,33 +238,37 @@ def _loop(evidence: Evidence) -> str:
     for boundary in evidence.boundaries:
         if reason := evidence.not_diagnosed(boundary):
             silent.append(f"Residuals near the {boundary} were not diagnosed: {reason}.")
-        found = evidence.diagnosed(boundary)
-        if not found:
+        diagnosis = evidence.diagnosed(boundary)
+        if not diagnosis:
             continue
-        said = VERDICTS.get(found.verdict, "")
-        if found.verdict == "effect":
+        said = VERDICTS.get(diagnosis.verdict, "")
+        if diagnosis.verdict == "effect":
             named = [
                 f"{titled(e.name)} {_cite(*keys(known[e.name]))}"
-                for e in found.effects
+                for e in diagnosis.effects
                 if e.name in known
             ]
-            rivals = others(found, "and")
+            rivals = others(diagnosis, "and")
             said = f"what was left is accounted for by {listed(named)}" + (
                 f", which the design cannot tell from {rivals}" if rivals else ""
             )
-        if found.look:
-            said += f" ({found.look.text})"
-        if found.error:
+        if diagnosis.look:
+            said += f" ({diagnosis.look.text})"
+        if diagnosis.error:
             before, after, floor = (
                 f"{plain(100 * e, 3)} %"
-                for e in (found.held_out_before, found.held_out_after, found.noise_floor)
+                for e in (
+                    diagnosis.held_out_before,
+                    diagnosis.held_out_after,
+                    diagnosis.noise_floor,
+                )
             )
-            then = f" to {after}" if found.verdict == "effect" else ""
+            then = f" to {after}" if diagnosis.verdict == "effect" else ""
             said += (
                 f" (error on {evidence.left_out} that took no part in choosing: {before}{then} of"
                 f" lift; noise floor {floor})"
             )
-        if could := found.sensitivity:
+        if could := diagnosis.sensitivity:
             said += f"; {could.trials} trials {titled(str(could))}"
         parts.append(f"near the {boundary}, {said}")
     if not parts:
@@ -272,9 +276,9 @@ def _loop(evidence: Evidence) -> str:
     rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",)).percent(digits=2).text
     unseen = dict.fromkeys(
         titled(name)
-        for found in map(evidence.diagnosed, evidence.boundaries)
-        if found
-        for name in found.untestable
+        for diagnosis in map(evidence.diagnosed, evidence.boundaries)
+        if diagnosis
+        for name in diagnosis.untestable
     )
     untold = f" (of {listed([*unseen])} nothing logged can tell)" if unseen else ""
     tested = (

@@ -121,7 +121,7 @@ def _flow(evidence: Evidence, figures: Sequence[Drawn], placed: list[Placed]) ->
     trials = rejected(evidence.table(TRIALS)["quality"])
     vehicle = evidence.campaign.vehicle
     simulated = "; simulated records" if evidence.campaign.simulated else ""
-    told = briefs(evidence)
+    boundaries = briefs(evidence)
     first = [f for f in figures if f.name == FIRST]
     rest = [f for f in figures if f.name != FIRST]
     flow: list[Flowable] = [
@@ -134,15 +134,15 @@ def _flow(evidence: Evidence, figures: Sequence[Drawn], placed: list[Placed]) ->
             TEXT,
         ),
         Paragraph("The numbers to quote", HEADING),
-        _quoted(told),
+        _quoted(boundaries),
         Spacer(1, 6),
         *(_figure(f, "Figure 1", placed) for f in first),
         Paragraph("What was found", HEADING),
-        *(Paragraph(_found(brief), TEXT) for brief in told),
+        *(Paragraph(_found(brief), TEXT) for brief in boundaries),
         Paragraph("Where the uncertainty comes from", HEADING),
-        _sources(told),
+        _sources(boundaries),
         Paragraph("What the first coefficient would be on another condition", HEADING),
-        _conditions(told),
+        _conditions(boundaries),
         Paragraph("Methods", HEADING),
         *(Paragraph(_set(p), SMALL) for p in methods.facts(evidence)["paragraphs"]),
         Paragraph("The same with citations: methods.tex, methods.md and references.bib.", SMALL),
@@ -153,7 +153,7 @@ def _flow(evidence: Evidence, figures: Sequence[Drawn], placed: list[Placed]) ->
     return flow
 
 
-def _quoted(told: Sequence[Brief]) -> Table:
+def _quoted(boundaries: Sequence[Brief]) -> Table:
     """Coefficients with ± u and interval, errors and verdict, a row each."""
     rows: list[Sequence[Any]] = [
         (
@@ -161,27 +161,27 @@ def _quoted(told: Sequence[Brief]) -> Table:
             *("error before", "after", "floor (% of lift)", "verdict"),
         )
     ]
-    for brief in told:
-        own = brief.quoted
-        error = own.error
+    for brief in boundaries:
+        quoted = brief.quoted
+        error = quoted.error
         known = [error.before, error.after, error.noise_floor] if error else []
         rest = [*(fixed(100 * e, 2) for e in known), *["–"] * (3 - len(known))]
-        lead: list[str] = [brief.boundary, *rest, VERDICTS[own.verdict]]
-        for name, c in own.every.items():
+        lead: list[str] = [brief.boundary, *rest, VERDICTS[quoted.verdict]]
+        for name, c in quoted.every.items():
             estimate = (_cell(letter(name)), c.estimate, c.interval)
             rows.append((lead[0], *estimate, *lead[1:]))
             lead = [""] * len(lead)
-        if not own.every:
+        if not quoted.every:
             rows.append((lead[0], "none", "", "", *lead[1:]))
     return _table(rows, numbers=(4, 6))
 
 
-def _sources(told: Sequence[Brief]) -> Table:
+def _sources(boundaries: Sequence[Brief]) -> Table:
     """What makes u of each coefficient, the leading sources."""
     rows: list[Sequence[Any]] = [
         ("coefficient", "u", "source", "type", "adds to u", "u if it were known")
     ]
-    for brief in told:
+    for brief in boundaries:
         for name, c in brief.quoted.quotable.items():
             lead: list[Any] = [_cell(f"{letter(name)}, {brief.boundary}"), plain(c.u, 2)]
             for line in sorted(c.budget, key=lambda line: line.u_without)[:SOURCES]:
@@ -191,10 +191,10 @@ def _sources(told: Sequence[Brief]) -> Table:
     return _table(rows, numbers=(4, 5))
 
 
-def _conditions(told: Sequence[Brief]) -> Table:
+def _conditions(boundaries: Sequence[Brief]) -> Table:
     """What each headline would be on another condition."""
     rows: list[Sequence[Any]] = [("coefficient", "if", "value", "90 % interval")]
-    for brief in told:
+    for brief in boundaries:
         name = brief.quoted.headline
         if not name:
             continue
@@ -300,17 +300,19 @@ class Space(Flowable):  # type: ignore[misc]  # reportlab has no types
         self.canv.addOutlineEntry(self.title, self.title)
 
 
-def _figure(own: Drawn, label: str, placed: list[Placed]) -> Flowable:
+def _figure(figure: Drawn, label: str, placed: list[Placed]) -> Flowable:
     """A figure with its caption on one page, as large as it was drawn if that goes."""
-    drawn = PdfReader(io.BytesIO(own.pdf)).pages[0]
-    caption = Paragraph(f"<b>{label}. {_set(own.title)}.</b> {_set(titled(own.caption))}", SMALL)
+    drawn = PdfReader(io.BytesIO(figure.pdf)).pages[0]
+    caption = Paragraph(
+        f"<b>{label}. {_set(figure.title)}.</b> {_set(titled(figure.caption))}", SMALL
+    )
     _, beneath = caption.wrap(WIDTH, HEIGHT)
     # a heading may stand above, and a hair between
     room = HEIGHT - beneath - 30
     box = drawn.mediabox
     scale = min(1.0, WIDTH / float(box.width), room / float(box.height))
     placed.append(Placed(drawn=drawn, scale=scale))
-    space = Space(placed[-1], f"{label}: {own.title}")
+    space = Space(placed[-1], f"{label}: {figure.title}")
     space.hAlign = "CENTER"
     return KeepTogether([space, Spacer(1, 3), caption, Spacer(1, 8)])
 
@@ -320,18 +322,18 @@ def _with_figures(content: io.BytesIO, placed: Sequence[Placed]) -> bytes:
     it.
     """
     whole = PdfWriter(clone_from=content)
-    for i, own in enumerate(placed):
-        source: Any = own.drawn
+    for i, figure in enumerate(placed):
+        source: Any = figure.drawn
         form = source["/Contents"].get_object().clone(whole)
         form[NameObject("/Type")] = NameObject("/XObject")
         form[NameObject("/Subtype")] = NameObject("/Form")
         form[NameObject("/BBox")] = source.mediabox.clone(whole)
         form[NameObject("/Resources")] = source["/Resources"].clone(whole)
-        page: Any = whole.pages[own.page]
+        page: Any = whole.pages[figure.page]
         resources = page["/Resources"].get_object()
         known = resources.setdefault(NameObject("/XObject"), DictionaryObject()).get_object()
         known[NameObject(f"/Figure{i}")] = form.indirect_reference
-        (x, y), k = own.corner, own.scale
+        (x, y), k = figure.corner, figure.scale
         shown = DecodedStreamObject()
         shown.set_data(f"q {k:.6f} 0 0 {k:.6f} {x:.3f} {y:.3f} cm /Figure{i} Do Q\n".encode())
         if not isinstance(page["/Contents"], ArrayObject):

@@ -101,16 +101,24 @@ def keys(declared: Declaration) -> tuple[str, ...]:
 
 def bibtex(cited: Iterable[str], declared: Iterable[Declaration]) -> str:
     """The entries of these keys, each once, in their order."""
-    own = {d.name: d for d in declared}
-    return "\n\n".join(KNOWN.get(key) or _declared(own[key]) for key in dict.fromkeys(cited)) + "\n"
+    by_name = {d.name: d for d in declared}
+    return (
+        "\n\n".join(KNOWN.get(key) or _declared(by_name[key]) for key in dict.fromkeys(cited))
+        + "\n"
+    )
 
 
-def _declared(of: Declaration) -> str:
+def _declared(declaration: Declaration) -> str:
     citation = (
-        re.sub(r"[\\{}%#~^]", " ", of.source.citation)
+        re.sub(r"[\\{}%#~^]", " ", declaration.source.citation)
         .replace("&", r"\&")
         .replace("_", r"\_")
         .replace("$", r"\$")
     )
-    doi = f",\n  doi = {{{of.source.doi}}}" if of.source.doi else ""
-    return f"@misc{{{of.name},\n  title = {{{{{of.title}}}}},\n  note = {{{citation}}}{doi}\n}}"
+    lines = [
+        f"@misc{{{declaration.name}",
+        f"  title = {{{{{declaration.title}}}}}",
+        f"  note = {{{citation}}}",
+        *([f"  doi = {{{declaration.source.doi}}}"] if declaration.source.doi else []),
+    ]
+    return ",\n".join(lines) + "\n}"

@@ -89,14 +89,14 @@ def budget_table(evidence: Evidence) -> str:
     )
     first, marked = True, False
     for boundary in evidence.boundaries:
-        for name, own in evidence.quoted(boundary).quotable.items():
+        for name, coefficient in evidence.quoted(boundary).quotable.items():
             lines += [] if first else [r"\addlinespace"]
             first = False
             label = f"{mathematics(name)}, {boundary}"
-            few = untold(own)
+            few = untold(coefficient)
             marked = marked or bool(few)
-            for line in sorted(own.budget, key=lambda one: one.u_without):
-                if fall(line, own.u) < LEAST and line.kind == "A":
+            for line in sorted(coefficient.budget, key=lambda one: one.u_without):
+                if fall(line, coefficient.u) < LEAST and line.kind == "A":
                     # tables/budget.csv has it
                     continue
                 lines.append(
@@ -108,8 +108,8 @@ def budget_table(evidence: Evidence) -> str:
                 )
                 label = ""
             lines.append(
-                rf"{label} & combined ($k = 1$) & & & & & & {_num(own.u)} & &"
-                rf" {_dof(own.dof)} \\"
+                rf"{label} & combined ($k = 1$) & & & & & & {_num(coefficient.u)} & &"
+                rf" {_dof(coefficient.dof)} \\"
             )
     return "\n".join(
         [*lines, r"\bottomrule", r"\end{tabular}", *([FOOTNOTE] if marked else []), ""]
@@ -162,11 +162,11 @@ def comparison_table(evidence: Evidence) -> str:
         "llrrrrrrr",
     )
     for i, boundary in enumerate(evidence.boundaries):
-        own = evidence.fits.comparison.get(boundary)
-        if not own:
+        compared = evidence.fits.comparison.get(boundary)
+        if not compared:
             continue
         lines += [r"\addlinespace"] if i else []
-        models, base = own.models, own.reference
+        models, base = compared.models, compared.reference
         fits = evidence.fits.boundaries[boundary]
         for name in sorted(models, key=lambda n: -np.nan_to_num(models[n].d_elpd)):
             one = models[name]

@@ -53,13 +53,13 @@ def _estimate(e: object) -> dict[str, float]:
 
 
 def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    found = evidence.fits.throttle_collapse.get(boundary)
-    if found is None or len(found.per_throttle) < 2:
+    collapse = evidence.fits.throttle_collapse.get(boundary)
+    if collapse is None or len(collapse.per_throttle) < 2:
         return []
-    name = found.coefficient
+    name = collapse.coefficient
     _, base = evidence.base(boundary)
     rows = [{"kind": "common", "label": name, **_estimate(base.parameters[name])}]
-    for throttle, e in found.per_throttle.items():
+    for throttle, e in collapse.per_throttle.items():
         apart = (e.hi90 - e.value) * e.u_apart / e.u
         around = {"lo90_apart": e.value - apart, "hi90_apart": e.value + apart}
         rows.append(
@@ -69,33 +69,33 @@ def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]
 
 
 def _exponents(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    found = evidence.fits.held_quantity.get(boundary)
-    if not isinstance(found, HeldQuantity) or not found.curve:
+    held = evidence.fits.held_quantity.get(boundary)
+    if not isinstance(held, HeldQuantity) or not held.curve:
         return []
-    name = found.coefficient
+    name = held.coefficient
     rows: list[dict[str, object]] = [
         {"kind": kind, "label": name, "x": e.n, **_estimate(e)}
-        for kind, drawn in (("curve", found.curve), ("plausible", found.plausible))
+        for kind, drawn in (("curve", held.curve), ("plausible", held.plausible))
         for e in drawn
     ]
     return rows + [
-        {"kind": "supported", "label": name, "x": n} for n in found.supported_exponents or ()
+        {"kind": "supported", "label": name, "x": n} for n in held.supported_exponents or ()
     ]
 
 
 def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    found = evidence.fits.rotor_coefficient.get(boundary)
-    if not isinstance(found, RotorTrend) or not found.per_throttle:
+    trend = evidence.fits.rotor_coefficient.get(boundary)
+    if not isinstance(trend, RotorTrend) or not trend.per_throttle:
         return []
     rows: list[dict[str, object]] = [
         {"kind": "C_L", "label": "C_L", "x": e.speed_Hz, **_estimate(e)}
-        for e in found.per_throttle.values()
+        for e in trend.per_throttle.values()
     ]
-    rows.append({"kind": "paper", "label": "C_L", "value": found.paper})
-    if found.exponent is not None:
-        drawn = [e.speed_Hz for e in found.per_throttle.values()]
+    rows.append({"kind": "paper", "label": "C_L", "value": trend.paper})
+    if trend.exponent is not None:
+        drawn = [e.speed_Hz for e in trend.per_throttle.values()]
         speeds = np.geomspace(min(drawn), max(drawn), 41)
-        law = found.law.C_L * (speeds / found.law.speed_Hz) ** found.exponent.value
+        law = trend.law.C_L * (speeds / trend.law.speed_Hz) ** trend.exponent.value
         rows.append({"kind": "law", "label": "C_L", "x": speeds, "value": law})
     return rows
 

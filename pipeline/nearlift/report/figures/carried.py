@@ -55,16 +55,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """The largest of each, and where."""
-    told = []
+    parts = []
     for name in distinct(table["quantity"]):
         rows = select(table, table["quantity"] == name)
         i = int(np.argmax(np.abs(rows["value"])))
-        told.append(
+        parts.append(
             f"{symbol(name).meaning}: largest {plain(float(rows['value'][i]), 3)}"
             f" {symbol(name).unit} at {plain(float(rows['z_hat'][i]), 3)} radii from the"
             f" {rows['panel'][i]}"
         )
-    return f"{'; '.join(told).capitalize()}; {NO_MODEL}."
+    return f"{'; '.join(parts).capitalize()}; {NO_MODEL}."
 
 
 def draw(table: Rows, look: Style) -> Figure:
@@ -78,13 +78,13 @@ def draw(table: Rows, look: Style) -> Figure:
         rows = select(table, (table["quantity"] == name) & (table["panel"] == side))
         ax.axhline(0, color="0.6", linewidth=0.5, zorder=1)
         for k, throttle in enumerate(throttles):
-            own = select(rows, rows["throttle"] == throttle)
+            series = select(rows, rows["throttle"] == throttle)
             colour, marker = SERIES[k % len(SERIES)]
-            order = np.argsort(own["z_hat"])
+            order = np.argsort(series["z_hat"])
             ax.errorbar(
-                own["z_hat"][order],
-                own["value"][order],
-                yerr=np.nan_to_num(own["u_value"][order]),
+                series["z_hat"][order],
+                series["value"][order],
+                yerr=np.nan_to_num(series["u_value"][order]),
                 color=colour,
                 marker=marker,
                 markersize=3,

@@ -43,14 +43,14 @@ def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
     names = distinct(table["parameter"][mine])
     parameters = [n for n in names if not n.startswith("L_inf_N")]
     levels = [n for n in names if n.startswith("L_inf_N")]
-    found = {
+    drawn = {
         n: table["value"][mine & (table["parameter"] == n)] for n in (*parameters, *levels[-1:])
     }
     asked = evidence.campaign.report.units.force
     unit = "mN" if asked == "auto" else asked
     newtons, _ = units.to_si(unit, "force", "report.units.force")
     return {
-        n.replace("_N[", f"_{unit}["): x / newtons if n in levels else x for n, x in found.items()
+        n.replace("_N[", f"_{unit}["): x / newtons if n in levels else x for n, x in drawn.items()
     }
 
 
@@ -67,16 +67,16 @@ def summarise(evidence: Evidence) -> Columns:
     """
     rows = []
     for boundary in evidence.boundaries:
-        found = draws(evidence, boundary)
-        edges = {name: _edges(x, CELLS) for name, x in found.items()}
-        for i, (name, x) in enumerate(found.items()):
+        drawn = draws(evidence, boundary)
+        edges = {name: _edges(x, CELLS) for name, x in drawn.items()}
+        for i, (name, x) in enumerate(drawn.items()):
             rows.append({"panel": boundary, **_histogram(name, x)})
             rows += [
                 {
                     "panel": boundary,
-                    **_region((name, x, edges[name]), (other, found[other], edges[other])),
+                    **_region((name, x, edges[name]), (other, drawn[other], edges[other])),
                 }
-                for other in list(found)[i + 1 :]
+                for other in list(drawn)[i + 1 :]
             ]
     return stack(rows, COLUMNS)
 
@@ -147,17 +147,17 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
     ]
     for boundary in evidence.boundaries:
-        found = draws(evidence, boundary)
-        names = list(found)
+        drawn = draws(evidence, boundary)
+        names = list(drawn)
         model, fit = evidence.base(boundary)
-        n = len(found[names[0]]) if names else 0
+        n = len(drawn[names[0]]) if names else 0
         pairs = [
-            (a, b, _correlation(found[a], found[b]))
+            (a, b, _correlation(drawn[a], drawn[b]))
             for i, a in enumerate(names)
             for b in names[i + 1 :]
         ]
         strongest = max(pairs, key=lambda p: abs(p[2]), default=None)
-        told = (
+        correlation = (
             f"; strongest correlation {plain(strongest[2], 2)}, of {_word(strongest[0])} and"
             f" {_word(strongest[1])}"
             if strongest
@@ -165,7 +165,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
         parts.append(
             f"{boundary.capitalize()}: {model.title}, {n} draws by"
-            f" {SAMPLERS[fit.posterior.sampler if fit.posterior else 'none']}{told}."
+            f" {SAMPLERS[fit.posterior.sampler if fit.posterior else 'none']}{correlation}."
         )
     return " ".join(parts)
 
@@ -178,18 +178,18 @@ def _correlation(x: FloatArray, y: FloatArray) -> float:
 
 
 def _word(name: str) -> str:
-    if found := LEVEL.fullmatch(name):
-        return f"L∞ at {100 * float(found[2]):.3g} %"
+    if level := LEVEL.fullmatch(name):
+        return f"L∞ at {100 * float(level[2]):.3g} %"
     return letter(name)
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
-    told = [
+    parts = [
         f"{b.capitalize()}: {', '.join(_word(name) for name in draws(evidence, b))}."
         for b in evidence.boundaries
     ]
-    return f"Corner plots of the posteriors. {' '.join(told)}"
+    return f"Corner plots of the posteriors. {' '.join(parts)}"
 
 
 def draw(table: Rows, look: Style) -> Figure:
@@ -275,8 +275,8 @@ def _draw_region(ax: Axes, rows: Rows) -> None:
 
 
 def _label(name: str) -> str:
-    if found := LEVEL.fullmatch(name):
-        return rf"$L_\infty$ at {100 * float(found[2]):.3g} % ({found[1]})"
+    if level := LEVEL.fullmatch(name):
+        return rf"$L_\infty$ at {100 * float(level[2]):.3g} % ({level[1]})"
     try:
         return nomenclature.label(name)
     except UsageError:

@@ -55,10 +55,10 @@ def summarise(evidence: Evidence) -> Columns:
     shown: Columns = {name: table[name] for name in SHOWN}
     for axis in ("x", "y"):
         flown = np.zeros(len(table[axis]))
-        for side, own in fitted.items():
+        for side, fit in fitted.items():
             for group in set(table[f"{axis}_group"].tolist()):
                 mine = (table["boundary"] == side) & (table[f"{axis}_group"] == group)
-                value = own["spacing_hat"] if group == "spacing_hat" else own["groups"][group]
+                value = fit["spacing_hat"] if group == "spacing_hat" else fit["groups"][group]
                 flown[mine] = abs(value or 0.0)
         shown[f"{axis}_flown"] = flown
     return shown
@@ -80,17 +80,17 @@ def caption(evidence: Evidence, table: Columns) -> str:
             "Where noise stands against gain, α and γ change in proportion to β, so that the loop"
             " keeps its shape."
         )
-    for side, own in evidence.document(SAFETY)["fitted"].items():
+    for side, fit in evidence.document(SAFETY)["fitted"].items():
         mine = table["boundary"] == side
         if mine.any():
-            g = own["groups"]
+            g = fit["groups"]
             parts.append(
                 f"{side.capitalize()}: set-point ẑ = {table['target_z_hat'][mine][0]:g},"
                 f" {table['flights'][mine][0]} flights a cell; α = {abs(g['alpha']):.3g}, β ="
                 f" {abs(g['beta']):.3g}, γ = {abs(g['gamma']):.2g}, δ = {g['delta']:.3g} (over"
                 f" hover far away), σ/mg = {g['noise']:.3g}, gusts held {g['hold']:.3g} √(r/g);"
-                f" halving the step changes a rate by up to {own['maps']['worst']:.2g}"
-                f" ({own['maps']['settings']} cells, corners and those between 10 and 90 %)."
+                f" halving the step changes a rate by up to {fit['maps']['worst']:.2g}"
+                f" ({fit['maps']['settings']} cells, corners and those between 10 and 90 %)."
             )
     return " ".join(parts)
 
@@ -127,10 +127,10 @@ def draw(table: Rows, look: Style) -> Figure:
     return figure
 
 
-def _map(ax: Axes, own: Rows) -> Any:
-    x, y = np.unique(own["x"]), np.unique(own["y"])
+def _map(ax: Axes, cells: Rows) -> Any:
+    x, y = np.unique(cells["x"]), np.unique(cells["y"])
     rate = np.full((len(y), len(x)), np.nan)
-    rate[np.searchsorted(y, own["y"]), np.searchsorted(x, own["x"])] = 100 * own["rate"]
+    rate[np.searchsorted(y, cells["y"]), np.searchsorted(x, cells["x"])] = 100 * cells["rate"]
     ax.set_xscale("log")
     ax.set_yscale("log")
     mesh = ax.pcolormesh(
@@ -146,7 +146,7 @@ def _map(ax: Axes, own: Rows) -> Any:
             colors="white",
             linewidths=0.9,
         )
-    at, height = float(own["x_flown"][0]), float(own["y_flown"][0])
+    at, height = float(cells["x_flown"][0]), float(cells["y_flown"][0])
     if at > 0:
         ax.plot(
             [at],
@@ -163,7 +163,7 @@ def _map(ax: Axes, own: Rows) -> Any:
         )
     for axis in (ax.xaxis, ax.yaxis):
         plain_log(axis)
-    for put, group in ((ax.set_xlabel, own["x_group"][0]), (ax.set_ylabel, own["y_group"][0])):
+    for put, group in ((ax.set_xlabel, cells["x_group"][0]), (ax.set_ylabel, cells["y_group"][0])):
         word, symbol = WORDS[group]
         put(f"{word} {nomenclature.label(symbol)}")
     return mesh

@@ -37,12 +37,12 @@ def size_text(value: float, unit: str) -> str:
     return f"{factor * value:.3g} {shown}".strip()
 
 
-def rows(found: dict[str, Any]) -> Columns:
+def rows(outlook: dict[str, Any]) -> Columns:
     """The figure's rows. `panel` limits: `x` the detection limit over the plausible size (nan if
     never seen); confused: `x` the chance.
     """
     parts: list[dict[str, object]] = []
-    for boundary, at in found["boundaries"].items():
+    for boundary, at in outlook["boundaries"].items():
         for row in at["effects"]:
             limit = row["detection_limit"]
             parts.append(
@@ -76,15 +76,15 @@ def label(row: dict[str, object]) -> str:
     return str(row["parameter"]) if row["effect"] == "tilt" else str(row["effect"])
 
 
-def text(found: dict[str, Any]) -> str:
+def text(outlook: dict[str, Any]) -> str:
     """The outlook in words, its numbers from `found`."""
-    lines = [f"{found['campaign']}: a plan from {found['plan']}"]
-    lines += [line for said in found["assumed"] for line in wrap(f"Assumed: {said}.")]
-    for boundary, at in found["boundaries"].items():
+    lines = [f"{outlook['campaign']}: a plan from {outlook['plan']}"]
+    lines += [line for said in outlook["assumed"] for line in wrap(f"Assumed: {said}.")]
+    for boundary, at in outlook["boundaries"].items():
         lines += ["", f"{boundary}: {at['trials']} trials about {at['base_model']}", ""]
         lines += _boundary(at)
-    lines += [line for note in found["notes"] for line in ("", *wrap(f"Not weighed: {note}"))]
-    s = found["schedule"]
+    lines += [line for note in outlook["notes"] for line in ("", *wrap(f"Not weighed: {note}"))]
+    s = outlook["schedule"]
     lines += [
         "",
         *wrap(
@@ -96,7 +96,7 @@ def text(found: dict[str, Any]) -> str:
         s["file"],
         "Copy it into the campaign's folder as trials.csv; nothing is written there.",
         "",
-        *found["files"],
+        *outlook["files"],
     ]
     return "\n".join(lines) + "\n"
 
@@ -139,12 +139,12 @@ def _boundary(at: dict[str, Any]) -> list[str]:
     first = next(iter(at["coefficients"]), None)
     if first is not None and hidden:
         worst = sorted(hidden, key=lambda r: -abs(r["bias"][first]["in_u"]))[:3]
-        told = "; ".join(
+        biases = "; ".join(
             f"{label(r)} of {size_text(r['hides_up_to'], r['unit'])}:"
             f" {r['bias'][first]['shift']:+.2g}"
             for r in worst
         )
-        lines += wrap(f"Bias of {first} by what this plan would not see: {told}.")
+        lines += wrap(f"Bias of {first} by what this plan would not see: {biases}.")
     for limit in at["limits"]:
         lines += wrap(limit.text)
     for group in at["groups"]:
@@ -302,10 +302,10 @@ def _confused(ax: Axes, rows: Rows) -> None:
     # "100" stays within its cell
     size = min(rcParams["legend.fontsize"], 105 / len(taken))
     for i, j in zip(*np.nonzero(np.isfinite(table)), strict=True):
-        own = truth[i] == taken[j]
+        same = truth[i] == taken[j]
         ax.text(
             j, i, f"{table[i, j]:.0f}", ha="center", va="center",
-            fontsize=size, fontweight="bold" if own else "normal",
+            fontsize=size, fontweight="bold" if same else "normal",
             color="white" if table[i, j] > 70 else "black",
         )  # fmt: skip
     ax.set_xticks(np.arange(len(taken)), [effects(str(t)) for t in taken], rotation=90)

@@ -47,7 +47,7 @@ def summarise(evidence: Evidence) -> Columns:
             if payload != least[0] and voltage != least[1]:
                 # each alone shows what it costs; both together are in the product
                 continue
-            own = mine & (table["payload"] == payload) & (table["voltage"] == voltage)
+            curve = mine & (table["payload"] == payload) & (table["voltage"] == voltage)
             parts.append(
                 {
                     "row": "range",
@@ -55,10 +55,10 @@ def summarise(evidence: Evidence) -> Columns:
                     "case": case(payload, voltage),
                     "payload_percent": 100 * payload,
                     "voltage_percent": 100 * voltage,
-                    "x": table["averaging_s"][own],
-                    "y": table["range_z_hat"][own],
-                    "lo90": table["lo90"][own],
-                    "hi90": table["hi90"][own],
+                    "x": table["averaging_s"][curve],
+                    "y": table["range_z_hat"][curve],
+                    "lo90": table["lo90"][curve],
+                    "hi90": table["hi90"][curve],
                 }
             )
         parts += [
@@ -114,19 +114,19 @@ def caption(evidence: Evidence, table: Columns) -> str:
             )
         ),
     ]
-    for side, own in content["boundaries"].items():
+    for side, detected in content["boundaries"].items():
         largest, noise, floor = (
-            100 * own[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor")
+            100 * detected[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor")
         )
         plus = "+" if largest > 0 else ""
         parts.append(
-            f"{side.capitalize()}, {own['title']}: largest change of lift measured"
+            f"{side.capitalize()}, {detected['title']}: largest change of lift measured"
             f" {plus}{plain(largest, 2)} %, noise {plain(noise, 2)} %/√Hz and {plain(floor, 2)} %"
             " that averaging leaves; lift is taken to go as the voltage to the power"
-            f" {own['lift_per_voltage']:.2g}."
+            f" {detected['lift_per_voltage']:.2g}."
         )
-        if "refused" in own:
-            parts.append(f"Not inverted: {own['refused']}.")
+        if "refused" in detected:
+            parts.append(f"Not inverted: {detected['refused']}.")
     return " ".join(parts)
 
 
@@ -157,15 +157,15 @@ def draw(table: Rows, look: Style) -> Figure:
     for i, row in enumerate(("range", "located")):
         for j, side in enumerate(sides):
             ax = axes[i, j]
-            own, read = (
+            rows, read = (
                 select(table, (table["row"] == r) & (table["panel"] == side))
                 for r in (row, "reading")
             )
             ax.set_title(f"{next(letters)}) {side}")
             if row == "range":
-                _range(ax, own)
+                _range(ax, rows)
             else:
-                _located(ax, own, read)
+                _located(ax, rows, read)
     axes[0, 0].set_ylabel("detection range " + nomenclature.label("z_hat"))
     axes[1, 0].set_ylabel("located " + nomenclature.label("z_hat"))
     handles, names = axes[0, 0].get_legend_handles_labels()
@@ -178,13 +178,15 @@ def draw(table: Rows, look: Style) -> Figure:
     return figure
 
 
-def _range(ax: Any, own: Rows) -> None:
+def _range(ax: Any, rows: Rows) -> None:
     ax.set_xscale("log")
-    for (shade, marker), case in zip(SERIES, dict.fromkeys(own["case"].tolist()), strict=False):
-        mine = own["case"] == case
-        x, y = own["x"][mine], own["y"][mine]
+    for (shade, marker), case in zip(SERIES, dict.fromkeys(rows["case"].tolist()), strict=False):
+        mine = rows["case"] == case
+        x, y = rows["x"][mine], rows["y"][mine]
         dashes = (
-            (0, (4, 1.5)) if own["voltage_percent"][mine][0] > own["voltage_percent"].min() else "-"
+            (0, (4, 1.5))
+            if rows["voltage_percent"][mine][0] > rows["voltage_percent"].min()
+            else "-"
         )
         ax.plot(
             x,
@@ -199,17 +201,17 @@ def _range(ax: Any, own: Rows) -> None:
         known = np.isfinite(y)
         ax.fill_between(
             x[known],
-            own["lo90"][mine][known],
-            own["hi90"][mine][known],
+            rows["lo90"][mine][known],
+            rows["hi90"][mine][known],
             color=shade,
             alpha=0.2,
             linewidth=0,
         )
     ax.set_ylim(bottom=0)
     nowhere = [
-        c for c in distinct(own["case"]) if not np.isfinite(own["y"][own["case"] == c]).any()
+        c for c in distinct(rows["case"]) if not np.isfinite(rows["y"][rows["case"] == c]).any()
     ]
-    if not np.isfinite(own["y"]).any():
+    if not np.isfinite(rows["y"]).any():
         ax.set_ylim(0, 1)
         ax.text(0.5, 0.5, "nowhere", transform=ax.transAxes, ha="center", va="center")
     elif nowhere:
@@ -223,14 +225,14 @@ def _range(ax: Any, own: Rows) -> None:
             fontsize=rcParams["legend.fontsize"],
             color="0.35",
         )
-    ax.set_xlim(own["x"].min() / 1.5, own["x"].max() * 1.5)
+    ax.set_xlim(rows["x"].min() / 1.5, rows["x"].max() * 1.5)
     ax.set_xlabel("averaging time (s)")
     plain_log(ax.xaxis)
 
 
-def _located(ax: Any, own: Rows, read: Rows) -> None:
+def _located(ax: Any, rows: Rows, read: Rows) -> None:
     ax.set_xlabel("true " + nomenclature.label("z_hat"))
-    if not len(own["x"]):
+    if not len(rows["x"]):
         ax.text(
             0.5,
             0.5,
@@ -242,9 +244,9 @@ def _located(ax: Any, own: Rows, read: Rows) -> None:
         return
     ax.set_xscale("log")
     ax.set_yscale("log")
-    ax.fill_between(own["x"], own["lo90"], own["hi90"], color=BAND, linewidth=0)
-    ax.plot(own["x"], own["y"], color=FITTED)
-    ax.plot(own["x"], own["x"], color="0.45", linestyle=(0, (1, 1.2)))
+    ax.fill_between(rows["x"], rows["lo90"], rows["hi90"], color=BAND, linewidth=0)
+    ax.plot(rows["x"], rows["y"], color=FITTED)
+    ax.plot(rows["x"], rows["x"], color="0.45", linestyle=(0, (1, 1.2)))
     for (shade, _), y, low, high in zip(
         SERIES, read["y"], read["lo90"], read["hi90"], strict=False
     ):

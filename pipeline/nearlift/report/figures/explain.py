@@ -31,7 +31,7 @@ def rows(
     data: Observations,
     effect: Effect,
     boundary: str,
-    found: dict[str, Any],
+    at_size: dict[str, Any],
     raw: FloatArray,
     left: FloatArray,
     noise: float,
@@ -45,22 +45,22 @@ def rows(
     trial about any curve, rms over trials.
     """
     name = effect.varies_with
-    own = {"z_hat": data.z_hat, "throttle": 100 * data.throttle, "session": data.session + 1.0}
-    x = np.asarray(own[name] if name in own else data.covariates[name], dtype=float)
+    recorded = {"z_hat": data.z_hat, "throttle": 100 * data.throttle, "session": data.session + 1.0}
+    x = np.asarray(recorded[name] if name in recorded else data.covariates[name], dtype=float)
     finite = np.isfinite(x)
     parts: list[dict[str, object]] = [
         {"panel": "signature", "series": "raw", "x": x[finite], "y": 100 * raw[finite]},
         {"panel": "signature", "series": "left", "x": x[finite], "y": 100 * left[finite]},
         {"panel": "signature", "series": "noise", "y": 100 * noise},
     ]
-    power = found["power"]
-    unit, factor = SHOWN.get(found["unit"], (found["unit"], 1.0))
+    power = at_size["power"]
+    unit, factor = SHOWN.get(at_size["unit"], (at_size["unit"], 1.0))
     if power is not None:
         size = factor * np.asarray(power["size"])
         parts += [{"panel": "power", "series": key, "x": size, "y": power[key]} for key in LOOKS]
         parts.append({"panel": "power", "series": "false alarm", "y": false_alarm_rate})
-    if found["detection_limit"] is not None:
-        limit = factor * found["detection_limit"]
+    if at_size["detection_limit"] is not None:
+        limit = factor * at_size["detection_limit"]
         parts.append({"panel": "power", "series": "limit", "x": limit, "y": 0.8})
     parts += [
         {
@@ -69,46 +69,48 @@ def rows(
             "x": c["rival_chance"],
             "y": c["energy_absorbed"],
         }
-        for c in found["confused_with"][:MOST]
+        for c in at_size["confused_with"][:MOST]
     ]
     shared = {
         "boundary": boundary,
         "effect": effect.title,
-        "parameter": found["parameter"],
+        "parameter": at_size["parameter"],
         "unit": unit,
-        "size": factor * found["shown_size"],
+        "size": factor * at_size["shown_size"],
         "covariate": name,
     }
     return stack([{**shared, **part} for part in parts], (*shared, "panel", "series", "x", "y"))
 
 
-def text(found: dict[str, Any]) -> str:
+def text(explanation: dict[str, Any]) -> str:
     """The explanation in words, its numbers from `found`."""
-    source = found["source"]
+    source = explanation["source"]
     equation = source["equation"] and f"equation {source['equation']}"
     cited = "; ".join(filter(None, (source["citation"], equation, source["doi"])))
     lines = [
-        f"{found['effect']}: {found['title']}",
+        f"{explanation['effect']}: {explanation['title']}",
         "",
-        *wrap(f"Mechanism: {found['mechanism']} (acts on {found['acts_on']})."),
+        *wrap(f"Mechanism: {explanation['mechanism']} (acts on {explanation['acts_on']})."),
     ]
     lines += [
         "",
-        *found["notes_of_declaration"].strip().splitlines(),
+        *explanation["notes_of_declaration"].strip().splitlines(),
         "",
         *wrap(f"Source: {cited}."),
     ]
     lines += [line for doubt in source["doubts"] for line in wrap(f"Doubt: {doubt}")]
-    for boundary, at in found["boundaries"].items():
-        lines += ["", f"In {found['campaign']}, {boundary}", ""]
-        lines += _boundary(at, found)
-    lines += [line for note in found["notes"] for line in ("", *wrap(f"Not looked at: {note}"))]
-    if found["files"]:
-        lines += ["", *found["files"]]
+    for boundary, at in explanation["boundaries"].items():
+        lines += ["", f"In {explanation['campaign']}, {boundary}", ""]
+        lines += _boundary(at, explanation)
+    lines += [
+        line for note in explanation["notes"] for line in ("", *wrap(f"Not looked at: {note}"))
+    ]
+    if explanation["files"]:
+        lines += ["", *explanation["files"]]
     return "\n".join(lines) + "\n"
 
 
-def _boundary(at: dict[str, Any], found: dict[str, Any]) -> list[str]:
+def _boundary(at: dict[str, Any], explanation: dict[str, Any]) -> list[str]:
     if not at["testable"]:
         if at.get("reason"):
             return wrap(f"Not a candidate here: {at['reason']}.")
@@ -123,7 +125,7 @@ def _boundary(at: dict[str, Any], found: dict[str, Any]) -> list[str]:
         f" lift, {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit;"
         f" false-alarm rate {at['false_alarm_rate']:g}, for all tests together."
     )
-    lines += _here(at["in_this_campaign"], found["effect"])
+    lines += _here(at["in_this_campaign"], explanation["effect"])
     if "within_trial" in at:
         w = at["within_trial"]
         return lines + wrap(

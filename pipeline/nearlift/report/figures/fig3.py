@@ -41,12 +41,12 @@ def columns(piv: Piv) -> list[PivCase]:
     """
     if piv.figure3:
         return [piv.named(n) for n in piv.figure3]
-    found = [piv.named(piv.control)]
+    cases = [piv.named(piv.control)]
     for boundary, wanted in PAPER_Z_HAT.items():
         near = [c for c in piv.case if c.boundary == boundary and c.z_hat is not None]
         if near:
-            found.append(min(near, key=lambda c: (abs(c.tilt), abs((c.z_hat or 0.0) - wanted))))
-    return found
+            cases.append(min(near, key=lambda c: (abs(c.tilt), abs((c.z_hat or 0.0) - wanted))))
+    return cases
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -148,20 +148,20 @@ def _section(ax: Axes, mine: Rows) -> None:
         linewidth=0.9,
         zorder=2,
     )
-    own = select(mine, mine["kind"] == "profile")
+    profile = select(mine, mine["kind"] == "profile")
     colour = SERIES[0][0]
-    reach = 1.645 * own["u_value_m_s"]
+    reach = 1.645 * profile["u_value_m_s"]
     ax.fill_between(
-        own["x_hat"],
-        own["value_m_s"] - reach,
-        own["value_m_s"] + reach,
+        profile["x_hat"],
+        profile["value_m_s"] - reach,
+        profile["value_m_s"] + reach,
         color=colour,
         alpha=0.3,
         linewidth=0,
     )
-    measured = np.where(own["flag"] > 0, np.nan, own["value_m_s"])
-    ax.plot(own["x_hat"], own["value_m_s"], color=colour, linewidth=0.6, zorder=3)
-    ax.plot(own["x_hat"], measured, color=colour, linewidth=1.3, zorder=3)
+    measured = np.where(profile["flag"] > 0, np.nan, profile["value_m_s"])
+    ax.plot(profile["x_hat"], profile["value_m_s"], color=colour, linewidth=0.6, zorder=3)
+    ax.plot(profile["x_hat"], measured, color=colour, linewidth=1.3, zorder=3)
     ax.xaxis.set_major_locator(MultipleLocator(2))
 
 

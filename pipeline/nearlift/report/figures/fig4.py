@@ -31,8 +31,8 @@ ROWS = ("ceiling", "ground")
 def cases(evidence: Evidence) -> list[PivCase]:
     """Untilted cases near a boundary, ceiling first, farthest first."""
     piv = manifest(evidence)
-    found = [c for c in piv.case if c.boundary in ROWS and abs(c.tilt) < LEVEL]
-    return sorted(found, key=lambda c: (ROWS.index(c.boundary), -(c.z_hat or 0.0)))
+    untilted = [c for c in piv.case if c.boundary in ROWS and abs(c.tilt) < LEVEL]
+    return sorted(untilted, key=lambda c: (ROWS.index(c.boundary), -(c.z_hat or 0.0)))
 
 
 def as_field(table: Columns) -> VelocityField:

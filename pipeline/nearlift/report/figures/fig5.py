@@ -28,8 +28,8 @@ ZONE = SERIES[1][0]
 
 def cases(evidence: Evidence) -> list[PivCase]:
     """Tilted ground cases from the most positive to the most negative tilt."""
-    found = [c for c in manifest(evidence).case if c.boundary == "ground" and abs(c.tilt) >= LEVEL]
-    return sorted(found, key=lambda c: -c.tilt)
+    tilted = [c for c in manifest(evidence).case if c.boundary == "ground" and abs(c.tilt) >= LEVEL]
+    return sorted(tilted, key=lambda c: -c.tilt)
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -113,10 +113,10 @@ def draw(table: Rows, look: Style) -> Figure:
             ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
         core = select(mine, mine["kind"] == "vortex")
         for turns, fill in ((1, ZONE), (-1, "white")):
-            of = core["flag"] == turns
+            turning = core["flag"] == turns
             ax.plot(
-                core["x_hat"][of],
-                core["y_hat"][of],
+                core["x_hat"][turning],
+                core["y_hat"][turning],
                 "o",
                 color="black",
                 markerfacecolor=fill,

@@ -99,7 +99,7 @@ def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and which of it may be believed."""
     content = evidence.document(SAFETY)["presets"]
-    flights = {own["flights"] for p in content.values() for own in p["boundaries"].values()}
+    flights = {preset["flights"] for p in content.values() for preset in p["boundaries"].values()}
     parts = [
         "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and controller.",
         (
@@ -118,17 +118,17 @@ def caption(evidence: Evidence, table: Columns) -> str:
             " L∞/L, as its theories mean it (dotted)."
         ),
     ]
-    for name, own in content.items():
-        worst = max(b["convergence"]["worst"] for b in own["boundaries"].values())
-        good = all(b["convergence"]["converged"] for b in own["boundaries"].values())
+    for name, preset in content.items():
+        worst = max(b["convergence"]["worst"] for b in preset["boundaries"].values())
+        good = all(b["convergence"]["converged"] for b in preset["boundaries"].values())
         verdict = (
             "no rate leaves its interval"
             if good
             else "its rates are the time step's as much as the vehicle's"
         )
         parts.append(
-            f"{name.capitalize()}: {own['meaning']}; halving the step changes a crash rate by up to"
-            f" {worst:.2g}: {verdict}."
+            f"{name.capitalize()}: {preset['meaning']}; halving the step changes a crash rate by up"
+            f" to {worst:.2g}: {verdict}."
         )
     return " ".join(parts)
 
@@ -136,9 +136,9 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
-    for name, own in evidence.document(SAFETY)["presets"].items():
-        for side, found in own["boundaries"].items():
-            half = {e["exponent"]: e["value"] for e in found["levels"] if e["risk"] == 0.5}
+    for name, preset in evidence.document(SAFETY)["presets"].items():
+        for side, flown in preset["boundaries"].items():
+            half = {e["exponent"]: e["value"] for e in flown["levels"] if e["risk"] == 0.5}
             if half:
                 parts.append(
                     f"{name}, {side}: half of the flights crash at z_hat {half[0.0]:.2f} without"
@@ -158,11 +158,11 @@ def draw(table: Rows, look: Style) -> Figure:
     for i, row in enumerate(rows):
         for j, side in enumerate(sides):
             ax = axes[i, j]
-            own = select(table, (table["row"] == row) & (table["panel"] == side))
+            panel = select(table, (table["row"] == row) & (table["panel"] == side))
             if row == "histories":
-                _histories(ax, own, side)
+                _histories(ax, panel, side)
             else:
-                _rates(ax, own, last=j == len(sides) - 1)
+                _rates(ax, panel, last=j == len(sides) - 1)
             ax.set_title(f"{next(letters)}) {side}, {TITLES[row]}")
     exponents = sorted(set(table["exponent"][table["kind"] == "crash"].tolist()))
     handles = [Line2D([], [], color=colour(e, exponents), linewidth=1.3) for e in exponents]
@@ -190,21 +190,21 @@ def colour(exponent: float, exponents: list[float]) -> Any:
     )
 
 
-def _histories(ax: Axes, own: Rows, side: str) -> None:
-    for label in distinct(own["label"]):
-        mine = own["label"] == label
-        x, y = own["x"][mine], own["y"][mine]
+def _histories(ax: Axes, rows: Rows, side: str) -> None:
+    for label in distinct(rows["label"]):
+        mine = rows["label"] == label
+        x, y = rows["x"][mine], rows["y"][mine]
         shade = NONE if label == "none" else SERIES[0][0]
         ax.plot(x, y, color=shade, linewidth=0.8)
         if len(y) and y[-1] <= 0:
             ax.plot(
                 x[-1:], y[-1:], marker="x", color=shade, markersize=5, markeredgewidth=1.2, zorder=5
             )
-    ax.set_xlim(own["x"].min(), own["x"].max())
+    ax.set_xlim(rows["x"].min(), rows["x"].max())
     ax.axhline(0, color="0.45", linewidth=1.6, zorder=0)
     # room for the legend beyond the flights, and for the boundary with its crosses on this side of
     # the frame
-    top = 1.22 * float(own["y"].max())
+    top = 1.22 * float(rows["y"].max())
     ax.set_ylim(-0.09 * top, top)
     ax.set_xlabel("time (s)")
     ax.set_ylabel(f"distance {nomenclature.label('z_hat')}")
@@ -214,36 +214,39 @@ def _histories(ax: Axes, own: Rows, side: str) -> None:
     handles = [Line2D([], [], color=NONE), Line2D([], [], color=SERIES[0][0])]
     names = [
         "no model",
-        "with " + plain_text(next((m for m in own["label"].tolist() if m != "none"), "model")),
+        "with " + plain_text(next((m for m in rows["label"].tolist() if m != "none"), "model")),
     ]
     ax.legend(handles, names, loc="lower right" if side == "ceiling" else "upper right", ncols=2)
 
 
-def _rates(ax: Axes, own: Rows, last: bool) -> None:
-    crash = own["kind"] == "crash"
-    exponents = sorted(set(own["exponent"][crash].tolist()))
+def _rates(ax: Axes, rows: Rows, last: bool) -> None:
+    crash = rows["kind"] == "crash"
+    exponents = sorted(set(rows["exponent"][crash].tolist()))
     for e in exponents:
-        mine = crash & (own["exponent"] == e)
+        mine = crash & (rows["exponent"] == e)
         shade = colour(e, exponents)
         if e in (0, 1):
             ax.fill_between(
-                own["x"][mine],
-                100 * own["lo90"][mine],
-                100 * own["hi90"][mine],
+                rows["x"][mine],
+                100 * rows["lo90"][mine],
+                100 * rows["hi90"][mine],
                 color=shade,
                 alpha=0.25,
                 linewidth=0,
             )
         ax.plot(
-            own["x"][mine], 100 * own["y"][mine], color=shade, linewidth=1.3 if e in (0, 1) else 0.8
+            rows["x"][mine],
+            100 * rows["y"][mine],
+            color=shade,
+            linewidth=1.3 if e in (0, 1) else 0.8,
         )
     ax.set_ylim(-2, 102)
     ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
     for kind, dashes in COST.items():
-        mine = own["kind"] == kind
-        right.plot(own["x"][mine], own["y"][mine], color=COST_COLOUR, linestyle=dashes)
+        mine = rows["kind"] == kind
+        right.plot(rows["x"][mine], rows["y"][mine], color=COST_COLOUR, linestyle=dashes)
     right.set_ylim(0.5, 1.02)
     right.tick_params(axis="y", colors=COST_COLOUR)
     ax.tick_params(axis="y", right=False)

@@ -90,12 +90,14 @@ def draw(table: Rows, look: Style) -> Figure:
         mine = select(table, table["panel"] == name)
         labels = distinct(mine["label"])
         for shift, (colour, marker), label in zip((-0.12, 0.12), SERIES, labels, strict=False):
-            own = select(mine, mine["label"] == label)
-            bars = np.abs(np.stack([own["value"] - own["lo90"], own["hi90"] - own["value"]]))
-            x = own["tilt_deg"] + (shift if len(labels) > 1 else 0.0)
+            series = select(mine, mine["label"] == label)
+            bars = np.abs(
+                np.stack([series["value"] - series["lo90"], series["hi90"] - series["value"]])
+            )
+            x = series["tilt_deg"] + (shift if len(labels) > 1 else 0.0)
             ax.errorbar(
                 x,
-                own["value"],
+                series["value"],
                 bars,
                 fmt=marker,
                 color=colour,

@@ -94,8 +94,8 @@ def alt(table: Columns) -> str:
     parts = []
     for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
         rows = panel_rows(table, boundary, coefficient)
-        told = "; ".join(f"{name} {interval(rows, i)}" for i, name in enumerate(rows["label"]))
-        parts.append(f"{boundary.capitalize()}, {letter(coefficient)}: {told}.")
+        lines = "; ".join(f"{name} {interval(rows, i)}" for i, name in enumerate(rows["label"]))
+        parts.append(f"{boundary.capitalize()}, {letter(coefficient)}: {lines}.")
     return " ".join(parts)
 
 

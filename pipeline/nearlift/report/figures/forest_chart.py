@@ -47,7 +47,7 @@ def chart(table: Columns) -> Chart:
 
 def _view(boundary: str, coefficient: str, rows: Columns) -> View:
     unit = "" if rows["unit"][0] == "1" else f" ({rows['unit'][0]})"
-    told = [interval(rows, i) for i in range(len(rows["value"]))]
+    values = [interval(rows, i) for i in range(len(rows["value"]))]
     judged = [
         VERDICTS[v] if k == "campaign" else ""
         for v, k in zip(rows["verdict"], rows["kind"], strict=True)
@@ -57,7 +57,7 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
         "kind": rows["kind"],
         "vehicle": rows["vehicle"],
         **{name: rows[name] for name in ("value", "lo90", "hi90")},
-        "told": column(told),
+        "told": column(values),
         "judged": column(judged),
         "shape": column([SHAPES.get(v, "circle") for v in rows["verdict"]]),
         "fill": column(
@@ -66,14 +66,14 @@ def _view(boundary: str, coefficient: str, rows: Columns) -> View:
         "words": column(
             [
                 f"{name}: {letter(coefficient)} = {t}" + (f"; {j}" if j else "")
-                for name, t, j in zip(rows["label"], told, judged, strict=True)
+                for name, t, j in zip(rows["label"], values, judged, strict=True)
             ]
         ),
     }
-    own = rows["kind"] == "campaign"
+    campaigns = rows["kind"] == "campaign"
     given = rows["label"].tolist()
     sorted_by = np.concatenate(
-        [np.argsort(rows["value"][own], kind="stable"), np.flatnonzero(~own)]
+        [np.argsort(rows["value"][campaigns], kind="stable"), np.flatnonzero(~campaigns)]
     )
     spec = frame(
         f"{letter(coefficient)} near the {boundary}, campaign by campaign",

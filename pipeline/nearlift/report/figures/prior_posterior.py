@@ -67,7 +67,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     kept = zip(
         table["parameter"][shaped], table["model"][shaped], table["ratio"][shaped], strict=True
     )
-    told = (
+    words = (
         f"{int(shaped.sum())} of {len(shaped)} parameters keep more than {100 * SHAPED:.0f} % of"
         " their prior's width: " + ", ".join(f"{p} of {m} ({100 * r:.0f} %)" for p, m, r in kept)
         if shaped.any()
@@ -79,7 +79,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     return (
         "Grey: each parameter's central 90 % before the data, from its declared prior, drawn from"
         " 0 to 1. Black: the same after the data, with the median; the number is the ratio of the"
-        f" widths. {told}. An interval beside the grey says that prior and data disagree."
+        f" widths. {words}. An interval beside the grey says that prior and data disagree."
     )
 
 

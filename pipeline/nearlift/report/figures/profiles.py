@@ -74,16 +74,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and where the parabola misleads."""
     lopsided, straight, open_ends = [], [], []
     for boundary in evidence.boundaries:
-        for name, own in evidence.base(boundary)[1].profiles.items():
+        for name, profile in evidence.base(boundary)[1].profiles.items():
             what = f"{letter(name)} ({boundary})"
-            if own.open:
+            if profile.open:
                 open_ends.append(
                     f"{what}: no"
-                    f" {' or '.join(sorted({e for ends in own.open.values() for e in ends}))}"
+                    f" {' or '.join(sorted({e for ends in profile.open.values() for e in ends}))}"
                     " end within the bounds"
                 )
-            elif abs(np.log(own.skew)) > LOPSIDED:
-                lopsided.append(f"{what}: {own.skew:.2f}")
+            elif abs(np.log(profile.skew)) > LOPSIDED:
+                lopsided.append(f"{what}: {profile.skew:.2f}")
             else:
                 straight.append(what)
     words = [f"the parabola serves for {', '.join(straight)}"] if straight else []

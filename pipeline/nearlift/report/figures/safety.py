@@ -145,29 +145,29 @@ def caption(evidence: Evidence, table: Columns) -> str:
             " would cost more than it saves over the farthest set-point."
         ),
     ]
-    for side, own in evidence.document(SAFETY)["fitted"].items():
-        c = own["convergence"]
+    for side, fit in evidence.document(SAFETY)["fitted"].items():
+        c = fit["convergence"]
         refused = [
             (
                 f"{e['price']:g} (about {plain(e['flights_needed'], 2)} flights would do)"
                 if e["flights_needed"]
                 else f"{e['price']:g}"
             )
-            for e in own["best_set_points"]
+            for e in fit["best_set_points"]
             if not e["resolved"]
         ]
-        parted = [f"a price of {e['price']:g}" for e in own["best_set_points"] if not e["agrees"]]
-        parted += [f"a risk of {e['risk']:g}" for e in own["levels"] if not e["agrees"]]
+        parted = [f"a price of {e['price']:g}" for e in fit["best_set_points"] if not e["agrees"]]
+        parted += [f"a risk of {e['risk']:g}" for e in fit["levels"] if not e["agrees"]]
         left = (
-            f" Not resolved by {own['flights']} flights: prices of {', '.join(refused)}."
+            f" Not resolved by {fit['flights']} flights: prices of {', '.join(refused)}."
             if refused
             else ""
         )
         parts.append(
-            f"{side.capitalize()}: {own['title']}, {own['draws']} draws from {own['draws_from']},"
-            f" {own['flights']} flights a point; a crash is ẑ ≤ {own['contact_z_hat']:.3g}"
-            f" ({1e3 * own['contact_m']:.3g} mm from the rotor plane), and nothing was measured"
-            f" below ẑ = {own['measured_z_hat'][0]:.3g}; halving the step changes a rate by up to"
+            f"{side.capitalize()}: {fit['title']}, {fit['draws']} draws from {fit['draws_from']},"
+            f" {fit['flights']} flights a point; a crash is ẑ ≤ {fit['contact_z_hat']:.3g}"
+            f" ({1e3 * fit['contact_m']:.3g} mm from the rotor plane), and nothing was measured"
+            f" below ẑ = {fit['measured_z_hat'][0]:.3g}; halving the step changes a rate by up to"
             f" {c['worst']:.2g}.{left}{_parted(parted)}"
         )
     return " ".join(parts)
@@ -185,10 +185,10 @@ def _parted(what: list[str]) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = [
-        f"{side}, touched at z_hat {own['contact_z_hat']:.2f}: a risk of {e['risk']:g} at z_hat"
+        f"{side}, touched at z_hat {fit['contact_z_hat']:.2f}: a risk of {e['risk']:g} at z_hat"
         f" {e['value']:.2f}"
-        for side, own in evidence.document(SAFETY)["fitted"].items()
-        for e in own["levels"]
+        for side, fit in evidence.document(SAFETY)["fitted"].items()
+        for e in fit["levels"]
         if e["value"] is not None
     ]
     return "Crash rate and power against set-point. " + "; ".join(parts) + "."
@@ -204,9 +204,9 @@ def draw(table: Rows, look: Style) -> Figure:
     for i, row in enumerate(("crash", "front")):
         for j, side in enumerate(sides):
             ax = axes[i, j]
-            own = select(table, (table["row"] == row) & (table["panel"] == side))
-            (_crash if row == "crash" else _front)(ax, own)
-            label = plain_text(str(own["label"][own["kind"] == "model"][0]))
+            rows = select(table, (table["row"] == row) & (table["panel"] == side))
+            (_crash if row == "crash" else _front)(ax, rows)
+            label = plain_text(str(rows["label"][rows["kind"] == "model"][0]))
             ax.set_title(f"{next(letters)}) {side}, {label}", loc="left", fontsize=look.text_pt)
     legend: Any = [
         Line2D([], [], color=REFERENCES[0][0], linestyle=REFERENCES[0][1]),
@@ -231,21 +231,21 @@ def draw(table: Rows, look: Style) -> Figure:
     return figure
 
 
-def _crash(ax: Axes, own: Rows) -> None:
+def _crash(ax: Axes, rows: Rows) -> None:
     grey, dashes = REFERENCES[0]
     for kind, shade, style in (("none", grey, dashes), ("model", FITTED, "-")):
-        mine = own["kind"] == kind
+        mine = rows["kind"] == kind
         ax.fill_between(
-            own["x"][mine],
-            100 * own["lo90"][mine],
-            100 * own["hi90"][mine],
+            rows["x"][mine],
+            100 * rows["lo90"][mine],
+            100 * rows["hi90"][mine],
             color=BAND,
             linewidth=0,
             zorder=1,
         )
-        ax.plot(own["x"][mine], 100 * own["y"][mine], color=shade, linestyle=style, zorder=3)
-    held, contact = own["kind"] == "held", own["x"][own["kind"] == "contact"][0]
-    ax.plot(own["x"][held], 100 * own["y"][held], color=FITTED, linestyle=":", zorder=3)
+        ax.plot(rows["x"][mine], 100 * rows["y"][mine], color=shade, linestyle=style, zorder=3)
+    held, contact = rows["kind"] == "held", rows["x"][rows["kind"] == "contact"][0]
+    ax.plot(rows["x"][held], 100 * rows["y"][held], color=FITTED, linestyle=":", zorder=3)
     left = max(0.0, contact - 0.1)
     ax.axvspan(left, contact, color=TOUCHED, linewidth=0, zorder=0)
     ax.axvline(contact, color=NEARER, zorder=2)
@@ -254,37 +254,37 @@ def _crash(ax: Axes, own: Rows) -> None:
     ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
-    cost, paper = own["kind"] == "cost", own["kind"] == "cost_paper"
+    cost, paper = rows["kind"] == "cost", rows["kind"] == "cost_paper"
     right.fill_between(
-        own["x"][cost], own["lo90"][cost], own["hi90"][cost], color=COST, alpha=0.2, linewidth=0
+        rows["x"][cost], rows["lo90"][cost], rows["hi90"][cost], color=COST, alpha=0.2, linewidth=0
     )
-    right.plot(own["x"][cost], own["y"][cost], color=COST)
-    right.plot(own["x"][paper], own["y"][paper], color=PAPER_COLOUR, linestyle=PAPER)
+    right.plot(rows["x"][cost], rows["y"][cost], color=COST)
+    right.plot(rows["x"][paper], rows["y"][paper], color=PAPER_COLOUR, linestyle=PAPER)
     right.set_ylim(right.get_ylim()[0], 1.02)
     right.tick_params(axis="y", colors=COST)
     ax.tick_params(axis="y", right=False)
     right.set_ylabel("relative power", color=COST)
 
 
-def _front(ax: Axes, own: Rows) -> None:
-    mine = own["kind"] == "model"
+def _front(ax: Axes, rows: Rows) -> None:
+    mine = rows["kind"] == "model"
     ax.set_yscale("log")
-    ax.set_ylim(0.7 * 100 * own["lo90"][mine].min(), 140)
+    ax.set_ylim(0.7 * 100 * rows["lo90"][mine].min(), 140)
     plain_log(ax.yaxis)
     ax.fill_between(
-        own["x"][mine],
-        100 * own["lo90"][mine],
-        100 * own["hi90"][mine],
+        rows["x"][mine],
+        100 * rows["lo90"][mine],
+        100 * rows["hi90"][mine],
         color=BAND,
         linewidth=0,
         zorder=1,
     )
     ax.plot(
-        own["x"][mine], 100 * own["y"][mine], color=FITTED, zorder=2, marker=".", markersize=2.5
+        rows["x"][mine], 100 * rows["y"][mine], color=FITTED, zorder=2, marker=".", markersize=2.5
     )
-    best = own["kind"] == "best"
+    best = rows["kind"] == "best"
     for (shade, marker), x, y, label in zip(
-        SERIES, own["x"][best], own["y"][best], own["label"][best].tolist(), strict=False
+        SERIES, rows["x"][best], rows["y"][best], rows["label"][best].tolist(), strict=False
     ):
         price, _, where = label.partition(": z_hat ")
         name = f"crash costs {price}: $\\hat{{z}}_0$ = {where}"
@@ -302,8 +302,8 @@ def _front(ax: Axes, own: Rows) -> None:
     ax.set_xlabel("relative power to hover")
     ax.set_ylabel("crash rate (%)")
     if best.any():
-        middle = (own["x"][mine].min() + own["x"][mine].max()) / 2
-        ax.legend(loc="upper right" if own["x"][best].mean() < middle else "lower left")
+        middle = (rows["x"][mine].min() + rows["x"][mine].max()) / 2
+        ax.legend(loc="upper right" if rows["x"][best].mean() < middle else "lower left")
 
 
 FIGURE = FigureSpec(

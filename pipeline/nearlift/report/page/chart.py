@@ -144,10 +144,10 @@ def _short(values: list[Any]) -> Any:
     row has.
     """
     keys = [json.dumps(v) for v in values]
-    of = {key: i for i, key in enumerate(dict.fromkeys(keys))}
-    at = [of[key] for key in keys]
-    worth = sum(map(len, of)) + len(json.dumps(at, separators=(",", ":"))) < sum(map(len, keys))
-    return {"of": [json.loads(key) for key in of], "at": at} if worth else values
+    index = {key: i for i, key in enumerate(dict.fromkeys(keys))}
+    at = [index[key] for key in keys]
+    worth = sum(map(len, index)) + len(json.dumps(at, separators=(",", ":"))) < sum(map(len, keys))
+    return {"of": [json.loads(key) for key in index], "at": at} if worth else values
 
 
 def _value(value: Any) -> Any:

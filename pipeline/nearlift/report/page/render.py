@@ -124,9 +124,9 @@ def page(
     shown: list[dict[str, Any]] = []
     for chapter in chapters:
         placed = next((drawn.pop(f.name) for f in chapter.places if f.name in drawn), None)
-        own = [made.pop(f.name) for f in chapter.figures if f.name in made]
+        figures = [made.pop(f.name) for f in chapter.figures if f.name in made]
         interactive = [drawn[f.name] for f in chapter.figures if f.name in drawn]
-        if not evidence.has(*chapter.needs) or not (chapter.facts or own or interactive):
+        if not evidence.has(*chapter.needs) or not (chapter.facts or figures or interactive):
             continue
         shown.append(
             {
@@ -135,7 +135,7 @@ def page(
                 "part": chapter.part,
                 "template": f"{chapter.name}.html.j2" if chapter.facts else "",
                 "facts": chapter.facts(evidence) if chapter.facts else {},
-                "pictures": own,
+                "pictures": figures,
                 "placed": placed,
                 "charts": interactive,
                 "tabled": [c for c in charts if any(c.name == f.name for f in chapter.figures)],

@@ -59,21 +59,21 @@ AXES: dict[str, Axis] = {
 }
 
 
-def chosen(found: BoundaryDiagnosis) -> list[str]:
+def chosen(diagnosis: BoundaryDiagnosis) -> list[str]:
     """The covariate of the most significant structure; where it stays unexplained also that of the
     next, where the gain wanders also time, and after two effects also that of the effect which the
     first does not concern.
     """
-    structure = found.structure
-    shown = [s for s in structure[1:] if s.significant and found.verdict == "unexplained"]
+    structure = diagnosis.structure
+    shown = [s for s in structure[1:] if s.significant and diagnosis.verdict == "unexplained"]
     words = [s.covariate for s in (*structure[:1], *shown)] or ["distance"]
-    if found.wander:
+    if diagnosis.wander:
         words.append("start")
-    if len(found.effects) > 1:
+    if len(diagnosis.effects) > 1:
         known = {e.name: e.varies_with for e in catalogue.effects()}
         words += [
             SCHEDULE_WORDS.get(known[e.name], known[e.name])
-            for e in found.effects
+            for e in diagnosis.effects
             if e.name in known
         ]
     return list(dict.fromkeys(words))[:MOST]
@@ -149,21 +149,21 @@ def label(name: str, x: FloatArray, y: FloatArray, session: NDArray[Any]) -> NDA
     tried = [_within(session, count) for count in TIME_BINS]
     return min(
         tried,
-        key=lambda own: _akaike(
-            y - (np.bincount(own, y) / np.bincount(own))[own], int(own.max()) + 1
+        key=lambda parts: _akaike(
+            y - (np.bincount(parts, y) / np.bincount(parts))[parts], int(parts.max()) + 1
         ),
     )
 
 
 def _within(session: NDArray[Any], count: int) -> NDArray[np.int64]:
-    own = np.zeros(len(session), dtype=np.int64)
+    bin_of = np.zeros(len(session), dtype=np.int64)
     first = 0
     for value in distinct(session):
         mine = np.flatnonzero(session == value)
         parts = max(round(count * len(mine) / len(session)), 1)
-        own[mine] = first + np.arange(len(mine)) * parts // len(mine)
+        bin_of[mine] = first + np.arange(len(mine)) * parts // len(mine)
         first += parts
-    return np.unique(own, return_inverse=True)[1].astype(np.int64)
+    return np.unique(bin_of, return_inverse=True)[1].astype(np.int64)
 
 
 def curve(name: str, x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -73,12 +73,12 @@ def alt(evidence: Evidence, table: Columns) -> str:
         means = mine & (table["kind"] == "bin")
         line = _boundary(table, boundary)
         for when in distinct(table["when"][means]):
-            own = np.abs(table["value"][means & (table["when"] == when)])
+            strays = np.abs(table["value"][means & (table["when"] == when)])
             name = str(table["covariate"][means][0]).replace("_", " ")
             line += (
-                f" Bin means {when} stray up to {plain(float(own.max()), 2)} % from zero against"
+                f" Bin means {when} stray up to {plain(float(strays.max()), 2)} % from zero against"
                 f" {name}."
-                if len(own)
+                if len(strays)
                 else ""
             )
         for i in np.flatnonzero(
@@ -116,9 +116,9 @@ def _boundary(table: Columns, boundary: str) -> str:
 
 def _letters(table: Columns, part: str) -> str:
     """Letters of the panels of a part: ``a, b, f``, neighbours of three and more as ``a–d``."""
-    found: list[str] = distinct(table["letter"][table["part"] == part])
+    letters: list[str] = distinct(table["letter"][table["part"] == part])
     runs: list[list[str]] = []
-    for letter in found:
+    for letter in letters:
         if runs and ord(letter) == ord(runs[-1][-1]) + 1:
             runs[-1].append(letter)
         else:

@@ -77,17 +77,17 @@ def residual(ax: Axes, rows: Rows, look: Style, first: bool) -> None:
         ax.set_ylabel("relative residual (%)")
 
 
-def _legend(ax: Axes, names: list[str], of: str, look: Style) -> None:
+def _legend(ax: Axes, names: list[str], levels_of: str, look: Style) -> None:
     """Series in one line, headed by what they are levels of."""
     handles = [
         Line2D([], [], color=c, marker=m, markersize=2.8)
         for (c, m), _ in zip(SERIES, names, strict=False)
     ]
     words = [plain_text(n) for n in names]
-    if of != "approach":
+    if levels_of != "approach":
         handles, words = (
             [Line2D([], [], linestyle="none"), *handles],
-            [residuals.label(of, look).partition(" $")[0].partition(" (")[0] + ":", *words],
+            [residuals.label(levels_of, look).partition(" $")[0].partition(" (")[0] + ":", *words],
         )
     ax.legend(
         handles,

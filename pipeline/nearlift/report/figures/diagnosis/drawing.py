@@ -85,21 +85,21 @@ def _block(part: SubFigure, block: Rows, look: Style) -> None:
         loop_clouds.residual(ax, _of(block, letter), look, first=ax is upper[0])
         _title(ax, letter, _residual_title(block, letter), look)
     for ax, letter in zip(lower, beneath, strict=True):
-        own = _of(block, letter)
-        kind = str(own["part"][0])
+        rows = _of(block, letter)
+        kind = str(rows["part"][0])
         if kind == "candidate":
-            loop_panels.candidates(ax, own)
+            loop_panels.candidates(ax, rows)
             _title(
                 ax,
                 letter,
-                "candidates" if (own["kind"] != "rejected").any() else "candidates, all rejected",
+                "candidates" if (rows["kind"] != "rejected").any() else "candidates, all rejected",
                 look,
             )
         elif kind == "error":
-            loop_panels.error(ax, own)
+            loop_panels.error(ax, rows)
             _title(ax, letter, "held-out error", look)
         else:
-            _title(loop_panels.coefficients(ax, own), letter, "coefficient", look)
+            _title(loop_panels.coefficients(ax, rows), letter, "coefficient", look)
 
 
 def _more(block: Rows) -> float:

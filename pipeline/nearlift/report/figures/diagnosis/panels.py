@@ -182,9 +182,9 @@ def coefficients(ax: Axes, rows: Rows) -> Axes:
         for other in axes[1:]:
             other.tick_params(axis="y", labelleft=False)
     conditions = distinct(rows["note"][rows["kind"] == "doubt"])
-    for own, name in zip(axes, names, strict=False):
+    for panel, name in zip(axes, names, strict=False):
         _coefficient(
-            own,
+            panel,
             select(rows, rows["label"] == name),
             name,
             conditions,
@@ -284,8 +284,11 @@ def _limits(kinds: Any, lows: Any, highs: Any, references: Any) -> tuple[float, 
     """Ends of the axis: conditions of many times the quoted interval's width run out of it, or
     nothing else could be seen.
     """
-    own = kinds == "quoted"
-    narrow = [float(np.min([*lows[own], *references])), float(np.max([*highs[own], *references]))]
+    quoted = kinds == "quoted"
+    narrow = [
+        float(np.min([*lows[quoted], *references])),
+        float(np.max([*highs[quoted], *references])),
+    ]
     wide = [float(np.min([*lows, *references])), float(np.max([*highs, *references]))]
     low, high = narrow if wide[1] - wide[0] > CLIPPED * (narrow[1] - narrow[0]) else wide
     margin = (0.35 if low > wide[0] or high < wide[1] else 0.08) * (high - low) or 1e-3 * max(

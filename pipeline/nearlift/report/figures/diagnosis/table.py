@@ -45,19 +45,19 @@ def summarise(evidence: Evidence) -> Columns:
     """
     letters = iter(string.ascii_lowercase + string.ascii_uppercase)
     parts: list[dict[str, Any]] = []
-    for boundary, own in ((b, evidence.diagnosed(b)) for b in BOUNDARIES):
-        if not own:
+    for boundary, diagnosis in ((b, evidence.diagnosed(b)) for b in BOUNDARIES):
+        if not diagnosis:
             continue
-        verdict = {"part": "verdict", "kind": own.verdict, "label": _headline(own)}
+        verdict = {"part": "verdict", "kind": diagnosis.verdict, "label": _headline(diagnosis)}
         parts.append({"panel": boundary, **verdict})
-        for word in against.chosen(own):
-            drawn = residuals(evidence, boundary, own, word)
+        for word in against.chosen(diagnosis):
+            drawn = residuals(evidence, boundary, diagnosis, word)
             for when in distinct(drawn["when"]) if drawn else ():
                 parts.append({**select(drawn, drawn["when"] == when), "letter": next(letters)})
         for part, rows in (
-            ("candidate", candidates(own)),
-            ("error", errors(evidence, boundary, own)),
-            ("coefficient", coefficients(evidence, boundary, own)),
+            ("candidate", candidates(diagnosis)),
+            ("error", errors(evidence, boundary, diagnosis)),
+            ("coefficient", coefficients(evidence, boundary, diagnosis)),
         ):
             if rows:
                 shared = {"panel": boundary, "part": part, "letter": next(letters)}
@@ -65,21 +65,21 @@ def summarise(evidence: Evidence) -> Columns:
     return stack(parts, COLUMNS)
 
 
-def _headline(found: BoundaryDiagnosis) -> str:
-    if found.verdict == "effect":
-        named = ((e.name, found.stand_ins(e)) for e in found.effects)
+def _headline(diagnosis: BoundaryDiagnosis) -> str:
+    if diagnosis.verdict == "effect":
+        named = ((e.name, diagnosis.stand_ins(e)) for e in diagnosis.effects)
         return ", and ".join(
             f"{name} (or {', '.join(others)})" if others else name for name, others in named
         )
     return {
         "adequate": "nothing beyond the noise",
         "unexplained": "structure that no candidate explains",
-    }.get(found.verdict, "")
+    }.get(diagnosis.verdict, "")
 
 
-def candidates(found: BoundaryDiagnosis) -> list[dict[str, Any]]:
+def candidates(diagnosis: BoundaryDiagnosis) -> list[dict[str, Any]]:
     """The best candidates, the rejected ones with what they leave."""
-    listed = ranked(found)
+    listed = ranked(diagnosis)
     shown = listed[:CANDIDATES]
     if listed and not any("+" not in c.tried.name for c in shown):
         # beside pairs, the best of those that stand alone shows why one is not enough
@@ -109,16 +109,16 @@ def _why_not(candidate: RankedCandidate) -> str:
 
 
 def errors(
-    evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis
+    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
 ) -> list[dict[str, Any]]:
     """Held-out errors in percent of lift as results.json has them, before and (where an effect was
     named) after, with their 90 %, and the noise floor.
     """
-    error, quoted = found.error, evidence.quoted(boundary).error
+    error, quoted = diagnosis.error, evidence.quoted(boundary).error
     if not error or quoted is None:
         return []
     held_out = [("before", quoted.before, error.before)]
-    if found.verdict == "effect":
+    if diagnosis.verdict == "effect":
         held_out.append(("after", quoted.after, error.after))
     return [
         {"kind": "floor", "value": 100 * quoted.noise_floor, "unit": "%"},
@@ -137,13 +137,13 @@ def errors(
 
 
 def coefficients(
-    evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis
+    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
 ) -> list[dict[str, Any]]:
     """The first coefficients as quoted, beneath them what they would be on other conditions, and
     the literature's value where there is one.
     """
     rows: list[dict[str, Any]] = []
-    when = "after" if found.verdict == "effect" else "before"
+    when = "after" if diagnosis.verdict == "effect" else "before"
     quoted = evidence.quoted(boundary).coefficients.items()
     stated = [(name, c) for name, c in quoted if c.refused is None]
     for name, c in stated[:COEFFICIENTS]:
@@ -154,7 +154,7 @@ def coefficients(
             ends = {"value": d.value, "lo90": d.lo90, "hi90": d.hi90}
             rows.append({"kind": "doubt", "when": when, "note": d.condition, **shared, **ends})
         for reference in fig2.references(evidence, boundary):
-            if reference.model == found.base_model and name in reference.arguments:
+            if reference.model == diagnosis.base_model and name in reference.arguments:
                 source = reference.label.partition("(")[2].rstrip(")")
                 value = float(reference.arguments[name])
                 rows.append({"kind": "reference", "note": source, "value": value, **shared})

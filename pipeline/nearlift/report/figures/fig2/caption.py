@@ -12,6 +12,7 @@ from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, distinct
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.findings import coverage
+from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import fixed, plain
 
@@ -100,48 +101,53 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
 def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
     """What the line is of, what was taken out of the symbols, and how well L_inf is known."""
     model, entry = evidence.base(boundary)
-    told = _coefficients(evidence.quoted(boundary))
+    coefficients = _coefficients(evidence.quoted(boundary))
+    quoted = f" ({coefficients})" if coefficients else ""
     effects = fig2.named(evidence, boundary)
-    out = ""
-    if effects:
-        out = (
-            f"; line and symbols are without {' and '.join(effects)}, whose part at each trial is"
-            " taken out of its lift"
-        )
-    stood = curves.height_found_m(entry)
-    side = f"{abs(1e3 * stood):.2g} mm {'farther' if stood > 0 else 'nearer'}"
-    moved = (
-        f" The fit finds the rotor {side} than recorded; its line is drawn for there."
-        if stood and not effects
+    out = (
+        f"; line and symbols are without {' and '.join(effects)}, whose part at each trial is"
+        " taken out of its lift"
+        if effects
         else ""
     )
     u = 100 * relative_lift.relative_lift(evidence, boundary).u_L_inf
     return (
-        f"{boundary.capitalize()}: {model.title}{f' ({told})' if told else ''}{out}; L∞ is"
-        f" known to {plain(u, 2)} %, by the scatter.{moved}{_influence_note(evidence, boundary)}"
+        f"{boundary.capitalize()}: {model.title}{quoted}{out}; L∞ is known to {plain(u, 2)} %, by"
+        f" the scatter.{'' if effects else _moved(entry)}{_influence_note(evidence, boundary)}"
+    )
+
+
+def _moved(fit: ModelFit) -> str:
+    """That the line is drawn where the fit finds the rotor, if not where it was recorded."""
+    offset_m = curves.height_found_m(fit)
+    side = f"{abs(1e3 * offset_m):.2g} mm {'farther' if offset_m > 0 else 'nearer'}"
+    return (
+        f" The fit finds the rotor {side} than recorded; its line is drawn for there."
+        if offset_m
+        else ""
     )
 
 
 def _coefficients(quoted: BoundaryResult) -> str:
     """Those to be quoted, and what ± means where it stands."""
-    told = [quoted.stated(n) for n in quoted.quotable]
-    told += [coverage(quoted.headline)] if any("±" in t for t in told) else []
-    return ", ".join([*told, *(quoted.stated(n) for n in quoted.refused)])
+    parts = [quoted.stated(n) for n in quoted.quotable]
+    parts += [coverage(quoted.headline)] if any("±" in t for t in parts) else []
+    return ", ".join([*parts, *(quoted.stated(n) for n in quoted.refused)])
 
 
 def _influence_note(evidence: Evidence, boundary: Boundary) -> str:
     """What a ring is about, or that no single trial or visit deserves one."""
-    found = fig2.influential(evidence, boundary)
+    shifts = fig2.influential(evidence, boundary)
     marked = [
         f"{kind} {which} ({letter(name)} by {fixed(shift, 1)} u)"
-        for name, kind, which, shift in found
+        for name, kind, which, shift in shifts
         if abs(shift) >= fig2.INFLUENTIAL
     ]
     if marked:
         return f" Rings: {', '.join(marked)} if left out."
-    if not found:
+    if not shifts:
         return ""
-    most = max(abs(shift) for *_, shift in found)
+    most = max(abs(shift) for *_, shift in shifts)
     return f" No single trial or visit moves a coefficient by more than {fixed(most, 1)} u."
 
 
@@ -150,27 +156,20 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
         return _fit_note(evidence, boundary)
     model, entry = evidence.base(boundary)
     quoted = evidence.quoted(boundary)
-    told = _coefficients(quoted)
+    coefficients = _coefficients(quoted)
     beyond = (
         f", with {' and '.join(quoted.effects)} in the model, which the line is without"
         if quoted.effects
         else ""
     )
-    of = f" ({told}{beyond})" if told else ""
+    bracket = f" ({coefficients}{beyond})" if coefficients else ""
     mine = (table["panel"] == boundary) & (table["kind"] == "data")
     if not mine.any():
         return ""
-    found = curves.height_found_m(entry)
-    stood = f"{abs(1e3 * found):.2g} mm {'farther' if found > 0 else 'nearer'}"
-    moved = (
-        f" The fit finds the rotor {stood} than recorded; its line is drawn for there."
-        if found
-        else ""
-    )
     if np.isinf(evidence.observations[boundary].z_hat).any():
         return (
-            f"{boundary.capitalize()}: {model.title}{of}; L∞ of the data from trials in free"
-            f" air.{moved}"
+            f"{boundary.capitalize()}: {model.title}{bracket}; L∞ of the data from trials in free"
+            f" air.{_moved(entry)}"
         )
     far = float(table["z_hat"][mine].max())
     cells = evidence.table(LIFT)
@@ -186,9 +185,10 @@ def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> s
     there = float(curves.band(evidence, boundary, model, np.array([far])).middle[0])
     apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
     return (
-        f"{boundary.capitalize()}: {model.title}{of}; the data take L∞ from their farthest station,"
-        f" ẑ = {plain(far, 3)}, where ΔL is 0 by construction and the fit stands at"
-        f" {fixed(100 * there, 2)} %{apart}.{_shared_far(evidence, boundary)}{without}{moved}"
+        f"{boundary.capitalize()}: {model.title}{bracket}; the data take L∞ from their farthest"
+        f" station, ẑ = {plain(far, 3)}, where ΔL is 0 by construction and the fit stands at"
+        f" {fixed(100 * there, 2)} %{apart}.{_shared_far(evidence, boundary)}{without}"
+        f"{_moved(entry)}"
     )
 
 

@@ -48,17 +48,17 @@ HEADS = ("boundary", "throttle", "ẑ", "ΔL", "lift", "trials", "quality")
 
 def chart(evidence: Evidence) -> Chart:
     """A view for each boundary; what is chosen of throttles, quantity and axis holds for all."""
-    found = {b: points(evidence, b) for b in evidence.boundaries}
-    found = {b: p for b, p in found.items() if p}
+    cells = {b: points(evidence, b) for b in evidence.boundaries}
+    cells = {b: p for b, p in cells.items() if p}
     throttles = sorted(
         {
             (float(t), str(label))
-            for p in found.values()
+            for p in cells.values()
             for t, label in zip(p["throttle"], p["label"], strict=True)
         }
     )
     looks = {throttle_key(t): _look(i, len(throttles)) for i, (t, _) in enumerate(throttles)}
-    views = tuple(_view(evidence, b, p, looks) for b, p in found.items())
+    views = tuple(_view(evidence, b, p, looks) for b, p in cells.items())
     chosen = tuple(
         Choice(
             value=throttle_key(t),
@@ -103,7 +103,7 @@ def chart(evidence: Evidence) -> Chart:
     )
     rows = [
         (b, *(str(x) for x in row))
-        for b, p in found.items()
+        for b, p in cells.items()
         for row in zip(
             *(p[n] for n in ("label", "at", "delta_text", "force_text", "trials", "quality")),
             strict=True,
@@ -229,21 +229,21 @@ def _models(
             | {"dash": [list(dash or (1, 0))] * int(keep.sum())}
         )
 
-    own = fig2.line(evidence, boundary, grid)
-    apart = own.parts(span)
+    curve = fig2.line(evidence, boundary, grid)
+    apart = curve.parts(span)
     add(
         base.name,
-        f"{fitted.title}, {_source(evidence, boundary, own, apart)}",
-        own.middle + 1,
+        f"{fitted.title}, {_source(evidence, boundary, curve, apart)}",
+        curve.middle + 1,
         fitted,
         True,
-        own.sampled,
-        (own.low + 1, own.high + 1),
+        curve.sampled,
+        (curve.low + 1, curve.high + 1),
     )
     if apart:
         quoted = "" if evidence.diagnosed(boundary) else ", as quoted"
         label = f"{fitted.title}, least squares{quoted}"
-        add("least squares", label, own.least_squares + 1, fitted, True, own.sampled)
+        add("least squares", label, curve.least_squares + 1, fitted, True, curve.sampled)
     for reference in fig2.references(evidence, boundary):
         add(
             f"reference:{reference.label}",
@@ -252,7 +252,7 @@ def _models(
             curves.ratio(catalogue.model(reference.model), grid, reference.arguments),
             fitted,
             True,
-            own.sampled,
+            curve.sampled,
         )
     for name, fit in fits.items():
         model: LiftModel = catalogue.model(name)
@@ -277,7 +277,7 @@ def _models(
     )
 
 
-def _source(evidence: Evidence, boundary: Boundary, own: curves.Curve, apart: bool) -> str:
+def _source(evidence: Evidence, boundary: Boundary, curve: curves.Curve, apart: bool) -> str:
     """What the line is from; `apart` says that it can be told from least squares."""
     if refused := evidence.quoted(boundary).refused:
         return f"least squares: {', '.join(map(letter, refused))} refused"
@@ -285,7 +285,7 @@ def _source(evidence: Evidence, boundary: Boundary, own: curves.Curve, apart: bo
         return f"as quoted, beside {' and '.join(map(titled, effects))}"
     if fig2.as_quoted(evidence, boundary):
         return "as quoted, with what is unexplained"
-    if not own.sampled:
+    if not curve.sampled:
         return "least squares"
     return "posterior median" if apart else "as quoted"
 

@@ -59,11 +59,11 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
             for i, key in enumerate(zip(over.throttle.tolist(), over.z_hat.tolist(), strict=True))
         }
     )
-    told, data = np.array(trials["throttle"], dtype=float), evidence.observations[boundary]
+    throttles, data = np.array(trials["throttle"], dtype=float), evidence.observations[boundary]
     if data.curve is not None:
         shown = np.array(data.curve.shown)
-        told = shown[data.curve.nearest(told)]
-    own = (
+        throttles = shown[data.curve.nearest(throttles)]
+    drawn = (
         (cells["boundary"] == boundary)
         & (by_fit | np.isfinite(cells["delta_L"]))
         & (cells["z_hat"] > 0)
@@ -71,9 +71,9 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
     of_boundary = trials["boundary"] == boundary
     out = rejected(trials["quality"])
     rows: list[dict[str, Any]] = []
-    for i in np.flatnonzero(own).tolist():
+    for i in np.flatnonzero(drawn).tolist():
         z, throttle = float(cells["z_hat"][i]), float(cells["throttle"][i])
-        mine = of_boundary & (trials["z_hat"] == z) & (told == throttle)
+        mine = of_boundary & (trials["z_hat"] == z) & (throttles == throttle)
         delta, u_delta = 100 * float(cells["delta_L"][i]), 100 * float(cells["u_delta_L"][i])
         if over is not None:
             if (throttle, z) not in at:

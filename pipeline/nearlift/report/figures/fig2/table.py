@@ -233,10 +233,10 @@ def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, 
     uncertainties: the trial and the visit that move each coefficient most.
     """
     return [
-        (name, kind, found.id, found.shift / c.u)
+        (name, kind, omitted.id, omitted.shift / c.u)
         for name, c in evidence.quoted(boundary).coefficients.items()
-        for kind, found in (("trial", c.influence.trial), ("visit", c.influence.visit))
-        if found is not None and 0 < c.u < math.inf
+        for kind, omitted in (("trial", c.influence.trial), ("visit", c.influence.visit))
+        if omitted is not None and 0 < c.u < math.inf
     ]
 
 

@@ -50,12 +50,12 @@ def chart(evidence: Evidence) -> Chart:
     """A view for each boundary; covariate, throttles and what is shown hold for all."""
     names = every_covariate(evidence)
     keys = {name: f"c{i}" for i, name in enumerate(names)}
-    found = {b: dots(evidence, b) for b in evidence.boundaries}
-    found = {b: own for b, own in found.items() if own[2]}
+    trials = {b: dots(evidence, b) for b in evidence.boundaries}
+    trials = {b: drawn for b, drawn in trials.items() if drawn[2]}
     every = {
         (str(k), str(t))
-        for own, _, _ in found.values()
-        for k, t in zip(own["throttle"], own["label"], strict=True)
+        for drawn, _, _ in trials.values()
+        for k, t in zip(drawn["throttle"], drawn["label"], strict=True)
     }
     labels = dict(sorted(every, key=lambda x: float(x[0])))
     apart = 1 < len(labels) <= APART
@@ -68,7 +68,7 @@ def chart(evidence: Evidence) -> Chart:
         for i, k in enumerate(labels)
     }
     views = tuple(
-        _view(evidence, b, own, keys, colours if apart else {}) for b, own in found.items()
+        _view(evidence, b, drawn, keys, colours if apart else {}) for b, drawn in trials.items()
     )
     chosen = (
         tuple(
@@ -129,18 +129,18 @@ def _rows(table: Columns) -> list[tuple[str, ...]]:
 def _view(
     evidence: Evidence,
     boundary: Boundary,
-    found: tuple[Columns, Columns, int],
+    drawn: tuple[Columns, Columns, int],
     keys: dict[str, str],
     colours: dict[str, str],
 ) -> View:
-    own, here, total = found
+    cloud, here, total = drawn
     binned = sums(evidence, boundary, by_throttle=bool(colours))
     binned["covariate"] = column([keys[name] for name in binned["covariate"]])
-    trials = own | {keys[name]: x for name, x in here.items()}
-    trials["colour"] = column([colours.get(k, SERIES[0]) for k in own["throttle"]])
+    trials = cloud | {keys[name]: x for name, x in here.items()}
+    trials["colour"] = column([colours.get(k, SERIES[0]) for k in cloud["throttle"]])
     if not colours:
-        trials["throttle"] = column(["all"] * len(own["throttle"]))
-    low, high = float(own["residual"].min()), float(own["residual"].max())
+        trials["throttle"] = column(["all"] * len(cloud["throttle"]))
+    low, high = float(cloud["residual"].min()), float(cloud["residual"].max())
     room = 0.05 * (high - low or 1)
     model, _ = evidence.base(boundary)
     spec = frame(
@@ -153,8 +153,8 @@ def _view(
         varying=[keys[n] for n in here],
     )
     part = (
-        f" ({len(own['trial'])} of {total} trials drawn, evenly in run order; means are of all)"
-        if len(own["trial"]) < total
+        f" ({len(cloud['trial'])} of {total} trials drawn, evenly in run order; means are of all)"
+        if len(cloud["trial"]) < total
         else ""
     )
     return View(
@@ -223,7 +223,7 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
         {"calculate": "sqrt(datum.vv / datum.n)", "as": "noise"},
         {"calculate": "-datum.noise", "as": "below"},
     ]
-    told: list[Spec] = [
+    labels: list[Spec] = [
         {
             "calculate": (
                 "'.' + (datum.error > 0 ? clamp(ceil(1 - log(datum.error) / LN10), 0, 6) : 2) + 'f'"
@@ -330,7 +330,7 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
         },
         {
             "data": {"name": "sums"},
-            "transform": [{"filter": shown("means")}, *binned, *told],
+            "transform": [{"filter": shown("means")}, *binned, *labels],
             "mark": {
                 "type": "point",
                 "filled": True,

@@ -42,10 +42,10 @@ def word(covariate: str) -> str:
 
 def every_covariate(evidence: Evidence) -> list[str]:
     """Those that vary near some boundary, in the order of the figure."""
-    found = dict.fromkeys(
+    varying = dict.fromkeys(
         name for b in evidence.boundaries for name in covariates(residuals(evidence, b)[0])
     )
-    return [*(n for n in ORDER if n in found), *(n for n in found if n not in ORDER)]
+    return [*(n for n in ORDER if n in varying), *(n for n in varying if n not in ORDER)]
 
 
 def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]:
@@ -71,14 +71,14 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
         else np.zeros(0, dtype=int)
     )
     kept: list[dict[str, object]] = []
-    told = data.levels[data.level]
+    throttles = data.levels[data.level]
     for i in keep.tolist():
         j = row[str(data.trial[i])]
         z = float(data.z_hat[i])
         kept.append(
             {
                 "trial": str(data.trial[i]),
-                "throttle": throttle_key(float(told[i])),
+                "throttle": throttle_key(float(throttles[i])),
                 "residual": 100 * float(residual[i]),
                 "label": f"{100 * data.throttle[i]:.3g} %",
                 "at": (

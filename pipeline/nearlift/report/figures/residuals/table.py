@@ -93,14 +93,14 @@ def residuals(
 
 def covariates(data: Observations) -> dict[str, FloatArray]:
     """What residuals are drawn against, in drawing units; what does not vary is left out."""
-    found: dict[str, Any] = {
+    every: dict[str, Any] = {
         "z_hat": np.where(np.isfinite(data.z_hat), data.z_hat, np.nan),
         "throttle_percent": 100 * data.throttle,
         "run_order": np.arange(1, data.n + 1, dtype=float),
         **dict(data.covariates),
         "session": data.session + 1.0,
     }
-    varying = {name: x for name, x in found.items() if len(np.unique(x[np.isfinite(x)])) > 1}
+    varying = {name: x for name, x in every.items() if len(np.unique(x[np.isfinite(x)])) > 1}
     return {
         name: varying[name]
         for name in (*(n for n in ORDER if n in varying), *(n for n in varying if n not in ORDER))
@@ -141,12 +141,12 @@ def bins(x: FloatArray) -> NDArray[np.int64]:
     label = np.zeros(len(x), dtype=np.int64)
     first = 0
     for members in _clusters(x):
-        own = x[members]
+        values = x[members]
         edges = np.unique(
-            np.quantile(own, np.linspace(0, 1, max(round(BINS * len(own) / len(x)), 1) + 1))
+            np.quantile(values, np.linspace(0, 1, max(round(BINS * len(values) / len(x)), 1) + 1))
         )
         _, inside = np.unique(
-            np.clip(np.searchsorted(edges, own, side="right") - 1, 0, max(len(edges) - 2, 0)),
+            np.clip(np.searchsorted(edges, values, side="right") - 1, 0, max(len(edges) - 2, 0)),
             return_inverse=True,
         )
         label[members] = first + inside
