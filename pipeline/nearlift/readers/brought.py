@@ -24,23 +24,23 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
     ManifestError
         A name is none of the schedule's, a column has no unit, or two bring the same.
     """
-    found: dict[str, tuple[ColumnOfRecord, str]] = {}
+    columns: dict[str, tuple[ColumnOfRecord, str]] = {}
     if cut.has_level:
-        found[cut.maps] = cut.level(), "segments"
+        columns[cut.maps] = cut.level(), "segments"
     for name, column in cut.columns.items():
         key = f"segments.columns.{name}"
         if name not in BRINGABLE:
             hint = did_you_mean(name, BRINGABLE) or f"known are {', '.join(BRINGABLE)}"
             raise ManifestError(key, "is no column of a schedule that a record may have", hint)
-        if name in found:
+        if name in columns:
             raise ManifestError(key, "is what the level says already", "take one of them away")
-        found[name] = column, key
+        columns[name] = column, key
         if name in BESIDE:
             # the same samples tell it
-            found[f"u_{name}"] = column, key
-    for name, (column, key) in found.items():
+            columns[f"u_{name}"] = column, key
+    for name, (column, key) in columns.items():
         column.linear(dimension_of(name), key)
-    return found
+    return columns
 
 
 def brought_by(campaign: Campaign) -> tuple[str, ...]:
@@ -49,9 +49,9 @@ def brought_by(campaign: Campaign) -> tuple[str, ...]:
         return tuple(brought(campaign.segments))
     flight = campaign.flight
     assert flight is not None
-    own = ["distance", "throttle"]
-    own += ["supply"] if flight.supply is not None else []
-    return (*own, "tilt") if flight.tells_tilt else tuple(own)
+    names = ["distance", "throttle"]
+    names += ["supply"] if flight.supply is not None else []
+    return (*names, "tilt") if flight.tells_tilt else tuple(names)
 
 
 def dimension_of(name: str) -> str:

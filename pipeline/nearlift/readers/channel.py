@@ -125,13 +125,13 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
         There is none, or the name fits several.
     """
     names = tuple(c.name for c in channels)
-    found = _fitting(names, column)
-    if len(found) == 1:
-        return channels[found[0]]
-    if found:
+    places = _fitting(names, column)
+    if len(places) == 1:
+        return channels[places[0]]
+    if places:
         raise InputRefused(
             where,
-            f"has more than one column {column!r}: {', '.join(repr(names[i]) for i in found)}",
+            f"has more than one column {column!r}: {', '.join(repr(names[i]) for i in places)}",
             f"{key} names one of them",
         )
     close = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
@@ -156,8 +156,8 @@ def _fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
         lambda name: fold(split_unit(name)[0]) == folded,
         lambda name: _in_a_group(name, folded),
     ):
-        if found := tuple(i for i, name in enumerate(names) if same(name)):
-            return found
+        if places := tuple(i for i, name in enumerate(names) if same(name)):
+            return places
     return ()
 
 
@@ -167,8 +167,8 @@ def wanted(name: str, names: Names) -> bool:
     """
     if names is None:
         return True
-    own = {fold(name), fold(split_unit(name)[0])}
-    return any(fold(n) in own or _in_a_group(name, fold(n)) for n in names)
+    spellings = {fold(name), fold(split_unit(name)[0])}
+    return any(fold(n) in spellings or _in_a_group(name, fold(n)) for n in names)
 
 
 def _in_a_group(name: str, folded: str) -> bool:

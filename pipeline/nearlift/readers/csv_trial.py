@@ -28,7 +28,7 @@ from nearlift.units import NUMBER
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-    spec = ChannelSpec.of(campaign)
+    spec = ChannelSpec.from_manifest(campaign)
     for trial, path in zip(piece.trials, piece.paths, strict=True):
         # without a buffer, which would only be copied
         with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - half the time of the path's own
@@ -87,12 +87,12 @@ def parse(
     ]
     if not content[body : body + 80].strip() and not content[body:].strip():
         return nothing, blank, (*codes, "NO_DATA")
-    found = scanner.scan(content, body, len(header), wanted) or table.read(
+    columns = scanner.scan(content, body, len(header), wanted) or table.read(
         content[body:], where, 2, header, wanted
     )
     if len(header) == 1:
-        interleaved.refuse(found[0], where, 2)
-    return found[0], found[1] if time is not None else None, codes
+        interleaved.refuse(columns[0], where, 2)
+    return columns[0], columns[1] if time is not None else None, codes
 
 
 @functools.lru_cache(maxsize=8)

@@ -72,17 +72,17 @@ def sniff(head: bytes, where: str, given: Given = UNGIVEN, *, whole: bool = True
     lines = lines[:-1] if len(lines) > 1 or not whole else lines
     if len(lines) > SHORT:
         try:
-            found = _found(lines[:SHORT], where, given)
+            layout = _fitting_dialect(lines[:SHORT], where, given)
         except InputRefused:
             # it may be another dialect's, and a refusal is to tell what is wrong with the whole
             pass
         else:
-            if found.first + READ <= SHORT and _reads(found, lines, where):
-                return replace(found, encoding=encoding)
-    return replace(_found(lines, where, given), encoding=encoding)
+            if layout.first + READ <= SHORT and _reads(layout, lines, where):
+                return replace(layout, encoding=encoding)
+    return replace(_fitting_dialect(lines, where, given), encoding=encoding)
 
 
-def _found(lines: Sequence[str], where: str, given: Given) -> Layout:
+def _fitting_dialect(lines: Sequence[str], where: str, given: Given) -> Layout:
     """The one dialect that fits these lines, its encoding left open.
 
     Raises
@@ -105,9 +105,9 @@ def _found(lines: Sequence[str], where: str, given: Given) -> Layout:
             f"can be read in two ways: separated by {ways}",
             'say which: dialect = { separator = "...", decimal = "..." } under [records]',
         )
-    found = fits[0][0]
-    _no_thousands(found, lines, where, given)
-    return found
+    layout = fits[0][0]
+    _no_thousands(layout, lines, where, given)
+    return layout
 
 
 def _reads(layout: Layout, lines: Sequence[str], where: str) -> bool:
@@ -245,20 +245,20 @@ def _fit(
             continue
         place = f"{where}, line {at + 1}"
         try:
-            found = row_of(line, place, names, cells)
+            parts = row_of(line, place, names, cells)
         except InputRefused as refusal:
             raise _Unfit(at - start, refusal) from None
         values = tuple(
-            None if i in texts else value_of(cell, cells.decimal) for i, cell in enumerate(found)
+            None if i in texts else value_of(cell, cells.decimal) for i, cell in enumerate(parts)
         )
         bad = next((i for i, value in enumerate(values) if value is None and i not in texts), None)
         if bad is not None:
             raise _unfit(
                 at - start,
                 place,
-                f"{found[bad]!r} in column {names[bad]!r} is not a number",
+                f"{parts[bad]!r} in column {names[bad]!r} is not a number",
                 cut_at(f"{mark[0]}:")
-                if (mark := label(found[bad])) and NUMBER.fullmatch(mark[1])
+                if (mark := label(parts[bad])) and NUMBER.fullmatch(mark[1])
                 else "mend the line, or say the dialect under [records]",
             )
         if len(reading) < READ:
@@ -298,9 +298,9 @@ def _first_row(lines: Sequence[str], cells: CellSyntax, given: Given, strict: bo
         if cells.skips(line):
             continue
         row = _cut(line, cells)
-        found = [_value(cell, cells) for cell in row]
-        numeric = any(value is not None and value == value for value in found)
-        if numeric and (not strict or None not in found):
+        numbers = [_value(cell, cells) for cell in row]
+        numeric = any(value is not None and value == value for value in numbers)
+        if numeric and (not strict or None not in numbers):
             return at
     return None
 
@@ -366,22 +366,22 @@ def _names(line: str, cells: CellSyntax, columns: int, trailing: bool) -> list[s
     return row
 
 
-def _no_thousands(found: Layout, lines: Sequence[str], where: str, given: Given) -> None:
+def _no_thousands(layout: Layout, lines: Sequence[str], where: str, given: Given) -> None:
     """Refuse decimal commas that may as well part thousands: 1,234 everywhere, and never 0,5 or
     12,34.
     """
-    if found.cells.decimal != "," or given.decimal is not None:
+    if layout.cells.decimal != "," or given.decimal is not None:
         return
     cells = [
         c
-        for line in lines[found.first - 1 :]
+        for line in lines[layout.first - 1 :]
         if line.strip()
-        for c in _cut(line, found.cells)
+        for c in _cut(line, layout.cells)
         if "," in c
     ]
     if cells and all(_THOUSANDS.fullmatch(c) for c in cells):
         raise InputRefused(
-            f"{where}, line {found.first}",
+            f"{where}, line {layout.first}",
             f"{cells[0]!r} may be {cells[0].replace(',', '.')} or {cells[0].replace(',', '')}",
             'say which: dialect = { decimal = "," } under [records], or save it without separators'
             " of thousands",

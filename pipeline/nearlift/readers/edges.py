@@ -40,7 +40,7 @@ class Opened:
     """
 
     path: Path
-    found: Contents
+    contents: Contents
     record: Record
     dialect: RecordsDialect
     marks: Sequence[tuple[int, str]] = ()
@@ -73,7 +73,7 @@ def edges_of(
     if cut.of is None:
         values, step = opened.record.force_N, cut.step_N()
     else:
-        values = pick(opened.found.channels, cut.of, "segments.of", where).values
+        values = pick(opened.contents.channels, cut.of, "segments.of", where).values
         assert isinstance(cut.step, int | float)
         step = float(cut.step)
     _above_the_grain(values[head:], step, where)
@@ -95,7 +95,7 @@ def _stepping(cut: Segments, opened: Opened) -> tuple[FloatArray, float | None]:
                 str(path), f"has no {cut.only!r} in column {cut.by!r}", f"it has {known}"
             )
         return np.array([float(word == cut.only) for word in words]), 1.0
-    channel = pick(opened.found.channels, cut.by, "segments.by", str(path))
+    channel = pick(opened.contents.channels, cut.by, "segments.by", str(path))
     if len(channel.values) != n:
         raise InputRefused(
             str(path),
@@ -127,7 +127,7 @@ def marks_of(
     """
     from nearlift.readers import text, text_lines
 
-    cut, own = campaign.segments, campaign.records.dialect
+    cut, said = campaign.segments, campaign.records.dialect
     assert cut is not None
     if "ignore" not in form.options:
         raise ManifestError(
@@ -136,8 +136,8 @@ def marks_of(
             'take reader = "text", or by = a column',
         )
     lines = [line.replace(LEVEL, "*") for line in (cut.begin, cut.end) if line is not None]
-    given = own.get("ignore", ())
-    dialect = {**own, "ignore": [*(given if isinstance(given, list) else ()), *lines]}
+    given = said.get("ignore", ())
+    dialect = {**said, "ignore": [*(given if isinstance(given, list) else ()), *lines]}
     return text_lines.marked(path, text.given(dialect), lines), dialect
 
 

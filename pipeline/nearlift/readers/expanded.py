@@ -56,7 +56,8 @@ def of_records(
                 f"take the column away, or the key under [{table}]"
                 + (" (maps, columns)" if table == "segments" else ""),
             )
-    return {"trial" if name == RECORD_COLUMN else name: own for name, own in cells.items()}, bring
+    renamed = {"trial" if name == RECORD_COLUMN else name: cells[name] for name in cells}
+    return renamed, bring
 
 
 def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Pieces]) -> Schedule:
@@ -74,15 +75,16 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
     whole, bring = of_records(campaign, path, columns_of(campaign, path, text))
     ids = [record.strip() for record in whole["trial"].texts]
     cut = [pieces.get(record) or NO_PIECE for record in ids]
-    of = [i for i, own in enumerate(cut) for _ in range(len(own))]
+    row_of = [i for i, record in enumerate(cut) for _ in range(len(record))]
     given = {n: u for n, u in campaign.trials.units.items() if n not in bring}
     cells: dict[str, ColumnTexts] = {}
-    for name, own in whole.items():
-        texts = [own.texts[i] for i in of]
-        cells[name] = replace(own, texts=texts, lines=[own.lines[i] for i in of if own.lines])
+    for name, column in whole.items():
+        texts = [column.texts[i] for i in row_of]
+        at = [column.lines[i] for i in row_of if column.lines]
+        cells[name] = replace(column, texts=texts, lines=at)
     lines = cells["trial"].lines
-    numbers = np.concatenate([own.number for own in cut])
-    records = [ids[i] for i in of]
+    numbers = np.concatenate([record.number for record in cut])
+    records = [ids[i] for i in row_of]
     names = [f"{r}#{n}" if n else r for r, n in zip(records, numbers.tolist(), strict=True)]
     cells["trial"] = replace(cells["trial"], texts=names)
     if "session" not in cells:
@@ -95,7 +97,7 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
     schedule = of_cells(campaign, path, cells, given, unended(path, text), bring)
     covariates = dict(schedule.covariates)
     if "start_s" in covariates:
-        since = np.concatenate([own.since_s for own in cut])
+        since = np.concatenate([record.since_s for record in cut])
         covariates["start_s"] = covariates["start_s"] + since
     covariates[RECORD_COLUMN] = np.array(records, dtype=object)
     covariates["piece"] = numbers
@@ -107,10 +109,11 @@ def _together(
     cut: Segments | None, bring: Sequence[str], pieces: Sequence[Pieces]
 ) -> dict[str, FloatArray]:
     """What pieces bring, by column; levels within `hold` of each other are one level."""
-    found = {name: _joined(name, [(len(own), own.brought) for own in pieces]) for name in bring}
+    parts = [(len(record), record.brought) for record in pieces]
+    columns = {name: _joined(name, parts) for name in bring}
     if cut is not None and cut.has_level and cut.hold > 0:
         factor, _ = cut.level().linear(dimension_of(cut.maps), "segments")
-        values = found[cut.maps]
+        values = columns[cut.maps]
         order = np.argsort(values)[: np.count_nonzero(np.isfinite(values))]
         first = 0
         for k in range(1, len(order) + 1):
@@ -120,7 +123,7 @@ def _together(
             if wide or k == len(order):
                 values[order[first:k]] = np.median(values[order[first:k]])
                 first = k
-    return found
+    return columns
 
 
 def _further(pieces: Sequence[Pieces], taken: Collection[str]) -> dict[str, FloatArray]:
@@ -128,18 +131,18 @@ def _further(pieces: Sequence[Pieces], taken: Collection[str]) -> dict[str, Floa
     without a number anywhere is left out. A name that the schedule has for itself is made the
     record's.
     """
-    found: dict[str, FloatArray] = {}
-    for name in dict.fromkeys(name for own in pieces for name in own.covariates):
-        mean = _joined(name, [(len(own), own.covariates) for own in pieces])
-        scatter = _joined(name, [(len(own), own.scatter) for own in pieces])
+    columns: dict[str, FloatArray] = {}
+    for name in dict.fromkeys(name for record in pieces for name in record.covariates):
+        mean = _joined(name, [(len(record), record.covariates) for record in pieces])
+        scatter = _joined(name, [(len(record), record.scatter) for record in pieces])
         if np.isfinite(mean).any():
-            own = name if name not in taken else f"{RECORD_COLUMN} {name}"
-            found[own] = mean
+            free = name if name not in taken else f"{RECORD_COLUMN} {name}"
+            columns[free] = mean
             if np.isfinite(scatter).any():
-                found[f"sd_{own}"] = scatter
-    return found
+                columns[f"sd_{free}"] = scatter
+    return columns
 
 
 def _joined(name: str, parts: Sequence[tuple[int, Mapping[str, FloatArray]]]) -> FloatArray:
     """A column of all records' pieces, NaN for those of a record that lacks it."""
-    return np.concatenate([of[name] if name in of else np.full(n, np.nan) for n, of in parts])
+    return np.concatenate([columns.get(name, np.full(n, np.nan)) for n, columns in parts])

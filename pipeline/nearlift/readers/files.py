@@ -111,7 +111,7 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
             f"{pattern!r} does not say where the trial's id stands",
             'write {trial} in it, as in "trials/{trial}.csv"',
         )
-    found: dict[str, tuple[Path, int]] = {}
+    files: dict[str, tuple[Path, int]] = {}
     folder = root.as_posix()
     # one folder for all records is looked at once
     common = (root / pattern).parent
@@ -129,12 +129,12 @@ def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str
                 # by text: paths made one by one take longer than the system
                 status = os.lstat(f"{folder}/{name}")
                 if stat.S_ISREG(status.st_mode):
-                    found[trial] = root / name, status.st_size
+                    files[trial] = root / name, status.st_size
                     continue
         path, size = _checked(root, name, "records.files")
         if size is not None:
-            found[trial] = path, size
-    return found
+            files[trial] = path, size
+    return files
 
 
 def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[str, ...]:

@@ -114,19 +114,19 @@ def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> FlightLo
     assert flight is not None
     if path.stat().st_size == 0:
         return Contents(channels=(), codes=("EMPTY",))
-    with child.source(form) as contents:
-        found = contents(path, campaign.records.dialect, None)
-    if not any(len(c.values) for c in found.channels):
-        return Contents(channels=(), codes=found.codes or ("NO_DATA",), notes=found.notes)
-    return _Aligned(campaign, flight, found, str(path)).log(source_of(root, path))
+    with child.source(form) as reading:
+        contents = reading(path, campaign.records.dialect, None)
+    if not any(len(c.values) for c in contents.channels):
+        return Contents(channels=(), codes=contents.codes or ("NO_DATA",), notes=contents.notes)
+    return _Aligned(campaign, flight, contents, str(path)).log(source_of(root, path))
 
 
 class _Aligned:
     """The channels of one file, brought onto one clock."""
 
-    def __init__(self, campaign: Campaign, flight: Flight, found: Contents, where: str) -> None:
-        self.campaign, self.flight, self.found, self.where = campaign, flight, found, where
-        self.notes = list(found.notes)
+    def __init__(self, campaign: Campaign, flight: Flight, contents: Contents, where: str) -> None:
+        self.campaign, self.flight, self.contents, self.where = campaign, flight, contents, where
+        self.notes = list(contents.notes)
         self.clocks: dict[str, Clock] = {}
         self.main = self._clock_of(self._pick(flight.acceleration.column, "acceleration.column"))
 
@@ -148,12 +148,12 @@ class _Aligned:
             supply_V=self._if_named(flight.supply, "voltage", "supply"),
             setpoint_m=self._if_named(flight.setpoint, "length", "setpoint", held=True),
             tilt_rad=self._tilt(),
-            codes=(*self.found.codes, *(() if clock.kept.all() else ("clock",))),
+            codes=(*self.contents.codes, *(() if clock.kept.all() else ("clock",))),
             notes=tuple(self.notes),
         )
 
     def _pick(self, name: str, key: str) -> Channel:
-        return pick(self.found.channels, name, f"flight.{key}", self.where)
+        return pick(self.contents.channels, name, f"flight.{key}", self.where)
 
     def _one(
         self, column: LoggedColumn, dimension: str, key: str, held: bool = False
@@ -169,7 +169,7 @@ class _Aligned:
     def _three(self, column: LoggedColumn, dimension: str, key: str) -> FloatArray:
         """The column that points up, with its siblings x and y before it where the log has them."""
         up, channel = self._one(column, dimension, key), self._pick(column.column, f"{key}.column")
-        others = siblings(channel, self.found.channels)
+        others = siblings(channel, self.contents.channels)
         if len(others) < 2:
             return up
         factor = abs(column.factor(dimension, key))
@@ -191,19 +191,19 @@ class _Aligned:
         """A channel at the times of the acceleration: `held` from sample to sample, as commands
         are, or in a straight line; NaN in its holes.
         """
-        own, at = self._clock_of(channel), self.main.time_s
-        values = channel.values[own.kept]
-        if own is self.main:
+        clock, at = self._clock_of(channel), self.main.time_s
+        values = channel.values[clock.kept]
+        if clock is self.main:
             return values
-        after = np.searchsorted(own.time_s, at, side="right")
+        after = np.searchsorted(clock.time_s, at, side="right")
         before = np.clip(after - 1, 0, len(values) - 1)
         behind = np.clip(after, 0, len(values) - 1)
-        away = np.maximum(at - own.time_s[before], 0.0)
-        step = own.time_s[behind] - own.time_s[before]
+        away = np.maximum(at - clock.time_s[before], 0.0)
+        step = clock.time_s[behind] - clock.time_s[before]
         share = np.where(step > 0, away / np.where(step > 0, step, 1.0), 0.0)
         line = values[before] + share * (values[behind] - values[before])
         # what is not sent anew between two samples far apart may be anything
-        lost = (after == 0) | (np.maximum(step, away) > own.hole_s)
+        lost = (after == 0) | (np.maximum(step, away) > clock.hole_s)
         return np.where(lost, np.nan, values[before] if held else line)
 
     def _clock_of(self, channel: Channel) -> Clock:
@@ -211,28 +211,28 @@ class _Aligned:
         said, where = self.campaign.records.time, self.where
         topics = [
             c
-            for c in self.found.channels
+            for c in self.contents.channels
             if c.name.endswith(".time") and channel.name.startswith(c.name[: -len("time")])
         ]
-        own = max(topics, key=lambda c: len(c.name), default=None)
-        if own is None and said is None:
+        stamps = max(topics, key=lambda c: len(c.name), default=None)
+        if stamps is None and said is None:
             raise InputRefused(
                 where,
                 f"has no clock for {channel.name!r}",
                 'name it: [records] time = { column = "...", unit = "ms" }',
             )
-        if own is None:
+        if stamps is None:
             assert said is not None
-            own = pick(self.found.channels, said.column, "records.time.column", where)
-        if own.name not in self.clocks:
-            unit = "s" if own in topics or said is None else said.unit
-            self.clocks[own.name] = self._clock(own, unit)
-        clock = self.clocks[own.name]
+            stamps = pick(self.contents.channels, said.column, "records.time.column", where)
+        if stamps.name not in self.clocks:
+            unit = "s" if stamps in topics or said is None else said.unit
+            self.clocks[stamps.name] = self._clock(stamps, unit)
+        clock = self.clocks[stamps.name]
         if len(clock.kept) != len(channel.values):
             raise InputRefused(
                 where,
                 f"has {len(channel.values)} samples of {channel.name!r} and {len(clock.kept)} of"
-                f" its clock {own.name!r}",
+                f" its clock {stamps.name!r}",
                 "the log is damaged, or [records] time names the clock of another message",
             )
         return clock

@@ -110,8 +110,8 @@ class _Cut:
 
     def weighed(self) -> Weighed:
         log, flight = self.log, self.flight
-        found = self._phases()
-        self._as_declared(found)
+        phases = self._phases()
+        self._as_declared(phases)
         length = max(round(flight.window / self.step_s), 1)
         if length < FEWEST_SAMPLES:
             raise InputRefused(
@@ -120,15 +120,15 @@ class _Cut:
                 f'a trial takes {FEWEST_SAMPLES}: [flight] window ='
                 f' "{FEWEST_SAMPLES * self.step_s:.2g} s"',
             )  # fmt: skip
-        cut = windows_of(found, log.run, length)
-        told = log.command.mean(axis=1)
-        means = motor_lag.filtered(told, log.run, self.step_s, GRID)
+        cut = windows_of(phases, log.run, length)
+        command = log.command.mean(axis=1)
+        means = motor_lag.filtered(command, log.run, self.step_s, GRID)
         # windows follow each other without a gap
         first = np.array([w.first for w in cut])
-        length_of = np.diff([*first, len(told)])
+        length_of = np.diff([*first, len(command)])
         of_window = {
             name: np.add.reduceat(values, first, axis=-1) / length_of
-            for name, values in self._series(found).items()
+            for name, values in self._series(phases).items()
         }
         if self.offset_m is not None:
             of_window["distance"] = 1 / of_window["distance"] - self.offset_m
@@ -145,7 +145,7 @@ class _Cut:
             codes_of=tuple(w.code for w in cut),
             lift_N=self.lift_N,
             command=(np.add.reduceat(means, first, axis=-1) / length_of).T,
-            stretches=tuple(self._stretches(found, means)),
+            stretches=tuple(self._stretches(phases, means)),
             counts=counts,
         )
 
@@ -168,22 +168,22 @@ class _Cut:
             flight.height.zero == "each start",
         )
 
-    def _as_declared(self, found: Phases) -> None:
+    def _as_declared(self, phases: Phases) -> None:
         """Refuse a log that contradicts what the manifest says of it."""
         said, log = self.flight.acceleration, self.log
-        told = [
-            *silent(self._logged(), found.aloft),
+        contradictions = [
+            *silent(self._logged(), phases.aloft),
             *faults(
                 log.acceleration_m_s2,
                 log.velocity_m_s,
                 log.height_m,
-                found.aloft,
+                phases.aloft,
                 self.step_s,
                 (said.gravity, said.axes, self.campaign.rig.gravity),
             ),
-            *apart(log.supply_V, log.setpoint_m, log.height_m, found.aloft),
+            *apart(log.supply_V, log.setpoint_m, log.height_m, phases.aloft),
         ]
-        for fault in told[:1]:
+        for fault in contradictions[:1]:
             named = getattr(self.flight, fault.key)
             columns = getattr(named, "columns", None) or [named.column]
             raise InputRefused(
@@ -202,23 +202,22 @@ class _Cut:
     def _logged(self) -> dict[str, FloatArray]:
         """What has to change in any flight, by its key."""
         log = self.log
-        up = log.acceleration_m_s2
         series = {
             "command": log.command.mean(axis=1),
             "height": log.height_m,
             "velocity": log.climb_m_s,
-            "acceleration": up if up.ndim == 1 else up[:, 2],
+            "acceleration": flight_log.upwards(log.acceleration_m_s2),
         }
         return series if log.setpoint_m is None else {**series, "setpoint": log.setpoint_m}
 
-    def _series(self, found: Phases) -> dict[str, FloatArray]:
+    def _series(self, phases: Phases) -> dict[str, FloatArray]:
         """What windows are told by their means of, (n,): the schedule's columns, how the vehicle
         moved, and what each rotor was told beside the others. Near a boundary its distance stands
         as one over that of the rotor plane, which a gain follows more nearly: lift goes with the
         mean of the curve, and while a vehicle climbs that is not the curve at the mean distance.
         """
         log = self.log
-        series = {"distance": log.height_m - found.floor_m}
+        series = {"distance": log.height_m - phases.floor_m}
         if self.offset_m is not None:
             least = LEAST_HEIGHT * self.campaign.vehicle.rotor_radius
             series["distance"] = 1 / np.maximum(series["distance"] + self.offset_m, least)
@@ -239,29 +238,29 @@ class _Cut:
         """The windows with what they are told by, (windows,) each."""
         # what is left out may stand at any height, and behind any command
         lost = np.array([bool(w.code) for w in cut])
-        told = {name: np.where(lost, np.nan, values) for name, values in of_window.items()}
+        means = {name: np.where(lost, np.nan, values) for name, values in of_window.items()}
         # what moves within a window is no scatter of what it was
         return Pieces(
             number=np.arange(1, len(cut) + 1),
             since_s=self.log.time_s[[w.first for w in cut]],
-            brought={name: values for name, values in told.items() if name in BROUGHT},
-            covariates={name: values for name, values in told.items() if name not in BROUGHT},
+            brought={name: values for name, values in means.items() if name in BROUGHT},
+            covariates={name: values for name, values in means.items() if name not in BROUGHT},
         )
 
     def _placed(self, cut: Sequence[Window]) -> dict[str, FloatArray]:
         """The start that each window follows, and where the set-point stood before its middle."""
-        found = {"flight": np.array([float(w.start) for w in cut])}
+        placed = {"flight": np.array([float(w.start) for w in cut])}
         if self.log.setpoint_m is not None:
             middle = np.array([(w.first + w.end) // 2 for w in cut])
             for k, ago in enumerate(HISTORY_S):
                 at = np.maximum(middle - round(ago / self.step_s), 0)
-                found[f"setpoint_m_{k}"] = self.log.setpoint_m[at]
-        return found
+                placed[f"setpoint_m_{k}"] = self.log.setpoint_m[at]
+        return placed
 
-    def _stretches(self, found: Phases, means: FloatArray) -> list[LagMoments]:
+    def _stretches(self, phases: Phases, means: FloatArray) -> list[LagMoments]:
         log = self.log
-        clean = found.code == CLEAN
-        z_hat = (log.height_m - found.floor_m) / self.campaign.vehicle.rotor_radius
+        clean = phases.code == CLEAN
+        z_hat = (log.height_m - phases.floor_m) / self.campaign.vehicle.rotor_radius
         aside = []
         if log.velocity_m_s.ndim > 1:
             aside.append(log.velocity_m_s[:, 0] ** 2 + log.velocity_m_s[:, 1] ** 2)
@@ -269,7 +268,7 @@ class _Cut:
         if log.supply_V is not None:
             beside.append(np.log(np.maximum(log.supply_V, 1e-3)))
         # a stretch begins anew at every start, hole, and so many seconds
-        groups = _stretches_of(clean, found.start, log.run, log.time_s)
+        groups = _stretches_of(clean, phases.start, log.run, log.time_s)
         sent = None
         if log.setpoint_m is not None:
             asked = [
@@ -294,7 +293,7 @@ def _stretches_of(
     number = np.zeros(len(time_s), dtype=np.int64)
     flown = np.flatnonzero(clean)
     changes = np.ones(len(flown), dtype=bool)
-    for own in (start[flown], run[flown], part[flown]):
-        changes[1:] &= own[1:] == own[:-1]
+    for series in (start[flown], run[flown], part[flown]):
+        changes[1:] &= series[1:] == series[:-1]
     number[flown] = np.cumsum(~changes) + 1
     return number

@@ -147,7 +147,7 @@ def share_is_plausible(name: str, values: FloatArray, cells: ColumnTexts, unit: 
     """
     if name not in SHARES:
         return
-    of, too_little = SHARES[name]
+    whole, too_little = SHARES[name]
     for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
         dimension = BY_NAME[name].dimension
         other = [
@@ -156,7 +156,7 @@ def share_is_plausible(name: str, values: FloatArray, cells: ColumnTexts, unit: 
         raise InputRefused(
             cells.at(i),
             f"a {name} of {cells.texts[i].strip()} {unit} is not between 0 and 1",
-            f"{other[0]}?" if other else f"{name} is a part of {of}",
+            f"{other[0]}?" if other else f"{name} is a part of {whole}",
         )
     largest = int(np.argmax(np.nan_to_num(values)))
     if unit != "fraction" and 0 < values[largest] <= 0.01 + 1e-9:

@@ -102,7 +102,7 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
         ]
     elif dtype.kind in "iuf" and len(shape) in (1, 2):
         chosen = list(columns(name, shape))
-    chosen = [(own, part) for own, part in chosen if wanted(own, names)]
+    chosen = [(path, part) for path, part in chosen if wanted(path, names)]
     if not chosen:
         return
     # most have none, and to look for them takes as long as to open a dataset
@@ -112,9 +112,9 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     stated = next((text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
     unit = unit_word(stated) or stated
     rate = rate_from(attributes)
-    for own, part in chosen:
+    for path, part in chosen:
         values = np.asarray(part[()], dtype=np.float64) if dtype.names else series(item, part)
-        yield Channel(name=own, unit=unit, rate_Hz=rate, values=values)
+        yield Channel(name=path, unit=unit, rate_Hz=rate, values=values)
 
 
 def columns(name: str, shape: tuple[int, ...]) -> list[tuple[str, int | None]]:

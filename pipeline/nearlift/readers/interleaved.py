@@ -31,7 +31,7 @@ def one_column(said: Given) -> Given:
     return replace(said, columns=(ONE,), units=(), lines=1, separator="none")
 
 
-def parted(path: Path, said: Given, found: Contents) -> Contents:
+def parted(path: Path, said: Given, contents: Contents) -> Contents:
     """The columns of a file that was read as one.
 
     Raises
@@ -40,11 +40,11 @@ def parted(path: Path, said: Given, found: Contents) -> Contents:
         A line of words stands within a row, or a clock, by its name or its first numbers, does not
         only grow: a line is lost.
     """
-    if not found.channels:
-        return found
-    values, k = found.channels[0].values, said.lines
+    if not contents.channels:
+        return contents
+    values, k = contents.channels[0].values, said.lines
     rows = len(values) // k
-    codes = found.codes if rows * k == len(values) else (*found.codes, "truncated")
+    codes = contents.codes if rows * k == len(values) else (*contents.codes, "truncated")
     _whole_rows(path, said, k)
     table = values[: rows * k].reshape(rows, k)
     for name, column in zip(said.columns, table.T, strict=True):
@@ -59,13 +59,13 @@ def parted(path: Path, said: Given, found: Contents) -> Contents:
             )
     columns = zip(said.columns, said.units or [""] * k, table.T, strict=True)
     return replace(
-        found,
+        contents,
         channels=tuple(
             Channel(name=name, unit=unit, values=np.ascontiguousarray(column))
             for name, unit, column in columns
         ),
         codes=codes,
-        notes=(*found.notes, f"text read as {k} lines to a row"),
+        notes=(*contents.notes, f"text read as {k} lines to a row"),
     )
 
 

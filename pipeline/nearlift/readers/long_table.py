@@ -114,7 +114,7 @@ def spans(
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    found: dict[str, tuple[int, int]] = {}
+    rows: dict[str, tuple[int, int]] = {}
     at, last = 0, None
     with opened(path) as file:
         _check_columns(path, file.schema_arrow, wanted)
@@ -133,21 +133,21 @@ def spans(
             edges = [at, *(at + end for end in runs.run_ends.to_pylist())]
             for name, (start, end) in zip(names, itertools.pairwise(edges), strict=True):
                 if name == last:
-                    found[name] = (found[name][0], end)
-                elif name in found:
+                    rows[name] = (rows[name][0], end)
+                elif name in rows:
                     raise InputRefused(
                         str(path),
-                        f"trial {name!r} stands in two places, at rows {found[name][0] + 1} and"
+                        f"trial {name!r} stands in two places, at rows {rows[name][0] + 1} and"
                         f" {start + 1}",
                         "sort the table by trial, keeping the samples' order",
                     )
                 else:
-                    found[name] = (start, end)
+                    rows[name] = (start, end)
                 last = name
             at += batch.num_rows
     return (
-        list(found),
-        np.array(list(found.values()), dtype=float).reshape(-1, 2),
+        list(rows),
+        np.array(list(rows.values()), dtype=float).reshape(-1, 2),
         groups.astype(float),
     )
 

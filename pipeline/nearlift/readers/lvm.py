@@ -170,10 +170,10 @@ class _Parser:
         if not self.decimal:
             numbers = "".join(c for key in ("X0", "Delta_X") for c in segment.get(key, ()))
             self.decimal = "," if "," in numbers and "." not in numbers else "."
-        own = columns.count(CLOCK) > 1
+        several_clocks = columns.count(CLOCK) > 1
         for i, name in enumerate(channels):
             series = self.series.setdefault(name, _Series())
-            place = places[i] if own else i
+            place = places[i] if several_clocks else i
             unit = _at(segment, "Y_Unit_Label", place)
             series.unit = unit_word(unit) or unit
             series.step_s = value_of(_at(segment, "Delta_X", place), self.decimal)
@@ -193,7 +193,7 @@ class _Parser:
         if len(cells) < least or any(cells[len(columns) :]):
             raise self.refuse(at, f"has {len(cells)} cells under {len(columns)} columns")
         clock = np.nan
-        own = list(columns).count(CLOCK) > 1
+        several_clocks = list(columns).count(CLOCK) > 1
         for name, cell in zip(columns, cells, strict=False):
             if name == "Comment":
                 continue
@@ -201,7 +201,7 @@ class _Parser:
                 clock = number(cell, place, CLOCK, self.decimal)
                 continue
             # channels with clocks of their own end at different rows
-            if own and not cell and np.isnan(clock):
+            if several_clocks and not cell and np.isnan(clock):
                 continue
             self.series[name].values.append(number(cell, place, name, self.decimal))
             self.series[name].clock.append(clock)
@@ -230,15 +230,15 @@ class _Parser:
             clock = np.array(series.clock)
             rate = 1 / series.step_s if series.step_s else None
             if len(clock) > 2 and np.isfinite(clock).all():
-                own = rate_of(clock)
-                if own is None or rate is None or abs(own / rate - 1) > 0.01:
-                    told = (
-                        f"the header says {rate:.6g} Hz, X_Value {own:.6g} Hz"
-                        if rate and own
+                measured = rate_of(clock)
+                if measured is None or rate is None or abs(measured / rate - 1) > 0.01:
+                    remark = (
+                        f"the header says {rate:.6g} Hz, X_Value {measured:.6g} Hz"
+                        if rate and measured
                         else "X_Value has no steady rate that the header knows of"
                     )
-                    self.notes.append(f"{told}: the column is believed")
-                    rate = own
+                    self.notes.append(f"{remark}: the column is believed")
+                    rate = measured
                 if not one or i == 0:
                     channels.append(
                         Channel(

@@ -30,12 +30,12 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         head = file.read(1024)
     newest = MAGIC in (head[:8], head[512:520])
     if newest:
-        found, objects = _v73(path)
+        channels, objects = _v73(path)
     else:
-        found, objects = _v5(path)
+        channels, objects = _v5(path)
     for name in objects:
-        found += list(_table(path, name))
-    chosen = tuple(c for c in found if wanted(c.name, names))
+        channels += list(_table(path, name))
+    chosen = tuple(c for c in channels if wanted(c.name, names))
     return Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
 
 
@@ -49,7 +49,7 @@ def _v5(path: Path) -> tuple[list[Channel], list[str]]:
         variables = scipy.io.loadmat(
             str(path), struct_as_record=False, squeeze_me=False, chars_as_strings=True
         )
-    found: list[Channel] = []
+    channels: list[Channel] = []
     objects: list[str] = []
     for name, value in variables.items():
         if isinstance(value, MatlabOpaque):
@@ -58,8 +58,8 @@ def _v5(path: Path) -> tuple[list[Channel], list[str]]:
                 value["s0"][0].decode() if value.dtype.names and "s0" in value.dtype.names else name
             )
         elif not name.startswith("__"):
-            found += _flat(name, value)
-    return found, objects
+            channels += _flat(name, value)
+    return channels, objects
 
 
 def _flat(name: str, value: Any) -> Iterator[Channel]:
@@ -84,21 +84,20 @@ def _columns(name: str, value: Any) -> Iterator[Channel]:
 
 
 def _floats(values: Any) -> FloatArray:
-    found: FloatArray = np.ascontiguousarray(values, dtype=np.float64)
-    return found
+    return np.ascontiguousarray(values, dtype=np.float64)
 
 
 def _v73(path: Path) -> tuple[list[Channel], list[str]]:
     h5py = library("h5py", "mat")
-    found: list[Channel] = []
+    channels: list[Channel] = []
     objects: list[str] = []
     with h5py.File(path, "r") as file:
         for name, item in datasets(file, []):
             if name.startswith("/#"):
                 continue
-            own = name.strip("/").replace("/", ".")
+            variable = name.strip("/").replace("/", ".")
             if "MATLAB_object_decode" in item.attrs:
-                objects.append(own)
+                objects.append(variable)
             # logicals and texts are integers with another class
             elif (
                 item.dtype.kind in "iuf"
@@ -107,8 +106,8 @@ def _v73(path: Path) -> tuple[list[Channel], list[str]]:
                 and item.attrs.get("MATLAB_class", b"double") not in (b"char", b"logical", b"cell")
             ):
                 # MATLAB's first axis is HDF5's last
-                found += _columns(own, np.asarray(item[()]).T)
-    return found, objects
+                channels += _columns(variable, np.asarray(item[()]).T)
+    return channels, objects
 
 
 def _table(path: Path, name: str) -> Iterator[Channel]:

@@ -30,22 +30,22 @@ class _Unpacked(io.RawIOBase):
 
     def readinto(self, buffer: memoryview) -> int:  # type: ignore[override]
         try:
-            found = self._inner.read(len(buffer))
+            content = self._inner.read(len(buffer))
         except (EOFError, zlib.error, gzip.BadGzipFile) as fault:
             raise InputRefused(
                 self._where,
                 f"is compressed, and damaged or cut off: {fault}",
                 "copy it anew from the rig",
             ) from None
-        self._left -= len(found)
+        self._left -= len(content)
         if self._left < 0:
             raise InputRefused(
                 self._where,
                 f"is compressed, and holds more than {MOST_BYTES >> 20} MB",
                 "unpack it, and cut it into records on the rig",
             )
-        buffer[: len(found)] = found
-        return len(found)
+        buffer[: len(content)] = content
+        return len(content)
 
     def close(self) -> None:
         self._file.close()

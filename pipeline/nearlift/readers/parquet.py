@@ -57,7 +57,7 @@ def trials(path: Path) -> list[str]:
 
 
 def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
-    path, spec = _path(campaign, root), ChannelSpec.of(campaign)
+    path, spec = _path(campaign, root), ChannelSpec.from_manifest(campaign)
     if not path.is_file():
         raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
     columns = [("records.force.column", spec.column)]
@@ -94,7 +94,7 @@ def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) 
 
 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-    path, spec = piece.paths[0], ChannelSpec.of(campaign)
+    path, spec = piece.paths[0], ChannelSpec.from_manifest(campaign)
     names = (spec.column,) if spec.clock is None else (spec.column, spec.clock)
     at, trial = piece.rows[0][0], 0
     request = ReadRows(path=str(path), columns=names, first=at, end=piece.rows[-1][1], size=BATCH)

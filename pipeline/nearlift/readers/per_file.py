@@ -118,7 +118,7 @@ def reader_of(form: Format) -> Reader:
     def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
         from nearlift.readers import child
 
-        spec = ChannelSpec.of(campaign)
+        spec = ChannelSpec.from_manifest(campaign)
         with child.source(form) as contents:
             for trial, path in zip(piece.trials, piece.paths, strict=True):
                 yield record(contents, spec, trial, path, source_of(root, path))
@@ -133,7 +133,7 @@ def reader_of(form: Format) -> Reader:
         from nearlift.readers import child
         from nearlift.readers.serve import ReduceRecord
 
-        spec = ChannelSpec.of(campaign)
+        spec = ChannelSpec.from_manifest(campaign)
         return child.rows(
             [
                 ReduceRecord(
@@ -169,7 +169,7 @@ def _one_for_all(campaign: Campaign) -> bool:
         Neither the files nor the column say where the trial's id stands, or both do.
     """
     in_files = MARK in campaign.records.pattern
-    in_column = MARK in ChannelSpec.of(campaign).column
+    in_column = MARK in ChannelSpec.from_manifest(campaign).column
     if in_files == in_column:
         raise ManifestError(
             "records.files",
@@ -183,7 +183,7 @@ def _one_for_all(campaign: Campaign) -> bool:
 
 
 def record(
-    contents: Callable[[Path, RecordsDialect, Names], Contents],
+    read: Callable[[Path, RecordsDialect, Names], Contents],
     spec: ChannelSpec,
     trial: str,
     path: Path,
@@ -194,13 +194,13 @@ def record(
         return Record(trial=trial, source=source, codes=("EMPTY",))
     column, tick = spec.of_trial(trial)
     try:
-        found = contents(path, spec.dialect, (column,) if tick is None else (column, tick))
+        contents = read(path, spec.dialect, (column,) if tick is None else (column, tick))
     except Malformed as fault:
         return Record(trial=trial, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}")
-    return record_of(found, spec, trial, str(path), source)
+    return record_of(contents, spec, trial, str(path), source)
 
 
-def record_of(found: Contents, spec: ChannelSpec, trial: str, where: str, source: str) -> Record:
+def record_of(contents: Contents, spec: ChannelSpec, trial: str, where: str, source: str) -> Record:
     """The record of one trial from the channels of its file.
 
     Raises
@@ -208,33 +208,33 @@ def record_of(found: Contents, spec: ChannelSpec, trial: str, where: str, source
     InputRefused
         A channel is not there, or contradicts the manifest's unit or rate.
     """
-    if not found.channels and "NO_DATA" in found.codes:
-        return Record(trial=trial, source=source, codes=found.codes, notes=found.notes)
+    if not contents.channels and "NO_DATA" in contents.codes:
+        return Record(trial=trial, source=source, codes=contents.codes, notes=contents.notes)
     column, tick = spec.of_trial(trial)
-    channel = pick(found.channels, column, "records.force.column", where)
+    channel = pick(contents.channels, column, "records.force.column", where)
     _same_unit(channel, spec.unit, "force", "records.force.unit", where)
     _same_rate(channel, spec.rate_Hz, where)
     time_s = None
     if tick is not None:
-        own = pick(found.channels, tick, "records.time.column", where)
-        _same_unit(own, spec.clock_unit, "time", "records.time.unit", where)
-        if len(own.values) != len(channel.values):
+        clock = pick(contents.channels, tick, "records.time.column", where)
+        _same_unit(clock, spec.clock_unit, "time", "records.time.unit", where)
+        if len(clock.values) != len(channel.values):
             raise InputRefused(
                 where,
-                f"has {len(channel.values)} samples of {channel.name!r} and {len(own.values)} of"
-                f" {own.name!r}",
+                f"has {len(channel.values)} samples of {channel.name!r} and {len(clock.values)} of"
+                f" {clock.name!r}",
                 "under [records] time, name the clock of the force, or none",
             )
         # a clock in seconds is not copied
-        time_s = own.values if spec.tick == 1.0 else spec.tick * own.values
-    codes = found.codes if len(channel.values) else (*found.codes, "NO_DATA")
+        time_s = clock.values if spec.tick == 1.0 else spec.tick * clock.values
+    codes = contents.codes if len(channel.values) else (*contents.codes, "NO_DATA")
     return Record(
         trial=trial,
         force_N=spec.lift_N(channel.values),
         time_s=time_s,
         source=source,
         codes=codes,
-        notes=found.notes,
+        notes=contents.notes,
     )
 
 

@@ -96,19 +96,19 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
     """
     from nearlift.readers import child
 
-    form, spec = format_of(reader), ChannelSpec.of(campaign)
-    with child.source(form) as contents:
-        found = contents(path, form.checked_dialect(campaign.records.dialect), None)
+    form, spec = format_of(reader), ChannelSpec.from_manifest(campaign)
+    with child.source(form) as read:
+        contents = read(path, form.checked_dialect(campaign.records.dialect), None)
     column, clock = spec.of_trial(trial)
-    force = pick(found.channels, column, "records.force.column", str(path))
+    force = pick(contents.channels, column, "records.force.column", str(path))
     head = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
     channels = [
         replace(c, values=c.values[head:])
-        for c in found.channels
+        for c in contents.channels
         if len(c.values) == len(force.values)
     ]
-    own = next(c for c in channels if c.name == force.name)
-    return ramp_of(own, channels, [clock] if clock else [], campaign.load_cell.sample_rate)
+    live = next(c for c in channels if c.name == force.name)
+    return ramp_of(live, channels, [clock] if clock else [], campaign.load_cell.sample_rate)
 
 
 def ramp_of(
@@ -180,18 +180,18 @@ def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
     """The column that the force follows: one that is called a command before others."""
     from scipy.stats import rankdata
 
-    ranked, found = rankdata(np.abs(_means(force.values))), []
+    ranked, commands = rankdata(np.abs(_means(force.values))), []
     for c in channels:
         if c.name == force.name or len(c.values) != len(force.values):
             continue
-        own = _means(c.values)
-        if not np.isfinite(own).all() or np.ptp(own) == 0:
+        means = _means(c.values)
+        if not np.isfinite(means).all() or np.ptp(means) == 0:
             continue
-        together = float(np.corrcoef(ranked, rankdata(own))[0, 1])
+        together = float(np.corrcoef(ranked, rankdata(means))[0, 1])
         said = any(word in fold(c.name) for word in COMMANDS)
         if together > FOLLOWS[said] and (said or _holds(c.values)):
-            found.append((said, together, c))
-    return max(found, key=lambda f: f[:2])[2] if found else None
+            commands.append((said, together, c))
+    return max(commands, key=lambda f: f[:2])[2] if commands else None
 
 
 def _holds(values: FloatArray) -> bool:

@@ -50,10 +50,10 @@ def _messages(bag: sqlite3.Connection, path: Path) -> Iterator[tuple[str, int, A
     tables = {name for (name,) in bag.execute("SELECT name FROM sqlite_master")}
     if not {"topics", "messages"} <= tables:
         raise Malformed("has no tables of topics and messages")
-    told: dict[str, tuple[str, str]] = {}
+    definitions: dict[str, tuple[str, str]] = {}
     if "message_definitions" in tables:
         rows = "topic_type, encoding, encoded_message_definition"
-        told = {
+        definitions = {
             kind: (encoding, text)
             for kind, encoding, text in bag.execute(f"SELECT {rows} FROM message_definitions")
         }
@@ -61,7 +61,7 @@ def _messages(bag: sqlite3.Connection, path: Path) -> Iterator[tuple[str, int, A
     for number, name, kind, form in bag.execute(
         "SELECT id, name, type, serialization_format FROM topics"
     ):
-        encoding, text = told.get(kind, ("", ""))
+        encoding, text = definitions.get(kind, ("", ""))
         schema = SimpleNamespace(id=number, name=kind, encoding=encoding, data=text.encode())
         decode = decoders.decoder_for(form, schema) if text else None
         if decode is not None:

@@ -129,11 +129,11 @@ def _keep(
     # both words, and the character behind, shall lie within the text
     layouts[column + ROOM] = size - length - SIXTEEN if size > length + SIXTEEN else ZERO
     for word in (ZERO, ONE):
-        own = ~_farther(word, length)
-        ahead = own & _farther(word, down + ONE) if pointed else ZERO
-        point = own & _farther(word, down) ^ ahead if pointed else ZERO
+        inside = ~_farther(word, length)
+        ahead = inside & _farther(word, down + ONE) if pointed else ZERO
+        point = inside & _farther(word, down) ^ ahead if pointed else ZERO
         base = column + UPPER * word
-        layouts[base + OWN] = own
+        layouts[base + OWN] = inside
         layouts[base + BLANK] = ZEROS ^ point & TO_POINT
         layouts[base + LIFT] = LIFT_TEN + (point & LIFT_ONE)
         layouts[base + AHEAD] = ahead

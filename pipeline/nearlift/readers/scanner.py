@@ -47,7 +47,7 @@ class _Kept(threading.local):
 
     room = _Room(0)
 
-    def of(self, rows: int) -> _Room:
+    def room_for(self, rows: int) -> _Room:
         """Room for at least so many rows."""
         if rows <= self.room.columns.shape[1]:
             return self.room
@@ -73,10 +73,10 @@ def scan(text: bytes, at: int, columns: int, wanted: Sequence[int]) -> list[Floa
     low, high = min(wanted), max(wanted)
     # a row has at least a digit and a separator per column
     rows = (len(text) - at) // (2 * columns) + 1
-    room = _kept.of(rows)
+    room = _kept.room_for(rows)
     room.layouts.fill(0)
     first, second, layouts = room.places
-    found = SCAN(
+    count = SCAN(
         text,
         len(text),
         at,
@@ -92,6 +92,6 @@ def scan(text: bytes, at: int, columns: int, wanted: Sequence[int]) -> list[Floa
     )
     return (
         None
-        if found == IRREGULAR
-        else [room.columns[int(place != low)][:found] for place in wanted]
+        if count == IRREGULAR
+        else [room.columns[int(place != low)][:count] for place in wanted]
     )

@@ -101,8 +101,8 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     """
     path = schedule_file(campaign, root)
     text = text_of(path)
-    for of, at, said, schedule in _last:
-        if of is campaign and (at, said) == (path, text):
+    for known, at, said, schedule in _last:
+        if known is campaign and (at, said) == (path, text):
             return schedule
     schedule = parse_schedule(campaign, path, text)
     _last[:] = [(campaign, path, text, schedule)]

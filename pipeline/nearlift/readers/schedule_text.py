@@ -48,7 +48,7 @@ def unended(path: Path, text: str) -> list[str]:
 def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, ColumnTexts]:
     """Every column's texts, constants included, in the file's order."""
     header: list[str] = []
-    found: list[list[str]] = []
+    columns: list[list[str]] = []
     lines: list[int] = []
     # what stands in many rows is kept once
     kept: dict[str, str] = {}
@@ -59,7 +59,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, ColumnTex
                 continue
             if not header:
                 header = _header(path, reader.line_num, row)
-                found = [[] for _ in header]
+                columns = [[] for _ in header]
                 continue
             if len(row) != len(header):
                 raise InputRefused(
@@ -68,7 +68,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, ColumnTex
                     "mend that line (a decimal comma makes two cells of one)",
                 )
             lines.append(reader.line_num)
-            for column, cell in zip(found, row, strict=True):
+            for column, cell in zip(columns, row, strict=True):
                 column.append(kept.setdefault(cell, cell))
     except csv.Error as fault:
         raise InputRefused(
@@ -84,7 +84,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, ColumnTex
         )
     cells = {
         name: ColumnTexts(name, column, path.name, lines)
-        for name, column in zip(header, found, strict=True)
+        for name, column in zip(header, columns, strict=True)
     }
     for name, value in campaign.trials.constants.items():
         if name in cells:

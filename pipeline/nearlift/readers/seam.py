@@ -153,7 +153,7 @@ class ChannelSpec:
     dialect: RecordsDialect
 
     @classmethod
-    def of(cls, campaign: Campaign) -> Self:
+    def from_manifest(cls, campaign: Campaign) -> Self:
         """What a campaign's manifest says."""
         force, clock = campaign.records.force, campaign.records.time
         # by the manifest's own check

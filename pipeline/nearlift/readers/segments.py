@@ -93,16 +93,16 @@ class Segmented:
     at_rest: int = 0
 
     @property
-    def told(self) -> Pieces:
-        """The pieces without their samples."""
-        own = self.pieces
-        bring = own[0].brought if own else ()
-        further = own[0].covariates if own else ()
-        beside = {n: np.array([p.covariates[n] for p in own]) for n in further}
+    def without_samples(self) -> Pieces:
+        """What the pieces bring."""
+        pieces = self.pieces
+        bring = pieces[0].brought if pieces else ()
+        further = pieces[0].covariates if pieces else ()
+        beside = {n: np.array([p.covariates[n] for p in pieces]) for n in further}
         return Pieces(
-            number=np.array([p.number for p in own], dtype=np.int64),
-            since_s=np.array([p.since_s for p in own]),
-            brought={n: np.array([p.brought[n] for p in own]) for n in bring},
+            number=np.array([p.number for p in pieces], dtype=np.int64),
+            since_s=np.array([p.since_s for p in pieces]),
+            brought={n: np.array([p.brought[n] for p in pieces]) for n in bring},
             covariates={n: values[:, 0] for n, values in beside.items()},
             scatter={n: values[:, 1] for n, values in beside.items()},
         )
@@ -147,30 +147,30 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
 
     if path.stat().st_size == 0:
         return without("", "EMPTY")
-    spec = ChannelSpec.of(campaign)
+    spec = ChannelSpec.from_manifest(campaign)
     dialect = spec.dialect
     marks: list[tuple[int, str]] = []
     assert campaign.segments is not None
     try:
         if campaign.segments.begin is not None:
             marks, dialect = marks_of(form, path, campaign)
-        with child.source(form) as contents:
-            found = contents(path, dialect, None)
+        with child.source(form) as reading:
+            contents = reading(path, dialect, None)
     except Malformed as fault:
         return without(f"{source}: {fault}", "MALFORMED")
-    if not found.channels:
-        return without("", *found.codes)
-    whole = record_of(found, spec, record, str(path), source)
+    if not contents.channels:
+        return without("", *contents.codes)
+    whole = record_of(contents, spec, record, str(path), source)
     if not len(whole.force_N):
         return replace(nothing, record=whole)
-    opened = Opened(path=path, found=found, record=whole, dialect=dialect, marks=marks)
+    opened = Opened(path=path, contents=contents, record=whole, dialect=dialect, marks=marks)
     return _cut(campaign, opened)
 
 
 def _cut(campaign: Campaign, opened: Opened) -> Segmented:
     """The pieces of a record that was read."""
     cut, cell = campaign.segments, campaign.load_cell
-    found, whole, path = opened.found, opened.record, opened.path
+    contents, whole, path = opened.contents, opened.record, opened.path
     assert cut is not None
     assert cell.sample_rate is not None
     rate, n = cell.sample_rate, len(whole.force_N)
@@ -181,22 +181,26 @@ def _cut(campaign: Campaign, opened: Opened) -> Segmented:
     worth_it(pieces, edges, samples[0], str(path), rate)
     bring = {
         name: (
-            None if key == "segments" and cut.column is None else _own(found, column, key, path),
+            None
+            if key == "segments" and cut.column is None
+            else _channel(contents, column, key, path),
             column.linear(dimension_of(name), key),
         )
         for name, (column, key) in brought(cut).items()
     }
-    time_s, kept = _own_samples(whole)
+    time_s, kept = _new_samples(whole)
     at_level = (
         _lowest(pieces, values, cut.hold) if cell.tare == "level 0" and values is not None else ()
     )
-    further = _further(cut, found, whole, [c for c, _ in bring.values() if c is not None], campaign)
+    further = _further(
+        cut, contents, whole, [c for c, _ in bring.values() if c is not None], campaign
+    )
     trials: list[CutPiece] = []
     for piece in pieces.pieces:
-        own = slice(piece.start, piece.end)
+        span = slice(piece.start, piece.end)
         place = next(k for k, (a, b) in enumerate(edges) if a <= piece.start < b)
         level = {
-            name: factor * _level(name, levels[place] if c is None else c.values[own]) + offset
+            name: factor * _level(name, levels[place] if c is None else c.values[span]) + offset
             for name, (c, (factor, offset)) in bring.items()
         }
         # a comparison with no number is false
@@ -206,18 +210,18 @@ def _cut(campaign: Campaign, opened: Opened) -> Segmented:
             column, (factor, _) = bring[name]
             assert column is not None
             zero = _tare(column.values, head, at_level, piece)
-            mean, u = _beside(column.values[own], zero, rate)
+            mean, u = _beside(column.values[span], zero, rate)
             level |= {name: factor * mean, f"u_{name}": abs(factor) * u}
-        mask = kept[own]
+        mask = kept[span]
         trials.append(
             CutPiece(
                 number=piece.number,
-                force_N=whole.force_N[own][mask],
-                time_s=None if time_s is None else time_s[own],
+                force_N=whole.force_N[span][mask],
+                time_s=None if time_s is None else time_s[span],
                 tare_N=_tare(whole.force_N, head, at_level, piece),
                 since_s=piece.start / rate,
                 brought=level,
-                covariates=_means(further, own),
+                covariates=_means(further, span),
             )
         )
     notes = list(whole.notes)
@@ -251,9 +255,9 @@ def _beside(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[float
     return (total, math.sqrt(variance)) if np.isfinite(values).any() else (math.nan, math.nan)
 
 
-def _own(found: Contents, column: ColumnOfRecord, key: str, path: Path) -> Channel:
+def _channel(contents: Contents, column: ColumnOfRecord, key: str, path: Path) -> Channel:
     name = "segments.by" if key == "segments" else f"{key}.column"
-    return pick(found.channels, column.column, name, str(path))
+    return pick(contents.channels, column.column, name, str(path))
 
 
 def _level(name: str, values: FloatArray | float) -> float:
@@ -269,7 +273,7 @@ def _level(name: str, values: FloatArray | float) -> float:
     return float(known.mean())
 
 
-def _own_samples(whole: Record) -> tuple[FloatArray | None, np.ndarray]:
+def _new_samples(whole: Record) -> tuple[FloatArray | None, np.ndarray]:
     """The clock if it can tell gaps, and a mask of the samples that are no repeat of the one
     before.
     """
@@ -303,34 +307,38 @@ def _tare(
 
 def _further(
     cut: Segments,
-    found: Contents,
+    contents: Contents,
     whole: Record,
-    told: Sequence[Channel],
+    known: Sequence[Channel],
     campaign: Campaign,
 ) -> list[Channel]:
     """The columns whose means become covariates: of as many samples as the force, and neither the
     force, its clock, nor what is told already.
     """
-    spec = ChannelSpec.of(campaign)
+    spec = ChannelSpec.from_manifest(campaign)
     column, clock = spec.of_trial(whole.trial)
-    of = [pick(found.channels, name, "", "") for name in (column, clock) if name is not None]
-    names = {id(c) for c in (*of, *told)}
+    force_and_clock = [
+        pick(contents.channels, name, "", "") for name in (column, clock) if name is not None
+    ]
+    names = {id(c) for c in (*force_and_clock, *known)}
     if cut.covariates is not None:
         return [
-            pick(found.channels, name, "segments.covariates", whole.source)
+            pick(contents.channels, name, "segments.covariates", whole.source)
             for name in cut.covariates
         ]
-    return [c for c in found.channels if id(c) not in names and len(c.values) == len(whole.force_N)]
+    return [
+        c for c in contents.channels if id(c) not in names and len(c.values) == len(whole.force_N)
+    ]
 
 
-def _means(channels: Sequence[Channel], own: slice) -> dict[str, tuple[float, float]]:
+def _means(channels: Sequence[Channel], span: slice) -> dict[str, tuple[float, float]]:
     """Mean and scatter of each column over a piece."""
-    found: dict[str, tuple[float, float]] = {}
+    means: dict[str, tuple[float, float]] = {}
     for c in channels:
-        values = c.values[own]
+        values = c.values[span]
         values = values[np.isfinite(values)]
-        found[c.name] = (
+        means[c.name] = (
             float(values.mean()) if len(values) else np.nan,
             float(values.std(ddof=1)) if len(values) > 1 else np.nan,
         )
-    return found
+    return means

@@ -106,12 +106,12 @@ def stand_reader(
             texts=tuple(i for i, name in enumerate(columns) if fold(split_unit(name)[0]) in texts),
         )
         turning = tuple(name for name in columns if speeds(fold(split_unit(name)[0])))
-        found = from_text(path, UNGIVEN, names if names is None else (*names, *turning), layout)
-        codes = (*found.codes, *_dead(found.channels, turning))
-        if not len(found.channels) or not len(found.channels[0].values):
+        file = from_text(path, UNGIVEN, names if names is None else (*names, *turning), layout)
+        codes = (*file.codes, *_dead(file.channels, turning))
+        if not len(file.channels) or not len(file.channels[0].values):
             codes = (*codes, "NO_DATA")
-        found = replace(found, kind=title, codes=codes, notes=())
-        return with_rate(found) if names is None else found
+        file = replace(file, kind=title, codes=codes, notes=())
+        return with_rate(file) if names is None else file
 
     return reader_of(
         Format(

@@ -125,8 +125,8 @@ def read(
     InputRefused
         A line has too few or too many cells, a cell wanted is no number, or the bytes are no UTF-8.
     """
-    found = _by_arrow(body, len(header), wanted, cells) if cells.plain else None
-    return found if found is not None else _explained(body, where, first, header, wanted, cells)
+    columns = _by_arrow(body, len(header), wanted, cells) if cells.plain else None
+    return columns if columns is not None else _explained(body, where, first, header, wanted, cells)
 
 
 def _by_arrow(
@@ -160,8 +160,8 @@ def _by_arrow(
         )
     except pa.ArrowInvalid:
         return None
-    found = [floats(table[name].combine_chunks()) for name in chosen]
-    return [np.where(np.isfinite(values), values, np.nan) for values in found]
+    arrays = [floats(table[name].combine_chunks()) for name in chosen]
+    return [np.where(np.isfinite(values), values, np.nan) for values in arrays]
 
 
 def _explained(
@@ -203,9 +203,9 @@ def _way_out(line: str, cells: CellSyntax) -> str:
             " under [records]"
         )
     if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
-        own = json.dumps(line.strip()[:40], ensure_ascii=False)
+        text = json.dumps(line.strip()[:40], ensure_ascii=False)
         return (
-            f'if the rig writes such lines, reader = "text" with dialect = {{ ignore = [{own}] }};'
+            f'if the rig writes such lines, reader = "text" with dialect = {{ ignore = [{text}] }};'
             " else take the trial out of the schedule"
         )
     other = "point" if cells.decimal == "." else "comma"

@@ -58,46 +58,46 @@ def given(dialect: RecordsDialect) -> Given:
         A list holds something that is no text, units are not as many as columns, or the decimal
         sign is none.
     """
-    own: dict[str, Any] = {key: value for key, value in dialect.items() if key in OPTIONS}
+    said: dict[str, Any] = {key: value for key, value in dialect.items() if key in OPTIONS}
     for key in ("columns", "units", "ignore"):
-        if key in own and not all(isinstance(item, str) for item in own[key]):
+        if key in said and not all(isinstance(item, str) for item in said[key]):
             raise ManifestError(
                 f"records.dialect.{key}",
-                f"{own[key]!r} holds more than texts",
+                f"{said[key]!r} holds more than texts",
                 'write it as ["force", "t"]',
             )
-        own[key] = tuple(own.get(key, ()))
-    if own["units"] and len(own["units"]) != len(own["columns"]):
+        said[key] = tuple(said.get(key, ()))
+    if said["units"] and len(said["units"]) != len(said["columns"]):
         raise ManifestError(
             "records.dialect.units",
-            f"names {len(own['units'])} units for {len(own['columns'])} columns",
+            f"names {len(said['units'])} units for {len(said['columns'])} columns",
             'one for each; "" for none',
         )
-    if own.get("decimal", ".") not in (".", ","):
+    if said.get("decimal", ".") not in (".", ","):
         raise ManifestError(
-            "records.dialect.decimal", f"{own['decimal']!r} is no decimal sign", 'write "." or ","'
+            "records.dialect.decimal", f"{said['decimal']!r} is no decimal sign", 'write "." or ","'
         )
-    if own.get("lines", 1) != 1 and own["lines"] != len(own["columns"]):
+    if said.get("lines", 1) != 1 and said["lines"] != len(said["columns"]):
         raise ManifestError(
             "records.dialect.lines",
-            f"says {own['lines']} lines to a row, and columns names {len(own['columns'])}",
+            f"says {said['lines']} lines to a row, and columns names {len(said['columns'])}",
             'a number to a line, one name for each: columns = ["force", "millis"], lines = 2',
         )
-    if own.get("skip", 0) < 0:
+    if said.get("skip", 0) < 0:
         raise ManifestError(
             "records.dialect.skip",
-            f"{own['skip']} is negative",
+            f"{said['skip']} is negative",
             "it counts the lines above the columns' names",
         )
     try:
-        codecs.lookup(own.get("encoding", "utf-8"))
+        codecs.lookup(said.get("encoding", "utf-8"))
     except LookupError:
         raise ManifestError(
             "records.dialect.encoding",
-            f"{own['encoding']!r} is no encoding",
+            f"{said['encoding']!r} is no encoding",
             'such as "utf-8", "utf-16" or "latin-1"',
         ) from None
-    return Given(**own)
+    return Given(**said)
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -135,8 +135,8 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     rows = 0
     for first, body in blocks:
         if layout.cells.ignore:
-            found, rows = _after_ignored(body, layout.cells, rows)
-            after += found
+            behind, rows = _after_ignored(body, layout.cells, rows)
+            after += behind
         for held, values in zip(
             parts, table.read(body, where, first, layout.names, chosen, layout.cells), strict=True
         ):
@@ -166,14 +166,14 @@ def _after_ignored(body: bytes, cells: CellSyntax, rows: int) -> tuple[list[int]
     """Of the rows of a block, those that stand right behind an ignored line; and how many rows
     there are by now.
     """
-    found, behind = [], False
+    places, behind = [], False
     for line in map(str.strip, body.decode("utf-8", errors="replace").split("\n")):
         if line and cells.skips(line):
             behind = True
         elif line:
-            found += [rows] if behind else []
+            places += [rows] if behind else []
             rows, behind = rows + 1, False
-    return found, rows
+    return places, rows
 
 
 def _of_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
@@ -297,7 +297,7 @@ class Blocks:
             ) from None
 
 
-def with_rate(found: Contents) -> Contents:
+def with_rate(file: Contents) -> Contents:
     """The same, each channel with the rate of the file's clock: the first channel in a unit of
     time, or called time.
     """
@@ -305,16 +305,16 @@ def with_rate(found: Contents) -> Contents:
     clock = next(
         (
             c
-            for c in found.channels
+            for c in file.channels
             if c.unit in clocks
             and split_unit(c.name)[0].casefold() in ("t", "time", "x_value", "zeit")
         ),
         None,
     )
     if clock is None or len(clock.values) < 3:
-        return found
+        return file
     rate = rate_of(clocks[clock.unit] * clock.values)
-    return replace(found, channels=tuple(replace(c, rate_Hz=rate) for c in found.channels))
+    return replace(file, channels=tuple(replace(c, rate_Hz=rate) for c in file.channels))
 
 
 TEXT = Format(

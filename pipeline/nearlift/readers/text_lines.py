@@ -24,14 +24,16 @@ def marked(path: Path, said: Given, marks: Sequence[str]) -> list[tuple[int, str
     said = replace(said, ignore=tuple(dict.fromkeys((*said.ignore, *marks))))
     layout = layout_of(path, said if to_a_row == 1 else one_column(said))
     are = CellSyntax(ignore=tuple(marks))
-    found = [(0, line.strip()) for line in _above(path, layout) if line.strip() and are.skips(line)]
+    places = [
+        (0, line.strip()) for line in _above(path, layout) if line.strip() and are.skips(line)
+    ]
     rows = 0
     for _, line in _lines(path, layout):
         if not layout.cells.skips(line):
             rows += 1
         elif line.strip() and are.skips(line):
-            found.append((rows // to_a_row, line.strip()))
-    return found
+            places.append((rows // to_a_row, line.strip()))
+    return places
 
 
 def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:

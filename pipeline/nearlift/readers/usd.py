@@ -100,12 +100,12 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
             "its check sum is wrong: it is cut off or damaged; dialect = { salvage = true } takes"
             " what comes before the damage"
         )
-    found, end = _walk(content, events, start, len(content) - 4 if whole else len(content))
+    runs, end = _walk(content, events, start, len(content) - 4 if whole else len(content))
     if whole and end != len(content) - 4:
         raise Malformed(f"byte {end} begins no record, though the check sum is right")
     channels = []
     for number, event in events.items():
-        records = np.frombuffer(b"".join(found[number]), dtype=event.layout)
+        records = np.frombuffer(b"".join(runs[number]), dtype=event.layout)
         clock = records["time"].astype(np.float64) * unit_s
         rate = rate_of(clock) if len(clock) > 2 else None
         channels.append(Channel(name=f"{event.name}.time", unit="s", rate_Hz=rate, values=clock))
@@ -235,21 +235,21 @@ def _walk(
     """The records of each event, those that follow each other as one, and the byte at which no
     further whole record of a known event begins.
     """
-    found: dict[int, list[bytes]] = {number: [] for number in events}
+    runs: dict[int, list[bytes]] = {number: [] for number in events}
     while at + 2 <= end:
         number = content[at] | content[at + 1] << 8
         event = events.get(number)
         if event is None or at + event.layout.itemsize > end:
             break
         upto = _same(content, at, end, event.layout.itemsize)
-        found[number].append(content[at:upto])
+        runs[number].append(content[at:upto])
         at = upto
-    return found, at
+    return runs, at
 
 
 def _same(content: bytes, at: int, end: int, size: int) -> int:
     """Where the records of one event end that begin at byte `at` and follow each other."""
-    own, count, ahead = content[at : at + 2], 1, 1
+    number, count, ahead = content[at : at + 2], 1, 1
     most = (end - at) // size
     while count < most:
         # twice as far as before, while that is all of one kind
@@ -257,7 +257,7 @@ def _same(content: bytes, at: int, end: int, size: int) -> int:
         first, last = at + count * size, at + (upto - 1) * size + 1
         for byte in (0, 1):
             column = content[first + byte : last + byte : size]
-            rest = column.lstrip(own[byte : byte + 1])
+            rest = column.lstrip(number[byte : byte + 1])
             upto = min(upto, count + len(column) - len(rest))
         if upto < count + ahead:
             return at + upto * size

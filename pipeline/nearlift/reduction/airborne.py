@@ -118,7 +118,7 @@ def floors(
     from the way that it has climbed, the floor is moved; until then it says nothing of the height,
     and the second array is true.
     """
-    found, unseen = np.zeros(len(height_m)), np.zeros(len(height_m), dtype=bool)
+    floor_m, unseen = np.zeros(len(height_m)), np.zeros(len(height_m), dtype=bool)
     for number in range(1, int(start.max(initial=0)) + 1):
         mine = np.flatnonzero(start == number)
         end = int(mine[0]) - round(LEAVING_S * rate_Hz)
@@ -136,8 +136,8 @@ def floors(
         if len(stepped) and abs(step := float(np.nanmedian(stepped))) > STEP_M:
             floor += step
             unseen[soon] = True
-        found[mine] = floor
-    return found, unseen
+        floor_m[mine] = floor
+    return floor_m, unseen
 
 
 def phases(
@@ -191,14 +191,14 @@ def phases(
     return Phases(aloft=aloft, code=code, start=start, floor_m=floor)
 
 
-def windows_of(found: Phases, run: NDArray[np.int64], length: int) -> list[Window]:
+def windows_of(phases: Phases, run: NDArray[np.int64], length: int) -> list[Window]:
     """The log cut where its samples' code, start or run changes, clean stretches on into windows.
 
     What is left of a stretch that is shorter than half a window is a piece that is FRAGMENT; where
     a flaw comes and goes faster than that, it is one.
     """
-    code, half = found.code.copy(), max((length + 1) // 2, 1)
-    changes = np.concatenate([[True], (np.diff(run) != 0) | (np.diff(found.start) != 0)])
+    code, half = phases.code.copy(), max((length + 1) // 2, 1)
+    changes = np.concatenate([[True], (np.diff(run) != 0) | (np.diff(phases.start) != 0)])
     edges = _edges(code, changes)
     for k, (a, b) in enumerate(edges[1:-1], 1):
         before, behind = code[edges[k - 1][0]], code[edges[k + 1][0]]
@@ -206,7 +206,7 @@ def windows_of(found: Phases, run: NDArray[np.int64], length: int) -> list[Windo
             code[a:b] = before
     pieces = []
     for a, b in _edges(code, changes):
-        start = int(found.start[a])
+        start = int(phases.start[a])
         if code[a] != CLEAN:
             pieces.append(Window(first=a, end=b, code=CODES[code[a]], start=start))
             continue

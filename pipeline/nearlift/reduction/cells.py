@@ -149,8 +149,8 @@ def _scatter(
     within = np.bincount(label, u_lift**2) / count
     spare = np.sum(count) - len(count)
     pooled = np.sum(squares / mean**2) / spare if spare >= OWN_SCATTER else 0.0
-    own = np.where(count >= OWN_SCATTER, squares / np.maximum(count - 1, 1), pooled * mean**2)
-    variance, shared = np.maximum(own, within) / count, []
+    repeats = np.where(count >= OWN_SCATTER, squares / np.maximum(count - 1, 1), pooled * mean**2)
+    variance, shared = np.maximum(repeats, within) / count, []
     often = np.isfinite(z) & (count >= 2 * OWN_SCATTER)
     for station in np.unique(z[often]):
         members = np.flatnonzero(often & (z == station))

@@ -62,13 +62,13 @@ def spectral_density_at_zero(
     n = len(values)
     shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
     half = max(n // (BATCHES if tone else TARE_BATCHES), min(shortest, n // FEWEST_BATCHES)) // 2
-    found = stretch(values, half if half >= 2 else 0)
+    run = stretch(values, half if half >= 2 else 0)
     if half < 2:
-        return found.squares / max(n - 1, 1), found
-    means = found.batches
+        return run.squares / max(n - 1, 1), run
+    means = run.batches
     # each mean is taken from the record's own mean, which shares 1/n of its variance
     # not by BLAS: a record that will be rejected may hold inf
-    return float(np.add.reduce(means * means)) / len(means) / (found.gain - 1.0 / n), found
+    return float(np.add.reduce(means * means)) / len(means) / (run.gain - 1.0 / n), run
 
 
 def outlasting(

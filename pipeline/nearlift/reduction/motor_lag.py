@@ -116,12 +116,12 @@ def moments(
     size = max(round(BLOCK_S / step_s), 1)
     places = np.flatnonzero(group)
     parts = np.split(places, np.flatnonzero(np.diff(group[places])) + 1)
-    parts = [own[: len(own) // size * size] for own in parts]
-    parts = [own for own in parts if len(own) >= 2 * size * (len(beside) + 2)]
+    parts = [part[: len(part) // size * size] for part in parts]
+    parts = [part for part in parts if len(part) >= 2 * size * (len(beside) + 2)]
     if not parts:
         return []
     mine = np.concatenate(parts)
-    ends = np.cumsum([len(own) // size for own in parts]).tolist()
+    ends = np.cumsum([len(part) // size for part in parts]).tolist()
 
     def means(values: FloatArray) -> FloatArray:
         whole = np.take(values, mine[::size], axis=-1)
@@ -129,31 +129,31 @@ def moments(
             whole += np.take(values, mine[k::size], axis=-1)
         return np.asarray(whole / size, dtype=np.float64)
 
-    told = np.log(np.maximum(means(commands), 1e-9))
+    log_command = np.log(np.maximum(means(commands), 1e-9))
     fixed = np.stack([np.log(np.maximum(means(lift_N), 1e-9)), *(means(x) for x in beside)])
     sent = None if instruments is None else means(instruments)
     return [
-        _sums(told[:, a:b], fixed[:, a:b], None if sent is None else sent[:, a:b], step_s)
+        _sums(log_command[:, a:b], fixed[:, a:b], None if sent is None else sent[:, a:b], step_s)
         for a, b in itertools.pairwise([0, *ends])
     ]
 
 
 def _sums(
-    told: FloatArray, fixed: FloatArray, sent: FloatArray | None, step_s: float
+    log_command: FloatArray, fixed: FloatArray, sent: FloatArray | None, step_s: float
 ) -> LagMoments:
     """The sums of one stretch, from log command (T, n) and what no lag changes (k - 1, n)."""
-    told, fixed = (x - x.mean(axis=1, keepdims=True) for x in (told, fixed))
+    log_command, fixed = (x - x.mean(axis=1, keepdims=True) for x in (log_command, fixed))
     beside = [0, *range(2, len(fixed) + 1)]
-    products = np.empty((len(told), len(fixed) + 1, len(fixed) + 1))
+    products = np.empty((len(log_command), len(fixed) + 1, len(fixed) + 1))
     products[:, np.array(beside)[:, None], beside] = fixed @ fixed.T
-    products[:, beside, 1] = products[:, 1, beside] = told @ fixed.T
-    products[:, 1, 1] = np.einsum("ti,ti->t", told, told)
+    products[:, beside, 1] = products[:, 1, beside] = log_command @ fixed.T
+    products[:, 1, 1] = np.einsum("ti,ti->t", log_command, log_command)
     if sent is None:
         return LagMoments(products=products, step_s=step_s)
     sent = sent - sent.mean(axis=1, keepdims=True)
-    seen = np.empty((len(told), len(sent), len(fixed) + 1))
+    seen = np.empty((len(log_command), len(sent), len(fixed) + 1))
     seen[:, :, beside] = sent @ fixed.T
-    seen[:, :, 1] = told @ sent.T
+    seen[:, :, 1] = log_command @ sent.T
     return LagMoments(products=products, step_s=step_s, seen=seen, instruments=sent @ sent.T)
 
 
@@ -166,11 +166,11 @@ def estimate(stretches: Sequence[LagMoments], given_s: float | None = None) -> L
     """
     if len(stretches) < 2:
         return None
-    plain = _PartSums.of(stretches, seen=False)
-    found = [_told(plain, FEEDBACK_S / np.sqrt(3))]
+    plain = _PartSums.over(stretches, seen=False)
+    lags = [_lag_of(plain, FEEDBACK_S / np.sqrt(3))]
     if all(s.seen is not None for s in stretches):
-        found.append(_told(_PartSums.of(stretches, seen=True), 0.0))
-    best = min(found, key=lambda lag: (lag.at_edge, lag.u_s))
+        lags.append(_lag_of(_PartSums.over(stretches, seen=True), 0.0))
+    best = min(lags, key=lambda lag: (lag.at_edge, lag.u_s))
     if given_s is not None:
         return replace(best, value_s=given_s, u_s=0.0, at_edge=False)
     # a log does not say when between two samples a command acted
@@ -178,7 +178,7 @@ def estimate(stretches: Sequence[LagMoments], given_s: float | None = None) -> L
     return replace(best, u_s=float(np.hypot(best.u_s, within)))
 
 
-def _told(sums: _PartSums, feedback: float) -> Lag:
+def _lag_of(sums: _PartSums, feedback: float) -> Lag:
     """The lag by these sums, and its uncertainty from leaving out parts of flight."""
     best, power = _best(sums.products())
     n = len(sums.each)
@@ -204,7 +204,7 @@ class _PartSums:
     instruments: FloatArray | None = None
 
     @classmethod
-    def of(cls, stretches: Sequence[LagMoments], seen: bool) -> _PartSums:
+    def over(cls, stretches: Sequence[LagMoments], seen: bool) -> _PartSums:
         edges = np.linspace(0, len(stretches), min(len(stretches), PARTS) + 1).astype(int).tolist()
 
         def summed(values: list[FloatArray]) -> FloatArray:
@@ -221,22 +221,22 @@ class _PartSums:
     @functools.cached_property
     def whole(self) -> tuple[FloatArray, FloatArray | None]:
         """The sums of all parts."""
-        own = self.instruments
-        return self.each.sum(axis=0), None if own is None else own.sum(axis=0)
+        instruments = self.instruments
+        return self.each.sum(axis=0), None if instruments is None else instruments.sum(axis=0)
 
     def products(self, without: int | None = None) -> FloatArray:
         """Sums of squares and products (T, k, k) of all parts, or of all but one; of instruments,
         of what they see: least squares of those is two-stage least squares.
         """
-        left, own = self.whole
+        left, instruments = self.whole
         if without is not None:
             left = left - self.each[without]
-        if self.instruments is None or own is None:
+        if self.instruments is None or instruments is None:
             return left
         if without is not None:
-            own = own - self.instruments[without]
-        scale = np.sqrt(np.maximum(np.diag(own), 1e-300))
-        energy, turn = np.linalg.eigh(own / np.outer(scale, scale))
+            instruments = instruments - self.instruments[without]
+        scale = np.sqrt(np.maximum(np.diag(instruments), 1e-300))
+        energy, turn = np.linalg.eigh(instruments / np.outer(scale, scale))
         kept = energy > 1e-9 * energy[-1]
         seen = (turn[:, kept] / np.sqrt(energy[kept])).T @ (left / scale[:, None])
         return np.asarray(seen.swapaxes(1, 2) @ seen, dtype=np.float64)

@@ -108,7 +108,7 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, 
     Farthest per (boundary, throttle), since not every throttle is run at every station.
     """
     good = ~rejected(table["quality"]) & np.isfinite(table["lift_N"])
-    found = {}
+    far = {}
     for side in dict.fromkeys(table["boundary"][good]):
         here = good & (table["boundary"] == side)
         throttles = distinct(table["throttle"][here])
@@ -118,8 +118,8 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, 
             lifts[i] = median(
                 table["lift_N"][level & (table["z_hat"] == table["z_hat"][level].max())]
             )
-        found[side] = throttles, lifts
-    return found
+        far[side] = throttles, lifts
+    return far
 
 
 def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str) -> None:
@@ -217,15 +217,15 @@ def without_reference(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, floa
     """
     good = ~rejected(table["quality"])
     free = set(table["throttle"][good & (table["boundary"] == "none")])
-    found = []
+    lacking = []
     for side in dict.fromkeys(table["boundary"][good & (table["boundary"] != "none")]):
         here = good & (table["boundary"] == side)
         farthest = float(table["z_hat"][here].max())
         for level in distinct(table["throttle"][here]):
             far = float(table["z_hat"][here & (table["throttle"] == level)].max())
             if far < 0.5 * farthest and level not in free:
-                found.append((str(side), float(level), far, farthest))
-    return found
+                lacking.append((str(side), float(level), far, farthest))
+    return lacking
 
 
 def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
@@ -255,8 +255,7 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
         if (good & here).any():
             usual[here] = median(lift[good & here])
     with np.errstate(invalid="ignore"):
-        found: NDArray[np.bool_] = good & ((lift <= 0) | (lift < STOPPED * usual))
-    return found
+        return np.asarray(good & ((lift <= 0) | (lift < STOPPED * usual)))
 
 
 def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
@@ -268,7 +267,7 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     """
     lift = np.asarray(table["lift_N"], dtype=float)
     good = np.flatnonzero(~rejected(table["quality"]) & np.isfinite(lift))
-    found = np.zeros(len(lift), dtype=bool)
+    mislabelled = np.zeros(len(lift), dtype=bool)
     height = numbered(table["z_hat"][good])
     place = numbered(
         numbered(table["boundary"][good].astype(str)) * (height.max(initial=0) + 1) + height
@@ -287,12 +286,12 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
             ]
         )
         for k, level in enumerate(levels):
-            own = here[throttle == level]
-            off = np.abs(lift[own, None] - medians)
-            found[own] = (off[:, k] > 6 * scatter[k]) & np.any(
+            trials = here[throttle == level]
+            off = np.abs(lift[trials, None] - medians)
+            mislabelled[trials] = (off[:, k] > 6 * scatter[k]) & np.any(
                 np.delete(off, k, axis=1) < 3 * np.delete(scatter, k), axis=1
             )
-    return found
+    return mislabelled
 
 
 def odd_weight(

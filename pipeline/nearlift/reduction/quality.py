@@ -170,16 +170,16 @@ def remarks(quality: NDArray[Any]) -> list[str]:
     each; none where there are none.
     """
     accepted = [text.split() for text in quality[~rejected(quality)] if text]
-    told = [
+    counts = [
         f"{c.name} {n}"
         for c in CODES
         if not c.rejects and (n := sum(c.name in names for names in accepted))
     ]
-    if not told:
+    if not counts:
         return []
     count = len(accepted)
     carry = "s carry" if count > 1 else " carries"
-    return [f"{count} accepted trial{carry} a remark: {', '.join(told)}"]
+    return [f"{count} accepted trial{carry} a remark: {', '.join(counts)}"]
 
 
 @functools.lru_cache(maxsize=256)

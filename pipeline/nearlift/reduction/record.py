@@ -86,18 +86,18 @@ def reduce_record(
         The clock runs at another rate than the manifest says (by more than 1 %, and by more than
         a sample over the record).
     """
-    found = list(codes)
+    flags = list(codes)
     rate_Hz, tare_s, settle_s = conditions.rate_Hz, conditions.tare_s, conditions.settle_s
     limits = conditions.limits
-    if not {"EMPTY", "NO_DATA", "MALFORMED"}.isdisjoint(found):
-        return Reduced(codes=tuple(found))
+    if not {"EMPTY", "NO_DATA", "MALFORMED"}.isdisjoint(flags):
+        return Reduced(codes=tuple(flags))
     # a tare from elsewhere takes none of the record's own samples
     own_s = tare_s if tare_N is None else 0.0
     head = len(force_N[: round(own_s * rate_Hz)])
     start = head + round(settle_s * rate_Hz)
     if time_s is not None and len(time_s) > 2:
-        found += clock_codes(time_s, rate_Hz, limits, where)
-        if not {"gaps", "GAPS"}.isdisjoint(found) and "clock" not in found:
+        flags += clock_codes(time_s, rate_Hz, limits, where)
+        if not {"gaps", "GAPS"}.isdisjoint(flags) and "clock" not in flags:
             # a hole moves every later sample: only the clock knows where the tare ends
             since = time_s - time_s[0]
             head = int(np.count_nonzero(since < own_s - 0.5 / rate_Hz))
@@ -120,19 +120,19 @@ def reduce_record(
             spectral_density_at_zero(live, rate_Hz),
         )
         if rest.n + run.n < whole:
-            found.append(
+            flags.append(
                 "OUT_OF_RANGE"
                 if 1.0 - (rest.n + run.n) / whole > limits.out_of_range
                 else "out_of_range"
             )
     n = run.n
     if n < 2 or (tare_s > 0 and rest.n < 2):
-        return Reduced(codes=(*found, "NO_DATA"))
+        return Reduced(codes=(*flags, "NO_DATA"))
     if n < FEWEST_SAMPLES:
-        return Reduced(codes=(*found, "TOO_SHORT"))
+        return Reduced(codes=(*flags, "TOO_SHORT"))
     worth = 0.0
     kept, codes_of_samples = without_strays(live, run, limits.range_N)
-    found += codes_of_samples
+    flags += codes_of_samples
     if len(kept) < n:
         # the mean with them and without them: what they are worth is not known to be nothing
         live, worth = kept, run.mean - float(kept.mean())
@@ -142,28 +142,28 @@ def reduce_record(
     sd = math.sqrt(variance)
     u2 = density / n + worth**2
     zero, u2_tare, codes_of_tare = zero_of(tare, rest, quiet, live, run, u2, rate_Hz, limits)
-    found += codes_of_tare
+    flags += codes_of_tare
     lift = run.mean - zero
     slope, u_slope = slope_of(run, density, rate_Hz)
-    found += stuck(live, run)
+    flags += stuck(live, run)
     batches = run.batches
     if len(batches) and float(batches.max() - batches.min()) > limits.drift * abs(lift):
         moved, at_start = contamination.moved_by_segment(live, contamination.step_of(live))
         # rotors that still spin up are unsettled
         if stepped(batches, limits.drift * abs(lift)) or (moved > math.sqrt(u2) and not at_start):
-            found.append("MIXED")
-    found += clipped(live, run)
+            flags.append("MIXED")
+    flags += clipped(live, run)
     if slow := outlasting(live, run.batches, u2, rate_Hz):
         u2 = slow.variance
-        found += ["slow"] if slow.is_too_long else []
-    found += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
+        flags += ["slow"] if slow.is_too_long else []
+    flags += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
     if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
         # the median and its scatter, for a head of stopped rotors takes several batches and would
         # hide behind its own spread
         level = median(batches)
         scatter = SD_PER_MAD * median(np.abs(batches - level))
         if abs(batches[0] - level) > max(0.1 * abs(lift), 6 * scatter):
-            found.append("unsettled")
+            flags.append("unsettled")
     return Reduced(
         lift_N=lift,
         u_lift_N=math.sqrt(u2 + u2_tare),
@@ -172,7 +172,7 @@ def reduce_record(
         n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
         drift_N_s=slope,
         sd_N=sd,
-        codes=tuple(dict.fromkeys(found)),
+        codes=tuple(dict.fromkeys(flags)),
     )
 
 

@@ -46,18 +46,18 @@ def without_strays(
     """The samples without the few that stand far from the rest or at the end of the cell's range,
     and what is said of them.
     """
-    stray, found = np.zeros(0, dtype=bool), []
+    stray, codes = np.zeros(0, dtype=bool), []
     if range_N is not None and max(run.high, -run.low) >= END_OF_RANGE * range_N:
         stray = np.abs(live) >= END_OF_RANGE * range_N
         if np.count_nonzero(stray) > max(FEW_AT_END, SHARE_AT_END * run.n):
             return live, ["SATURATED"]
-        found.append("saturated")
+        codes.append("saturated")
     if run.far:
         far = _far(live)
         if far.any():
             stray = stray | far if len(stray) else far
-            found.append("spikes")
-    return (live[~stray] if found else live), found
+            codes.append("spikes")
+    return (live[~stray] if codes else live), codes
 
 
 def _far(live: FloatArray) -> NDArray[np.bool_]:
@@ -129,14 +129,14 @@ def clock_codes(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) 
     """
     if steady(time_s, rate_Hz):
         return []
-    found: list[str] = []
+    codes: list[str] = []
     steps = time_s[1:] - time_s[:-1]
     shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
     # summer time begins or ends: the clock was set by whole hours, and no sample lacks
     hours = np.round(steps / HOUR_S)
     was_set = (hours != 0) & (np.abs(steps - HOUR_S * hours) < 1.5 / rate_Hz)
     if was_set.any():
-        found, steps = ["clock"], np.where(was_set, steps - HOUR_S * hours, steps)
+        codes, steps = ["clock"], np.where(was_set, steps - HOUR_S * hours, steps)
         shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
     usual = float(np.median(steps)) * rate_Hz
     # a few steps of a clock that jitters do not tell its rate to a hundredth
@@ -147,9 +147,9 @@ def clock_codes(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) 
             f"the clock column runs at {rate}, the manifest says {rate_Hz:g} Hz",
             "mend [load_cell] sample_rate, or the unit under [records] time",
         )
-    if shortest <= 0.0 and not found:
-        found.append("clock")
+    if shortest <= 0.0 and not codes:
+        codes.append("clock")
     lost = round(float(steps.sum()) * rate_Hz / usual) + 1 - len(time_s)
     if lost > 0 and longest > 1.5:
-        found.append("GAPS" if lost > limits.missing * (len(time_s) + lost) else "gaps")
-    return found
+        codes.append("GAPS" if lost > limits.missing * (len(time_s) + lost) else "gaps")
+    return codes

@@ -98,15 +98,15 @@ def faults(
     gravity, axes, g = said
     (up, sideways), (climb, drift) = _split(acceleration), _split(velocity)
     span = max(round(SPAN_S / step_s), 1)
-    found = []
+    contradictions = []
     rate = _slope(_change(height, span, step_s), _level(climb, span), flying, STILL)
     if rate is not None and not SLOPES[0] <= rate <= SLOPES[1]:
         remedy = _scaled("velocity", rate) if rate > 0 else "velocity.sign = -1, or height.sign?"
         what = f"the height changes by {rate:.3g} of what the velocity says"
-        found.append(Fault("velocity", what, remedy))
-        return found
+        contradictions.append(Fault("velocity", what, remedy))
+        return contradictions
     if not np.isfinite(up[flying]).any():
-        return found
+        return contradictions
     mean = float(np.nanmean(up[flying])) / g
     expected = 1.0 if gravity == "included" else 0.0
     pull = _slope(_level(up, span), _change(climb, span, step_s), flying, STILL)
@@ -115,7 +115,7 @@ def faults(
         if pull < 0:
             remedy = "sign = -1?"
         what = f"it changes by {pull:.3g} of what the velocity's change says"
-        found.append(Fault("acceleration", what, remedy))
+        contradictions.append(Fault("acceleration", what, remedy))
     elif not abs(mean - expected) <= OFF:
         what = f"its mean in flight is {mean:.3g} g, and with gravity {gravity} it is {expected:g}"
         if abs(mean - (1 - expected)) <= OFF:
@@ -130,8 +130,8 @@ def faults(
                 if abs(ratio - 1) <= OFF
                 else "name another column"
             )
-        found.append(Fault("acceleration", what, remedy))
-    if not found and sideways is not None and drift is not None:
+        contradictions.append(Fault("acceleration", what, remedy))
+    if not contradictions and sideways is not None and drift is not None:
         slopes = [
             s
             for a, v in zip(sideways, drift, strict=True)
@@ -141,31 +141,31 @@ def faults(
         follows = max(slopes, key=lambda s: -abs(s - 1), default=math.nan)
         if axes == "body" and abs(follows - 1) < 0.35:
             what = f"sideways it is {follows:.3g} of the velocity's change: along the world's axes"
-            found.append(Fault("acceleration", what, 'axes = "world"'))
+            contradictions.append(Fault("acceleration", what, 'axes = "world"'))
         elif axes == "world" and slopes and max(slopes) < 0.5:
             what = f"sideways it is {follows:.3g} of the velocity's change: along the vehicle's own"
-            found.append(Fault("acceleration", what, 'axes = "body"'))
-    return found
+            contradictions.append(Fault("acceleration", what, 'axes = "body"'))
+    return contradictions
 
 
 def silent(series: Mapping[str, FloatArray], flying: NDArray[np.bool_]) -> list[Fault]:
     """Series (n,) by key that hold no number, or say one thing throughout, in flight or, where
     nothing flies, at all; a set-point may stay where it is.
     """
-    found = []
+    contradictions = []
     where = flying if flying.any() else np.ones_like(flying)
     for key, values in series.items():
-        own = values[where & np.isfinite(values)]
+        known = values[where & np.isfinite(values)]
         if key == "setpoint":
-            if not len(own):
-                found.append(Fault(key, "it holds no number in flight", "take it away"))
+            if not len(known):
+                contradictions.append(Fault(key, "it holds no number in flight", "take it away"))
         elif not np.isfinite(values).any():
-            found.append(Fault(key, "it holds no number", "name another column"))
-        elif len(own) and not np.ptp(own) and not (key == "command" and own[0] >= FULL):
+            contradictions.append(Fault(key, "it holds no number", "name another column"))
+        elif len(known) and not np.ptp(known) and not (key == "command" and known[0] >= FULL):
             # motors at their full command have a code of their own
-            what = f"it is {own[0]:.4g} throughout"
-            found.append(Fault(key, what, "name the column that changes with the flight"))
-    return found
+            what = f"it is {known[0]:.4g} throughout"
+            contradictions.append(Fault(key, what, "name the column that changes with the flight"))
+    return contradictions
 
 
 def apart(
@@ -175,19 +175,19 @@ def apart(
     flying: NDArray[np.bool_],
 ) -> list[Fault]:
     """A supply that no battery has, and a set-point that the height follows in another unit."""
-    found = []
+    contradictions = []
     if supply_V is not None and np.isfinite(supply_V[flying]).any():
         volts = float(np.nanmedian(supply_V[flying]))
         if not SUPPLY_V[0] <= volts <= SUPPLY_V[1]:
             unit = 'unit = "mV"?' if volts > 0 else "name another column"
             remedy = 'unit = "V"?' if 0 < volts < SUPPLY_V[0] else unit
-            found.append(Fault("supply", f"its median in flight is {volts:.4g} V", remedy))
+            contradictions.append(Fault("supply", f"its median in flight is {volts:.4g} V", remedy))
     if setpoint_m is not None:
         followed = _slope(height_m, setpoint_m, flying, RESTS_M)
         if followed is not None and not SLOPES[0] <= followed <= SLOPES[1]:
             what = f"the height changes by {followed:.3g} of what it asks for"
-            found.append(Fault("setpoint", what, "mend its unit or sign"))
-    return found
+            contradictions.append(Fault("setpoint", what, "mend its unit or sign"))
+    return contradictions
 
 
 def _split(values: FloatArray) -> tuple[FloatArray, list[FloatArray] | None]:

@@ -85,11 +85,11 @@ def stretch(values: FloatArray, half: int) -> Stretch:
     if n == 0:
         return Stretch(0, np.empty(0), 1.0)
     values = np.ascontiguousarray(values, dtype=np.float64)
-    found = np.empty(SUMS + (n // half if half else 1))
+    sums = np.empty(SUMS + (n // half if half else 1))
     window = _window(half)
-    STRETCH(address(values), n, half, *window.places, address(found))
+    STRETCH(address(values), n, half, *window.places, address(sums))
     return Stretch(
-        n, found[SUMS:-1] if half else values - found[0], window.gain, *found[:SUMS].tolist()
+        n, sums[SUMS:-1] if half else values - sums[0], window.gain, *sums[:SUMS].tolist()
     )
 
 

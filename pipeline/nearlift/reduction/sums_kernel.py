@@ -17,7 +17,7 @@ from nearlift.compiler import inlined, numba
 MEAN, SQUARES, TILT, LOW, HIGH, REPEATS, AT_LOW, AT_HIGH, FAR, SUMS = range(10)
 
 
-def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: Any) -> Any:
+def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, sums: Any) -> Any:
     """Sums over `n` samples, at least one.
 
     Squares of the samples less their mean, these times the sample's number less the middle one, the
@@ -55,14 +55,14 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: An
     for i in range(n):
         at_low += values[i] == low
         at_high += values[i] == high
-    found[MEAN], found[SQUARES], found[TILT], found[LOW], found[HIGH] = (
+    sums[MEAN], sums[SQUARES], sums[TILT], sums[LOW], sums[HIGH] = (
         mean,
         squares,
         tilt,
         low,
         high,
     )
-    found[REPEATS], found[AT_LOW], found[AT_HIGH], found[FAR] = repeats, at_low, at_high, far
+    sums[REPEATS], sums[AT_LOW], sums[AT_HIGH], sums[FAR] = repeats, at_low, at_high, far
     if half > 0:
         before = 0.0
         for k in range(n // half):
@@ -72,7 +72,7 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, found: An
                 up += away * rising[j]
                 down += away * falling[j]
             if k > 0:
-                found[SUMS + k - 1] = before + down
+                sums[SUMS + k - 1] = before + down
             before = up
     return np.int64(0)
 
@@ -94,7 +94,7 @@ def _median(values: Any, n: Any) -> Any:
 
 
 @inlined
-def _spread(values: Any, n: Any, found: Any, at: Any) -> None:
+def _spread(values: Any, n: Any, results: Any, at: Any) -> None:
     """Median, median absolute deviation and largest deviation of a few numbers, which become their
     deviations.
     """
@@ -103,10 +103,10 @@ def _spread(values: Any, n: Any, found: Any, at: Any) -> None:
     for i in range(n):
         values[i] = abs(values[i] - level)
         farthest = max(farthest, values[i])
-    found[at], found[at + 1], found[at + 2] = level, _median(values, n), farthest
+    results[at], results[at + 1], results[at + 2] = level, _median(values, n), farthest
 
 
-def look(values: Any, n: Any, every: Any, length: Any, work: Any, steps: Any, found: Any) -> Any:
+def look(values: Any, n: Any, every: Any, length: Any, work: Any, steps: Any, results: Any) -> Any:
     """Median, median absolute deviation and largest deviation of every so many samples; the same of
     the means of blocks of `length` samples, and of the steps between these.
 
@@ -116,7 +116,7 @@ def look(values: Any, n: Any, every: Any, length: Any, work: Any, steps: Any, fo
     for i in range(0, n, every):
         work[count] = values[i]
         count += 1
-    _spread(work, count, found, 0)
+    _spread(work, count, results, 0)
     number = n // length
     for k in range(number):
         total = 0.0
@@ -125,8 +125,8 @@ def look(values: Any, n: Any, every: Any, length: Any, work: Any, steps: Any, fo
         work[k] = total / length
         if k > 0:
             steps[k - 1] = work[k] - work[k - 1]
-    _spread(work, number, found, 3)
-    _spread(steps, number - 1, found, 6)
+    _spread(work, number, results, 3)
+    _spread(steps, number - 1, results, 6)
     return np.int64(0)
 
 

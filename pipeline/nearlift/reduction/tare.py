@@ -44,7 +44,7 @@ def zero_of(
     """
     if rest.n == 0:
         return rest.mean, 0.0, []
-    zero, u2, found = rest.mean, quiet / rest.n, []
+    zero, u2, codes = rest.mean, quiet / rest.n, []
     if _dead(tare, rest, live, run):
         return zero, u2, ["STUCK"]
     single, uneven = contamination.suspicious(tare, rest)
@@ -57,7 +57,7 @@ def zero_of(
         if abs(worth) > u and not isolated:
             return zero, u2, ["TARE"]
         if abs(worth) > MATTERS * u and isolated:
-            tare, zero, u2, found = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
+            tare, zero, u2, codes = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
     if uneven:
         damaged = contamination.moved_by_segment(tare, step)[0] > math.sqrt(u2_live + u2)
         # rotors that run down or up need not have an edge
@@ -68,15 +68,15 @@ def zero_of(
     if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
         away := contamination.wander(tare, means, contamination.step_of(live))
     ):
-        found, u2 = (
-            [*found, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"],
+        codes, u2 = (
+            [*codes, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"],
             u2 + away**2,
         )
     if slow and slow.variance > u2:
         u2 = slow.variance
-        if slow.is_too_long and not found and u2 > MATTERS**2 * u2_live:
-            found.append("slow")
-    return zero, u2, found
+        if slow.is_too_long and not codes and u2 > MATTERS**2 * u2_live:
+            codes.append("slow")
+    return zero, u2, codes
 
 
 def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:

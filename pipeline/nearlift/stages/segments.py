@@ -210,7 +210,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> CutRecord:
     return CutRecord(
         record=record,
         rows=Rows.of(rows, FURTHER),
-        pieces=whole.told,
+        pieces=whole.without_samples,
         counts=_counts(whole),
     )
 

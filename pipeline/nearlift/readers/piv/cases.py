@@ -33,17 +33,17 @@ def files_of(root: Path, case: PivCase) -> list[Path]:
             f"{case.files!r} leads outside the campaign's folder",
             "put the files themselves into the folder",
         )
-    found = sorted(
+    files = sorted(
         (p for p in root.glob(case.files) if p.is_file()),
         key=lambda p: _natural(source_of(root, p)),
     )
-    if not found:
+    if not files:
         raise ManifestError(
             where,
             f"no file matches {case.files!r} in {root}",
             'write a pattern such as "piv/ground-3.4/*.txt"',
         )
-    return [inside(root, source_of(root, p), where) for p in found]
+    return [inside(root, source_of(root, p), where) for p in files]
 
 
 def _natural(name: str) -> list[tuple[int, int, str]]:
@@ -88,7 +88,7 @@ class Stream:
         with Child() as child:
             for path in self.files:
                 try:
-                    for found in read(path, setting, said["format"], child):
-                        yield masked(orient(found, **lie), hidden)
+                    for field in read(path, setting, said["format"], child):
+                        yield masked(orient(field, **lie), hidden)
                 except InputRefused as refusal:
                     self.refused.append((source_of(self.root, path), refusal))

@@ -76,20 +76,20 @@ def _column(names: list[str], letter: str, path: Path) -> tuple[int, str]:
     """Position and unit of ``X (mm)[mm]`` and the like: in metres rather than in pixels where both
     are there.
     """
-    found = []
+    fitting = []
     for i, name in enumerate(names):
         match = re.fullmatch(
             r"\s*+([A-Za-z])\s*+(?:\([^)]*+\)\s*+|(?<=\s)\w++\s*+)?\[([^\]]++)\]\s*+", name
         )
         if match and match[1].lower() == letter:
-            found.append((match[2].lower().split("/")[0] in PIXEL, i, match[2]))
-    if not found:
+            fitting.append((match[2].lower().split("/")[0] in PIXEL, i, match[2]))
+    if not fitting:
         raise InputRefused(
             str(path),
             f"names no column {letter.upper()} with a unit among {', '.join(names)}",
             "export positions and components with units",
         )
-    _, i, unit = min(found)
+    _, i, unit = min(fitting)
     return i, unit
 
 

@@ -26,8 +26,8 @@ def sniff(head: bytes) -> bool:
 def read(path: Path) -> Iterator[Raw]:
     """The one field of a file."""
     header, _, body = text_of(path).partition("\n")
-    found = re.search(r"VARIABLES=((?:\s*\"[^\"]*\",?)+)", header)
-    names = re.findall(r'"([^"]*)"', found[1]) if found else []
+    listed = re.search(r"VARIABLES=((?:\s*\"[^\"]*\",?)+)", header)
+    names = re.findall(r'"([^"]*)"', listed[1]) if listed else []
     columns = [name.split()[0].upper() for name in names if name.split()]
     if columns[:4] != ["X", "Y", "U", "V"] or "CHC" not in columns:
         raise InputRefused(

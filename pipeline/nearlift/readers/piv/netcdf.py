@@ -89,9 +89,8 @@ def _frames(variable: Any, name: str, path: Path) -> FloatArray:
 
 
 def _unit(variable: Any) -> str | None:
-    found = variable.attrs.get("units")
-    text = found.decode() if isinstance(found, bytes) else str(found) if found is not None else ""
-    return text or None
+    stated = variable.attrs.get("units", "")
+    return (stated.decode() if isinstance(stated, bytes) else str(stated)) or None
 
 
 NETCDF = Dialect(

@@ -66,9 +66,9 @@ def _units(
     variables: Mapping[str, list[Any]], path: Path
 ) -> tuple[str, str, float | None, float | None]:
     if variables.get("units"):
-        found = re.findall(r"\[([^\[\]]+)\]", str(variables["units"][0]))
-        if len(found) == 2:
-            return found[0], found[1], None, None
+        stated = re.findall(r"\[([^\[\]]+)\]", str(variables["units"][0]))
+        if len(stated) == 2:
+            return stated[0], stated[1], None, None
         raise InputRefused(
             str(path),
             f"has units {variables['units'][0]!r}",
@@ -94,23 +94,23 @@ def _version_5(path: Path) -> dict[str, list[Any]]:
         content = loadmat(path, squeeze_me=False, chars_as_strings=True)
     except Exception as fault:  # a damaged file makes scipy raise many kinds
         raise InputRefused(str(path), f"is damaged: {fault}", "save it again") from None
-    found: dict[str, list[Any]] = {}
+    variables: dict[str, list[Any]] = {}
     for name, value in content.items():
         if name.startswith("__"):
             continue
         array = np.asarray(value)
-        found[name] = (
+        variables[name] = (
             [str(array.ravel()[0])]
             if array.dtype.kind in "US"
             else list(array.ravel())
             if array.dtype == object
             else [array]
         )
-    return found
+    return variables
 
 
 def _version_73(path: Path) -> dict[str, list[Any]]:
-    found: dict[str, list[Any]] = {}
+    variables: dict[str, list[Any]] = {}
     numbered: dict[str, dict[int, Any]] = {}
     with open_hdf5(path) as file:
         for name, item in file.items():
@@ -120,12 +120,14 @@ def _version_73(path: Path) -> dict[str, list[Any]]:
             if number:
                 numbered.setdefault(number[1], {})[int(number[2])] = item[...]
             elif name == "units":
-                found[name] = ["".join(chr(c) for c in np.ravel(item[...]))]
+                variables[name] = ["".join(chr(c) for c in np.ravel(item[...]))]
             elif item.dtype == object:
-                found[name] = [file[reference][...] for reference in np.ravel(item[...])]
+                variables[name] = [file[reference][...] for reference in np.ravel(item[...])]
             else:
-                found[name] = [item[...]]
-    return found | {name: [fields[i] for i in sorted(fields)] for name, fields in numbered.items()}
+                variables[name] = [item[...]]
+    return variables | {
+        name: [fields[i] for i in sorted(fields)] for name, fields in numbered.items()
+    }
 
 
 PIVLAB_MAT = Dialect(

@@ -237,18 +237,18 @@ def settle(raw: Raw, setting: Setting, where: str) -> VelocityField:
     )
 
 
-def _one(said: str | None, told: str | None, key: str, example: str, where: str) -> str:
-    if said is None and told is None:
+def _one(said: str | None, manifest: str | None, key: str, example: str, where: str) -> str:
+    if said is None and manifest is None:
         raise InputRefused(
             where, f"does not say its {key.replace('_', ' ')}", f"add {key} = {example} under [piv]"
         )
-    if said is not None and told is not None and _plain(said) != _plain(told):
+    if said is not None and manifest is not None and _plain(said) != _plain(manifest):
         raise InputRefused(
             where,
-            f"says {said!r} where the manifest's {key} is {told!r}",
-            f"leave {key} out, or export in {told!r}",
+            f"says {said!r} where the manifest's {key} is {manifest!r}",
+            f"leave {key} out, or export in {manifest!r}",
         )
-    return _plain(said if said is not None else told or "")
+    return _plain(said if said is not None else manifest or "")
 
 
 def _plain(unit: str) -> str:
