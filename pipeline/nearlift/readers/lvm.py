@@ -91,7 +91,6 @@ class _Parser:
         self.about: dict[str, str] = {}
         self.series: dict[str, _Series] = {}
         self.cut = False
-        self.codes: list[str] = []
         self.notes: list[str] = []
 
     def refuse(self, at: int, what: str) -> InputRefused:
@@ -112,8 +111,7 @@ class _Parser:
                 continue
             if not ended:
                 # a number may be cut within its digits
-                self.cut = bool(line.strip("\0 \t"))
-                self.cut = self.cut or "\0" in line
+                self.cut = bool(line.strip(" \t"))
                 break
             if state == "rows" and line.startswith("Channels" + self.separator):
                 self._count(segment, rows)
@@ -142,13 +140,11 @@ class _Parser:
             if not ended:
                 self.cut = True
                 return
-            parts = line.split("\t", 1) if "\t" in line else line.split(",", 1)
+            key, _, value = line.partition("\t" if "\t" in line else ",")
             if at > 200:
                 raise self.refuse(at, f"has no {END} in its first 200 lines")
-            self.about[parts[0].strip()] = parts[1].strip() if len(parts) > 1 else ""
-        self.separator = {"comma": ",", "tab": "\t"}.get(
-            self.about.get("Separator", "Tab").casefold(), "\t"
-        )
+            self.about[key.strip()] = value.strip()
+        self.separator = "," if self.about.get("Separator", "").casefold() == "comma" else "\t"
         stated = self.about.get("Decimal_Separator", "")
         if stated not in ("", ".", ","):
             raise self.refuse(1, f"states the decimal separator {stated!r}")
@@ -165,15 +161,14 @@ class _Parser:
         channels = [name for name in columns if name not in (CLOCK, "Comment")]
         if len(set(channels)) != len(channels) or "" in channels:
             raise self.refuse(at, "names two columns alike, or one not at all")
-        # the clock of each channel stands before it, or one before all
-        places = [i - 1 for i, name in enumerate(columns) if name not in (CLOCK, "Comment")]
         if not self.decimal:
             numbers = "".join(c for key in ("X0", "Delta_X") for c in segment.get(key, ()))
             self.decimal = "," if "," in numbers and "." not in numbers else "."
         several_clocks = columns.count(CLOCK) > 1
         for i, name in enumerate(channels):
             series = self.series.setdefault(name, _Series())
-            place = places[i] if several_clocks else i
+            # the clock of each channel stands before it, or one before all
+            place = columns.index(name) - 1 if several_clocks else i
             unit = _at(segment, "Y_Unit_Label", place)
             series.unit = unit_word(unit) or unit
             series.step_s = value_of(_at(segment, "Delta_X", place), self.decimal)
@@ -224,8 +219,7 @@ class _Parser:
 
     def _contents(self) -> Contents:
         channels: list[Channel] = []
-        shared = [s.clock for s in self.series.values()]
-        one = bool(shared) and self.about.get("X_Columns", "One").casefold() != "multi"
+        one = self.about.get("X_Columns", "One").casefold() != "multi"
         for i, (name, series) in enumerate(self.series.items()):
             clock = np.array(series.clock)
             rate = 1 / series.step_s if series.step_s else None
@@ -240,19 +234,14 @@ class _Parser:
                     self.notes.append(f"{remark}: the column is believed")
                     rate = measured
                 if not one or i == 0:
-                    channels.append(
-                        Channel(
-                            name=CLOCK if one else f"{name}.{CLOCK}",
-                            unit="s",
-                            rate_Hz=rate,
-                            values=clock,
-                        )
-                    )
+                    called = CLOCK if one else f"{name}.{CLOCK}"
+                    channels.append(Channel(name=called, unit="s", rate_Hz=rate, values=clock))
             channels.append(
                 Channel(name=name, unit=series.unit, rate_Hz=rate, values=np.array(series.values))
             )
-        chosen = tuple(c for c in channels if wanted(c.name, self.names) or not channels)
-        codes = [*(["truncated"] if self.cut else []), *([] if channels else ["NO_DATA"])]
+        chosen = tuple(c for c in channels if wanted(c.name, self.names))
+        codes = ["truncated"] if self.cut else []
+        codes += [] if channels else ["NO_DATA"]
         return Contents(
             channels=chosen or tuple(channels),
             kind="LVM",

@@ -17,6 +17,7 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.readers.hdf5 import MAGIC
+from nearlift.readers.mat import V5, V73
 from nearlift.readers.piv.hdf5_grids import open_hdf5
 from nearlift.readers.piv.vectors import Dialect, Raw
 
@@ -25,15 +26,13 @@ MEASURED = 1
 
 def sniff(head: bytes) -> bool:
     """MATLAB's own first words, or HDF5 with what PIVlab names."""
-    return head.startswith((b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")) or (
-        head.startswith(MAGIC) and b"typevector" in head
-    )
+    return head.startswith((V5, V73)) or (head.startswith(MAGIC) and b"typevector" in head)
 
 
 def read(path: Path) -> Iterator[Raw]:
     """Every field of a file, in order."""
     with path.open("rb") as file:
-        old = file.read(19) == b"MATLAB 5.0 MAT-file"
+        old = file.read(len(V5)) == V5
     variables = _version_5(path) if old else _version_73(path)
     stem = next(
         (s for s in ("u_filtered", "u_original", "u") if s in variables and len(variables[s])), None
@@ -79,12 +78,8 @@ def _units(
         for name in ("calxy", "caluv")
     )
     calibrated = xy != 1 and uv != 1 and xy > 0 and uv > 0
-    return (
-        "px",
-        "px/frame",
-        (xy if calibrated else None),
-        (xy / uv if calibrated and xy != uv else None),
-    )
+    frame_time_s = xy / uv if calibrated and xy != uv else None
+    return "px", "px/frame", xy if calibrated else None, frame_time_s
 
 
 def _version_5(path: Path) -> dict[str, list[Any]]:
