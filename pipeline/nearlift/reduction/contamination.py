@@ -87,8 +87,8 @@ def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
 
 
 def are_single(mask: NDArray[np.bool_]) -> bool:
-    """Whether what is masked are single samples, which can be left out, and no part of
-    the stretch.
+    """Whether the masked samples are single ones, which can be left out, and no whole part of the
+    stretch.
     """
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     return (
@@ -98,16 +98,14 @@ def are_single(mask: NDArray[np.bool_]) -> bool:
 
 
 def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
-    """By how much that segment moves the mean which stands out most from the rest, such as a block
-    of damage or a second level; 0 if none does.
+    """By how much the segment that stands out most moves the mean, such as a block of damage or a
+    second level (0 if none does), and whether it stands at the beginning.
 
-    Also whether it stands at the beginning.
-
-    It is the one that explains most of the squares of the blocks' means: the longer, the smaller a
-    change shows. The noise about the two levels leaves out the two blocks that fit worst, in which
-    the segment may begin and end.
+    It is the segment that explains most of the squares of the blocks' means: the longer it is, the
+    smaller a change shows. The noise about the two levels leaves out the two blocks that fit worst,
+    in which the segment may begin and end.
     """
-    means, noise = blocks(values, step)
+    means, noise = blocks(values), _hidden(values, step)
     n = len(means)
     if n < FEWEST_BLOCKS:
         return 0.0, False
@@ -139,7 +137,7 @@ def ends_apart(values: FloatArray, step: float) -> float:
     """By how much the first or the last block differs from the median one, where that is more than
     the noise between neighbours; else 0.
     """
-    means, noise = blocks(values, step)
+    means, noise = blocks(values), _hidden(values, step)
     if len(means) < FEWEST_BLOCKS:
         return 0.0
     apart = float(np.abs(means[[0, -1]] - median(means)).max())
@@ -173,9 +171,7 @@ def _mean(values: FloatArray) -> float:
 
 
 def _memory(left: FloatArray) -> float:
-    """How many times the variance of a sum grows because neighbours resemble one another, at least
-    1.
-    """
+    """The factor, at least 1, by which correlated neighbours raise the variance of a sum."""
     squares = float(left @ left)
     alike = min(max(float(left[1:] @ left[:-1]) / squares, 0.0), 0.9) if squares > 0 else 0.0
     return (1 + alike) / (1 - alike)
@@ -190,15 +186,13 @@ def _cubic(n: int) -> FloatArray:
     return np.ascontiguousarray(curves[:, 1:])
 
 
-def blocks(values: FloatArray, step: float) -> tuple[FloatArray, float]:
-    """Means of blocks, and what a converter's `step` lets them scatter by."""
+def blocks(values: FloatArray) -> FloatArray:
+    """Means of blocks."""
     length = _length(len(values))
     number = len(values) // length
     # what `mean` does, without looking at its arguments
-    means: FloatArray = (
-        np.add.reduce(values[: number * length].reshape(number, length), axis=1) / length
-    )
-    return means, _hidden(values, step)
+    sums: FloatArray = np.add.reduce(values[: number * length].reshape(number, length), axis=1)
+    return sums / length
 
 
 def _hidden(values: FloatArray, step: float) -> float:

@@ -29,15 +29,10 @@ from nearlift.reduction import slow_noise
 from nearlift.reduction.slow_noise import SlowNoise
 from nearlift.reduction.stretch import Stretch, stretch
 
-BATCHES = 16
-
-TARE_BATCHES = 8
-
-SHORTEST_BATCH_S = 0.06
-
-SHORTEST_BATCH = 8
-
-FEWEST_BATCHES = 4
+#: Batches of a record and of a tare, where they are long enough; and the fewest.
+BATCHES, TARE_BATCHES, FEWEST_BATCHES = 16, 8, 4
+#: The shortest batch, in s and in samples.
+SHORTEST_BATCH_S, SHORTEST_BATCH = 0.06, 8
 
 
 def spectral_density_at_zero(
@@ -60,8 +55,8 @@ def spectral_density_at_zero(
     one record is.
     """
     n = len(values)
-    shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
-    half = max(n // (BATCHES if tone else TARE_BATCHES), min(shortest, n // FEWEST_BATCHES)) // 2
+    least = min(_shortest(rate_Hz, tone), n // FEWEST_BATCHES)
+    half = max(n // (BATCHES if tone else TARE_BATCHES), least) // 2
     run = stretch(values, half if half >= 2 else 0)
     if half < 2:
         return run.squares / max(n - 1, 1), run
@@ -80,10 +75,15 @@ def outlasting(
     if not slow_noise.suspected(means):
         return None
     # a tone leaks less from longer batches
-    shortest = max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
-    finer = stretch(values, max(len(values) // slow_noise.SEGMENTS, shortest // 2))
+    half = max(len(values) // slow_noise.SEGMENTS, _shortest(rate_Hz, tone) // 2)
+    finer = stretch(values, half)
     slow = slow_noise.slow_noise(finer.batches)
     return slow if slow is not None and slow.variance > u2 else None
+
+
+def _shortest(rate_Hz: float, tone: bool) -> int:
+    """Samples of the shortest batch."""
+    return max(SHORTEST_BATCH, math.ceil(SHORTEST_BATCH_S * rate_Hz) if tone else 0)
 
 
 def slope_of(run: Stretch, density: float, rate_Hz: float) -> tuple[float, float]:

@@ -331,20 +331,18 @@ def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[st
             notes.append(
                 f"{key} is no less than the largest lift, {1e3 * most_N:.3g} mN: is the unit right?"
             )
-    cell = campaign.load_cell
-    if cell.accuracy is not None and cell.range is None:
+    accuracy, full = campaign.load_cell.accuracy, campaign.load_cell.range
+    if accuracy is None:
+        return notes
+    if full is None:
         notes.append(
-            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is that of the straight line at"
+            f"load_cell.accuracy = {1e3 * accuracy:.3g} mN is that of the straight line at"
             " full range, and counts for nothing without `range`"
         )
-    elif (
-        cell.accuracy is not None
-        and cell.range is not None
-        and cell.accuracy > WORST_CELL * cell.range
-    ):
+    elif accuracy > WORST_CELL * full:
         notes.append(
-            f"load_cell.accuracy = {1e3 * cell.accuracy:.3g} mN is {cell.accuracy / cell.range:.0%}"
-            f" of `range`, {1e3 * cell.range:.3g} mN, where cells have 0.02 to 1 % (more than"
+            f"load_cell.accuracy = {1e3 * accuracy:.3g} mN is {accuracy / full:.0%}"
+            f" of `range`, {1e3 * full:.3g} mN, where cells have 0.02 to 1 % (more than"
             f" {WORST_CELL:.0%} is noted): is it the departure from a straight line, and in that"
             " unit?"
         )

@@ -15,17 +15,13 @@ from nearlift.reduction.stretch import Stretch, steady
 
 #: No force: beyond it numbers are damage, whatever the load cell.
 LARGEST_N = 1e9
-
 #: At the end of its range is a cell from this share of it on; so many samples may be there, and so
 #: large a share of them.
 END_OF_RANGE, FEW_AT_END, SHARE_AT_END = 0.98, 3, 0.001
-
 #: Standard deviations beyond which a sample of the live part is looked at.
 FAR = 6.0
-
 #: Share of the samples that repeat the one before from which on a channel may stand still.
 FEWEST_REPEATS = 0.1
-
 HOUR_S = 3600.0
 
 
@@ -61,8 +57,8 @@ def without_strays(
 
 
 def _far(live: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the few samples more than six standard deviations off, those aside that hide behind
-    larger ones being found, too.
+    """Mask of the few samples more than six standard deviations off, also those that hide behind
+    larger ones.
     """
     far, hidden = (
         np.zeros(len(live), dtype=bool),

@@ -16,10 +16,8 @@ from nearlift.reduction.stretch import Stretch
 #: Single samples of a tare are left out that move the zero by more than this share of the lift's u;
 #: a tare is refused that longer damage moves by more than u itself.
 MATTERS = 0.5
-
 #: Share of the lift by which a tare's ends may differ from its middle.
 ROTORS = 0.1
-
 #: Steps of the converter that a live part scatters by, from which on a tare would show some noise,
 #: too.
 COARSE = 100.0
@@ -63,7 +61,7 @@ def zero_of(
         # rotors that run down or up need not have an edge
         if damaged or contamination.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
             return zero, u2, ["TARE"]
-    means, _ = contamination.blocks(tare, 0.0)
+    means = contamination.blocks(tare)
     slow = outlasting(tare, means, u2, rate_Hz, tone=False)
     if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
         away := contamination.wander(tare, means, contamination.step_of(live))
