@@ -1,4 +1,4 @@
-"""What pieces of a record bring of the schedule's columns: a level, a supply, a temperature."""
+"""The columns of a schedule that the pieces of a record bring: a level, a supply, a temperature."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
             raise ManifestError(key, "is what the level says already", "take one of them away")
         columns[name] = column, key
         if name in BESIDE:
-            # the same samples tell it
+            # from the same samples
             columns[f"u_{name}"] = column, key
     for name, (column, key) in columns.items():
         column.linear(dimension_of(name), key)

@@ -1,5 +1,5 @@
-"""A file as channels: named series with the unit and the rate that the file states. What readers
-give and `inspect` shows.
+"""A file as channels: named series with the unit and the rate that the file states, as readers
+return and `inspect` shows them.
 """
 
 from __future__ import annotations
@@ -75,9 +75,7 @@ class Channel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contents:
-    """What was found in a file: its channels, how its format calls itself, quality codes, and
-    remarks for the user.
-    """
+    """The channels of a file, the name of its format, quality codes, and remarks for the user."""
 
     channels: tuple[Channel, ...]
     kind: str = ""
@@ -87,8 +85,8 @@ class Contents:
 
 @functools.lru_cache(maxsize=1024)
 def fold(text: str) -> str:
-    """A name as it is compared: compatible letters folded (both micro signs, all product signs),
-    lower case, single blanks.
+    """The form in which names are compared: compatible letters folded (both micro signs, all
+    product signs), lower case, single blanks.
     """
     plain = unicodedata.normalize("NFKC", text).translate(_PRODUCT).casefold()
     return " ".join(plain.split())
@@ -148,7 +146,7 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
 # the records of a campaign have the same names
 @functools.lru_cache(maxsize=256)
 def _fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
-    """The places of the names that fit in the first way in which any does."""
+    """Indices of the names that match, by the first kind of match that any name has."""
     folded = fold(column)
     for same in (
         lambda name: name == column,

@@ -1,10 +1,10 @@
 """Files that a C library parses (HDF5, MATLAB, netCDF, Parquet) or that claim sizes of their own
 (TDMS) are read in a child process.
 
-The child may use so much memory and time, may write no file, loads no code from the folder of the
-data, and speaks to its parent in JSON and plain float64: no pickle, so that even a child taken over
-by a file could send nothing but numbers. A child takes longer to start than to read a hundred
-files, so it serves many; a crash, or a limit reached, costs the one file that caused it.
+The child's memory and time are limited. It writes no file, loads no code from the folder of the
+data, and answers in JSON and plain float64: no pickle, so that even a child that a file has taken
+over could send nothing but numbers. Starting a child takes longer than reading a hundred files, so
+one child serves many; a crash or a limit costs only the file that caused it.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 #: Address space of the child, bytes, and time for one file, s.
 MEMORY = 2 << 30
 TIME_S = 120.0
-#: Files after which a lasting child is let go, and files that it is asked for before their turn, so
-#: that it reads while records are reduced.
+#: Files after which a lasting child is ended, and files that it is asked for ahead of their turn,
+#: so that it reads while records are reduced.
 FILES, AHEAD = 1000, 3
 #: Bytes that may wait in the pipe, where the system grants as many: several records, so that the
 #: child need not wait at each.
@@ -138,7 +138,7 @@ _idle: list[Child] = []
 
 
 def start(number: int) -> None:
-    """Start children for whoever asks first, while the caller has something else to do."""
+    """Start children ahead of need, while the caller has something else to do."""
     workers = [Child() for _ in range(number)]
     for worker in workers:
         worker.begin()
@@ -148,7 +148,7 @@ def start(number: int) -> None:
 
 @atexit.register
 def dismiss() -> None:
-    """Let the children go that nobody uses."""
+    """End the idle children."""
     with _lock:
         while _idle:
             _idle.pop().end()
@@ -259,7 +259,7 @@ class Child:
         return answer, values
 
     def end(self) -> None:
-        """Let the child go."""
+        """End the child."""
         process, self.process, self.files = self.process, None, 0
         self._sent.clear()
         self._ended.set()

@@ -21,7 +21,7 @@ PACKAGE = str(Path(__file__).parents[2])
 
 
 def serving(memory: int) -> subprocess.Popen[bytes] | Copy:
-    """A process with so much memory, begun."""
+    """A process of at most so many bytes of memory, started."""
     environment = {
         isolation.SAFE_PATH: "1",
         # HDF5 would load filters from wherever this points

@@ -2,7 +2,7 @@
 
 Strict: every cell of the force (and clock) column is a number or a word that loggers write for "no
 number", else the first bad line is named. A file that does not end in a newline may be cut within a
-number, which no reader could see: its last line is left out and the trial says so. Three roads lead
+number, which no reader could see: its last line is left out and the trial says so. Three ways lead
 to the same bits: a compiled scanner, pyarrow where numbers are not plain or have more digits than
 the scanner takes, and a slow one that explains.
 """
@@ -97,8 +97,8 @@ def parse(
 
 @functools.lru_cache(maxsize=8)
 def _usual_header(line: bytes) -> list[str]:
-    """What `_header` gives: a campaign's records begin alike. Empty where there is something to say
-    of the line, with the file's name.
+    """As `_header`, once for all records that begin alike; empty where the line is refused, which
+    takes the file's name.
     """
     try:
         return _header(line, "")

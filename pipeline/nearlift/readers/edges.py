@@ -195,7 +195,7 @@ def worth_it(
 
 
 def sloping(cut: Segments, pieces: cuts.Cuts, values: FloatArray) -> bool:
-    """Whether most pieces move through most of `hold` from end to end."""
+    """Whether most pieces move through most of `hold` from end to end: a ramp, not levels."""
     if not cut.hold or not pieces.pieces:
         return False
     moved = []

@@ -98,7 +98,7 @@ def hole_of(step_s: float) -> float:
 
 
 def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> FlightLog | Contents:
-    """One log, or, of a file without any sample, what was found of it.
+    """One log, or the contents of a file without any sample.
 
     Raises
     ------

@@ -66,7 +66,7 @@ class Weighed:
 def read(
     campaign: Campaign, root: Path, reader: Reader, path: Path, offset_m: float | None
 ) -> Weighed | Contents:
-    """The windows of one log, or what was found of a file that holds no sample; `offset_m` is from
+    """The windows of one log, or the contents of a file that holds no sample; `offset_m` is from
     the logged height to the rotor plane, None in free air.
 
     Raises
@@ -200,7 +200,7 @@ class _Cut:
             )
 
     def _logged(self) -> dict[str, FloatArray]:
-        """What has to change in any flight, by its key."""
+        """The series that change in any flight, by their keys."""
         log = self.log
         series = {
             "command": log.command.mean(axis=1),
@@ -235,7 +235,7 @@ class _Cut:
         return series
 
     def _pieces(self, cut: Sequence[Window], of_window: Mapping[str, FloatArray]) -> Pieces:
-        """The windows with what they are told by, (windows,) each."""
+        """The windows with the means that they are known by, (windows,) each."""
         # what is left out may stand at any height, and behind any command
         lost = np.array([bool(w.code) for w in cut])
         means = {name: np.where(lost, np.nan, values) for name, values in of_window.items()}

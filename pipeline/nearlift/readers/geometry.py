@@ -62,7 +62,7 @@ def distances(
 
 
 def _offset(campaign: Campaign, side: Boundary) -> float:
-    """The datum's offset, m, checked against the datum's name."""
+    """The datum's offset, m, checked against its name."""
     rig, r = campaign.rig, campaign.vehicle.rotor_radius
     offset = rig.offset(side)
     if rig.datum(side) != "rotor axis":

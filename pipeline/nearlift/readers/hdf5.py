@@ -26,7 +26,7 @@ DEEPEST = 20
 
 
 def library(name: str, extra: str) -> Any:
-    """A library that an extra brings.
+    """The module of that name, which an extra installs.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""How a text file is laid out, as the manifest says in part and the sniffer finds in whole:
+"""How a text file is laid out, which the manifest may say in part and the sniffer completes:
 encoding, cells, columns' names and units.
 """
 
@@ -55,7 +55,7 @@ UNGIVEN = Given()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """A dialect found: how to cut the lines, the columns' names and units, and the line (from 1) of
+    """A whole dialect: how to cut the lines, the columns' names and units, and the line (from 1) of
     the first row.
     """
 

@@ -13,7 +13,7 @@ from nearlift.reduction.record import Reduced, reduce_record
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Row:
-    """What one worker answers for one trial.
+    """A worker's answer for one trial.
 
     `fault` says what is wrong with a MALFORMED record; `refusal` is there where it cannot be read
     in the way that the manifest asks for.

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pieces:
-    """What is told of a record's pieces, each a trial; every array has one entry per piece.
+    """The pieces of a record, each a trial; every array has one entry per piece.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """The reading child's side: it takes requests, one JSON object to a line, and answers each with
 lengths, JSON and plain float64.
 
-It may use so much memory, and writes no file. Whatever a library raises over damaged bytes becomes
+Its memory is limited, and it writes no file. Whatever a library raises over damaged bytes becomes
 one kind of answer.
 """
 
@@ -36,7 +36,7 @@ Answer = tuple[dict[str, Any], list[FloatArray]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadContents:
-    """A file's channels are asked for."""
+    """Request for the channels of a file."""
 
     reader: str
     path: str
@@ -44,7 +44,7 @@ class ReadContents:
     names: Names = None
 
     def answers(self) -> Iterator[Answer]:
-        """One, of all channels."""
+        """One answer, with all channels."""
         contents = _format(self.reader).contents(Path(self.path), self.dialect, self.names)
         channels = contents.channels
         about = {
@@ -58,7 +58,7 @@ class ReadContents:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReduceRecord:
-    """The row of a trial's record is asked for."""
+    """Request for the row of a trial's record."""
 
     reader: str
     path: str
@@ -69,7 +69,7 @@ class ReduceRecord:
     tare_after_N: float
 
     def answers(self) -> Iterator[Answer]:
-        """One, without samples."""
+        """One answer, without samples."""
         from nearlift.readers.per_file import record
         from nearlift.readers.row import row_of
 
@@ -90,13 +90,13 @@ class ReduceRecord:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadFields:
-    """The velocity fields of a file are asked for."""
+    """Request for the velocity fields of a file."""
 
     reader: str
     path: str
 
     def answers(self) -> Iterator[Answer]:
-        """One a field."""
+        """An answer for each field."""
         from nearlift.readers.piv.sniff import dialect_of
 
         for raw in dialect_of(self.reader).read(Path(self.path)):
@@ -111,14 +111,16 @@ class ReadFields:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadSpans:
-    """Whose rows are whose in a long table is asked for: manifest's keys and columns wanted."""
+    """Request for the rows of each trial of a long table; `columns`, the manifest's key and a
+    column's name each, have to be there.
+    """
 
     reader: ClassVar[str] = "Parquet"
     path: str
     columns: tuple[tuple[str, str], ...] = ()
 
     def answers(self) -> Iterator[Answer]:
-        """One, of all trials."""
+        """One answer, with all trials."""
         from nearlift.readers import long_table
 
         trials, rows, ends = long_table.spans(Path(self.path), self.columns)
@@ -127,7 +129,7 @@ class ReadSpans:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadRows:
-    """Columns of a long table from row `first` up to `end` are asked for, `size` at a time."""
+    """Request for columns of a long table from row `first` up to `end`, `size` rows at a time."""
 
     reader: ClassVar[str] = "Parquet"
     path: str
@@ -137,7 +139,7 @@ class ReadRows:
     size: int
 
     def answers(self) -> Iterator[Answer]:
-        """One a batch."""
+        """An answer for each batch."""
         from nearlift.readers import long_table
 
         path = Path(self.path)

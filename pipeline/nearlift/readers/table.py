@@ -1,8 +1,8 @@
 """The numbers of a text table, strictly: every line has the cells that the header promises, every
 cell wanted is a number.
 
-Two roads to the same bits: pyarrow's, and, where that finds a line it cannot read, a slow one that
-reads the words for "no number" and names the first bad line.
+Two ways to the same bits: pyarrow's, and, where there is a line that it cannot read, a slow one
+that reads the words for "no number" and names the first bad line.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ def label(cell: str) -> tuple[str, str] | None:
 
 
 def cut_at(words: str) -> str:
-    """What reads values that are parted by lines of these words and a number."""
+    """The manifest's lines that cut a record at lines of these words and a number."""
     return (
         "if it tells of the values beneath it:"
         f' [segments] by = "markers", begin = "{words} {{level}}" cuts the record there, with'
@@ -132,7 +132,7 @@ def read(
 def _by_arrow(
     body: bytes, columns: int, wanted: Sequence[int], cells: CellSyntax
 ) -> list[FloatArray] | None:
-    """Pyarrow's road; None where it finds a line that it cannot read."""
+    """By pyarrow; None where there is a line that it cannot read."""
     import pyarrow as pa
     import pyarrow.csv as pc
 
@@ -172,7 +172,7 @@ def _explained(
     wanted: Sequence[int],
     cells: CellSyntax,
 ) -> list[FloatArray]:
-    """The slow road."""
+    """Line by line, so that the first bad line is named."""
     try:
         lines = body.decode("utf-8").split("\n")
     except UnicodeDecodeError as fault:
@@ -194,8 +194,8 @@ def _explained(
 
 
 def _way_out(line: str, cells: CellSyntax) -> str:
-    """What to do about a line with other cells than the header has: a rig may write lines of
-    another kind, and label its cells.
+    """What to do about a line whose cells are not the header's: a rig may write lines of another
+    kind, or label its cells.
     """
     if not cells.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
         return (

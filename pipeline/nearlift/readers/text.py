@@ -163,9 +163,7 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
 
 
 def _after_ignored(body: bytes, cells: CellSyntax, rows: int) -> tuple[list[int], int]:
-    """Of the rows of a block, those that stand right behind an ignored line; and how many rows
-    there are by now.
-    """
+    """The rows of a block that stand right behind an ignored line, and how many rows there are."""
     places, behind = [], False
     for line in map(str.strip, body.decode("utf-8", errors="replace").split("\n")):
         if line and cells.skips(line):
@@ -177,10 +175,10 @@ def _after_ignored(body: bytes, cells: CellSyntax, rows: int) -> tuple[list[int]
 
 
 def _of_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
-    """See that the numbers behind ignored lines are of the kind of those that follow them.
+    """Refuse numbers behind ignored lines that are unlike those that follow them.
 
-    A rig that writes THROTTLE, and its number on a line of its own, would else have throttles among
-    its forces.
+    A rig that writes THROTTLE, and its number on a line of its own, would otherwise have throttles
+    among its forces.
     """
     parts = [p for p in np.split(channel.values, after)[1:] if len(p) > 3]
     ends = [(p[0], np.nanmin(p[1:]), np.nanmax(p[1:])) for p in parts if np.isfinite(p[1:]).any()]
@@ -204,7 +202,7 @@ def head_of(path: Path) -> tuple[bytes, bool]:
 
 
 def layout_of(path: Path, said: Given) -> Layout:
-    """The dialect of a file, of which so much is known; raises as `sniff` does."""
+    """The dialect of a file, known in part; raises as `sniff` does."""
     head, whole = head_of(path)
     if whole and not head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0\0\0" in head[-3:]:
         # the tail of a power cut

@@ -1,4 +1,4 @@
-"""The motors' lag: what they do of what they were told, and the time constant at which their lift
+"""The motors' lag: their command behind a first-order lag, and the time constant at which lift
 follows it best.
 
 A motor follows its command as a first-order system does. The time constant is found on a grid: at

@@ -53,7 +53,7 @@ NEAREST = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screen:
-    """What the screen makes of n trials.
+    """The outliers among n trials.
 
     Attributes
     ----------

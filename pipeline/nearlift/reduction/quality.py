@@ -159,8 +159,8 @@ def reason(text: str, fault: str = "") -> str:
 
 
 def faulty(quality: NDArray[Any]) -> NDArray[np.bool_]:
-    """Mask of the trials that are left out for a fault of their own, whether or not the manifest
-    excludes them too.
+    """Mask of the trials that are rejected for a fault of their own, whether or not the manifest
+    also excludes them.
     """
     return rejected(np.array([text.replace(EXCLUDED, "") for text in quality], dtype=object))
 
