@@ -18,7 +18,7 @@ import subprocess
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
@@ -28,7 +28,7 @@ import numpy as np
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect
 from nearlift.readers.child_process import Copy, serving
-from nearlift.readers.per_file import Format
+from nearlift.readers.per_file import Format, Reading
 from nearlift.readers.serve import LENGTH, Answer, ReadContents, ReduceRecord, Request
 
 if TYPE_CHECKING:
@@ -43,8 +43,6 @@ FILES, AHEAD = 1000, 3
 #: Bytes that may wait in the pipe, where the system grants as many: several records, so that the
 #: child need not wait at each.
 PIPE = 1 << 20
-
-Reading = Callable[[Path, RecordsDialect, Names], Contents]
 
 
 @contextlib.contextmanager

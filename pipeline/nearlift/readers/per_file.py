@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from nearlift.reduction.conditions import Conditions
 
 RATE_OPTION = {"ignore_rate": bool}
+#: What reads a file: its path, the dialect, and the channels wanted, to the channels.
+Reading = Callable[[Path, RecordsDialect, Names], Contents]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,7 +70,7 @@ class Format:
     name: str
     title: str
     recognises: Callable[[bytes, str], bool]
-    contents: Callable[[Path, RecordsDialect, Names], Contents]
+    contents: Reading
     options: Mapping[str, type] = field(default_factory=dict)
     child: bool = False
     checked: bool = False
@@ -182,13 +184,7 @@ def _one_for_all(campaign: Campaign) -> bool:
     return in_column
 
 
-def record(
-    read: Callable[[Path, RecordsDialect, Names], Contents],
-    spec: ChannelSpec,
-    trial: str,
-    path: Path,
-    source: str,
-) -> Record:
+def record(read: Reading, spec: ChannelSpec, trial: str, path: Path, source: str) -> Record:
     """The record of one trial from its file."""
     if path.stat().st_size == 0:
         return Record(trial=trial, source=source, codes=("EMPTY",))

@@ -16,7 +16,7 @@ import threading
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_args
 
 import numpy as np
 
@@ -149,9 +149,7 @@ class ReadRows:
 
 
 Request = ReadContents | ReduceRecord | ReadFields | ReadSpans | ReadRows
-REQUESTS: Mapping[str, type[Request]] = {
-    kind.__name__: kind for kind in (ReadContents, ReduceRecord, ReadFields, ReadSpans, ReadRows)
-}
+REQUESTS: Mapping[str, type[Request]] = {kind.__name__: kind for kind in get_args(Request)}
 
 
 def _format(name: str) -> Format:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered
+from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered, numbered_pairs
 
 #: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of
 #: freedom carries an outlying trial.
@@ -161,10 +161,7 @@ def odd_visits(
 
 def _cells(z_hat: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
     """Index of each trial's (distance, throttle) cell."""
-    level = numbered(throttle)
-    return numbered(
-        numbered(np.where(np.isfinite(z_hat), z_hat, -1.0)) * (level.max(initial=0) + 1) + level
-    )
+    return numbered_pairs(np.where(np.isfinite(z_hat), z_hat, -1.0), throttle)
 
 
 def _contrasts(

@@ -18,7 +18,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
 from nearlift.reduction.quality import rejected
-from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered
+from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered_pairs
 
 #: Times the weight beyond which a single trial's lift is no lift, whatever the others are.
 TOO_HEAVY = 100.0
@@ -268,10 +268,7 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
     lift = np.asarray(table["lift_N"], dtype=float)
     good = np.flatnonzero(~rejected(table["quality"]) & np.isfinite(lift))
     mislabelled = np.zeros(len(lift), dtype=bool)
-    height = numbered(table["z_hat"][good])
-    place = numbered(
-        numbered(table["boundary"][good].astype(str)) * (height.max(initial=0) + 1) + height
-    )
+    place = numbered_pairs(table["boundary"][good].astype(str), table["z_hat"][good])
     ends = np.cumsum(np.bincount(place, minlength=1))[:-1]
     for here in np.split(good[np.argsort(place, kind="stable")], ends):
         throttle = table["throttle"][here]

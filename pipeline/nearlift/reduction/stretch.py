@@ -79,6 +79,12 @@ def numbered(values: NDArray[Any]) -> NDArray[np.int64]:
     return np.searchsorted(distinct(values), values).astype(np.int64)
 
 
+def numbered_pairs(major: NDArray[Any], minor: NDArray[Any]) -> NDArray[np.int64]:
+    """The place of each pair of values among those that occur."""
+    place = numbered(minor)
+    return numbered(numbered(major) * (place.max(initial=0) + 1) + place)
+
+
 def stretch(values: FloatArray, half: int) -> Stretch:
     """The stretch of some samples, in batches of twice `half`; with `half` 0 in none."""
     n = len(values)
