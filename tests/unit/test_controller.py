@@ -305,7 +305,7 @@ def test_a_model_of_each_rotor_is_exported_rotor_by_rotor(beliefs):
             draws={},
             number=1,
             effects=(),
-            left=("height_offset",),
+            left=("height_offset", "motor_lag"),
         )
     )
     z_hat = np.geomspace(1.2, 10, 50)
@@ -315,9 +315,10 @@ def test_a_model_of_each_rotor_is_exported_rotor_by_rotor(beliefs):
     text = c_header.header(whole(row))
     assert "nearlift_c_ground_rotor2(nearlift_real z_m)" in text
     assert "height_offset was found too and is left out: it belongs to the bench" in text
+    assert "motor_lag was found too and is left out: it belongs to the flights in which" in text
     (boundary,) = json_document.document(whole(row))["boundaries"].values()
     assert len(boundary["rotors"]) == 3
-    assert boundary["omitted"] == ["height_offset"]
+    assert boundary["omitted"] == ["height_offset", "motor_lag"]
 
 
 def other_model(job, name, parameters, tilt_rad=None):
@@ -430,6 +431,26 @@ def test_an_effect_in_time_is_not_said_to_be_in_the_function(beliefs):
     assert own["model"] == "sanchez_cuevas"
     assert list(own["parameters"]) == list(own["covariance"]) == ["K_b"]
     assert np.shape(own["covariance"]["K_b"]) == (1,)
+
+
+def test_a_model_whose_parameters_all_act_in_time_is_exported_without_any(beliefs):
+    fixed = exported(
+        replace(
+            beliefs["ground"],
+            model=compose(catalogue.model("hayden"), catalogue.effect("supply_sag")),
+            arguments={"supply_V": 1.0, "supply_ref_V": 1.0},
+            best={"sag_exponent": 2.0},
+            intervals={"sag_exponent": QuotedInterval(2.0, 1.9, 2.1)},
+            draws={"sag_exponent": np.array([1.9, 2.1])},
+            effects=("supply_sag",),
+        )
+    )
+    assert not fixed.uncertainty.ratio.any()
+    assert "nearlift_c_ground(nearlift_real z_m)" in c_header.header(whole(fixed))
+    (boundary,) = json_document.document(whole(fixed))["boundaries"].values()
+    assert boundary["model"] == "hayden"
+    assert boundary["omitted"] == ["supply_sag"]
+    assert boundary["parameters"] == boundary["covariance"] == {}
 
 
 def test_twice_gives_the_same_bytes(job):

@@ -85,7 +85,7 @@ SCHEMA: dict[str, object] = {
                         "type": "array",
                         "description": (
                             "effects that were found and are not in the ratio: they act in time, or"
-                            " belong to the bench"
+                            " belong to the bench or to the flights in which they were found"
                         ),
                         "items": {"type": "string"},
                     },

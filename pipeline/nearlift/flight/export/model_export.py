@@ -26,6 +26,11 @@ TOLD = 5
 #: A closed form that strays further than this from the declaration, relatively, is a defect and is
 #: not exported.
 AGREE = 1e-12
+#: Why an effect is left out, by what it belongs to, where that is not the bench.
+OMITTED = {
+    "vehicle": "acts in time, and this ratio holds at its reference",
+    "flight": "belongs to the flights in which it was found",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +54,7 @@ class ExportedLift:
         LaTeX of the base model.
     effects, omitted : tuple of str
         Effects that are in it; and those that the loop named and it leaves out, as they act in
-        time or belong to the bench.
+        time or belong to the bench or to the flights in which they were found.
     parameters : mapping of str to ExportedNumber
     covariance : mapping of str to tuple of float
         Covariance matrix of the parameters, a row to each, over the draws.
@@ -122,7 +127,7 @@ def exported(lift: FittedLift) -> ExportedLift:
         p.name for e in lift.effects if e not in within for p in catalogue.effect(e).parameters
     }
     inside = [n for n in lift.best if n not in outside]
-    spread = np.atleast_2d(np.cov([lift.draws[n] for n in inside])) if lift.draws else None
+    spread = np.atleast_2d(np.cov([lift.draws[n] for n in inside])).tolist() if inside else []
     return ExportedLift(
         boundary=lift.boundary,
         model="_with_".join((lift.model.name.partition("_with_")[0], *within)),
@@ -137,11 +142,7 @@ def exported(lift: FittedLift) -> ExportedLift:
             for n, x in lift.intervals.items()
             if n not in outside
         },
-        covariance=(
-            {}
-            if spread is None
-            else {n: tuple(row) for n, row in zip(inside, spread.tolist(), strict=True)}
-        ),
+        covariance={n: tuple(row) for n, row in zip(inside, spread, strict=True)},
         known={n: v for n, v in known.items() if not n.startswith("supply")},
         at=_ratios(lift, np.geomspace(low, high, TOLD)) if low > 0 else {},
         table=hermite_table(ratio, low, high),
@@ -233,11 +234,7 @@ class ModelExport:
             ]
             lines += [
                 f"  {effect} was found too and is left out: it"
-                + (
-                    " acts in time, and this ratio holds at its reference"
-                    if catalogue.effect(effect).belongs_to == "vehicle"
-                    else " belongs to the bench"
-                )
+                f" {OMITTED.get(catalogue.effect(effect).belongs_to, 'belongs to the bench')}"
                 for effect in lift.omitted
             ]
             if lift.inverse is not None:
