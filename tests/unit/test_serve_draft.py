@@ -20,7 +20,7 @@ from nearlift.commands import new
 from nearlift.errors import NearliftError
 from nearlift.manifest import campaign as manifests
 from nearlift.serve import draft, manifest_text
-from nearlift.serve.bench import Bench
+from nearlift.serve.bench import ServedWorkspace
 
 from . import small_run
 from .small_run import state
@@ -195,7 +195,7 @@ def test_an_upload_that_is_too_large_leaves_nothing(tmp_path, monkeypatch):
             yield b"x" * 100
 
     with pytest.raises(NearliftError, match="more than 1000 bytes"):
-        asyncio.run(draft.receive(Bench(tmp_path), "rig", "a.csv", parts()))
+        asyncio.run(draft.receive(ServedWorkspace(tmp_path), "rig", "a.csv", parts()))
     assert not any(p.is_file() for p in tmp_path.rglob("*"))
 
 
@@ -211,7 +211,7 @@ def test_a_folder_that_is_a_link_elsewhere_gets_nothing(tmp_path):
         yield b"x"
 
     with pytest.raises(NearliftError, match="not in this workspace"):
-        asyncio.run(draft.receive(Bench(root), "rig", "a.csv", parts()))
+        asyncio.run(draft.receive(ServedWorkspace(root), "rig", "a.csv", parts()))
     assert not any(other.iterdir())
 
 

@@ -16,8 +16,8 @@ import pytest
 from nearlift.products import TRIALS
 from nearlift.run import graph
 from nearlift.serve import pages
-from nearlift.serve.answers import Asked
-from nearlift.serve.bench import Bench
+from nearlift.serve.answers import PageQuery
+from nearlift.serve.bench import ServedWorkspace
 from nearlift.serve.live import Live, looked, looks
 from nearlift.stages.asked import ROUNDS
 
@@ -29,7 +29,7 @@ pytest.importorskip("starlette", reason="nearlift[serve] is not installed")
 @pytest.fixture
 def bench(tmp_path):
     small_run.write(tmp_path / "raw" / "small", visits=2)
-    return Bench(tmp_path)
+    return ServedWorkspace(tmp_path)
 
 
 def everything(live: Live) -> dict:
@@ -126,22 +126,24 @@ def test_before_the_first_look_nothing_is_claimed(bench):
 def test_what_to_measure_next_is_what_the_command_says(bench):
     bench.ask(["ingest", "raw/small"])
     # the share that goes round stands in the form, and in the command where it is another
-    form = pages.live(bench, Asked.of("campaign=raw/small")).body.decode()
+    form = pages.live(bench, PageQuery.parsed("campaign=raw/small")).body.decode()
     assert f'value="{ROUNDS}"' in re.search('<input name="rounds"[^>]*>', form)[0]
-    asked = Asked.of(f"campaign=raw/small&for=K_b&until=0.02&rounds={ROUNDS}")
+    asked = PageQuery.parsed(f"campaign=raw/small&for=K_b&until=0.02&rounds={ROUNDS}")
     shown = json.loads(pages.upcoming(bench, asked).body)
     words = ["next", "raw/small", "--for=K_b", "--until=0.02"]
     assert shown.pop("command") == "nearlift next raw/small --for=K_b --until=0.02"
     assert shown == json.loads(bench.ask([*words, "--json"]))
     assert "more trials;" in " ".join(shown["boundaries"]["ground"]["text"])
     fewer = json.loads(
-        pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_b&until=&rounds=0.2")).body
+        pages.upcoming(bench, PageQuery.parsed("campaign=raw/small&for=K_b&until=&rounds=0.2")).body
     )
     assert fewer["command"] == "nearlift next raw/small --for=K_b --rounds=0.2"
     assert fewer["boundaries"]["ground"]["after"] < shown["boundaries"]["ground"]["after"]
-    rows = pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_b&as=csv")).body.decode()
+    rows = pages.upcoming(
+        bench, PageQuery.parsed("campaign=raw/small&for=K_b&as=csv")
+    ).body.decode()
     assert rows == bench.ask(["next", "raw/small", "--for=K_b", "--csv"])
-    refused = json.loads(pages.upcoming(bench, Asked.of("campaign=raw/small&for=K_x")).body)
+    refused = json.loads(pages.upcoming(bench, PageQuery.parsed("campaign=raw/small&for=K_x")).body)
     assert "no base model of this campaign has that coefficient" in refused["refusal"]
 
 

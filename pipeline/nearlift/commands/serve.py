@@ -39,9 +39,9 @@ def command(call: Call, workspace: Path, port: int) -> None:
             "name one, new or with campaigns in it; without a name it is the current one",
         )
     from nearlift.serve.app import serve
-    from nearlift.serve.bench import Bench
+    from nearlift.serve.bench import ServedWorkspace
 
-    bench = Bench(workspace)
+    bench = ServedWorkspace(workspace)
 
     def told(link: str) -> None:
         call.answer(

@@ -12,7 +12,7 @@ TEXT = "text/plain; charset=utf-8"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class PageAnswer:
     """What goes back."""
 
     body: bytes = b""
@@ -22,13 +22,13 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True)
-class Asked:
+class PageQuery:
     """The fields of a request, each a list."""
 
     fields: Mapping[str, list[str]]
 
     @classmethod
-    def of(cls, text: str) -> Asked:
+    def parsed(cls, text: str) -> PageQuery:
         """Those of a query or a form."""
         return cls(parse_qs(text, keep_blank_values=True, max_num_fields=100))
 
@@ -45,12 +45,12 @@ class Asked:
         return self.one(name).replace("\r\n", "\n")
 
 
-def see(path: str, **query: str) -> Answer:
+def see(path: str, **query: str) -> PageAnswer:
     """Go there."""
     where = path + ("?" + "&".join(f"{k}={quote(v)}" for k, v in query.items()) if query else "")
-    return Answer(body=b"", status=303, headers={"location": where})
+    return PageAnswer(body=b"", status=303, headers={"location": where})
 
 
-def as_json(content: object) -> Answer:
+def as_json(content: object) -> PageAnswer:
     """A JSON answer."""
-    return Answer(body=json.dumps(content).encode(), kind="application/json")
+    return PageAnswer(body=json.dumps(content).encode(), kind="application/json")

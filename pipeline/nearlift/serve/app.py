@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from nearlift.errors import NearliftError, UsageError
 from nearlift.serve import answers, pages
-from nearlift.serve.bench import Bench
+from nearlift.serve.bench import ServedWorkspace
 from nearlift.serve.gate import Gate
 
 if TYPE_CHECKING:
@@ -34,12 +34,12 @@ CLIENTS = 64
 Events = AsyncIterator[tuple[str, object]]
 
 
-def application(bench: Bench) -> ASGIApp:
+def application(workspace: ServedWorkspace) -> ASGIApp:
     """Every route of the page."""
     from starlette.applications import Starlette
     from starlette.routing import Route
 
-    site = Site(bench)
+    site = Site(workspace)
     routes = [
         Route(path, functools.partial(site.handle, handler), methods=[method])
         for (method, path), handler in pages.PAGES.items()
@@ -58,8 +58,8 @@ def application(bench: Bench) -> ASGIApp:
 class Site:
     """Requests to what answers them."""
 
-    def __init__(self, bench: Bench) -> None:
-        self.bench = bench
+    def __init__(self, workspace: ServedWorkspace) -> None:
+        self.workspace = workspace
         #: What is watched, and by how many pages.
         self.watched: dict[Path, tuple[Live, int]] = {}
 
@@ -72,14 +72,14 @@ class Site:
                 content += part
                 if len(content) > MOST_FORM:
                     return _response(
-                        answers.Answer(body=b"too large\n", kind=answers.TEXT, status=413)
+                        answers.PageAnswer(body=b"too large\n", kind=answers.TEXT, status=413)
                     )
             text = content.decode("utf-8", "replace")
-        return await self._answered(handler, self.bench, answers.Asked.of(text))
+        return await self._answered(handler, self.workspace, answers.PageQuery.parsed(text))
 
     async def file(self, request: Request) -> Response:
         """A product."""
-        return await self._answered(pages.file, self.bench, request.path_params["path"])
+        return await self._answered(pages.file, self.workspace, request.path_params["path"])
 
     async def static(self, request: Request) -> Response:
         """A style sheet or the script."""
@@ -87,24 +87,24 @@ class Site:
 
     async def icon(self, request: Request) -> Response:
         """None: a browser asks for one beside texts and pictures, and would log its absence."""
-        return _response(answers.Answer(status=204))
+        return _response(answers.PageAnswer(status=204))
 
     async def work(self, request: Request) -> Response:
         """What a command says, while it says it."""
         try:
-            own = self.bench.work(request.query_params.get("key", ""))
+            command = self.workspace.work(request.query_params.get("key", ""))
         except NearliftError as refusal:
-            return _response(pages.refused(self.bench, refusal))
+            return _response(pages.refused(self.workspace, refusal))
 
         async def events() -> Events:
             count = 0
             while True:
-                ended = own.ended
-                lines, count = own.since(count)
+                ended = command.ended
+                lines, count = command.since(count)
                 if lines:
                     yield "lines", lines
                 if ended is not None:
-                    yield "ended", {"code": ended, "result": own.result}
+                    yield "ended", {"code": ended, "result": command.result}
                     return
                 yield "", None
 
@@ -118,33 +118,37 @@ class Site:
 
         try:
             place = await run_in_threadpool(
-                self.bench.campaign, request.query_params.get("campaign", "")
+                self.workspace.campaign, request.query_params.get("campaign", "")
             )
         except NearliftError as refusal:
-            return _response(pages.refused(self.bench, refusal))
+            return _response(pages.refused(self.workspace, refusal))
 
         async def events() -> Events:
-            own, pages_of = self.watched.get(place.root, (Live(place), 0))
-            self.watched[place.root] = own, pages_of + 1
+            recording, pages_of = self.watched.get(place.root, (Live(place), 0))
+            self.watched[place.root] = recording, pages_of + 1
             epoch = turn = -1
             said: dict[str, int] = {}
             refusal = None
             try:
                 while True:
-                    await run_in_threadpool(own.look)
-                    if (own.epoch, own.turn, own.refusal) != (epoch, turn, refusal):
-                        found, epoch, turn = await run_in_threadpool(own.since, epoch, turn)
-                        refusal = found["refusal"]
-                        yield "trials", found
-                    work = watching(self.bench, place)
+                    await run_in_threadpool(recording.look)
+                    if (recording.epoch, recording.turn, recording.refusal) != (
+                        epoch,
+                        turn,
+                        refusal,
+                    ):
+                        trials, epoch, turn = await run_in_threadpool(recording.since, epoch, turn)
+                        refusal = trials["refusal"]
+                        yield "trials", trials
+                    work = watching(self.workspace, place)
                     if work is not None:
                         lines, said[work.key] = work.since(said.get(work.key, 0))
                         for look in looks(lines):
                             yield "look", look
                     yield "", None
             finally:
-                own, pages_of = self.watched[place.root]
-                self.watched[place.root] = own, pages_of - 1
+                recording, pages_of = self.watched[place.root]
+                self.watched[place.root] = recording, pages_of - 1
                 if pages_of == 1:
                     del self.watched[place.root]
 
@@ -154,24 +158,24 @@ class Site:
         """A dropped record."""
         from nearlift.serve.draft import receive
 
-        asked = answers.Asked.of(str(request.url.query))
+        query = answers.PageQuery.parsed(str(request.url.query))
         try:
-            await receive(self.bench, asked.one("name"), asked.one("file"), request.stream())
+            await receive(self.workspace, query.one("name"), query.one("file"), request.stream())
         except NearliftError as refusal:
-            told = answers.as_json({"refusal": f"{refusal.what}; {refusal.remedy}"})
-            return _response(replace(told, status=409))
+            refused = answers.as_json({"refusal": f"{refusal.what}; {refusal.remedy}"})
+            return _response(replace(refused, status=409))
         return _response(answers.as_json({}))
 
-    async def _answered(self, make: Callable[..., answers.Answer], *given: Any) -> Response:
+    async def _answered(self, make: Callable[..., answers.PageAnswer], *given: Any) -> Response:
         from starlette.concurrency import run_in_threadpool
 
         try:
             return _response(await run_in_threadpool(make, *given))
         except NearliftError as refusal:
-            return _response(await run_in_threadpool(pages.refused, self.bench, refusal))
+            return _response(await run_in_threadpool(pages.refused, self.workspace, refusal))
 
 
-def _response(answer: answers.Answer) -> Response:
+def _response(answer: answers.PageAnswer) -> Response:
     from starlette.responses import Response
 
     return Response(answer.body, answer.status, dict(answer.headers), answer.kind)
@@ -208,23 +212,23 @@ def listening(port: int) -> socket.socket:
     UsageError
         The port is taken.
     """
-    own = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
-        own.bind(("127.0.0.1", port))
+        listener.bind(("127.0.0.1", port))
     except OSError as fault:
-        own.close()
+        listener.close()
         raise UsageError(
             f"--port {port}", f"cannot be had: {fault.strerror}", "leave --port out: any free one"
         ) from None
-    return own
+    return listener
 
 
-def serve(bench: Bench, port: int, told: Callable[[str], None]) -> None:
+def serve(workspace: ServedWorkspace, port: int, say: Callable[[str], None]) -> None:
     """Until it is interrupted; `told` the link once it can be opened."""
     import uvicorn
 
-    with listening(port) as own:
-        gate = Gate(application(bench), own.getsockname()[1])
+    with listening(port) as listener:
+        gate = Gate(application(workspace), listener.getsockname()[1])
         server = uvicorn.Server(
             uvicorn.Config(
                 gate,
@@ -239,10 +243,10 @@ def serve(bench: Bench, port: int, told: Callable[[str], None]) -> None:
                 timeout_graceful_shutdown=1,
             )
         )
-        own.listen(CLIENTS)
+        listener.listen(CLIENTS)
         try:
             with contextlib.suppress(KeyboardInterrupt):
-                told(gate.link)
-                server.run(sockets=[own])
+                say(gate.link)
+                server.run(sockets=[listener])
         finally:
-            bench.close()
+            workspace.close()

@@ -37,7 +37,7 @@ class NotThere(NearliftError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class ServedCampaign:
     """One campaign: its folder, as the command line is given it, and where its products are."""
 
     root: Path
@@ -89,7 +89,7 @@ def command_line(words: Sequence[str]) -> str:
     return shlex.join(("nearlift", *words))
 
 
-class Bench:
+class ServedWorkspace:
     """One workspace."""
 
     def __init__(self, root: Path) -> None:
@@ -126,7 +126,7 @@ class Bench:
             raise NotThere(given, f"holds no {MANIFEST}", "choose one of the workspace's campaigns")
         return root
 
-    def campaign(self, given: str) -> Place:
+    def campaign(self, given: str) -> ServedCampaign:
         """The campaign in that folder.
 
         Raises
@@ -142,28 +142,28 @@ class Bench:
         name = history.name_of(root / MANIFEST)
         if not name.strip("."):
             raise NotThere(given, f"cannot be called {name!r}", "mend `name` in its manifest")
-        return Place(
+        return ServedCampaign(
             root=root,
             given=relative if not relative.startswith("-") else f"./{relative}",
             name=name,
             homes=Homes.of(self.root, name),
         )
 
-    def campaigns(self) -> Iterator[tuple[str, Place | NearliftError]]:
+    def campaigns(self) -> Iterator[tuple[str, ServedCampaign | NearliftError]]:
         """Every folder with a manifest, and the campaign in it or why it is none."""
         for folder, folders, files in os.walk(self.root):
             here = Path(folder).relative_to(self.root)
             deep = len(here.parts)
-            own = MANIFEST in files
+            holds_manifest = MANIFEST in files
             folders[:] = sorted(
                 name
                 for name in folders
-                if not own
+                if not holds_manifest
                 and deep < DEEPEST
                 and not name.startswith(".")
                 and not (deep == 0 and name in ("processed", "reports"))
             )
-            if own:
+            if holds_manifest:
                 try:
                     yield here.as_posix(), self.campaign(here.as_posix())
                 except NearliftError as refusal:
@@ -227,8 +227,8 @@ class Bench:
         process = self._start(words, subprocess.PIPE)
         answer, said = process.communicate()
         if process.returncode not in (0, 3):
-            told = said.strip().removeprefix("error: ") or f"ended with {process.returncode}"
-            raise NearliftError(command_line(words), told)
+            reason = said.strip().removeprefix("error: ") or f"ended with {process.returncode}"
+            raise NearliftError(command_line(words), reason)
         return answer
 
     def _start(self, words: Sequence[str], stderr: int) -> subprocess.Popen[str]:

@@ -27,7 +27,7 @@ from nearlift.readers.files import inside
 from nearlift.readers.schedule import parse_schedule
 from nearlift.reduction import plausibility
 from nearlift.run import store
-from nearlift.serve.bench import MANIFEST, Bench, NotThere
+from nearlift.serve.bench import MANIFEST, NotThere, ServedWorkspace
 from nearlift.serve.manifest_text import UNITS, remark, spans
 
 SCHEDULE = "trials.csv"
@@ -48,7 +48,7 @@ _NAME = re.compile(r"[^\s./\\\0][^/\\\0]{0,199}")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Refused:
+class DraftFault:
     """A fault, and where it is: a key of the manifest, or a line and column of the schedule; empty
     and 0 where that is not known.
     """
@@ -60,21 +60,21 @@ class Refused:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Checked:
+class DraftCheck:
     """What the form shows: every value by key with its choices, what is refused and where, how many
     trials there are, the first record, and whether the force can be this vehicle's.
     """
 
     fields: list[dict[str, object]]
-    refusals: list[Refused]
+    refusals: list[DraftFault]
     trials: int
     file: str
     reads: str
 
 
-def check(root: Path, text: str, schedule: str) -> Checked:
+def check(root: Path, text: str, schedule: str) -> DraftCheck:
     """What these texts say; nothing is written."""
-    refusals: list[Refused] = []
+    refusals: list[DraftFault] = []
     values: dict[str, object] = {}
     trials = 0
     try:
@@ -97,7 +97,7 @@ def check(root: Path, text: str, schedule: str) -> Checked:
         if key != "schema"
     ]
     first = next(records(root, values), None)
-    return Checked(
+    return DraftCheck(
         fields=fields,
         refusals=refusals,
         trials=trials,
@@ -131,7 +131,7 @@ def _told(value: object) -> str:
     return str(value).lower() if isinstance(value, bool) else str(value)
 
 
-def _by_key(refusal: NearliftError, values: dict[str, object]) -> Iterator[Refused]:
+def _by_key(refusal: NearliftError, values: dict[str, object]) -> Iterator[DraftFault]:
     """Each fault with the key or the cell at which it is."""
     lines = refusal.what.split("\n  ")
     place = _PLACE.search(refusal.where)
@@ -141,13 +141,13 @@ def _by_key(refusal: NearliftError, values: dict[str, object]) -> Iterator[Refus
     for fault in lines:
         key, _, said = fault.partition(": ")
         known = bool(said) and (key in values or any(k.startswith(f"{key}.") for k in values))
-        own = key if known else where
-        told = said if known else fault if own or line else f"{refusal.where}: {fault}"
+        at_key = key if known else where
+        reason = said if known else fault if at_key or line else f"{refusal.where}: {fault}"
         more = f"; {refusal.remedy}" if refusal.remedy and len(lines) == 1 else ""
-        at_cell = line and not own
-        yield Refused(
-            key=own,
-            text=told + more,
+        at_cell = line and not at_key
+        yield DraftFault(
+            key=at_key,
+            text=reason + more,
             line=line if at_cell else 0,
             column=column if at_cell else "",
         )
@@ -180,8 +180,10 @@ def reads(root: Path, values: dict[str, object]) -> str:
     """
     try:
         path = next(records(root, values))
-        found = inspected(path)
-        force = next(c for c in found.contents.channels if c.name == values["records.force.column"])
+        record = inspected(path)
+        force = next(
+            c for c in record.contents.channels if c.name == values["records.force.column"]
+        )
         scale, _ = units.to_si(str(values["records.force.unit"]), "force", "records.force.unit")
         rate = float(str(values["load_cell.sample_rate"]).split()[0])
         head = str(values["load_cell.tare"]).split()[0]
@@ -194,12 +196,12 @@ def reads(root: Path, values: dict[str, object]) -> str:
         return ""
     weight = STANDARD_G * kg
     ratio = lift_N / weight
-    told = (
+    comparison = (
         f"hover weight {values['vehicle.mass']}: {path.name} reads {lift_N:.4g} N,"
         f" {ratio:.3g} times it"
     )
     if ratio < 0:
-        return f"{told}. Lift pulls the cell the other way: change the sign"
+        return f"{comparison}. Lift pulls the cell the other way: change the sign"
     try:
         table = {
             "boundary": np.array(["none"], dtype=object),
@@ -212,13 +214,13 @@ def reads(root: Path, values: dict[str, object]) -> str:
             table, weight, str(values["records.force.unit"]), "records.force.unit"
         )
     except NearliftError as refusal:
-        return f"{told}: {refusal.remedy}"
-    return told
+        return f"{comparison}: {refusal.remedy}"
+    return comparison
 
 
 def channels(path: Path) -> list[dict[str, object]]:
     """Each channel of a record, thinned to the lowest and highest of each stretch."""
-    found: list[dict[str, object]] = []
+    drawn: list[dict[str, object]] = []
     for c in inspected(path).contents.channels:
         n = len(c.values)
         if not n or not np.isfinite(c.values).any():
@@ -226,15 +228,15 @@ def channels(path: Path) -> list[dict[str, object]]:
         size = max(1, 2 * n // DRAWN)
         points: list[list[float]] = []
         for begin in range(0, n, size):
-            own = c.values[begin : begin + size]
-            own = own[np.isfinite(own)]
-            if len(own):
-                points += [[begin, float(own.min())], [begin, float(own.max())]]
-        found.append({"name": c.name, "unit": c.unit, "rate": c.rate_Hz, "points": points})
-    return found
+            stretch = c.values[begin : begin + size]
+            stretch = stretch[np.isfinite(stretch)]
+            if len(stretch):
+                points += [[begin, float(stretch.min())], [begin, float(stretch.max())]]
+        drawn.append({"name": c.name, "unit": c.unit, "rate": c.rate_Hz, "points": points})
+    return drawn
 
 
-def folder_of(bench: Bench, name: str) -> Path:
+def folder_of(workspace: ServedWorkspace, name: str) -> Path:
     """The folder of a campaign of that name that is still to be made, under ``raw/``.
 
     Raises
@@ -246,13 +248,15 @@ def folder_of(bench: Bench, name: str) -> Path:
         raise UsageError(
             f"name {name!r}", "is not a slug", "lower-case letters, digits, '-', '_' and '.'"
         )
-    root = bench.inside(f"raw/{name}")
+    root = workspace.inside(f"raw/{name}")
     if (root / MANIFEST).exists():
         raise UsageError(name, "is a campaign already", "choose another name")
     return root
 
 
-async def receive(bench: Bench, name: str, file: str, content: AsyncIterator[bytes]) -> Path:
+async def receive(
+    workspace: ServedWorkspace, name: str, file: str, content: AsyncIterator[bytes]
+) -> Path:
     """A dropped record, in its place once all of it is there; nothing is ever overwritten.
 
     Raises
@@ -262,9 +266,9 @@ async def receive(bench: Bench, name: str, file: str, content: AsyncIterator[byt
     """
     if not _NAME.fullmatch(file):
         raise UsageError(f"file {file[:80]!r}", "cannot be called so", "a plain name, no folder")
-    folder = folder_of(bench, name) / "trials"
+    folder = folder_of(workspace, name) / "trials"
     folder.mkdir(parents=True, exist_ok=True)
-    place = bench.inside(folder.relative_to(bench.root).as_posix()) / file
+    place = workspace.inside(folder.relative_to(workspace.root).as_posix()) / file
     if os.path.lexists(place):
         raise UsageError(file, "is there already", "nothing is ever overwritten")
     temporary = place.with_name(f".{file}.{os.getpid()}.tmp")

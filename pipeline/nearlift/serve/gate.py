@@ -57,12 +57,12 @@ class Gate:
         headers: dict[bytes, list[bytes]] = {}
         for name, value in scope["headers"]:
             headers.setdefault(name.lower(), []).append(value)
-        own = f"http://{self.host}".encode()
+        address = f"http://{self.host}".encode()
         origin = headers.get(b"origin")
         knows = self._knows(headers.get(b"cookie", ()))
         if headers.get(b"host") != [self.host.encode()]:
             await _answer(send, 403, "another host")
-        elif origin not in (None, [own]) or (
+        elif origin not in (None, [address]) or (
             origin is None and scope["method"] not in ("GET", "HEAD")
         ):
             await _answer(send, 403, "another origin")
@@ -103,8 +103,8 @@ class Gate:
 async def _answer(
     send: Send, status: int, text: str, headers: Iterable[tuple[bytes, bytes]] = ()
 ) -> None:
-    told = [(b"content-type", b"text/plain; charset=utf-8"), *headers]
-    await _guarded(send)({"type": "http.response.start", "status": status, "headers": told})
+    all_headers = [(b"content-type", b"text/plain; charset=utf-8"), *headers]
+    await _guarded(send)({"type": "http.response.start", "status": status, "headers": all_headers})
     await send({"type": "http.response.body", "body": f"{text}\n".encode()})
 
 
@@ -113,8 +113,8 @@ def _guarded(send: Send) -> Send:
 
     async def guarded(message: Message) -> None:
         if message["type"] == "http.response.start":
-            own = {name.lower() for name, _ in message["headers"]}
-            more = [pair for pair in HEADERS.items() if pair[0] not in own]
+            given = {name.lower() for name, _ in message["headers"]}
+            more = [pair for pair in HEADERS.items() if pair[0] not in given]
             message = {**message, "headers": [*message["headers"], *more]}
         await send(message)
 

@@ -32,7 +32,7 @@ from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis
 from nearlift.results.quotation import Results
 from nearlift.run import store
 from nearlift.run.intact import WRITING_NS
-from nearlift.serve.bench import Bench, Place, Work
+from nearlift.serve.bench import ServedCampaign, ServedWorkspace, Work
 from nearlift.stages import judge
 from nearlift.stages.rows import Rows, Task, reduce_piece
 
@@ -48,7 +48,7 @@ SHOWN = ("trial", "boundary", "z_hat", "throttle", "lift_N", "u_lift_N", "qualit
 class Live:
     """The trials of one campaign as they land; every change of one has a number, its turn."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: ServedCampaign) -> None:
         self.place = place
         self.refusal = ""
         self.turn = self.epoch = 0
@@ -83,31 +83,31 @@ class Live:
         """What changed after a turn; all of it where the campaign was begun anew."""
         with self._lock:
             turn = turn if epoch == self.epoch else 0
-            changed = [i for i, own in enumerate(self._turns) if own > turn]
-            told = {
+            changed = [i for i, last in enumerate(self._turns) if last > turn]
+            changes = {
                 "fresh": epoch != self.epoch,
                 "scheduled": len(self._turns),
                 "far": self._far,
                 "refusal": self.refusal,
                 "trials": [self._told(i) for i in changed],
             }
-            return told, self.epoch, self.turn
+            return changes, self.epoch, self.turn
 
     def _told(self, i: int) -> dict[str, object]:
         """One trial."""
-        of = {name: self._table[name][i] for name in SHOWN}
-        codes = of["quality"].split()
+        trial = {name: self._table[name][i] for name in SHOWN}
+        codes = trial["quality"].split()
         return {
             "i": i,
-            "trial": str(of["trial"]),
-            "boundary": str(of["boundary"]),
-            "z": _finite(of["z_hat"]),
-            "throttle": _finite(of["throttle"]),
-            "lift": _finite(of["lift_N"]),
-            "u": _finite(of["u_lift_N"]),
+            "trial": str(trial["trial"]),
+            "boundary": str(trial["boundary"]),
+            "z": _finite(trial["z_hat"]),
+            "throttle": _finite(trial["throttle"]),
+            "lift": _finite(trial["lift_N"]),
+            "u": _finite(trial["u_lift_N"]),
             "codes": codes,
-            "said": _meaning(of["quality"]),
-            "fault": str(of["fault"]),
+            "said": _meaning(trial["quality"]),
+            "fault": str(trial["fault"]),
         }
 
     def _take_up(self) -> None:
@@ -125,11 +125,11 @@ class Live:
         if campaign.cuts_records or not reader.series or MARK not in campaign.records.pattern:
             self._from_product()
             return
-        found = per_trial(campaign, root, schedule.trial.tolist())
-        if self._seen.keys() - found.keys():
+        files = per_trial(campaign, root, schedule.trial.tolist())
+        if self._seen.keys() - files.keys():
             # a record was taken away
             self._begin()
-        stamped = ((trial, _stamp(path.stat())) for trial, (path, _) in found.items())
+        stamped = ((trial, _stamp(path.stat())) for trial, (path, _) in files.items())
         new = [(trial, stamp) for trial, stamp in stamped if self._seen.get(trial) != stamp]
         self._behind = len(new) > PER_LOOK
         if not new:
@@ -186,12 +186,12 @@ class Live:
             side: {f"{t:.6g}": lift for t, lift in zip(*levels, strict=True)}
             for side, levels in plausibility.far_lifts(table).items()
         }
-        told = table["quality"].tolist()
-        before = self._table["quality"].tolist() if self._table else [None] * len(told)
-        missing = ["MISSING" if own is None else own for own in before]
+        codes = table["quality"].tolist()
+        before = self._table["quality"].tolist() if self._table else [None] * len(codes)
+        missing = ["MISSING" if code is None else code for code in before]
         self.turn += 1
-        self._turns = self._turns or [0] * len(told)
-        for i, (old, new) in enumerate(zip(missing, told, strict=True)):
+        self._turns = self._turns or [0] * len(codes)
+        for i, (old, new) in enumerate(zip(missing, codes, strict=True)):
             if i in fresh or old != new:
                 self._turns[i] = self.turn
         self._table = {name: table[name] for name in SHOWN}
@@ -205,12 +205,12 @@ def _finite(value: float) -> float | None:
     return float(f"{value:.7g}") if math.isfinite(value) else None
 
 
-def watching(bench: Bench, place: Place) -> Work | None:
+def watching(workspace: ServedWorkspace, place: ServedCampaign) -> Work | None:
     """The command that watches a campaign, where one is at it."""
     return next(
         (
             work
-            for work in bench.works.values()
+            for work in workspace.works.values()
             if work.ended is None and work.campaign == place.given and "--watch" in work.words
         ),
         None,
@@ -221,12 +221,12 @@ def looks(lines: list[str]) -> Iterator[dict[str, object]]:
     """The looks among what `nearlift run --watch --json` says."""
     for line in lines:
         if line.startswith("{") and len(line) < LONGEST:
-            found = json.loads(line)
-            if "words" in found:
-                yield {key: found[key] for key in ("words", "refused", "good", "scheduled")}
+            look = json.loads(line)
+            if "words" in look:
+                yield {key: look[key] for key in ("words", "refused", "good", "scheduled")}
 
 
-def looked(place: Place) -> dict[str, object]:
+def looked(place: ServedCampaign) -> dict[str, object]:
     """What the last look found: verdicts, curves, residuals, single trials that count for much."""
     home, reports = place.homes.processed, place.homes.reports
     quoted = store.load_if_whole(home / RESULTS.file, Results(boundaries={})).boundaries
@@ -234,18 +234,18 @@ def looked(place: Place) -> dict[str, object]:
     fitted = store.read_json_if_whole(home / FIT.file)
     influence: Any = fitted.get("influence", {})
     verdicts = []
-    for boundary, own in quoted.items():
-        found = diagnosed.get(boundary)
-        look = found.look if isinstance(found, BoundaryDiagnosis) else None
+    for boundary, quotation in quoted.items():
+        diagnosis = diagnosed.get(boundary)
+        look = diagnosis.look if isinstance(diagnosis, BoundaryDiagnosis) else None
         verdicts.append(
             {
                 "boundary": boundary,
-                "headline": own.headline_text,
-                "claim": catalogue.titled(own.claim),
+                "headline": quotation.headline_text,
+                "claim": catalogue.titled(quotation.claim),
                 "paid": look.text if look else "",
-                "leaning": own.leaning,
-                "rivals": list(own.rivals),
-                "coefficients": list(own.coefficients),
+                "leaning": quotation.leaning,
+                "rivals": list(quotation.rivals),
+                "coefficients": list(quotation.coefficients),
             }
         )
     codes = {}
@@ -256,8 +256,8 @@ def looked(place: Place) -> dict[str, object]:
         "verdicts": verdicts,
         "suspects": [
             f"{boundary}: {suspect['text']}"
-            for boundary, own in influence.items()
-            for suspect in own["suspects"]
+            for boundary, sizes in influence.items()
+            for suspect in sizes["suspects"]
         ],
         "codes": {t: {"codes": q.split(), "said": _meaning(q)} for t, q in codes.items()},
         "curves": _curves(reports / "fig2.csv"),
@@ -280,20 +280,20 @@ def _table(path: os.PathLike[str]) -> Iterator[dict[str, str]]:
 def _curves(path: os.PathLike[str]) -> dict[str, list[list[float]]]:
     """Of each boundary the fitted curve of Figure 2: z over R, Delta L in percent, its ends."""
     names = ("z_hat", "delta_L_percent", "lo90_percent", "hi90_percent")
-    found: dict[str, list[list[float]]] = {}
+    curves: dict[str, list[list[float]]] = {}
     for row in _table(path):
         if row["kind"] == "band":
-            found.setdefault(row["panel"], []).append([float(row[n] or "nan") for n in names])
-    return {k: [p for p in line if np.isfinite(p).all()] for k, line in found.items()}
+            curves.setdefault(row["panel"], []).append([float(row[n] or "nan") for n in names])
+    return {k: [p for p in line if np.isfinite(p).all()] for k, line in curves.items()}
 
 
 def _residuals(path: os.PathLike[str]) -> dict[str, dict[str, list[list[object]]]]:
     """By boundary and covariate: covariate, residual in percent, trial."""
-    found: dict[str, dict[str, list[list[object]]]] = {}
+    panels: dict[str, dict[str, list[list[object]]]] = {}
     for row in _table(path):
         if row["kind"] == "trial" and row["x"] and row["residual_percent"]:
             x, y = float(row["x"]), float(row["residual_percent"])
             if math.isfinite(x) and math.isfinite(y):
-                of = found.setdefault(row["panel"], {})
-                of.setdefault(row["covariate"], []).append([x, y, row["trial"]])
-    return found
+                panel = panels.setdefault(row["panel"], {})
+                panel.setdefault(row["covariate"], []).append([x, y, row["trial"]])
+    return panels

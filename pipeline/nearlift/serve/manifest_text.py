@@ -27,7 +27,7 @@ _PART = re.compile(
 
 def spans(text: str) -> dict[str, tuple[int, int]]:
     """Where the value of each key stands, by its dotted name; tables in arrays count from 0."""
-    found: dict[str, tuple[int, int]] = {}
+    places: dict[str, tuple[int, int]] = {}
     table, counts, at = "", dict[str, int](), 0
     while at < len(text):
         if head := _HEAD.match(text, at):
@@ -37,10 +37,10 @@ def spans(text: str) -> dict[str, tuple[int, int]]:
                 table = f"{table}.{counts[table]}"
         elif key := _KEY.match(text, at):
             end = _end(text, key.end(), ())
-            _put(found, f"{table}.{_plain(key[1])}".lstrip("."), text, key.end(), end)
+            _put(places, f"{table}.{_plain(key[1])}".lstrip("."), text, key.end(), end)
             at = end
         at = text.find("\n", at) + 1 or len(text)
-    return found
+    return places
 
 
 def _plain(key: str) -> str:
@@ -57,13 +57,13 @@ def remark(text: str, end: int) -> str:
     return ""
 
 
-def _put(found: dict[str, tuple[int, int]], key: str, text: str, begin: int, end: int) -> None:
+def _put(places: dict[str, tuple[int, int]], key: str, text: str, begin: int, end: int) -> None:
     """A value, and those within it where it is an inline table."""
-    found[key] = begin, end
+    places[key] = begin, end
     at = begin + 1
     while text[begin] == "{" and (inner := _KEY.match(text, at)) and inner.end() < end:
         stop = _end(text, inner.end(), (",", "}"))
-        _put(found, f"{key}.{_plain(inner[1])}", text, inner.end(), stop)
+        _put(places, f"{key}.{_plain(inner[1])}", text, inner.end(), stop)
         at = stop + 1
 
 
@@ -90,17 +90,17 @@ def with_value(text: str, key: str, value: str) -> str:
     """
     where = spans(text).get(key)
     number = re.fullmatch(r"-?\d+(\.\d+)?|true|false", value) and not key.endswith("name")
-    told = value if number else json.dumps(value, ensure_ascii=False)
+    written = value if number else json.dumps(value, ensure_ascii=False)
     head = re.search(r"^[ \t]*\[trials\.units\][^\n]*\n", text, re.MULTILINE)
     if where is None and key.startswith(UNITS) and head:
-        made = f"{text[: head.end()]}{key.removeprefix(UNITS)} = {told}\n{text[head.end() :]}"
+        made = f"{text[: head.end()]}{key.removeprefix(UNITS)} = {written}\n{text[head.end() :]}"
         return _only(key, text, made)
     if where is None:
         raise ManifestError(key, "stands nowhere in the text", "write it there")
     begin, end = where
     first = text.rfind("\n", 0, begin) + 1
     if value or not re.fullmatch(r"[\w-]+\s*=\s*", text[first:begin].lstrip()):
-        made = text[:begin] + told + text[end:]
+        made = text[:begin] + written + text[end:]
     else:
         last = text.find("\n", end) + 1 or len(text)
         made = text[:first] + text[last:]
