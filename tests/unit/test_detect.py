@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import ManifestError
-from nearlift.manifest.flight import Reading
+from nearlift.manifest.flight import LiftReading
 from nearlift.products import DETECTION, PROXIMITY, RESULTS
 from nearlift.report.chapters import proximity as chapter
 from nearlift.report.figures.encoding import render
@@ -104,7 +104,7 @@ def test_a_reading_becomes_a_distance(done):
     belief = fitted_lift(job, "ground", 50)
     ratio = float(belief.ratio()(np.array([1.5]))[0])
     found = read(
-        job, Reading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"})
+        job, LiftReading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"})
     )
     assert found.z_hat.lo90 < 1.5 < found.z_hat.hi90
     assert found.z_hat.median == pytest.approx(1.5, rel=0.05)
@@ -117,16 +117,16 @@ def test_a_reading_becomes_a_distance(done):
     # lift goes as throttle^1.4 here: the throttle that lifts weight / ratio far away
     hover = (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)
     given = {"boundary": "ground", "throttle": f"{100 * hover} percent", "u": "0 percent"}
-    told = read(job, Reading.model_validate(given))
+    told = read(job, LiftReading.model_validate(given))
     assert told.ratio == pytest.approx(ratio, rel=0.02)
     assert told.z_hat.lo90 < 1.5 < told.z_hat.hi90
     wider = read(
-        job, Reading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"})
+        job, LiftReading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"})
     )
     assert wider.u == pytest.approx(
         math.hypot(told.u, 0.01 * told.ratio, 0.02 * told.ratio), rel=1e-3
     )
-    heavier = read(job, Reading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}))
+    heavier = read(job, LiftReading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}))
     assert heavier.ratio == pytest.approx(told.ratio * 28 / 27)
 
 
@@ -250,13 +250,13 @@ def test_distances_of_significance(remake, done):
 def test_one_reading_does_not_tell_ground_from_ceiling(done):
     job, _ = done
     asked = {"boundary": "ground", "ratio": 1.08, "u": "0.5 percent"}
-    found = read(job, Reading.model_validate(asked))
+    found = read(job, LiftReading.model_validate(asked))
     (at,) = found.alike.values()
     assert set(found.alike) == {"ceiling"}
     ceiling = fitted_lift(job, "ceiling", 2)
     assert float(ceiling.ratio()(np.array([at]))[0]) == pytest.approx(1.08, abs=1e-4)
     assert "one reading does not tell them apart" in found.text
-    lower = Reading.model_validate(asked | {"boundary": "sidewall", "ratio": 0.98})
+    lower = LiftReading.model_validate(asked | {"boundary": "sidewall", "ratio": 0.98})
     assert read(job, lower).alike == {}
 
 

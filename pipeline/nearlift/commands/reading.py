@@ -11,7 +11,7 @@ from nearlift.errors import UsageError
 
 def answer(campaign: Path, given: Mapping[str, object], call: Call) -> None:
     """Where the boundary is by this reading; quantities are texts, as the manifest has them."""
-    from nearlift.manifest.flight import Reading
+    from nearlift.manifest.flight import LiftReading
     from nearlift.manifest.validation import validated
     from nearlift.results.serial import encode
     from nearlift.stages.detect import read
@@ -23,7 +23,7 @@ def answer(campaign: Path, given: Mapping[str, object], call: Call) -> None:
         if flag not in given:
             raise UsageError(f"--{flag}", f"is missing: {why}", f"add --{flag} {example}")
     fields = {name.removesuffix("_u"): value for name, value in given.items()}
-    reading = validated(Reading, fields, "nearlift detect")
+    reading = validated(LiftReading, fields, "nearlift detect")
     with call.job(campaign) as job:
         result = read(job, reading)
     call.answer(encode(result), result.text)

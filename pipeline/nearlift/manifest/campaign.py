@@ -40,7 +40,7 @@ class FitChoice(Section):
     downwash: bool = False
 
 
-class Fit(Section):
+class FitOptions(Section):
     """How models are fitted: the choice of models by boundary, and how their posteriors are
     sampled.
 
@@ -57,10 +57,10 @@ class Fit(Section):
     steps: int = Field(default=20_000, ge=400, le=10_000_000)
     netcdf: bool = False
 
-    def of(self, boundary: Boundary) -> FitChoice | None:
+    def choice(self, boundary: Boundary) -> FitChoice | None:
         """The choice of models for one boundary, where there is one."""
-        choice: FitChoice | None = getattr(self, boundary)
-        return choice
+        chosen: FitChoice | None = getattr(self, boundary)
+        return chosen
 
 
 class Overlay(Section):
@@ -144,7 +144,7 @@ class Campaign(Section):
     levels: Levels | None = None
     trials: Trials = Trials()
     uncertainty: list[Uncertainty] = []
-    fit: Fit = Fit()
+    fit: FitOptions = FitOptions()
     report: Report = Report()
     quality: Quality = Quality()
     diagnose: Diagnose = Diagnose()
@@ -248,7 +248,9 @@ class Campaign(Section):
         """
         return (
             tuple(
-                b for b in BOUNDARIES if (choice := self.fit.of(b)) is not None and choice.downwash
+                b
+                for b in BOUNDARIES
+                if (chosen := self.fit.choice(b)) is not None and chosen.downwash
             )
             or None
         )

@@ -19,6 +19,7 @@ from nearlift.manifest.quantities import (
     IntegralGain,
     Mass,
     Position,
+    PositiveDuration,
     PositiveLength,
     ProportionalGain,
     Rate,
@@ -26,14 +27,7 @@ from nearlift.manifest.quantities import (
     Share,
     Velocity,
     Voltage,
-    positive,
 )
-
-
-def _positive(value: float) -> float:
-    if not value > 0:
-        raise ValueError("must be positive")
-    return value
 
 
 def _unlike(values: list[Any]) -> list[Any]:
@@ -62,7 +56,6 @@ def _no_wall(boundary: Boundary) -> Boundary:
     return boundary
 
 
-PositiveDuration = Annotated[Duration, AfterValidator(positive)]
 Flown = Annotated[Boundary, AfterValidator(_no_wall)]
 Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
@@ -158,7 +151,7 @@ class Simulate(Section):
     route: Route | None = None
 
 
-class Reading(Section):
+class LiftReading(Section):
     """A measurement to be read as a distance: a lift ratio, or the throttle at which the vehicle
     hovers.
 
@@ -177,7 +170,7 @@ class Reading(Section):
     mass: Mass | None = None
 
     @model_validator(mode="after")
-    def _one_of_both(self) -> Reading:
+    def _one_of_both(self) -> Self:
         if (self.ratio is None) == (self.throttle is None):
             raise ValueError(
                 'takes a ratio or a throttle, one of both\nratio = 1.12, or throttle = "55 percent"'
@@ -204,4 +197,4 @@ class Detect(Section):
     force_bandwidth: Rate | None = None
     payload: list[Fraction] = Field(default=[0.0, 0.01, 0.05], min_length=1)
     supply: Annotated[list[Fraction], BeforeValidator(_listed)] = Field(default=[0.0], min_length=1)
-    reading: list[Reading] = Field(default=[])
+    reading: list[LiftReading] = Field(default=[])

@@ -13,6 +13,7 @@ from nearlift.manifest.quantities import (
     Angle,
     Duration,
     Length,
+    PositiveDuration,
     Section,
     Velocity,
     positive,
@@ -128,7 +129,7 @@ class Flight(Section):
     attitude: Attitude | None = None
     airborne: Velocity = 0.15
     tilt: Annotated[Angle, AfterValidator(positive)] = math.radians(15)
-    window: Annotated[Duration, AfterValidator(positive)] = 0.25
+    window: PositiveDuration = 0.25
     lag: Annotated[Duration, AfterValidator(_within_what_motors_do)] | Literal["auto"] = "auto"
     sound: str | None = None
 

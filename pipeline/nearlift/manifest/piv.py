@@ -18,10 +18,10 @@ from nearlift import units
 from nearlift.errors import ManifestError, brief
 from nearlift.manifest.quantities import (
     Angle,
-    Duration,
     Fraction,
     Length,
     Position,
+    PositiveDuration,
     PositiveLength,
     Rate,
     Section,
@@ -39,20 +39,13 @@ def _pixel_size(value: object) -> float:
         raise ValueError(f"{refusal.what}; {refusal.remedy}") from None
 
 
-def _positive(value: float) -> float:
-    if not value > 0:
-        raise ValueError("must be positive")
-    return value
-
-
 PixelSize = Annotated[float, BeforeValidator(_pixel_size), AfterValidator(positive)]
-FrameTime = Annotated[Duration, AfterValidator(positive)]
 Rectangle = Annotated[tuple[Length, Length, Length, Length], Field(strict=False)]
 Direction = Literal["+x", "-x", "+y", "-y"]
 PivBoundary = Literal["ground", "ceiling", "none"]
 
 
-class Picture(Section):
+class PivConventions(Section):
     """How files are read and how their pictures lie; said once under [piv], or for one case where
     it differs.
 
@@ -89,7 +82,7 @@ class Picture(Section):
     length_unit: str | None = None
     velocity_unit: str | None = None
     scale: PixelSize | None = None
-    frame_time: FrameTime | None = None
+    frame_time: PositiveDuration | None = None
     v_sign: Literal[1, -1] | None = None
     thrust: Direction | None = None
     across: Direction | None = None
@@ -100,7 +93,7 @@ class Picture(Section):
     rate: Rate | None = None
 
 
-class PivCase(Picture):
+class PivCase(PivConventions):
     """The fields of one boundary, distance and tilt. `tilt` is positive where the vehicle's +x side
     is farther from the boundary.
     """
@@ -129,7 +122,7 @@ class PivCase(Picture):
         return self
 
 
-class Piv(Picture):
+class Piv(PivConventions):
     """All cases, and what is asked of them.
 
     Attributes
@@ -178,20 +171,19 @@ class Piv(Picture):
             raise ValueError(f'the control {self.control!r} must have boundary = "none"')
         for case in self.case:
             for key in ("thrust", "origin", "rotors"):
-                if self.of(case, key) is None:
+                if self.setting(case, key) is None:
                     raise ValueError(f"case {case.name!r}: {key} is missing, here or under [piv]")
-            if (
-                self.of(case, "thrust")[1]
-                == self.of(case, "across", "?x" if self.of(case, "thrust")[1] == "y" else "?y")[1]
-            ):
+            across = self.setting(case, "across")
+            if across is not None and across[1] == self.setting(case, "thrust")[1]:
                 raise ValueError(f"case {case.name!r}: across and thrust are the same axis")
         return self
 
-    def of(self, case: PivCase, key: str, default: Any = None) -> Any:
+    def setting(self, case: PivCase, key: str, default: Any = None) -> Any:
         """What one case says of `key`, else what [piv] says, else `default`."""
-        own = getattr(case, key)
-        said = getattr(self, key) if own is None else own
-        return default if said is None else said
+        for section in (case, self):
+            if (value := getattr(section, key)) is not None:
+                return value
+        return default
 
     def named(self, name: str) -> PivCase:
         """The case of that name."""

@@ -42,6 +42,7 @@ Fraction = Annotated[float, _quantity("fraction"), AfterValidator(_not_negative)
 Share = Annotated[float, _quantity("fraction"), AfterValidator(positive)]
 Mass = Annotated[float, _quantity("mass"), AfterValidator(positive)]
 Duration = Annotated[float, _quantity("time"), AfterValidator(_not_negative)]
+PositiveDuration = Annotated[Duration, AfterValidator(positive)]
 Rotation = Annotated[float, _quantity("rotation"), AfterValidator(positive)]
 Rate = Annotated[float, _quantity("frequency"), AfterValidator(positive)]
 Force = Annotated[float, _quantity("force"), AfterValidator(positive)]

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from typing import Self
 
-from pydantic import AfterValidator, model_validator
+from pydantic import model_validator
 
 from nearlift import units
 from nearlift.errors import ManifestError
-from nearlift.manifest.quantities import Duration, Section, positive
+from nearlift.manifest.quantities import Duration, PositiveDuration, Section
 from nearlift.manifest.rig import RECORD_MARK, LoadCell, Records
 
 #: Ways to cut that are no column's name.
@@ -93,7 +93,7 @@ class Segments(Section):
 
     by: str
     settle: Duration
-    shortest: Annotated[Duration, AfterValidator(positive)]
+    shortest: PositiveDuration
     unit: str | None = None
     zero: float = 0.0
     full: float | None = None
@@ -104,7 +104,7 @@ class Segments(Section):
     step: str | float | None = None
     begin: str | None = None
     end: str | None = None
-    length: Annotated[Duration, AfterValidator(positive)] | None = None
+    length: PositiveDuration | None = None
     covariates: list[str] | None = None
     columns: dict[str, ColumnOfRecord] = {}
 
@@ -133,8 +133,8 @@ class Segments(Section):
     @model_validator(mode="after")
     def _keys_of_its_own_way(self) -> Self:
         needs = {"plateaus": "step", "markers": "begin", "windows": "length"}
-        own = {"of": "plateaus", "step": "plateaus", "begin": "markers", "end": "markers"}
-        for key, way in own.items():
+        ways = {"of": "plateaus", "step": "plateaus", "begin": "markers", "end": "markers"}
+        for key, way in ways.items():
             if getattr(self, key) is not None and self.by != way:
                 raise ValueError(f'{key} goes with by = "{way}"')
         if self.by in WAYS and getattr(self, needs[self.by]) is None:

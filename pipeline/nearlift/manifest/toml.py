@@ -60,8 +60,8 @@ def loads(content: bytes, where: str) -> dict[str, Any]:
 def _bounded(text: str, where: str) -> None:
     """Refuse brackets, dotted keys and numbers beyond what any manifest has."""
     line, brackets, dots = 1, 0, 0
-    for found in _TOKEN.finditer(text):
-        token = found[0]
+    for match in _TOKEN.finditer(text):
+        token = match[0]
         if token in "\"'":
             return
         if token in "[{":

@@ -19,7 +19,7 @@ from nearlift.flight.proximity.detection import (
 from nearlift.flight.proximity.reach import Sensor
 from nearlift.flight.proximity.reading import HeightReading, RefusedReading, read_height
 from nearlift.manifest.campaign import boundaries_of
-from nearlift.manifest.flight import Detect, Reading
+from nearlift.manifest.flight import Detect, LiftReading
 from nearlift.products import DETECTION, PROXIMITY, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results.fit import FitResults
@@ -72,7 +72,7 @@ def run(job: Job) -> Outcome:
     return Outcome(notes=tuple(notes))
 
 
-def read(job: Job, reading: Reading, lift: FittedLift | None = None) -> HeightReading:
+def read(job: Job, reading: LiftReading, lift: FittedLift | None = None) -> HeightReading:
     """The posterior of z_hat from one reading.
 
     Raises

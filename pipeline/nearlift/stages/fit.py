@@ -44,7 +44,7 @@ GIVEN_BY = {
 
 def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[LiftModel, ...]]:
     """Base model and rivals of one boundary: the manifest's, else the vehicle's defaults."""
-    chosen = campaign.fit.of(boundary)
+    chosen = campaign.fit.choice(boundary)
     vehicle, geometry = campaign.vehicle, campaign.geometry()
     base = catalogue.model(
         chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors)

@@ -80,8 +80,8 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
     radius = vehicle.rotor_radius
     files = files_of(job.root, spec)
     stream = Stream(root=job.root, piv=piv, case=spec, files=files)
-    half = piv.of(spec, "mirror")
-    rotors = tuple(piv.of(spec, "rotors"))
+    half = piv.setting(spec, "mirror")
+    rotors = tuple(piv.setting(spec, "rotors"))
     scene = Scene(
         boundary=spec.boundary,
         distance_m=math.inf if spec.z_hat is None else spec.z_hat * radius,

@@ -13,7 +13,7 @@ from nearlift.declare import Boundary
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.proximity import inverse
 from nearlift.flight.proximity.reach import reach
-from nearlift.manifest.flight import Detect, Reading
+from nearlift.manifest.flight import Detect, LiftReading
 
 #: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.
 SAG_EXPONENT = 2.0
@@ -87,7 +87,7 @@ def refuse_folds(lift: FittedLift) -> None:
 
 
 def read_height(
-    reading: Reading,
+    reading: LiftReading,
     lift: FittedLift,
     lift_inf_N: Mapping[float, tuple[float, float]],
     chosen: Detect,

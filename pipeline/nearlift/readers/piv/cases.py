@@ -68,7 +68,7 @@ class Stream:
 
     def __iter__(self) -> Iterator[VelocityField]:
         said = {
-            key: self.piv.of(self.case, key)
+            key: self.piv.setting(self.case, key)
             for key in ("length_unit", "velocity_unit", "scale", "frame_time", "format")
         }
         setting = Setting(
@@ -78,12 +78,12 @@ class Stream:
             frame_time_s=said["frame_time"],
         )
         lie = {
-            "thrust": self.piv.of(self.case, "thrust"),
-            "across": self.piv.of(self.case, "across"),
-            "origin_m": self.piv.of(self.case, "origin"),
-            "v_sign": self.piv.of(self.case, "v_sign", 1),
+            "thrust": self.piv.setting(self.case, "thrust"),
+            "across": self.piv.setting(self.case, "across"),
+            "origin_m": self.piv.setting(self.case, "origin"),
+            "v_sign": self.piv.setting(self.case, "v_sign", 1),
         }
-        hidden = self.piv.of(self.case, "mask", [])
+        hidden = self.piv.setting(self.case, "mask", [])
         # started only if a file needs it
         with Child() as child:
             for path in self.files:

@@ -62,7 +62,7 @@ def summarise(evidence: Evidence) -> Columns:
         parts.append(profile_rows(evidence, case.name, case.name, "profile"))
         if case.name != piv.control:
             parts.append(profile_rows(evidence, piv.control, case.name, "control"))
-        for centre in piv.of(case, "rotors"):
+        for centre in piv.setting(case, "rotors"):
             ends = (np.array([-1.0, 1.0]) * row["half_span_m"] + centre) / r
             height = -row["below_m"] / r
             parts.append({"panel": case.name, "kind": "span", "x_hat": ends, "y_hat": height})

@@ -43,7 +43,7 @@ def scene(evidence: Evidence, case: PivCase) -> Scene:
         boundary=case.boundary,
         distance_m=math.inf if case.z_hat is None else case.z_hat * r,
         tilt_rad=case.tilt,
-        rotors_m=tuple(manifest(evidence).of(case, "rotors")),
+        rotors_m=tuple(manifest(evidence).setting(case, "rotors")),
         radius_m=r,
     )
 
