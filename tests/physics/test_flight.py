@@ -26,7 +26,7 @@ from nearlift.flight.simulation import (
 from nearlift.flight.simulation.control import PAPER_CEILING, PAPER_GAINS, Gains, poles, stable
 from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
 from nearlift.flight.simulation.curve import tabulate
-from nearlift.flight.simulation.disturbance import PAPER_DISTURBANCE, Disturbance
+from nearlift.flight.simulation.disturbance import PAPER_DISTURBANCE
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly, steps_per_hold, trace
 from nearlift.flight.simulation.groups import dimensionless, disturbance_for, gains_for
 from nearlift.flight.simulation.monte_carlo import Statements, combined, sweep
@@ -369,25 +369,6 @@ def test_streams_are_addressed():
     assert abs(correlation).max() < 0.3  # 19 900 pairs at sd 0.045: 6.7 sigma
     assert not np.intersect1d(stream.normals(1, 0, 500), stream.normals(2, 0, 500)).size
     assert stream.normals(7, 3, 4) == pytest.approx(stream.normals(7, 3, 4), abs=0)
-
-
-def test_the_disturbance_has_the_spectrum_that_it_declares():
-    """Averaged periodogram of 400 flights against the declared density at low frequency: each bin
-    to 5 % (a sd of 1/sqrt(400)).
-    """
-    gusts = Disturbance(sd_N=0.015, hold_s=0.1, correlation_s=0.3)
-    assert PAPER_DISTURBANCE.density_N2_s == pytest.approx(2.25e-5)
-    n, m = 512, gusts.memory
-    draws = np.stack([stream.normals(KEY, f, n) for f in range(400)])
-    for k in range(1, n):
-        draws[:, k] = m * draws[:, k - 1] + math.sqrt(1 - m * m) * draws[:, k]
-    power = (np.abs(np.fft.rfft(gusts.sd_N * draws)) ** 2).mean(axis=0) / n * gusts.hold_s
-    frequency = np.fft.rfftfreq(n, gusts.hold_s)
-    held = np.sinc(frequency * gusts.hold_s) ** 2
-    band = slice(2, 40)
-    assert (power * held)[band].mean() == pytest.approx(
-        gusts.spectrum_N2_s(frequency[band]).mean(), rel=0.05
-    )
 
 
 # ---- rates and levels

@@ -149,10 +149,10 @@ def uncertainty_table(
 
     pieces = 8
     while True:
-        found = spread(np.linspace(w_low, w_high, 2 * pieces + 1))
-        nodes, middle = found[:, ::2], found[:, 1::2]
+        spreads = spread(np.linspace(w_low, w_high, 2 * pieces + 1))
+        nodes, middle = spreads[:, ::2], spreads[:, 1::2]
         apart = np.abs(middle - (nodes[:, 1:] + nodes[:, :-1]) / 2)
-        allowed = np.maximum(0.05 * middle, 0.01 * found.max(axis=1, keepdims=True))
+        allowed = np.maximum(0.05 * middle, 0.01 * spreads.max(axis=1, keepdims=True))
         if (apart <= allowed).all() or pieces >= MOST:
             return UncertaintyTable(per_w=pieces / (w_high - w_low), ratio=nodes[0], slope=nodes[1])
         pieces *= 2

@@ -142,15 +142,15 @@ def _noticed(lift: FittedLift, device: Sensor, chosen: Detect) -> tuple[Noticed,
     heights = np.geomspace(*lift.measured_z_hat, TRIED)
     stays = (device.floor, chosen.payload[0], supply_sensitivity(lift) * chosen.supply[0])
     sigma = max(device.short_per_sqrt_Hz / math.sqrt(device.every_s), 1e-9)
-    found = []
+    noticed = []
     for z_hat, change in zip(heights.tolist(), (lift.ratio()(heights) - 1.0).tolist(), strict=True):
         test = sequential_test(
             change, sigma, math.hypot(*stays), device.every_s, chosen.false_alarms_per_hour
         )
-        found.append(
+        noticed.append(
             Noticed(z_hat=z_hat, change=change, threshold=test.threshold, delay_s=test.delay_s)
         )
-    return tuple(found)
+    return tuple(noticed)
 
 
 def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:

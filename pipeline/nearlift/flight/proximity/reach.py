@@ -85,10 +85,10 @@ def reaches(
     """Range of the first (the best estimate), and its 90 % interval over the others; an
     undetectable draw counts as zero.
     """
-    found = [reach(f, change, low, high) for f in ratios]
+    heights = [reach(f, change, low, high) for f in ratios]
     lo90, hi90 = (
-        np.percentile(np.nan_to_num(found[1:], nan=0.0), [5, 95])
-        if len(found) > 1
-        else (found[0], found[0])
+        np.percentile(np.nan_to_num(heights[1:], nan=0.0), [5, 95])
+        if len(heights) > 1
+        else (heights[0], heights[0])
     )
-    return found[0], float(lo90), float(hi90)
+    return heights[0], float(lo90), float(hi90)

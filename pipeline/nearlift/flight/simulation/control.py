@@ -52,7 +52,7 @@ def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
     return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
 
 
-def stable(gains: Gains, craft: Craft, boundary: Boundary, where: str = "simulate.gains") -> Gains:
+def stable(gains: Gains, craft: Craft, boundary: Boundary) -> Gains:
     """The gains, if their loop is stable without a boundary.
 
     Raises
@@ -66,7 +66,7 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary, where: str = "simulat
         return gains
     if gains.kP == 0.0 or gains.kD == 0.0:
         raise ManifestError(
-            f"{where}.{boundary}",
+            f"simulate.gains.{boundary}",
             f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back"
             " and calms it",
             "give both",
@@ -84,7 +84,7 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary, where: str = "simulat
         else "kP, kD and kI want one sign, and kD kP large enough for kI"
     )
     raise ManifestError(
-        f"{where}.{boundary}",
+        f"simulate.gains.{boundary}",
         f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at"
         f" {worst:+.3g} 1/s): {reason}",
         remedy,

@@ -179,9 +179,9 @@ class CorridorGrid:
         total: FloatArray = np.zeros((1, len(nodes)))
         for boundary, near in self.near.items():
             at = np.maximum(self.gaps[boundary].ravel()[nodes], near.lowest_z_hat)
-            own = near.low(at) if which == "low" else near.high(at)
-            m = max(len(total), len(own))
-            total = np.resize(total, (m, len(nodes))) + np.resize(own, (m, len(nodes)))
+            drawn = near.low(at) if which == "low" else near.high(at)
+            m = max(len(total), len(drawn))
+            total = np.resize(total, (m, len(nodes))) + np.resize(drawn, (m, len(nodes)))
         return total
 
     def basis(self, nodes: IntArray) -> IntArray:
@@ -189,9 +189,9 @@ class CorridorGrid:
         basis, most = np.full(len(nodes), 2), np.full(len(nodes), -1.0)
         for boundary, near in self.near.items():
             gap = self.gaps[boundary].ravel()[nodes]
-            own = np.where(gap <= near.seen_z_hat, 0, np.where(gap <= near.flown_z_hat, 1, 2))
+            here = np.where(gap <= near.seen_z_hat, 0, np.where(gap <= near.flown_z_hat, 1, 2))
             hazard = near.hazard(np.maximum(gap, near.lowest_z_hat))
-            basis, most = np.where(hazard > most, own, basis), np.maximum(hazard, most)
+            basis, most = np.where(hazard > most, here, basis), np.maximum(hazard, most)
         return basis
 
 

@@ -127,10 +127,10 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
     )
     share = (a - math.log(risk / (1 - risk))) / np.where(a == b, 1.0, a - b)
     between = target_z_hat[i] + (target_z_hat[i + 1] - target_z_hat[i]) * share
-    found: FloatArray = np.where(
+    lowest: FloatArray = np.where(
         last < 0, target_z_hat[0], np.where(last == n - 1, np.nan, between)
     )
-    return found
+    return lowest
 
 
 def refuse_few(risk: float, flights: int) -> None:
@@ -183,14 +183,14 @@ def wide_gaps(target_z_hat: FloatArray, levels_by_curve: Sequence[FloatArray]) -
     width = high - low
     allowed = max(FINEST, 0.5 * width) if np.isfinite(width) else FINEST
     wanted = [low, high, *(values[0] for values in levels_by_curve)]
-    found = set()
+    middles = set()
     for at in wanted:
         if np.isfinite(at) and at > target_z_hat[0]:
             i = int(np.searchsorted(target_z_hat, at))
             below, above = float(target_z_hat[i - 1]), float(target_z_hat[i])
             if above - below > allowed:
-                found.add(round(0.5 * (below + above), 6))
-    return found
+                middles.add(round(0.5 * (below + above), 6))
+    return middles
 
 
 def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:

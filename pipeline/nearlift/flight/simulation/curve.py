@@ -23,25 +23,24 @@ class Curves:
 
     Attributes
     ----------
-    low, high : float
-        Ends of the range; beyond them the ratio is constant, so `low` is the bound that the paper
-        puts at 0.5.
+    low : float
+        Where the range begins, which ends at `TOP`; beyond its ends the ratio is constant, so that
+        `low` is the bound that the paper puts at 0.5.
     values : array (m, NODES)
     """
 
     low: float
-    high: float
     values: FloatArray
 
     @property
     def z_hat(self) -> FloatArray:
         """Heights of the nodes."""
-        return np.linspace(self.low, self.high, NODES)
+        return np.linspace(self.low, TOP, NODES)
 
     @property
     def per_radius(self) -> float:
         """Steps of the table per rotor radius."""
-        return (NODES - 1) / (self.high - self.low)
+        return (NODES - 1) / (TOP - self.low)
 
     def packed(self) -> FloatArray:
         """Value and slope of each step, tables one behind the other, as the loop wants them."""
@@ -54,9 +53,7 @@ class Curves:
         return np.stack([np.interp(z_hat, self.z_hat, row) for row in self.values])
 
 
-def tabulate(
-    ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float, high: float = TOP
-) -> Curves:
+def tabulate(ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float) -> Curves:
     """Tables of several functions of z_hat, each bounded to its value at `low`.
 
     Raises
@@ -65,13 +62,13 @@ def tabulate(
         A ratio has no positive value somewhere in the range (a singularity, or a bound below the
         model's validity), or the range is empty.
     """
-    if not low < high:
+    if not low < TOP:
         raise InputRefused(
             "simulate.bound_z_hat",
-            f"{low:g} leaves no range: above z_hat = {high:g} lift is constant",
-            f"bound the ratio below {high:g}",
+            f"{low:g} leaves no range: above z_hat = {TOP:g} lift is constant",
+            f"bound the ratio below {TOP:g}",
         )
-    z_hat = np.linspace(low, high, NODES)
+    z_hat = np.linspace(low, TOP, NODES)
     with np.errstate(invalid="ignore", divide="ignore"):
         values = np.stack(
             [np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
@@ -84,4 +81,4 @@ def tabulate(
             f"L / L_inf has no value at z_hat = {where:.3g}",
             f"bound the ratio above {where:.3g}",
         )
-    return Curves(low=low, high=high, values=values)
+    return Curves(low=low, values=values)

@@ -10,12 +10,7 @@ vehicle crashes.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-
-import numpy as np
-
-from nearlift.declare import FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,26 +22,6 @@ class Disturbance:
     sd_N: float
     hold_s: float
     correlation_s: float = 0.0
-
-    @property
-    def memory(self) -> float:
-        """Correlation of one held value with the next."""
-        return math.exp(-self.hold_s / self.correlation_s) if self.correlation_s > 0 else 0.0
-
-    @property
-    def density_N2_s(self) -> float:
-        """Two-sided power spectral density at low frequency, N^2 s (per Hz over negative and
-        positive frequencies).
-        """
-        return self.sd_N**2 * self.hold_s * (1 + self.memory) / (1 - self.memory)
-
-    def spectrum_N2_s(self, frequency_Hz: FloatArray) -> FloatArray:
-        """Two-sided power spectral density at any frequency, N^2 s."""
-        m = self.memory
-        turn = 2 * np.pi * np.asarray(frequency_Hz, dtype=float) * self.hold_s
-        sequence = (1 - m * m) / (1 - 2 * m * np.cos(turn) + m * m)
-        shape: FloatArray = self.sd_N**2 * self.hold_s * np.sinc(turn / (2 * np.pi)) ** 2 * sequence
-        return shape
 
 
 #: The paper's white noise, with the bandwidth that its step of 0.1 s implies.

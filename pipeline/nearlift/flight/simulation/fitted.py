@@ -346,11 +346,11 @@ def _again(
         for i in (FORM, HELD)
         for j in at
     ]
-    found = np.zeros_like(flown.crashes)
+    crashes = np.zeros_like(flown.crashes)
     if settings:
         crashed = how.others().crashed(boundary, settings, curves).sum(axis=1)
-        found[np.ix_([FORM, HELD], at)] = crashed.reshape(2, len(at))
-    return found
+        crashes[np.ix_([FORM, HELD], at)] = crashed.reshape(2, len(at))
+    return crashes
 
 
 def _best(

@@ -107,7 +107,7 @@ class FlightPlan:
         return np.ascontiguousarray(np.array(rows, dtype=float).T), which
 
 
-def steps_per_hold(hold_s: float, step_s: float, where: str = "simulate.step") -> int:
+def steps_per_hold(hold_s: float, step_s: float) -> int:
     """How many steps make a hold.
 
     Raises
@@ -118,7 +118,7 @@ def steps_per_hold(hold_s: float, step_s: float, where: str = "simulate.step") -
     n = max(round(hold_s / step_s), 1)
     if abs(n * step_s - hold_s) > 1e-9 * hold_s:
         raise ManifestError(
-            where,
+            "simulate.step",
             f"{step_s:g} s is no whole part of the {hold_s:g} s for which a gust is held",
             f"the nearest is {hold_s / n:g} s",
         )

@@ -113,10 +113,10 @@ def _fly(
     part = delay - whole
     # what the controller would command at the last whole + 2 steps, were it not late
     ring = whole + 2
-    told = np.empty((n if lags else 0, ring))
+    commands = np.empty((n if lags else 0, ring))
     turn = np.empty(n)
     keep_track = track.shape[0] > 0
-    own = salts.size > 0
+    salted = salts.size > 0
     gusts = np.zeros(holds)
     start, last = np.empty(salts.size, np.uint64), np.zeros(salts.size)
     z, v, total = np.empty(n), np.empty(n), np.empty(n)
@@ -124,7 +124,7 @@ def _fly(
     fresh = np.sqrt(1.0 - memory * memory)
     half, sixth = 0.5 * dt, dt / 6.0
     for f in range(ended.shape[1]):
-        if own:
+        if salted:
             for s in range(n):
                 start[s] = begin(key, first + f, salts[s])
         else:
@@ -137,7 +137,7 @@ def _fly(
             turn[s] = min(max(delta[s], 0.0), most[s])
             if lags:
                 for slot in range(ring):
-                    told[s, slot] = delta[s]
+                    commands[s, slot] = delta[s]
             if keep_track:
                 track[s, 0] = z0[s]
         left = n
@@ -147,7 +147,7 @@ def _fly(
             gust = gusts[k]
             for j in range(left):
                 s = active[j]
-                if own:
+                if salted:
                     gust = normal(start[s] + U(k) * GOLDEN)
                     if memory > 0.0:
                         last[s] = gust = memory * last[s] + fresh * gust if k > 0 else gust
@@ -163,12 +163,14 @@ def _fly(
                     from_x, before = x, w
                     if lags:
                         now = k * per_hold + step + ring
-                        told[s, now % ring] = alpha[s] * g + beta[s] * w + gamma[s] * i + delta[s]
-                        middle = told[s, (now - whole) % ring]
-                        begun = middle + part * (told[s, (now - whole - 1) % ring] - middle)
+                        commands[s, now % ring] = (
+                            alpha[s] * g + beta[s] * w + gamma[s] * i + delta[s]
+                        )
+                        middle = commands[s, (now - whole) % ring]
+                        begun = middle + part * (commands[s, (now - whole - 1) % ring] - middle)
                         ended_at = begun
                         if whole > 0:
-                            newer = told[s, (now - whole + 1) % ring]
+                            newer = commands[s, (now - whole + 1) % ring]
                             ended_at = newer + part * (middle - newer)
                         x, w, i, turn[s] = behind(
                             x, w, i, turn[s], here, (begun, ended_at), delay > 0.0, rate, dt, low,

@@ -119,16 +119,16 @@ def scan(
         cells = list(_cells(pair, groups, spacing_hat))
         # gusts of one plan share their memory
         for memory in dict.fromkeys(c.groups.correlation for c in cells):
-            mine = [c for c in cells if c.groups.correlation == memory]
+            alike = [c for c in cells if c.groups.correlation == memory]
             settings = [
                 FlightSetting(target_z_hat=target, groups=c.groups, curve=c.i if spaced else 0)
-                for c in mine
+                for c in alike
             ]
             crashed = few.crashed(boundary, settings, curves)
             # the step is tested in the corners, where the loop is fastest and slowest, and where
             # crashing is undecided: elsewhere no step shows
             undecided = np.flatnonzero(np.abs(crashed.mean(axis=1) - 0.5) < UNDECIDED)[::2]
-            again = sorted({*(n for n, c in enumerate(mine) if c.corner), *undecided.tolist()})
+            again = sorted({*(n for n, c in enumerate(alike) if c.corner), *undecided.tolist()})
             if again:
                 picked = [settings[n] for n in again]
                 tested.append(few.step_test(boundary, picked, curves, crashed[again]))
@@ -150,7 +150,7 @@ def scan(
                     "lo90": float(low[i]),
                     "hi90": float(high[i]),
                 }
-                for i, c in enumerate(mine)
+                for i, c in enumerate(alike)
             ]
     return rows, combined(tested)
 

@@ -106,8 +106,10 @@ def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
     """The usual set-points of a vehicle that touches at that height, whole tenths of a radius."""
     tenths = np.arange(1000)
     low, high = (10 * (contact_z_hat + above) for above in ABOVE_CONTACT[boundary])
-    found: list[float] = np.round(0.1 * tenths[(tenths >= low) & (tenths < high + 1)], 10).tolist()
-    return found
+    targets: list[float] = np.round(
+        0.1 * tenths[(tenths >= low) & (tenths < high + 1)], 10
+    ).tolist()
+    return targets
 
 
 def scaled_curves(boundary: Boundary, exponents: Sequence[float] = EXPONENTS) -> Curves:

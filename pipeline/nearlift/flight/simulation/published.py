@@ -114,14 +114,14 @@ def published_flights(
     rng = generator(how.key % 2**32, "variants", preset.name, boundary)
     varied, tested = varied_levels(boundary, groups, how, rng)
     levels.varied.update(varied)
-    found = PublishedFlights(
+    flights = PublishedFlights(
         convergence=combined(tests),
         groups=groups,
         flights=how.flights,
         levels=tuple(listed),
         variants=tested,
     )
-    return found, rows
+    return flights, rows
 
 
 def varied_levels(
@@ -136,7 +136,7 @@ def varied_levels(
     few = how.at_most(max(round(VARIED_SHARE * how.flights), LEAST_VARIED))
     weights = crash_rate.resamples(few.flights, rng)
     stated = Statements(curves=[[0]], risks=(0.5,))
-    found: dict[tuple[str, float, str], FloatArray] = {}
+    levels: dict[tuple[str, float, str], FloatArray] = {}
     tests = []
     for name, gain, noise in VARIANTS:
         g = replace(
@@ -151,9 +151,9 @@ def varied_levels(
             flown = sweep(boundary, curves, VARIED_TARGETS[boundary], g, few, stated=stated)
             z_hat = flown.target_z_hat
             values = crash_rate.levels(z_hat, flown.crashed[0], 0.5, weights)
-            found[boundary, k, name] = crash_rate.levels_held(z_hat, values)
+            levels[boundary, k, name] = crash_rate.levels_held(z_hat, values)
             tests += [flown.step_test] if k in TESTED_EXPONENTS else []
-    return found, combined(tests)
+    return levels, combined(tests)
 
 
 def histories(preset: presets.FlightPreset, boundary: Boundary, key: int) -> Rows:

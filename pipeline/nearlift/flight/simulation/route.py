@@ -72,7 +72,6 @@ def ways(
     pilot: Pilot,
     start: tuple[float, float],
     goal: tuple[float, float],
-    prices: FloatArray = PRICES,
 ) -> list[Way]:
     """The best way for each price of a crash, those that repeat left out, by falling risk.
 
@@ -104,8 +103,8 @@ def ways(
     rows, columns, energy, hazard = _legs(grid, pilot)
     n = grid.free.size
     straight = float(np.hypot(goal[0] - start[0], goal[1] - start[1])) / pilot.speed_m_s
-    found: list[Way] = []
-    for price in prices:
+    front: list[Way] = []
+    for price in PRICES:
         cost = coo_array(
             (energy / straight + price * hazard, (rows, columns)), shape=(n, n)
         ).tocsr()
@@ -140,11 +139,11 @@ def ways(
             lo90=lo90 if lo90 > NONE else 0.0,
             hi90=hi90,
         )
-        if not found or (
-            new.risk < found[-1].risk * (1 - 1e-9) and new.energy > found[-1].energy * (1 + 1e-9)
+        if not front or (
+            new.risk < front[-1].risk * (1 - 1e-9) and new.energy > front[-1].energy * (1 + 1e-9)
         ):
-            found.append(new)
-    return found
+            front.append(new)
+    return front
 
 
 def _legs(
@@ -178,7 +177,7 @@ def _sum(
     return float(values[order[at]].sum())
 
 
-def cheapest(found: Sequence[Way], risk: float, flights: int) -> Way:
+def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:
     """The cheapest way that so many flights show to keep within the bound: the upper end of its
     risk's interval does.
 
@@ -188,18 +187,18 @@ def cheapest(found: Sequence[Way], risk: float, flights: int) -> Way:
         None does; says the least that was shown, and how many flights would show more if as few of
         them crashed.
     """
-    safe = [w for w in found if w.hi90 <= risk]
+    safe = [w for w in front if w.hi90 <= risk]
     if safe:
         return min(safe, key=lambda w: w.energy)
-    least = min(found, key=lambda w: w.hi90)
-    told = (
+    least = min(front, key=lambda w: w.hi90)
+    shown = (
         f"the safest has {least.risk:.2g}, at most {least.hi90:.2g} by {flights} flights a"
         " set-point"
     )
     enough = int(np.ceil(1.1 * flights * least.hi90 / risk))
     more = f"; fly about {enough}" if least.lo90 < risk and enough < 1e9 else "; raise the bound"
     raise InputRefused(
-        "simulate.route.risk", f"no way is shown to keep the risk below {risk:g}", told + more
+        "simulate.route.risk", f"no way is shown to keep the risk below {risk:g}", shown + more
     )
 
 
