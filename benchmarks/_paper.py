@@ -39,7 +39,7 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
 
     from nearlift.declare import Boundary
     from nearlift.synthetic import demo
-    from nearlift.synthetic.records import Bench, manifest, record, schedule, simulate
+    from nearlift.synthetic.records import SimulatedBench, manifest, record, schedule, simulate
     from nearlift.synthetic.table_1 import PERCENT_DIAMETER, TABLE_1
     from nearlift.synthetic.trial_schedule import randomised
 
@@ -56,7 +56,7 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
             plan.boundary == "ground", demo.battery_V(plan, seed=1), demo.bench_V(plan, seed=1)
         )
         plan = dataclasses.replace(plan, further={"supply_V": volts})
-    bench = Bench(rate_Hz=RATE, tare_s=TARE, record_s=RECORD)
+    bench = SimulatedBench(rate_Hz=RATE, tare_s=TARE, record_s=RECORD)
     quantum = next(iter(truths.values())).noise.quantum_N
     true = simulate(plan, truths, bench=bench, seed=1)
     (folder / "trials").mkdir(parents=True)

@@ -32,7 +32,7 @@ from nearlift.products import FIT, LIFT
 from nearlift.run import graph
 from nearlift.run.executors import SerialExecutor, ordered
 from nearlift.run.job import Job
-from nearlift.synthetic.records import Bench, write_campaign
+from nearlift.synthetic.records import SimulatedBench, write_campaign
 from nearlift.synthetic.trial_schedule import randomised
 from nearlift.synthetic.truth import BenchNoise, Truth
 
@@ -40,7 +40,7 @@ STATIONS = 0.023 * np.array([1.1, 1.25, 1.45, 1.7, 2.1, 2.7, 3.6, 5.5, 10.0, 25.
 VISITS = 4
 FAR = {0.25: 0.107, 0.5: 0.239, 0.75: 0.409, 0.92: 0.551}
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": np.sqrt(2) * 65 / 23}
-BENCH = Bench(rate_Hz=1000.0, tare_s=0.1, record_s=0.3)
+BENCH = SimulatedBench(rate_Hz=1000.0, tare_s=0.1, record_s=0.3)
 NOISE = BenchNoise(trial=0.005, height_m=0.05e-3)
 #: Seeds of reported figures; any others are for trying things out.
 REPORTED = 700_000

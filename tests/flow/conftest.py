@@ -12,7 +12,7 @@ from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import flow
 from nearlift.synthetic import demo_flow
-from nearlift.synthetic.records import Bench
+from nearlift.synthetic.records import SimulatedBench
 
 HEAD = """
 schema = "nearlift.campaign/1"
@@ -46,7 +46,7 @@ def wakes(tmp_path_factory: pytest.TempPathFactory) -> Made:
     root = tmp_path_factory.mktemp("wakes")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(demo_flow, "FIELDS", 8)
-        text = demo_flow.write_piv(root, Bench(), seed=3)
+        text = demo_flow.write_piv(root, SimulatedBench(), seed=3)
     (root / "campaign.toml").write_text(HEAD + text)
     made = job(root, root / "out")
     return Made(job=made, outcome=flow.run(made))

@@ -17,7 +17,7 @@ from nearlift.flow.contrast import difference
 from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
 from nearlift.flow.downwash import (
     Cut,
-    Downwash,
+    CutDownwash,
     along_cut,
     measure,
     over_span,
@@ -48,7 +48,7 @@ def camera(**changes) -> Camera:
 
 def measured(
     wake: Wake, picture: Camera, n: int, seed: int, threshold: float = 3.0, cut: Cut = CUT
-) -> Downwash:
+) -> CutDownwash:
     series: list[np.ndarray] = []
 
     def passed():
@@ -218,9 +218,9 @@ def test_a_single_mean_field_takes_the_software_s_uncertainty_or_says_that_there
 
 
 def test_reduction_shares_what_case_and_control_share():
-    def of(value: float, **parts: float) -> Downwash:
+    def of(value: float, **parts: float) -> CutDownwash:
         base = {"u_noise": 0.0, "u_mask": 0.0, "u_position": 0.0, "span": 0.0, "u_scale": 0.0}
-        return Downwash(
+        return CutDownwash(
             value=value,
             u=0.1,
             covered=1.0,

@@ -26,7 +26,7 @@ from nearlift.readers.piv.cases import files_of
 from nearlift.run import graph
 from nearlift.stages import flow
 from nearlift.synthetic import demo_flow
-from nearlift.synthetic.records import Bench
+from nearlift.synthetic.records import SimulatedBench
 
 from .conftest import HEAD, Made, job
 
@@ -38,7 +38,7 @@ def test_the_true_reductions_lie_in_their_intervals(wakes: Made):
     at 0.85.
     """
     table = wakes.job.read(DOWNWASH)
-    true = demo_flow.wakes(Bench())
+    true = demo_flow.wakes(SimulatedBench())
     control = true["control"].downwash_m_s(0.046, 0.023, (0.0325,))
     hits = total = 0
     for i in np.flatnonzero(table["rotor"] == "all"):

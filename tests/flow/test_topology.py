@@ -25,7 +25,7 @@ from nearlift.flow.topology import (
 )
 from nearlift.randomness import generator
 from nearlift.synthetic.demo_flow import wakes
-from nearlift.synthetic.records import Bench
+from nearlift.synthetic.records import SimulatedBench
 from nearlift.synthetic.wake import Blob, Wake
 
 R = 0.023
@@ -266,10 +266,10 @@ def test_a_jet_contracts():
     assert flux[0] < flux[1] < flux[2] < 1.8
 
 
-@pytest.mark.parametrize("name", list(wakes(Bench())))
+@pytest.mark.parametrize("name", list(wakes(SimulatedBench())))
 def test_no_air_is_faster_than_its_wake(name):
     """Bernoulli: the wake has the pressure of the air around it, and nothing adds to its head."""
-    wake = wakes(Bench())[name]
+    wake = wakes(SimulatedBench())[name]
     x, y = np.meshgrid(R * np.linspace(-3.5, 3.5, 141), R * np.linspace(-4.3, 1.5, 117))
     scene = wake.scene
     speed = np.hypot(*wake.velocity(x, y))[scene.height_m(x, y) > 0]
@@ -305,7 +305,7 @@ def test_the_demo_s_tilts_have_the_paper_s_vortices():
     """Two pairs at +4.6 and +3.1 degrees; a single counter-clockwise vortex at negative tilts."""
     numbers = {
         n: wake_topology(mean_of(w), w.scene, U).numbers
-        for n, w in wakes(Bench()).items()
+        for n, w in wakes(SimulatedBench()).items()
         if n.startswith("tilt")
     }
     assert [numbers[f"tilt{t:+g}"]["vortex_pairs"] for t in (4.6, 3.1)] == [2, 2]

@@ -19,7 +19,7 @@ from nearlift.run import graph
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.inputs import digests
 from nearlift.run.job import Job
-from nearlift.synthetic.records import Bench, Form, write_campaign
+from nearlift.synthetic.records import Form, SimulatedBench, write_campaign
 from nearlift.synthetic.trial_schedule import randomised
 from nearlift.synthetic.truth import Truth
 
@@ -46,7 +46,9 @@ def write(folder: Path, form: Form = "csv", visits: int = 4) -> Path:
         lift_inf_N=FAR,
         geometry=GEOMETRY,
     )
-    bench = Bench(rate_Hz=500.0, tare_s=0.1, record_s=0.3, contact_m=CONTACT_M, text=UNCERTAINTY)
+    bench = SimulatedBench(
+        rate_Hz=500.0, tare_s=0.1, record_s=0.3, contact_m=CONTACT_M, text=UNCERTAINTY
+    )
     design = randomised({"ground": STATIONS}, seed=4, visits=visits, sessions=3)
     write_campaign(
         folder,

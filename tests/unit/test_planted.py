@@ -19,7 +19,7 @@ import scipy.io
 from nearlift.cli import main
 from nearlift.run import graph
 from nearlift.synthetic import demo_flow
-from nearlift.synthetic.records import Bench
+from nearlift.synthetic.records import SimulatedBench
 
 from . import small_run
 from .small_run import state
@@ -148,11 +148,11 @@ def test_no_command_runs_or_changes_what_is_planted(tmp_path, monkeypatch, execu
     monkeypatch.setattr(demo_flow, "FIELDS", 2)
     two = {
         name: wake
-        for name, wake in demo_flow.wakes(Bench()).items()
+        for name, wake in demo_flow.wakes(SimulatedBench()).items()
         if name in ("control", "ground-3.4")
     }
     monkeypatch.setattr(demo_flow, "wakes", lambda _: two)
-    text = demo_flow.write_piv(raw, Bench(), seed=3).replace(', "ceiling-2"', "")
+    text = demo_flow.write_piv(raw, SimulatedBench(), seed=3).replace(', "ceiling-2"', "")
     (raw / "campaign.toml").write_text((raw / "campaign.toml").read_text() + text + QUICK)
     scipy.io.savemat(raw / "log.mat", {"force": np.zeros(9)})
     here, mark, out = tmp_path / "here", tmp_path / "mark", tmp_path / "out"

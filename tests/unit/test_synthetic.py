@@ -22,11 +22,11 @@ from nearlift.run.job import Job
 from nearlift.run.store import sha256
 from nearlift.stages import ingest
 from nearlift.synthetic import demo, records, table_1, trial_schedule
-from nearlift.synthetic.records import Bench
+from nearlift.synthetic.records import SimulatedBench
 from nearlift.synthetic.truth import BenchNoise, Truth
 
 FAR = {0.25: 0.1, 0.5: 0.24, 0.75: 0.41, 0.92: 0.55}
-BENCH = Bench(rate_Hz=500.0, tare_s=0.4, record_s=1.0)
+BENCH = SimulatedBench(rate_Hz=500.0, tare_s=0.4, record_s=1.0)
 
 
 def gain(z_hat: Any, /, *, k: Any) -> Any:
@@ -166,7 +166,7 @@ def test_the_printed_unit_is_refused_and_each_preset_is_not(tmp_path: Path) -> N
     for preset in (*table_1.PRESETS, table_1.AS_PRINTED):
         folder = tmp_path / preset.name
         stations = {side: preset.recorded_m(side)[-2:] for side in table_1.TABLE_1}
-        bench = Bench(
+        bench = SimulatedBench(
             rate_Hz=100.0,
             tare_s=0.2,
             record_s=0.2,
@@ -270,7 +270,7 @@ def test_noise_has_the_sizes_that_were_asked_for(tmp_path: Path) -> None:
 
 def test_the_tone_turns_with_the_rotor() -> None:
     noise = BenchNoise(sample_N=0.0, drift_N=0.0, tone_N=1e-2, tone_Hz=100.0)
-    bench = Bench(rate_Hz=1000.0, tare_s=1.0, record_s=2.0)
+    bench = SimulatedBench(rate_Hz=1000.0, tare_s=1.0, record_s=2.0)
     for throttle, lift in FAR.items():
         live = (
             noise.quantum_N

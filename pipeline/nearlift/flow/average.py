@@ -90,10 +90,10 @@ class Average:
 
     def _error(self, variance: FloatArray) -> FloatArray:
         with np.errstate(invalid="ignore", divide="ignore"):
-            found = np.sqrt(variance * self.tau / self.count)
+            error = np.sqrt(variance * self.tau / self.count)
         if self.mean.u_m_s is not None:
-            found = np.where(np.isfinite(found), found, self.mean.u_m_s)
-        result: FloatArray = np.where(self.mean.valid, found, np.nan)
+            error = np.where(np.isfinite(error), error, self.mean.u_m_s)
+        result: FloatArray = np.where(self.mean.valid, error, np.nan)
         return result
 
 
@@ -118,11 +118,11 @@ class Moments:
         n = known.sum(axis=0)
         away[~known] = 0.0
         total, squares = away.sum(axis=0), np.einsum("ij,ij->j", away, away)
-        own = total / np.maximum(n, 1)
-        apart = own + shift - self.mean
+        batch_mean = total / np.maximum(n, 1)
+        apart = batch_mean + shift - self.mean
         whole = np.maximum(self.count + n, 1)
         self.squares += np.where(
-            n > 0, squares - own * total + apart**2 * self.count * n / whole, 0.0
+            n > 0, squares - batch_mean * total + apart**2 * self.count * n / whole, 0.0
         )
         self.mean += np.where(n > 0, apart * n / whole, 0.0)
         self.count += n
@@ -232,7 +232,7 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
     moments, noise, lags = Moments(0), Moments(0), Lags(0)
     sample = np.zeros(0, dtype=np.int64)
     batch = np.zeros((BATCH, 0))
-    own: list[FloatArray] = []
+    variances: list[FloatArray] = []
     size, held, n, due = 0, 0, 0, 2
     before: FloatArray | None = None
     steps: list[tuple[int, float]] = []
@@ -248,9 +248,9 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
             lags.add(rows[:, sample])
             moments.add(rows)
             held = 0
-        if own:
-            noise.add(np.stack(own))
-            own.clear()
+        if variances:
+            noise.add(np.stack(variances))
+            variances.clear()
 
     def note() -> None:
         nonlocal before
@@ -283,7 +283,7 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
         batch[held, :size], batch[held, size:] = field.vx_m_s.ravel(), field.vy_m_s.ravel()
         held += 1
         if field.u_m_s is not None:
-            own.append(np.where(field.valid, field.u_m_s, np.nan).ravel() ** 2)
+            variances.append(np.where(field.valid, field.u_m_s, np.nan).ravel() ** 2)
         n += 1
         if held == BATCH or n == due:
             merge()
@@ -310,7 +310,7 @@ def _finish(
     mean, variance = moments.known_mean(), moments.variance()
     given = noise.known_mean()
     with np.errstate(invalid="ignore", divide="ignore"):
-        own = (
+        u_m_s = (
             np.sqrt(given / noise.count).reshape(shape) if noise.count.max(initial=0) > 0 else None
         )
         error2 = variance * tau / moments.count
@@ -323,7 +323,7 @@ def _finish(
             y_m=first.y_m,
             vx_m_s=mean[:size].reshape(shape),
             vy_m_s=mean[size:].reshape(shape),
-            u_m_s=own,
+            u_m_s=u_m_s,
         ),
         var_x=variance[:size].reshape(shape),
         var_y=variance[size:].reshape(shape),

@@ -14,7 +14,7 @@ from nearlift.declare import FloatArray
 from nearlift.flow import downwash, topology
 from nearlift.flow.average import Average, average
 from nearlift.flow.bootstrap import Resamples
-from nearlift.flow.downwash import Cut, Downwash
+from nearlift.flow.downwash import Cut, CutDownwash
 from nearlift.flow.field import VelocityField, mirrored, take_columns
 from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
@@ -108,7 +108,7 @@ class FlowCase:
     refused : sequence of (file, reason)
     topology : WakeTopology or None
         Near a ground.
-    cuts : mapping of str to Downwash
+    cuts : mapping of str to CutDownwash
         Beneath each measured rotor by its place, and beneath all of them.
     """
 
@@ -121,7 +121,7 @@ class FlowCase:
     files: int
     refused: Sequence[tuple[str, str]]
     topology: topology.WakeTopology | None = None
-    cuts: Mapping[str, Downwash] = field(default_factory=dict)
+    cuts: Mapping[str, CutDownwash] = field(default_factory=dict)
 
     def described(self, reference_m_s: float) -> FlowCase:
         """With the wake's topology where there is a ground, and cuts that know its stagnation
@@ -189,8 +189,8 @@ class FlowCase:
 
     def profile(self) -> dict[str, object]:
         """Columns of downwash_profile.parquet."""
-        found, mean = self.recording.mean, self.recording.mean.mean
-        error = downwash.along_cut(found.u_y, mean.y_m, self.cut.below_m)
+        moments, mean = self.recording.mean, self.recording.mean.mean
+        error = downwash.along_cut(moments.u_y, mean.y_m, self.cut.below_m)
         return {
             "case": np.full(len(mean.x_m), self.name, dtype=object),
             "x_m": mean.x_m,
@@ -201,7 +201,7 @@ class FlowCase:
 
     def nodes(self) -> dict[str, object]:
         """Columns of flow_fields.parquet."""
-        found, mean = self.recording.mean, self.recording.mean.mean
+        moments, mean = self.recording.mean, self.recording.mean.mean
         xx, yy = np.meshgrid(mean.x_m, mean.y_m)
         stagnant = np.zeros(mean.shape, bool) if self.topology is None else self.topology.stagnant
         grids = {
@@ -210,11 +210,11 @@ class FlowCase:
             "z_m": self.scene.height_m(xx, yy),
             "vx_m_s": mean.vx_m_s,
             "vy_m_s": mean.vy_m_s,
-            "u_vx_m_s": found.u_x,
-            "u_vy_m_s": found.u_y,
-            "sd_vx_m_s": np.sqrt(found.var_x),
-            "sd_vy_m_s": np.sqrt(found.var_y),
-            "count": found.count.astype(np.int64),
+            "u_vx_m_s": moments.u_x,
+            "u_vy_m_s": moments.u_y,
+            "sd_vx_m_s": np.sqrt(moments.var_x),
+            "sd_vy_m_s": np.sqrt(moments.var_y),
+            "count": moments.count.astype(np.int64),
             "stagnant": stagnant.astype(np.int64),
             "mirrored": np.broadcast_to(~self.measured, mean.shape).astype(np.int64),
         }
@@ -254,16 +254,16 @@ class FlowCase:
 
     def facts(self) -> dict[str, object]:
         """Its block of flow.json."""
-        found, moved = self.recording.mean, self.recording.mean.convergence
+        moments, moved = self.recording.mean, self.recording.mean.convergence
         return {
             **self.place,
             "files": self.files,
-            "fields": found.n,
+            "fields": moments.n,
             "left_out": [{"file": file, "reason": why} for file, why in self.refused],
             "outliers": self.recording.outliers,
-            "vectors": float(np.mean(found.count / found.n)),
+            "vectors": float(np.mean(moments.count / moments.n)),
             "mirrored": not bool(self.measured.all()),
-            "tau_fields": found.tau,
+            "tau_fields": moments.tau,
             "convergence": {
                 "n": moved.n,
                 "moved": moved.moved,

@@ -18,8 +18,8 @@ def at(values: FloatArray, source: VelocityField, x_m: FloatArray, y_m: FloatArr
 
 def _inside(values: FloatArray, position: FloatArray) -> FloatArray:
     n = values.shape[-1]
-    found = take_columns(values, position)
-    return np.where((position > -1e-6) & (position < n - 1 + 1e-6), found, np.nan)
+    taken = take_columns(values, position)
+    return np.where((position > -1e-6) & (position < n - 1 + 1e-6), taken, np.nan)
 
 
 def difference(case: VelocityField, control: VelocityField) -> FloatArray:

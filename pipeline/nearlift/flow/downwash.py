@@ -62,7 +62,7 @@ class Cut:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Downwash:
+class CutDownwash:
     """Mean downwash through a cut, m/s, and what it is uncertain by.
 
     Attributes
@@ -147,12 +147,12 @@ def over_span(profile: FloatArray, weights: FloatArray) -> tuple[float, float]:
 
 
 def measure(
-    found: Average,
+    average: Average,
     series: FloatArray,
     cut: Cut,
     scene: Scene,
     stagnant: NDArray[np.bool_] | None = None,
-) -> Downwash:
+) -> CutDownwash:
     """Downwash through one cut.
 
     Parameters
@@ -166,12 +166,12 @@ def measure(
     stagnant : (ny, nx) bool or None
         The measured stagnation zone.
     """
-    x, y, vy = found.mean.x_m, found.mean.y_m, found.mean.vy_m_s
+    x, y, vy = average.mean.x_m, average.mean.y_m, average.mean.vy_m_s
     weights = span_weights(x, cut.centres_m, cut.half_span_m)
     profile = along_cut(vy, y, cut.below_m)
     value, covered = over_span(profile, weights)
     inside = weights > 0
-    u_noise, n_eff = _noise(found, series, profile, weights, cut)
+    u_noise, n_eff = _noise(average, series, profile, weights, cut)
     spread = float(np.std(profile[inside & np.isfinite(profile)])) if covered > 0 else math.nan
     shift = cut.u_position_m
     u_position = math.hypot(
@@ -198,7 +198,7 @@ def measure(
     u_scale = cut.u_scale * abs(value)
     ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
     clearance = float(scene.height_m(ends, np.full(len(ends), -cut.below_m)).min()) / scene.radius_m
-    return Downwash(
+    return CutDownwash(
         value=value,
         u=math.sqrt(sum(part**2 for part in (u_noise, u_mask, u_position, span, u_scale))),
         u_noise=u_noise,
@@ -214,7 +214,7 @@ def measure(
 
 
 def _noise(
-    found: Average, series: FloatArray, profile: FloatArray, weights: FloatArray, cut: Cut
+    average: Average, series: FloatArray, profile: FloatArray, weights: FloatArray, cut: Cut
 ) -> tuple[float, float]:
     """Standard error of the span's mean and the independent fields behind it."""
     known = np.isfinite(profile) & (weights > 0)
@@ -223,10 +223,10 @@ def _noise(
     share = weights[known] / weights[known].sum()
     n = len(series)
     if n < 2:
-        if found.mean.u_m_s is None:
+        if average.mean.u_m_s is None:
             return math.nan, 1.0
-        own = along_cut(found.mean.u_m_s, found.mean.y_m, cut.below_m)[known]
-        return float(np.sqrt(np.nansum((share * own) ** 2))), 1.0
+        u_nodes = along_cut(average.mean.u_m_s, average.mean.y_m, cut.below_m)[known]
+        return float(np.sqrt(np.nansum((share * u_nodes) ** 2))), 1.0
     # a vector that is missing in one field counts as that node's mean there, and the scatter is
     # that of those present
     away = series[:, known] - profile[known]
@@ -256,28 +256,28 @@ def _warnings(
     y_m: FloatArray,
     cut: Cut,
 ) -> tuple[str, ...]:
-    found = []
+    warnings = []
     if scene.boundary == "ground":
         if clearance <= 0:
-            found.append("meets_boundary")
+            warnings.append("meets_boundary")
         elif clearance < DEFLECTION_HAT:
-            found.append("deflection_zone")
+            warnings.append("deflection_zone")
         if stagnant is not None:
             row = stagnant[int(np.argmin(np.abs(y_m + cut.below_m)))]
             if float(weights @ row) > STAGNANT:
-                found.append("stagnation_zone")
+                warnings.append("stagnation_zone")
     if scene.boundary == "ceiling" and cut.below_m > WAKE_HAT * scene.radius_m:
-        found.append("wake")
+        warnings.append("wake")
     if covered == 0:
-        return tuple(found)
+        return tuple(warnings)
     if covered < COVERED:
-        found.append("partly_covered")
+        warnings.append("partly_covered")
     if not math.isfinite(u_noise):
-        found.append("no_scatter")
-    return tuple(found)
+        warnings.append("no_scatter")
+    return tuple(warnings)
 
 
-def reduction(case: Downwash, control: Downwash) -> DownwashReduction:
+def reduction(case: CutDownwash, control: CutDownwash) -> DownwashReduction:
     """How much less downwash a case has than its control; intervals with the effective degrees of
     freedom of Welch and Satterthwaite.
     """

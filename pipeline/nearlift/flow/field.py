@@ -121,28 +121,28 @@ def _axis(values: FloatArray, name: str, where: str) -> tuple[FloatArray, NDArra
             f"has a vector whose {name} is no number",
             "export the positions of masked vectors too",
         )
-    found = np.unique(values)
-    if len(found) > 1:
+    nodes = np.unique(values)
+    if len(nodes) > 1:
         # positions are printed with few digits: nodes a hundredth of the usual spacing apart are
         # one
-        usual = np.median(np.diff(found)[np.diff(found) > 1e-3 * (found[-1] - found[0])])
-        found = found[np.concatenate([[True], np.diff(found) > 0.3 * usual])]
-    if len(found) < 3:
+        usual = np.median(np.diff(nodes)[np.diff(nodes) > 1e-3 * (nodes[-1] - nodes[0])])
+        nodes = nodes[np.concatenate([[True], np.diff(nodes) > 0.3 * usual])]
+    if len(nodes) < 3:
         raise InputRefused(
-            where, f"has {len(found)} distinct {name}", "a field has at least 3 x 3 nodes"
+            where, f"has {len(nodes)} distinct {name}", "a field has at least 3 x 3 nodes"
         )
-    step = (found[-1] - found[0]) / (len(found) - 1)
-    even = found[0] + step * np.arange(len(found))
+    step = (nodes[-1] - nodes[0]) / (len(nodes) - 1)
+    even = nodes[0] + step * np.arange(len(nodes))
     if (
-        np.abs(found - even).max() > max(EVEN * len(found), 0.3) * step
-        or np.abs(np.diff(found) / step - 1).max() > 0.3
+        np.abs(nodes - even).max() > max(EVEN * len(nodes), 0.3) * step
+        or np.abs(np.diff(nodes) / step - 1).max() > 0.3
     ):
         raise InputRefused(
             where,
             f"has nodes that are not evenly spaced along {name}",
             "export on the correlation's own rectangular grid",
         )
-    return even, np.rint((values - found[0]) / step).astype(np.int64)
+    return even, np.rint((values - nodes[0]) / step).astype(np.int64)
 
 
 def orient(

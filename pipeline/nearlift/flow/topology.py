@@ -147,7 +147,7 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
         field.vx_m_s, field.dy_m, axis=0
     )
     cell = field.dx_m * field.dy_m
-    found = []
+    cores = []
     for sign in (1.0, -1.0):
         labels, n = label(where & (sign * turning > CORE) & (sign * still > STANDING))
         for k in range(1, n + 1):
@@ -160,7 +160,7 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
             ):
                 continue
             weight = (sign * still[core]) ** 4
-            found.append(
+            cores.append(
                 Vortex(
                     x_m=float(np.average(xx[core], weights=weight)),
                     y_m=float(np.average(yy[core], weights=weight)),
@@ -168,7 +168,7 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
                     area_m2=area,
                 )
             )
-    return tuple(sorted(found, key=lambda v: (v.x_m, v.y_m)))
+    return tuple(sorted(cores, key=lambda v: (v.x_m, v.y_m)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -284,7 +284,7 @@ def split_angle_deg(
     points = stagnation_points_m(field, scene, zone, reference_m_s)
     xx, yy = np.meshgrid(field.x_m, field.y_m)
     height = scene.height_m(xx, yy)
-    found = []
+    splits = []
     for centre in scene.rotors_m:
         if not (np.abs(points - centre) <= NEAR_HAT * scene.radius_m).any():
             continue
@@ -307,8 +307,8 @@ def split_angle_deg(
                 )
             )
         if len(angles) == 2:
-            found.append(math.degrees(sum(angles)))
-    return float(np.mean(found)) if found else math.nan
+            splits.append(math.degrees(sum(angles)))
+    return float(np.mean(splits)) if splits else math.nan
 
 
 def asymmetry(field: VelocityField, scene: Scene) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, Check, Effect, Parameter, Source, normal
 from nearlift.synthetic.demo_flow import write_piv
-from nearlift.synthetic.records import GRAVITY, Bench, Simulated, write_campaign
+from nearlift.synthetic.records import GRAVITY, Simulated, SimulatedBench, write_campaign
 from nearlift.synthetic.table_1 import PERCENT_DIAMETER
 from nearlift.synthetic.trial_schedule import TrialSchedule, battery_V, bench_V, randomised
 from nearlift.synthetic.truth import Truth
@@ -138,7 +138,7 @@ def design(seed: int = SEED) -> TrialSchedule:
 
 def truths() -> dict[Boundary, Truth]:
     """What is true in the demo."""
-    bench = Bench()
+    bench = SimulatedBench()
     far = {throttle: 1e-3 * GRAVITY * grams for throttle, grams in THRUST_GF.items()}
     geometry = {
         "spacing_hat": bench.spacing_m / bench.radius_m,
@@ -176,7 +176,9 @@ def write_demo(folder: Path) -> Path:
 
 def simulated_demo(folder: Path, seed: int = SEED) -> Simulated:
     """Write the demo campaign and return what is true in it, trial by trial."""
-    bench = Bench(rate_Hz=500.0, tare_s=0.5, record_s=2.0, contact_m=CONTACT_M, text=UNCERTAINTY)
+    bench = SimulatedBench(
+        rate_Hz=500.0, tare_s=0.5, record_s=2.0, contact_m=CONTACT_M, text=UNCERTAINTY
+    )
     true = write_campaign(
         folder, design(seed), truths(), name=NAME, note=NOTE, seed=seed, bench=bench
     )

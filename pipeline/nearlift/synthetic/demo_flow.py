@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.flow.scene import Scene
-from nearlift.synthetic.records import Bench
+from nearlift.synthetic.records import SimulatedBench
 from nearlift.synthetic.wake import Blob, Camera, Wake, fields, write_openpiv
 
 FIELDS = 16
@@ -29,7 +29,7 @@ LESS |= {
 }
 
 
-def wakes(bench: Bench) -> dict[str, Wake]:
+def wakes(bench: SimulatedBench) -> dict[str, Wake]:
     """What is true of each case, by its name."""
     r, half = bench.radius_m, bench.spacing_m / 2
 
@@ -42,21 +42,21 @@ def wakes(bench: Bench) -> dict[str, Wake]:
             radius_m=r,
         )
 
-    found = {"control": Wake(scene=scene("none", math.inf), speed_m_s=FREE_WAKE_M_S)}
+    cases = {"control": Wake(scene=scene("none", math.inf), speed_m_s=FREE_WAKE_M_S)}
     for boundary, stations in (("ground", GROUND), ("ceiling", CEILING)):
         for z_hat in stations:
-            found[f"{boundary}-{z_hat:g}"] = Wake(
+            cases[f"{boundary}-{z_hat:g}"] = Wake(
                 scene=scene(boundary, z_hat), speed_m_s=FREE_WAKE_M_S * (1 - LESS[boundary, z_hat])
             )
     for tilt in TILTS:
         lean, blobs = _tilted(tilt)
-        found[f"tilt{tilt:+g}"] = Wake(
+        cases[f"tilt{tilt:+g}"] = Wake(
             scene=scene("ground", TILT_Z_HAT, tilt),
             speed_m_s=0.96 * FREE_WAKE_M_S,
             lean=lean,
             blobs=blobs,
         )
-    return found
+    return cases
 
 
 def _tilted(tilt_deg: float) -> tuple[float, tuple[Blob, ...]]:
@@ -95,7 +95,7 @@ def camera(wake: Wake, half: bool) -> Camera:
     )
 
 
-def write_piv(folder: Path, bench: Bench, seed: int) -> str:
+def write_piv(folder: Path, bench: SimulatedBench, seed: int) -> str:
     """Write every case's fields under ``piv/`` and return the manifest's text."""
     half_mm = 500 * bench.spacing_m
     text = [

@@ -38,7 +38,7 @@ LOGGED = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Bench:
+class SimulatedBench:
     """The rig of a synthetic campaign; the paper's, unless said otherwise.
 
     `offset_m` is what the manifest declares between datum and rotor plane, `contact_m` where the
@@ -73,7 +73,11 @@ class Simulated:
 
 
 def simulate(
-    design: TrialSchedule, truths: Mapping[Boundary, Truth], *, bench: Bench = Bench(), seed: int
+    design: TrialSchedule,
+    truths: Mapping[Boundary, Truth],
+    *,
+    bench: SimulatedBench = SimulatedBench(),
+    seed: int,
 ) -> Simulated:
     """The true lift of every trial; all randomness but the samples'."""
     z_m, lift, expected = np.empty(len(design)), np.empty(len(design)), np.empty(len(design))
@@ -92,8 +96,8 @@ def simulate(
         away = truth.noise.height_m * np.array([jitter[v] for v in design.visit[here]])
         # a traverse does not push the blades into the wall
         z_m[here] = np.maximum(design.z_m[here] + away, 0.1 * design.z_m[here])
-        own = {name: values[here] for name, values in columns.items()}
-        expected[here] = truth.lift_N(z_m[here] / bench.radius_m, design.throttle[here], own)
+        known = {name: values[here] for name, values in columns.items()}
+        expected[here] = truth.lift_N(z_m[here] / bench.radius_m, design.throttle[here], known)
         scatter = np.array(
             [generator(seed, "trial", t).standard_normal() for t in design.trial[here]]
         )
@@ -102,7 +106,7 @@ def simulate(
 
 
 def record(
-    trial: str, lift_N: float, throttle: float, truth: Truth, bench: Bench, seed: int
+    trial: str, lift_N: float, throttle: float, truth: Truth, bench: SimulatedBench, seed: int
 ) -> NDArray[np.int32]:
     """Counts of one record: tare head, then the rotors at this lift."""
     noise = truth.noise
@@ -133,7 +137,7 @@ def write_campaign(
     name: str,
     note: str,
     seed: int,
-    bench: Bench = Bench(),
+    bench: SimulatedBench = SimulatedBench(),
     form: Form = "parquet",
 ) -> Simulated:
     """Write a campaign at record level into `folder` and return what is true in it.
@@ -245,7 +249,7 @@ def _write_csv(
         (folder / f"{trial}.csv").write_text("\n".join(lines) + "\n", encoding="ascii")
 
 
-def schedule(design: TrialSchedule, bench: Bench) -> str:
+def schedule(design: TrialSchedule, bench: SimulatedBench) -> str:
     """The text of trials.csv."""
     per_unit = {"mm": 1e3, "cm": 1e2, "m": 1.0}[bench.distance_unit]
     extra = {}
@@ -279,7 +283,7 @@ def schedule(design: TrialSchedule, bench: Bench) -> str:
 
 
 def manifest(
-    name: str, note: str, bench: Bench, form: Form, quantum_N: float, design: TrialSchedule
+    name: str, note: str, bench: SimulatedBench, form: Form, quantum_N: float, design: TrialSchedule
 ) -> str:
     """The text of campaign.toml, which says that it is simulated, and of the truth only what a lab
     would know.

@@ -187,10 +187,10 @@ def from_both_sides(design: TrialSchedule, *, overshoot_m: float, seed: int) -> 
     rng = generator(seed, "design", "sides")
     approach, via = design.approach.copy(), np.full(len(design), np.nan)
     for side in dict.fromkeys(design.boundary):
-        mine = design.boundary == side
-        near, far = design.recorded_m[mine].min(), design.recorded_m[mine].max()
-        for distance in np.unique(design.recorded_m[mine]):
-            stops = np.unique(design.visit[mine & (design.recorded_m == distance)])
+        at_side = design.boundary == side
+        near, far = design.recorded_m[at_side].min(), design.recorded_m[at_side].max()
+        for distance in np.unique(design.recorded_m[at_side]):
+            stops = np.unique(design.visit[at_side & (design.recorded_m == distance)])
             wanted = rng.permutation(np.resize([1.0, -1.0], len(stops)))
             for stop, sign in zip(stops, wanted, strict=True):
                 here = design.visit == stop
