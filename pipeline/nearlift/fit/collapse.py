@@ -20,7 +20,7 @@ from nearlift.fit.least_squares import parameter_covariance
 from nearlift.likelihood import student
 from nearlift.likelihood.noise import MOST_MEANS
 from nearlift.likelihood.problem import Problem
-from nearlift.likelihood.subspace import framed
+from nearlift.likelihood.subspace import framed, left_singular
 from nearlift.results import IntArray
 from nearlift.results.assumptions import CollapseTest, LargestDeparture
 
@@ -187,7 +187,7 @@ def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> Floa
     each = ((np.eye(k)[problem.data.level] * column) @ contrast).T
     q, _ = np.linalg.qr(problem.project(problem.jacobian(theta).T).T)
     free = problem.project(each).T
-    u, size, _ = np.linalg.svd(free - q @ (q.T @ free), full_matrices=False)
+    u, size = left_singular(free - q @ (q.T @ free))
     return u[
         :, size > 1e-6 * np.linalg.norm(problem.covariance.whiten(each), axis=1).max(initial=0.0)
     ]
@@ -236,9 +236,7 @@ def cells(problem: Problem, freedom: Freedom) -> CollapseTest | None:
     extra = each.shape[1] - common.shape[1]
     if extra <= 0:
         return None
-    apart = framed(
-        np.linalg.svd(each - common @ (common.T @ each), full_matrices=False)[0][:, :extra]
-    )
+    apart = framed(left_singular(each - common @ (common.T @ each))[0][:, :extra])
     return f_test(
         left - rest, extra, student.several(freedom(problem.covariance.unwhiten(apart.T)))
     )
@@ -249,7 +247,7 @@ def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
     chi2 left beside both.
     """
     white = problem.project(indicator.T).T
-    u, size, _ = np.linalg.svd(white, full_matrices=False)
+    u, size = left_singular(white)
     # an indicator's column that L_inf spans leaves only rounding
     u = u[:, size > 1e-7 * np.linalg.norm(problem.covariance.whiten(indicator.T), axis=1).max()]
     target = problem.project(np.log(problem.data.lift_N))

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood import semiseparable
-from nearlift.likelihood.subspace import orthonormal
+from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.results import IntArray
 
 #: A campaign of exact numbers still needs a positive variance of log lift.
@@ -145,7 +145,7 @@ class Covariance:
         squared lengths.
         """
         whitened = self._seen(self._own(self.shared.T)).T
-        basis, length, _ = np.linalg.svd(whitened, full_matrices=False)
+        basis, length = left_singular(whitened)
         return basis, length**2
 
     @cached_property

@@ -39,6 +39,19 @@ def orthonormal(columns: FloatArray) -> FloatArray:
     return np.asarray(q[:, :rank], dtype=np.float64)
 
 
+def left_singular(columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Left singular vectors (n, r) and singular values (r,) of the columns, by QR iteration where
+    divide and conquer does not converge.
+    """
+    from scipy.linalg import svd
+
+    try:
+        u, length, _ = np.linalg.svd(columns, full_matrices=False)
+    except np.linalg.LinAlgError:
+        u, length, _ = svd(columns, full_matrices=False, lapack_driver="gesvd")
+    return u, length
+
+
 def framed(basis: FloatArray) -> FloatArray:
     """The orthonormal basis (n, d) of the same span that a fixed set of directions picks.
 

@@ -11,7 +11,7 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import gum
 from nearlift.likelihood import student
-from nearlift.likelihood.subspace import orthonormal
+from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import discrepancy
 from nearlift.loop.candidate import WIDE, Candidate, moments
 from nearlift.loop.candidate_fit import Fitted
@@ -41,7 +41,7 @@ def spread(
     j, r = fitted.jacobian, fitted.residual
     if nuisance is not None and nuisance.shape[1]:
         white = stage.space.project(nuisance.T).T
-        u, s, _ = np.linalg.svd(white, full_matrices=False)
+        u, s = left_singular(white)
         shrink = s**2 / (1 + s**2)
         j_solved = j - u @ (shrink[:, None] * (u.T @ j))
         information = j.T @ j_solved + np.diag(weight2)
@@ -65,7 +65,7 @@ def joint(stage: SearchProblem, fitted: Fitted, tube: FloatArray | None = None) 
     _, sd = fitted.candidate.prior
     j = fitted.jacobian
     if tube is not None and tube.shape[1]:
-        u, s, _ = np.linalg.svd(stage.space.project(tube.T).T, full_matrices=False)
+        u, s = left_singular(stage.space.project(tube.T).T)
         j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
     return _inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
 

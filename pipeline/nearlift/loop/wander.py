@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.subspace import cosines
+from nearlift.likelihood.subspace import cosines, left_singular
 from nearlift.likelihood.variance_components import ENOUGH
 from nearlift.results import Observations
 
@@ -68,7 +68,7 @@ def _gain(scores: FloatArray, columns: FloatArray) -> FloatArray:
     """Log likelihood of scores (d, m) with a wander of each of `SIZES` over that without; (sizes,
     m).
     """
-    u, lengths, _ = np.linalg.svd(columns, full_matrices=False)
+    u, lengths = left_singular(columns)
     variance = np.square(np.outer(SIZES, lengths))
     explained = variance / (1 + variance) @ (u.T @ scores) ** 2
     return np.asarray(0.5 * (explained - np.log1p(variance).sum(axis=1, keepdims=True)))
