@@ -10,6 +10,8 @@ import pytest
 from nearlift import catalogue
 from nearlift.effects.air_density import density
 from nearlift.likelihood.covariates import derive, missing, unlogged
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.search_problem import Options
 
 from .simulated import campaign, findings
 
@@ -72,3 +74,22 @@ def test_what_is_logged_is_not_asked_for(logged):
     assert unlogged(DENSITY, logged) == ()
     without = {k: v for k, v in logged.covariates.items() if k != "pressure_Pa"}
     assert unlogged(DENSITY, dataclasses.replace(logged, covariates=without)) == ("pressure",)
+
+
+def test_what_the_trial_before_held_is_the_lift_of_the_model_there():
+    """Not its own lift, whose noise would explain its neighbour's, and not L_inf alone."""
+    data = campaign(1)
+    level, ratio = np.linspace(0.2, 0.4, data.n), 1 + 0.2 * np.exp(-data.z_hat)
+    before = derive(data, level, ratio).covariates["previous_lift_N"]
+    first = np.r_[True, data.session[1:] != data.session[:-1]]
+    assert np.all(before[first] == 0)
+    assert np.array_equal(before[~first], (level * ratio)[:-1][~first[1:]])
+
+
+def test_a_diagnosis_takes_that_lift_from_its_base_fit():
+    base = catalogue.model("sanchez_cuevas")
+    stage = set_up(campaign(1), base, (), Options())[0]
+    known = stage.data.covariates
+    held = known["lift_inf_N"] * np.exp(stage.candidate().log_ratio(stage.theta))
+    first = np.r_[True, stage.data.session[1:] != stage.data.session[:-1]]
+    assert known["previous_lift_N"][~first] == pytest.approx(held[:-1][~first[1:]], rel=1e-12)

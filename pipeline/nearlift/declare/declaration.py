@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
@@ -116,6 +116,10 @@ class Declaration:
         if missing:
             raise self.refusal(f"needs {missing}", "give them as keywords")
         return self.evaluate(x, **(known | arguments))
+
+    def named(self, values: Iterable[float]) -> dict[str, float]:
+        """Values of the parameters, in their order, by name."""
+        return dict(zip((p.name for p in self.parameters), values, strict=True))
 
     def parameter(self, name: str) -> Parameter:
         """The parameter of that name."""

@@ -90,9 +90,7 @@ def assemble(
     `theta`.
     """
     if slope is None:
-        slope = height_slope(
-            model, data, dict(zip((p.name for p in model.parameters), theta, strict=True))
-        )
+        slope = height_slope(model, data, model.named(theta))
     covariance = noise.trial_covariance(
         data,
         scatter,

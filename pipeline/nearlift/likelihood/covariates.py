@@ -28,14 +28,17 @@ LEAST_SPREAD = {
 USUAL_DENSITY = 1.2
 
 
-def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
+def derive(
+    data: Observations, lift_inf_N: FloatArray, ratio: FloatArray | float = 1.0
+) -> Observations:
     """The observations with every derived covariate that effects and families may ask for.
 
     `since_start_s` (since the session's first trial), `elapsed_hat` (campaign time, or run order,
     scaled to [-1, 1]), `previous_lift_N`, `previous_throttle`, `previous_z_hat` and `rest_s` (0 at
     the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
     throttle, or over its curve), `drift_hat` (relative change of lift within a record),
-    `lift_inf_N` (as given, in N, (n,)); where they were logged, `climb_hat`, `level_speed_hat` and
+    `lift_inf_N` (as given, in N, (n,); times the base model's lift `ratio`, (n,), what the trial
+    before it held); where they were logged, `climb_hat`, `level_speed_hat` and
     `imbalance` of a vehicle that moves; and, as geometry, the medians `supply_ref_V`,
     `temperature_ref_K`, `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`.
     Where the order of the trials is unknown, all that follows from it is constant. What has a
@@ -68,10 +71,10 @@ def derive(data: Observations, lift_inf_N: FloatArray) -> Observations:
         and (known["speed_Hz"] > 0).all()
     ):
         known["speed_hat"] = known["speed_Hz"] / _usual(data, known["speed_Hz"])
-    # the level and not the trial's own lift: that carries its noise, which would then explain its
+    # the model's lift and not the trial's own: that carries its noise, which would then explain its
     # neighbour's
     for name, values in (
-        ("previous_lift_N", known["lift_inf_N"]),
+        ("previous_lift_N", known["lift_inf_N"] * ratio),
         ("previous_throttle", data.throttle),
         ("previous_z_hat", data.z_hat),
     ):

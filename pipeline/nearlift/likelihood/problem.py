@@ -10,6 +10,7 @@ in that percent.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -278,7 +279,7 @@ class Problem:
             if offset_m
             else self.data
         )
-        return height_slope(self.model, data, dict(zip(self.names, np.asarray(theta), strict=True)))
+        return height_slope(self.model, data, self.model.named(np.asarray(theta)))
 
 
 def need(data: Observations, name: str, model: str) -> Any:
@@ -300,6 +301,13 @@ def need(data: Observations, name: str, model: str) -> Any:
         f"needs {name}, which this campaign does not know",
         "add it to [vehicle] or to the schedule, or choose another model",
     )
+
+
+def lift_ratio(model: LiftModel, data: Observations, parameters: Mapping[str, float]) -> FloatArray:
+    """L / L_inf of each trial at given parameter values, (n,)."""
+    known = {name: need(data, name, model.name) for name in model.needs}
+    ratio = np.asarray(model.evaluate(data.z_hat, **parameters, **known), dtype=float)
+    return np.broadcast_to(ratio, (data.n,))
 
 
 def height_slope(model: LiftModel, data: Observations, parameters: dict[str, float]) -> FloatArray:

@@ -18,7 +18,7 @@ from nearlift.fit.heights import Plan
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import usable
+from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop import (
     absorption,
     adequacy,
@@ -324,7 +324,11 @@ def set_up(
         )
     admit(where, kept, base)
     first = fit(base, kept, parts, plan=Plan())
-    kept = derive(kept, kept.lift_inf_N(first.level_coefficients))
+    kept = derive(
+        kept,
+        kept.lift_inf_N(first.level_coefficients),
+        lift_ratio(base, kept, base.named(first.theta)),
+    )
     known, untestable = could_act(kept, base, effects)
     # effects within a trial leave no mark on trial means; they have a test of their own
     between = tuple(e for e in known if not e.within_trial)

@@ -325,8 +325,7 @@ def plan(stage: SearchProblem, question: Question, offered: Menu, rotating: floa
     `rotating` of a batch go round.
     """
     n, both = stage.data.n, join(stage.data, offered.trials)
-    theta = dict(zip((p.name for p in stage.base.parameters), stage.theta, strict=True))
-    slope = height_slope(stage.base, both, theta)
+    slope = height_slope(stage.base, both, stage.base.named(stage.theta))
     declared = budget.shared(both, stage.parts, slope)
     departed = np.eye(len(offered.z_hat))[offered.nearest(both.z_hat)]
     own = question.columns(both)

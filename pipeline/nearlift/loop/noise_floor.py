@@ -61,9 +61,7 @@ def prepare(
     )
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
-        slope = height_slope(
-            base, data, dict(zip((q.name for q in base.parameters), vector[:p], strict=True))
-        )
+        slope = height_slope(base, data, base.named(vector[:p]))
         found, target = noise.estimate(
             data,
             np.log(data.lift_N) - log_ratio,

@@ -13,9 +13,8 @@ from nearlift.fit import inputs
 from nearlift.likelihood import budget
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.noise import trial_covariance
-from nearlift.likelihood.problem import usable
+from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.admission import admit, could_act
-from nearlift.loop.candidate import Candidate
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -60,11 +59,11 @@ def planned(
     kept = data.take(usable(base, data))
     admit(f"design of the {data.boundary}", kept, base)
     levels = kept.level_medians(kept.lift_N)
-    kept = derive(kept, levels[kept.level])
+    ratio = lift_ratio(base, kept, base.named(theta))
+    kept = derive(kept, levels[kept.level], ratio)
     known, untestable = could_act(kept, base, effects)
     between = tuple(e for e in known if not e.within_trial)
-    log_ratio = Candidate(base=base, effects=(), data=kept).log_ratio(theta)
-    kept = dataclasses.replace(kept, lift_N=levels[kept.level] * np.exp(log_ratio))
+    kept = dataclasses.replace(kept, lift_N=levels[kept.level] * ratio)
     log_lift = np.log(kept.lift_N)
     parts = inputs.acting(parts, base, theta)
     stage = SearchProblem(

@@ -153,11 +153,7 @@ def parted(
     other: tuple[tuple[Effect, ...], FloatArray],
 ) -> float:
     """The same for effects with their flat vectors, fitted or supposed."""
-    slope = height_slope(
-        stage.base,
-        data,
-        dict(zip((p.name for p in stage.base.parameters), stage.theta, strict=True)),
-    )
+    slope = height_slope(stage.base, data, stage.base.named(stage.theta))
     space = Problem(
         model=stage.base, data=data, covariance=trial_covariance(data, stage.noise, slope)
     )

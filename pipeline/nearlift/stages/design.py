@@ -19,7 +19,7 @@ from nearlift.declare import Boundary
 from nearlift.errors import NotConverged, UsageError
 from nearlift.likelihood import budget
 from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import usable
+from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.outlook import outlook
 from nearlift.loop.rehearsal import planned
 from nearlift.manifest.campaign import Campaign
@@ -103,7 +103,11 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
             for text, table in _otherwise(job.campaign, made, job.seed).items():
                 other = observe(table, job.campaign, boundary)
                 other = other.take(usable(base, other))
-                variants[text] = derive(other, other.level_medians(other.lift_N)[other.level])
+                variants[text] = derive(
+                    other,
+                    other.level_medians(other.lift_N)[other.level],
+                    lift_ratio(base, other, base.named(theta)),
+                )
         result = outlook(foresight, library, variants)
         expected = {k: getattr(noise, k) for k in ("relative", "force_N", "height_m", "source")}
         answer["boundaries"][boundary] = result | {

@@ -18,7 +18,7 @@ from nearlift.fit import inputs
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import usable
+from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop import next_visits
 from nearlift.loop.admission import could_act
 from nearlift.loop.candidate_fit import search
@@ -246,7 +246,11 @@ def _ground(
     except NotConverged as few:
         kept = data.take(usable(base, data))
         first = fit(base, kept, parts)
-        kept = derive(kept, kept.lift_inf_N(first.level_coefficients))
+        kept = derive(
+            kept,
+            kept.lift_inf_N(first.level_coefficients),
+            lift_ratio(base, kept, base.named(first.theta)),
+        )
         library = could_act(kept, base)[0]
         stage = SearchProblem(
             data=kept,

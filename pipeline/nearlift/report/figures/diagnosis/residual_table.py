@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import usable
+from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.products import LOOP_RESIDUALS
 from nearlift.report.evidence import Columns, Evidence, lift_inf_N, stack, text_column
 from nearlift.report.figures.diagnosis import abscissa as against
@@ -87,7 +87,7 @@ def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[
     model, fit = evidence.base(boundary)
     data = evidence.observations[boundary]
     data = data.take(usable(model, data))
-    data = derive(data, lift_inf_N(fit, data))
+    data = derive(data, lift_inf_N(fit, data), lift_ratio(model, data, fit.values))
     table = evidence.table(LOOP_RESIDUALS)
     mine = np.flatnonzero(table["boundary"] == boundary)
     row = {str(table["trial"][i]): i for i in mine.tolist()}

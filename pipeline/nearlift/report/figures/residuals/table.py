@@ -8,6 +8,7 @@ trial as the fit's noise model has it.
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood import noise
-from nearlift.likelihood.problem import height_slope, need, usable
+from nearlift.likelihood.problem import height_slope, lift_ratio, usable
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
@@ -77,14 +78,9 @@ def residuals(
     data = evidence.observations[boundary]
     parameters = fit.values
     data = data.take(usable(model, data))
-    known = {n: need(data, n, model.name) for n in model.needs}
     # where the trials told a shared height error, that is where they stand
     z_hat = data.z_hat + curves.height_found_m(fit) / data.radius_m
-    log_ratio = np.log(
-        np.broadcast_to(
-            np.asarray(model(z_hat, **parameters, **known), dtype=float), data.z_hat.shape
-        )
-    )
+    log_ratio = np.log(lift_ratio(model, dataclasses.replace(data, z_hat=z_hat), parameters))
     log_level = np.log(lift_inf_N(fit, data))
     kept = evidence.fits.noise[boundary]
     sigma = noise.trial_covariance(data, kept, height_slope(model, data, parameters)).sigma
