@@ -197,6 +197,12 @@ class LiftModel(Declaration):
                     f" {difference:.6g}",
                 )
 
+    @property
+    def bounds(self) -> tuple[FloatArray, FloatArray]:
+        """Lower and upper bounds of the parameters, (p,) each."""
+        low, high = (np.array([p.bounds[end] for p in self.parameters]) for end in (0, 1))
+        return low, high
+
     def suits(self, rotors: int, geometry: Mapping[str, object]) -> bool:
         """Whether the model describes a vehicle with so many rotors and this known geometry."""
         kind_fits = self.rotors == "any" or (self.rotors == "one") == (rotors == 1)

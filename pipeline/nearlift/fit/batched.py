@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
+from nearlift.errors import NotConverged
 
 ROUNDS = 60
 #: A step smaller than this part of a parameter's scale ends the search.
@@ -57,6 +58,23 @@ class Minima:
     chi2: FloatArray
     converged: NDArray[np.bool_]
 
+    def good(self) -> FloatArray:
+        """The rows of `theta` that are estimates.
+
+        Raises
+        ------
+        NotConverged
+            More than one in a hundred failed: the rest would be a choice of the lucky ones.
+        """
+        failed = int((~self.converged).sum())
+        if failed > 0.01 * len(self.theta):
+            raise NotConverged(
+                "refit",
+                f"{failed} of {len(self.theta)} did not converge",
+                "look at the residuals, or tighten the parameters' bounds",
+            )
+        return self.theta[self.converged]
+
 
 def minimise(
     residuals: Residuals,
@@ -90,11 +108,11 @@ def minimise(
         return Minima(theta=theta, chi2=chi2, converged=np.isfinite(chi2))
 
     def at(theta: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        r, slopes = (
-            _differences(residuals, theta, rows, bounds, scale, which)
-            if linearised is None
-            else _chosen(linearised(theta, rows), which)
-        )
+        if linearised is None:
+            r, slopes = _differences(residuals, theta, rows, bounds, scale, which)
+        else:
+            r, slopes = linearised(theta, rows)
+            slopes = slopes if len(which) == slopes.shape[1] else slopes[:, which]
         slopes = slopes * scale[which][:, None]
         return r, slopes if np.isfinite(slopes.sum()) else np.nan_to_num(
             slopes, posinf=0.0, neginf=0.0
@@ -236,13 +254,6 @@ def settled(
         )
         active[rows] = good & (moved > 0)
     return best
-
-
-def _chosen(
-    found: tuple[FloatArray, FloatArray], which: NDArray[np.intp]
-) -> tuple[FloatArray, FloatArray]:
-    r, slopes = found
-    return r, slopes if len(which) == slopes.shape[1] else slopes[:, which]
 
 
 def _differences(

@@ -18,8 +18,9 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood import semiseparable, student
-from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups
+from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups, independent_variance
 from nearlift.likelihood.covariance import group_sums
+from nearlift.likelihood.noise import trial_variance
 from nearlift.likelihood.problem import Problem
 from nearlift.likelihood.variance_components import ages
 from nearlift.results import Noise, Observations
@@ -161,31 +162,14 @@ def lines(
         *(_declared(data, g, part, slope) for part in parts),
     ]
     # the floor under a variance of zero, where nothing scatters at all
-    own = problem.covariance.variance - sum(
-        (independent(data, part, slope) for part in parts), _own(data, scatter)
+    assumed = problem.covariance.variance - sum(
+        (independent_variance(data, part, slope) for part in parts), trial_variance(data, scatter)
     )
-    if np.any(own > 1e-3 * problem.covariance.variance):
-        found.append(
-            _trials(
-                g,
-                np.maximum(own, 0.0),
-                "least scatter assumed",
-                "trial",
-                1.0,
-                "1",
-                np.full(len(g), np.inf),
-            )
-        )
+    if np.any(assumed > 1e-3 * problem.covariance.variance):
+        covariance = (g * np.maximum(assumed, 0.0)) @ g.T
+        name, infinite = "least scatter assumed", np.full(len(g), np.inf)
+        found.append(_line(name, "A", "normal", "trial", 1.0, "1", covariance, infinite))
     return tuple(line for line in found if line.standard > 0)
-
-
-def _own(data: Observations, scatter: Noise) -> FloatArray:
-    return np.asarray(
-        (data.u_lift_N / data.lift_N) ** 2
-        + scatter.relative**2
-        + (scatter.force_N / data.lift_N) ** 2,
-        dtype=np.float64,
-    )
 
 
 def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
@@ -212,8 +196,15 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
         )
 
     return [
-        _trials(
-            g, record**2, RECORD_NOISE, "trial", rms, "1", np.nan_to_num(record_dof, nan=np.inf)
+        _line(
+            RECORD_NOISE,
+            "A",
+            "normal",
+            "trial",
+            rms,
+            "1",
+            (g * record**2) @ g.T,
+            np.nan_to_num(record_dof, nan=np.inf),
         ),
         line(
             "relative", "trial", scatter.relative, "1", {"relative": scatter.relative**2 * g @ g.T}
@@ -266,18 +257,6 @@ def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
     )
 
 
-def _trials(
-    g: FloatArray,
-    variance: FloatArray,
-    name: str,
-    scope: str,
-    standard: float,
-    unit: str,
-    dof: FloatArray,
-) -> Line:
-    return _line(name, "A", "normal", scope, standard, unit, (g * variance) @ g.T, dof)
-
-
 def _line(
     name: str,
     kind: Literal["A", "B"],
@@ -309,21 +288,12 @@ def further(name: str, kind: Literal["A", "B"], moved: FloatArray) -> Line:
     return _line(name, kind, "", "", 1.0, "", moved @ moved.T, np.full(len(moved), np.inf))
 
 
-def independent(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
-    """Variance that a component adds to each trial by itself, (n,)."""
-    if part.scope in GROUPED:
-        return np.zeros(data.n)
-    return part.sensitivity(data, slope) ** 2 / (
-        np.maximum(data.n_eff, 1) if part.scope == "sample" else 1.0
-    )
-
-
 def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatArray) -> Line:
     never = np.full(len(g), np.inf)
     grouped = part.scope in GROUPED
     size = g * part.sensitivity(data, slope)
     shared = group_sums(size, groups(data, part.scope)) if grouped else np.zeros((len(g), 0))
-    covariance = shared @ shared.T + (g * independent(data, part, slope)) @ g.T
+    covariance = shared @ shared.T + (g * independent_variance(data, part, slope)) @ g.T
     standard = part.size(data)
     line = _line(
         part.name,

@@ -62,7 +62,8 @@ def measure(
     if not len(theta) or not (heights or scatter.height_m):
         return Plan()
     g = gum.gain(problem, theta)
-    u = np.sqrt(np.diag(np.linalg.pinv(_information(problem, theta), hermitian=True)))
+    white = problem.project(problem.jacobian(theta).T)
+    u = np.sqrt(np.diag(np.linalg.pinv(white @ white.T, hermitian=True)))
     first: dict[str, FloatArray] = {
         line.component: np.sqrt(np.diag(line.covariance))
         for line in gum.lines(problem, g, parts, scatter, slope)
@@ -121,11 +122,6 @@ def measure(
         blur_m=spread if any(m.treatment == "mean" for m in found) else 0.0,
         measures=tuple(found),
     )
-
-
-def _information(problem: Problem, theta: FloatArray) -> FloatArray:
-    white = problem.project(problem.jacobian(theta).T)
-    return np.asarray(white @ white.T, dtype=np.float64)
 
 
 def shared_by_all(data: Observations, part: Component) -> bool:
@@ -248,10 +244,7 @@ def integrate(
     from scipy.integrate import trapezoid
 
     prior, reach = density(parts)
-    bounds = (
-        np.array([q.bounds[0] for q in problem.model.parameters]),
-        np.array([q.bounds[1] for q in problem.model.parameters]),
-    )
+    bounds = problem.model.bounds
     free = np.ones(len(theta), dtype=bool)
     low, high, start = -reach, reach, np.tile(theta, (NODES, 1))
     for _ in range(5):

@@ -14,13 +14,13 @@ into the one at constant throttle, since lift goes as speed squared and, at fixe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit import batched
+from nearlift.fit.collapse import f_test
 from nearlift.fit.least_squares import parameter_covariance
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
@@ -43,21 +43,6 @@ NOT_HELD = 0.01
 LEAST_LEFT = 0.1
 #: Fewest visits that can show a response.
 ENOUGH = 8
-
-
-@dataclass(frozen=True, kw_only=True)
-class Raised(Problem):
-    """The same trials with the model's ratio raised to a fixed exponent."""
-
-    exponent: float = 1.0
-
-    def log_ratio(self, *given: Any, **named: Any) -> FloatArray:
-        """Exponent times log L / L_inf."""
-        return self.exponent * super().log_ratio(*given, **named)
-
-    def slopes(self, *given: Any, **named: Any) -> FloatArray:
-        """Its derivatives."""
-        return self.exponent * super().slopes(*given, **named)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -188,7 +173,7 @@ def at_exponents(
     """
     n = np.asarray(exponents, dtype=float)
     target = problem.project(np.log(problem.data.lift_N))
-    low, high = (np.array([p.bounds[end] for p in problem.model.parameters]) for end in (0, 1))
+    bounds = problem.model.bounds
 
     def residuals(at: FloatArray, rows: IntArray) -> FloatArray:
         return target - n[rows, None] * problem.project(problem.log_ratio(at))
@@ -201,12 +186,12 @@ def at_exponents(
     found = batched.minimise(
         residuals,
         np.tile(theta, (len(n), 1)),
-        (low, high),
+        bounds,
         np.where(u > 0, u, 1.0),
         np.ones(len(theta), dtype=bool),
         linearised,
     )
-    best = batched.settled(linearised, found.theta, (low, high))
+    best = batched.settled(linearised, found.theta, bounds)
     answers = []
     for k in np.flatnonzero(found.converged):
         jacobian = n[k] * problem.slopes(best[k])
@@ -226,12 +211,11 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
     """
     from scipy.optimize import least_squares
 
-    declared = problem.model.parameters
-    low = np.r_[[p.bounds[0] for p in declared], 0.1]
-    high = np.r_[[p.bounds[1] for p in declared], 3.0]
+    low, high = problem.model.bounds
+    low, high = np.r_[low, 0.1], np.r_[high, 3.0]
 
     def residuals(x: FloatArray) -> FloatArray:
-        r = _raised(problem, float(x[-1])).residuals(x[:-1])
+        r = problem.left(x[-1] * problem.log_ratio(x[:-1]))
         return np.where(np.isfinite(r), r, 1e3)
 
     target = problem.project(np.log(problem.data.lift_N))
@@ -329,18 +313,6 @@ def _supported(responses: tuple[Response, ...]) -> tuple[float, float] | None:
     return by_name.get("speed_Hz") or by_name.get("power_W")
 
 
-def _raised(problem: Problem, n: float) -> Raised:
-    import dataclasses
-
-    return Raised(
-        **{f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}, exponent=n
-    )
-
-
 def _with_p(found: AtExponent, least: float, noise_dof: float) -> AtExponent:
-    from dataclasses import replace
-
-    from nearlift.fit.collapse import f_test
-
     test = f_test(found.chi2 - least, 1, noise_dof)
     return replace(found, p_value=test.p_value if test else float("nan"))

@@ -105,22 +105,21 @@ def peak(density: Density) -> FloatArray:
     """
     from scipy.optimize import minimize
 
-    bounds = np.array([q.bounds for q in density.problem.model.parameters])
+    low, high = density.problem.model.bounds
     scale = np.sqrt(np.diag(density.spread()))
-    start = np.clip(density.centre, bounds[:, 0], bounds[:, 1])
+    start = np.clip(density.centre, low, high)
+
+    def at(x: FloatArray) -> FloatArray:
+        return np.asarray(np.clip(start + x * scale, low, high), dtype=np.float64)
 
     def cost(x: FloatArray) -> float:
-        value = float(density(np.clip(start + x * scale, bounds[:, 0], bounds[:, 1])[None, :])[0])
+        value = float(density(at(x)[None, :])[0])
         return -value if np.isfinite(value) else 1e10
 
-    ends = [
-        ((low - s) / w, (high - s) / w)
-        for (low, high), s, w in zip(bounds, start, scale, strict=True)
-    ]
-    found = minimize(cost, np.zeros(len(start)), method="L-BFGS-B", jac="3-point", bounds=ends)
-    near = np.round(16 * found.x) / 16
-    x = near if cost(near) < 1e10 else found.x
-    return np.asarray(np.clip(start + x * scale, bounds[:, 0], bounds[:, 1]), dtype=np.float64)
+    ends = list(zip((low - start) / scale, (high - start) / scale, strict=True))
+    end = minimize(cost, np.zeros(len(start)), method="L-BFGS-B", jac="3-point", bounds=ends).x
+    near = np.round(16 * end) / 16
+    return at(near if cost(near) < 1e10 else end)
 
 
 def weigh(density: Density, proposal: Mixture, rng: np.random.Generator, n: int) -> Weighted:

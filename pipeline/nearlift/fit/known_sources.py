@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.budget import GROUPED, Component, groups
+from nearlift.fit.gum import NAMES, RECORD_NOISE, inverse_information
+from nearlift.fit.linearised import linear_problem
+from nearlift.likelihood.budget import GROUPED, Component, groups, independent_variance
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise
 
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import Fit
-from nearlift.fit.gum import NAMES, RECORD_NOISE, independent, inverse_information
-from nearlift.fit.linearised import linear_problem
 
 
 def u_without(fit: Fit) -> dict[str, FloatArray]:
@@ -94,7 +94,7 @@ def _lacking(
         NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
     }
     trial_by_trial |= {
-        part.name: independent(data, part, carried)
+        part.name: independent_variance(data, part, carried)
         for part, carried in parts
         if part.scope not in GROUPED
     }

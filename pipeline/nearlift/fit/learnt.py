@@ -90,7 +90,7 @@ def beside_fit(belief: Belief, draws: FloatArray, lo90: float, hi90: float) -> t
         for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge))
         if out and ratio < NARROW
     ]
-    if ratio < NARROW and float(np.ptp(belief.quantile([0.05, 0.95]))) < CLOSE * wide:
+    if ratio < NARROW and belief.width90 < CLOSE * wide:
         reasons.append("the prior narrows it")
     reasons = reasons or [
         "the curve is not straight over the interval, as least squares takes it for"

@@ -47,7 +47,7 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         return np.where(np.isfinite(r), r, 1e3)
 
     def derivatives(values: Any) -> FloatArray:
-        return _finite_derivatives(problem, at(values)).T
+        return np.nan_to_num(problem.derivatives(at(values)), posinf=0.0, neginf=0.0).T
 
     scale = np.array(
         [
@@ -68,16 +68,10 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
             f"lmfit stopped: {found.message}",
             "look at the residuals, or tighten the parameters' bounds",
         )
-    bounds = np.array([p.bounds[0] for p in declared]), np.array([p.bounds[1] for p in declared])
     best: FloatArray = batched.settled(
-        lambda theta, rows: problem.linearised(theta), at(found.params)[None], bounds
+        lambda theta, rows: problem.linearised(theta), at(found.params)[None], problem.model.bounds
     )[0]
     return best
-
-
-def _finite_derivatives(problem: Problem, theta: FloatArray) -> FloatArray:
-    """Of the residuals (p, n), 0 where the model has none."""
-    return np.nan_to_num(problem.derivatives(theta), posinf=0.0, neginf=0.0)
 
 
 def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
@@ -89,9 +83,8 @@ def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
     NotConverged
         It has none at any of these; the remedy depends on which trials are to blame.
     """
-    declared = problem.model.parameters
-    low, high = (np.array([p.bounds[end] for p in declared]) for end in (0, 1))
-    usual: FloatArray = np.array([p.value for p in declared], dtype=np.float64)
+    low, high = problem.model.bounds
+    usual: FloatArray = np.array([p.value for p in problem.model.parameters], dtype=np.float64)
     inner: list[FloatArray] = [
         usual + share * (end - usual)
         for end in (low, high)

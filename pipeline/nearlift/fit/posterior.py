@@ -231,10 +231,10 @@ def _from_weights(
     times = np.unique(picked, return_counts=True)[1]
     worth = min(settings.draws**2 / float(times @ times), weighted.ess)
     theta = weighted.theta[picked].reshape(CHAINS, -1, len(density.problem.names))
-    return _posterior(
-        density,
-        stream,
-        theta,
+    return Posterior(
+        names=density.problem.names,
+        theta=theta,
+        levels_N=levels(density, theta, stream("levels")),
         log_prob=weighted.log_prob[picked].reshape(CHAINS, -1),
         sampler="importance",
         ess=np.full(theta.shape[-1], worth),
@@ -249,10 +249,10 @@ def _from_chain(
     density: Density, chain: ensemble.Chain, weighted: Weighted, stream: Stream
 ) -> Posterior:
     each = np.moveaxis(chain.theta, -1, 0)
-    return _posterior(
-        density,
-        stream,
-        chain.theta,
+    return Posterior(
+        names=density.problem.names,
+        theta=chain.theta,
+        levels_N=levels(density, chain.theta, stream("levels")),
         log_prob=chain.log_prob,
         sampler="emcee",
         ess=np.array([convergence.worth(c) for c in each]),
@@ -269,10 +269,10 @@ def _without_parameters(density: Density, settings: Settings, stream: Stream) ->
     theta = np.zeros((CHAINS, settings.draws // CHAINS, 0))
     log = float(density(np.zeros((1, 0)))[0])
     none = np.zeros(0)
-    return _posterior(
-        density,
-        stream,
-        theta,
+    return Posterior(
+        names=(),
+        theta=theta,
+        levels_N=levels(density, theta, stream("levels")),
         log_prob=np.full(theta.shape[:2], log),
         sampler="none",
         ess=none,
@@ -282,12 +282,6 @@ def _without_parameters(density: Density, settings: Settings, stream: Stream) ->
         log_evidence=log,
         u_log_evidence=0.0,
     )
-
-
-def _posterior(density: Density, stream: Stream, theta: FloatArray, **more: object) -> Posterior:
-    """What every sampler's draws get: their names and their L_inf."""
-    arguments: dict[str, object] = {"levels_N": levels(density, theta, stream("levels")), **more}
-    return Posterior(names=density.problem.names, theta=theta, **arguments)  # type: ignore[arg-type]
 
 
 def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> FloatArray:

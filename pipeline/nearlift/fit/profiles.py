@@ -178,7 +178,7 @@ def _along(fit: Fit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
     line = fit.covariance[i] / fit.covariance[i, i]
     start = fit.theta + (value - fit.theta[i])[:, None] * line
     start[:, i] = value
-    low, high = (np.array([q.bounds[end] for q in problem.model.parameters]) for end in (0, 1))
+    low, high = problem.model.bounds
     scale = np.where(sd > 0, sd, 1.0)
     free = np.arange(p) != i
     if shared:

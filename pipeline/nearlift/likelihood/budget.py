@@ -166,15 +166,18 @@ def groups(data: Observations, scope: str) -> IntArray:
     return np.zeros(data.n, dtype=np.int64)
 
 
+def independent_variance(data: Observations, part: Component, slope: FloatArray) -> FloatArray:
+    """Variance of log lift that one component adds to each trial by itself, (n,)."""
+    if part.scope in GROUPED:
+        return np.zeros(data.n)
+    return part.sensitivity(data, slope) ** 2 / (
+        np.maximum(data.n_eff, 1) if part.scope == "sample" else 1.0
+    )
+
+
 def own_variance(data: Observations, parts: tuple[Component, ...], slope: FloatArray) -> FloatArray:
     """Variance of log lift from the components that are independent from trial to trial, (n,)."""
-    total = np.zeros(data.n)
-    for part in parts:
-        if part.scope == "trial":
-            total += part.sensitivity(data, slope) ** 2
-        elif part.scope == "sample":
-            total += part.sensitivity(data, slope) ** 2 / np.maximum(data.n_eff, 1)
-    return total
+    return sum((independent_variance(data, part, slope) for part in parts), np.zeros(data.n))
 
 
 def columns(data: Observations, part: Component, slope: FloatArray) -> FloatArray:

@@ -43,6 +43,14 @@ PASSES = 2
 ROUGH_STEP, LAST_STEP = 0.1, 1e-6
 
 
+def trial_variance(data: Observations, noise: Noise) -> FloatArray:
+    """Variance of log lift that trials do not share, (n,): within the record, and of repeats."""
+    return np.asarray(
+        (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2,
+        dtype=np.float64,
+    )
+
+
 def trial_covariance(
     data: Observations,
     noise: Noise,
@@ -54,14 +62,8 @@ def trial_covariance(
     """The covariance of log lift that a `Noise` implies; `slope` is d log ratio / dz per metre,
     `extra` a further variance; `instruments` as `Covariance` has them.
     """
-    own = (
-        (data.u_lift_N / data.lift_N) ** 2
-        + noise.relative**2
-        + (noise.force_N / data.lift_N) ** 2
-        + extra
-    )
     return Covariance(
-        variance=np.maximum(own, LEAST_VARIANCE),
+        variance=np.maximum(trial_variance(data, noise) + extra, LEAST_VARIANCE),
         visit=data.visit,
         per_visit=noise.height_m * slope,
         shared=np.zeros((data.n, 0)) if shared is None else shared,

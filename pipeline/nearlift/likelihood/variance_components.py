@@ -17,8 +17,6 @@ from nearlift.results import IntArray, Observations
 #: Trials over which the drifts forget; a drift is looked for where a boundary has four times as
 #: many.
 DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
-
-
 #: Scale and degrees of freedom of the half-t prior on each size: a fraction of lift, of the median
 #: lift, metres, a fraction of lift. Converters and propellers repeat to half a percent, screw
 #: traverses to a tenth of a millimetre. What else a stop brings (a settling flow, a cable) is
@@ -31,23 +29,14 @@ PRIORS = {
     "height_m": (1e-4, 2.0),
     "common": (2e-3, 0.25),
 }
-
-
 DRIFT_PRIORS = ((2e-4, 2.0), (2e-4, 2.0), (6e-4, 1.0), (6e-4, 1.0))
-
-
+#: Standard deviations beyond which a trial is pulled in.
 CLIP = 3.5
-
-
 #: A trial that keeps less than this part of its precision beside what is free cannot be foretold
 #: from the rest.
 DETERMINED = 1e-8
-
-
 #: So many times the time over which a drift forgets, and nothing is left of it.
 FORGOTTEN = 100.0
-
-
 #: Steps of the search for the likeliest sizes at most.
 MOST_STEPS = 40
 #: Revisits that tell what visits share beside distance, and visits that tell it from a drift.
