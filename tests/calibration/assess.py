@@ -55,9 +55,10 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     except NotConverged as fault:
         alone = fit(base, campaign.data, campaign.parts)
         spans = [
-            [(float(t), float(u))] for t, u in zip(alone.theta, Estimator.of(alone).u, strict=True)
+            [(float(t), float(u))]
+            for t, u in zip(alone.theta, Estimator.from_fit(alone).u, strict=True)
         ]
-        quoted = [Estimator.of(alone).quoted(i, span, "", []) for i, span in enumerate(spans)]
+        quoted = [Estimator.from_fit(alone).quoted(i, span, "", []) for i, span in enumerate(spans)]
         intervals = {n: (q.lo90, q.hi90) for n, q in zip(alone.names, quoted, strict=True)}
         return {"verdict": NOT_DIAGNOSED, "reason": str(fault), "effects": [], "quoted": intervals}
 

@@ -30,7 +30,7 @@ from tests.calibration.streams import unordered
 from tests.unit.manifests import CRAZYFLIE, RIG
 
 from nearlift import catalogue
-from nearlift.fit.least_squares import Fit, fit
+from nearlift.fit.least_squares import LeastSquaresFit, fit
 from nearlift.likelihood import budget
 from nearlift.manifest import campaign as manifests
 from nearlift.results import Observations
@@ -181,7 +181,7 @@ def answers(
     return {"declared": intervals(right), "ignored": intervals(fit(model, data, (), right.noise))}
 
 
-def intervals(found: Fit) -> dict[str, Interval]:
+def intervals(found: LeastSquaresFit) -> dict[str, Interval]:
     """The intervals of a fit, by the quantiles that it reports its own 90 % with."""
     made = {
         name: Interval.of(e.value, e.u, dof)

@@ -11,7 +11,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.fit.joint import Downwash, JointProblem, fit_joint
+from nearlift.fit.joint import DownwashRatio, JointProblem, fit_joint
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.results import Observations
 
@@ -38,11 +38,11 @@ def trials(K_b: float, seed: int = 0, noise: float = 0.01) -> Observations:
     )
 
 
-def wash(K_b: float, seed: int = 0, u: float = 0.005, u_control: float = 0.003) -> Downwash:
+def wash(K_b: float, seed: int = 0, u: float = 0.005, u_control: float = 0.003) -> DownwashRatio:
     z = np.array([4.5, 3.0, 2.0])
     rng = np.random.default_rng(seed)
     error = u * rng.standard_normal(3) - u_control * rng.standard_normal()
-    return Downwash(
+    return DownwashRatio(
         z_hat=z,
         ratio=MODEL.downwash(z, **GEOMETRY, K_b=K_b) * np.exp(error),
         u_own=np.full(3, u),
@@ -103,7 +103,7 @@ def test_the_control_s_error_is_shared():
     """A control that is off moves all cases alike: as many as there are know no more of a common
     factor than the control's own error.
     """
-    many = Downwash(
+    many = DownwashRatio(
         z_hat=np.full(400, 3.0), ratio=np.full(400, 0.95), u_own=np.full(400, 1e-3), u_control=0.01
     )
     w = many.whitener()
@@ -126,7 +126,7 @@ def test_residuals_are_those_of_lift_then_of_downwash_and_broadcast():
 
 def test_what_cannot_be_joined_is_refused():
     data = trials(2.0)
-    empty = Downwash(z_hat=np.zeros(0), ratio=np.zeros(0), u_own=np.zeros(0), u_control=0.0)
+    empty = DownwashRatio(z_hat=np.zeros(0), ratio=np.zeros(0), u_own=np.zeros(0), u_control=0.0)
     alone = fit(MODEL, data)
     with pytest.raises(InputRefused, match=r"no case of \[piv\] stands for the inflow"):
         fit_joint(alone, data, empty)

@@ -11,7 +11,7 @@ import pytest
 from tests.calibration import flying
 
 from nearlift import catalogue
-from nearlift.fit.heights import Plan
+from nearlift.fit.heights import HeightPlan
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
@@ -83,7 +83,7 @@ def test_a_datum_widens_K_b_by_exactly_what_linear_theory_says(datum_m):
     """
     data = campaign(3, visits=4)
     without, found = (
-        fit(MODEL, data, parts, SCATTER, plan=Plan()).estimates["K_b"]
+        fit(MODEL, data, parts, SCATTER, plan=HeightPlan()).estimates["K_b"]
         for parts in ((), (part(standard=datum_m),))
     )
     assert without.u == pytest.approx(curvature(data, without.value)[0] ** -0.5, rel=1e-4)

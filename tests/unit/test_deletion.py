@@ -38,7 +38,7 @@ def estimated(found, keep):
 @pytest.mark.parametrize("case", [name for name in CASES if name != "none"])
 def test_the_closed_form_is_dense_least_squares_without_the_trial_or_the_visit(case):
     name, kind, parts = CASES[case]
-    plan = heights.Plan(shared=PARTS[:1]) if case == "exact height" else heights.Plan()
+    plan = heights.HeightPlan(shared=PARTS[:1]) if case == "exact height" else heights.HeightPlan()
     found = fit(catalogue.model(name), campaign(3, visits=3, **kind), parts, SCATTER, plan=plan)
     moved, data = influence(found), found.problem.data
     u = np.sqrt(np.diag(found.covariance))
@@ -64,7 +64,7 @@ def test_the_closed_form_is_a_fit_without_the_trial(size):
     data = campaign(3, visits=4)
     nearest = int(np.argmin(data.z_hat + (data.throttle < 0.9)))
     data = replace(data, lift_N=data.lift_N * np.where(np.arange(data.n) == nearest, 1 + size, 1.0))
-    model, plan = catalogue.model("sanchez_cuevas"), heights.Plan()
+    model, plan = catalogue.model("sanchez_cuevas"), heights.HeightPlan()
     found = fit(model, data, (), SCATTER, plan=plan)
     rest = np.arange(data.n) != nearest
     again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], plan)
@@ -83,7 +83,7 @@ def test_deletion_residuals_are_standard_normal_under_the_declared_scatter():
         data = replace(data, u_lift_N=np.zeros(data.n))
         squares.append(
             influence(
-                fit(catalogue.model("sanchez_cuevas"), data, (), scatter, plan=heights.Plan())
+                fit(catalogue.model("sanchez_cuevas"), data, (), scatter, plan=heights.HeightPlan())
             ).residual
             ** 2
         )
@@ -95,7 +95,7 @@ def test_what_the_others_do_not_determine_has_no_influence_to_tell():
     alone = np.arange(data.n) == 7
     data = replace(data, throttle=np.where(alone, 0.6, data.throttle))
     moved = influence(
-        fit(catalogue.model("sanchez_cuevas"), data, (), SCATTER, plan=heights.Plan())
+        fit(catalogue.model("sanchez_cuevas"), data, (), SCATTER, plan=heights.HeightPlan())
     )
     assert np.isnan(moved.residual[alone]).all()
     assert np.isnan(moved.of_trial[alone]).all()

@@ -53,12 +53,12 @@ PARTS = (
 
 
 def fitted(model=MODEL, parts=PARTS, scatter=SCATTER, **more):
-    return fit(model, campaign(5, visits=4, **more), parts, scatter, plan=heights.Plan())
+    return fit(model, campaign(5, visits=4, **more), parts, scatter, plan=heights.HeightPlan())
 
 
 def test_the_shares_add_to_the_variance_of_the_estimator():
     found = fitted()
-    lines, total = gum.of(found)
+    lines, total = gum.uncertainty_budget(found)
     assert {line.component for line in lines} >= {p.name for p in PARTS} | set(gum.NAMES.values())
     assert sum(line.covariance for line in lines) == pytest.approx(found.covariance, rel=1e-8)
     assert total.u == pytest.approx([e.u for e in found.estimates.values()], rel=1e-8)
@@ -76,7 +76,7 @@ def test_the_shares_add_to_the_variance_of_the_estimator():
 def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
     found = fitted()
     without = u_without(found)
-    assert set(without) == {line.component for line in gum.of(found)[0]}
+    assert set(without) == {line.component for line in gum.uncertainty_budget(found)[0]}
 
     def u(parts, scatter):
         problem = assemble(MODEL, found.problem.data, parts, scatter, found.theta, found.slope)
@@ -107,8 +107,8 @@ def test_a_small_part_of_the_variance_may_hold_most_of_the_uncertainty():
         ratio=hsiao,
         stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
     )
-    found = fit(model, data, (datum,), SCATTER, plan=heights.Plan())
-    [line] = [a for a in gum.of(found)[0] if a.component == datum.name]
+    found = fit(model, data, (datum,), SCATTER, plan=heights.HeightPlan())
+    [line] = [a for a in gum.uncertainty_budget(found)[0] if a.component == datum.name]
     u = found.estimates["alpha"].u
     adds = 1 - np.sqrt(1 - line.covariance[0, 0] / u**2)
     saves = 1 - u_without(found)[datum.name][0] / u
@@ -189,7 +189,7 @@ def test_every_line_is_what_brute_force_makes_of_its_error_alone():
 
 def test_the_sensitivity_to_a_datum_is_what_moving_it_does():
     found = fitted(parts=(part("height", 1e-4, "boundary"),))
-    line = next(a for a in gum.of(found)[0] if a.component == "height by boundary")
+    line = next(a for a in gum.uncertainty_budget(found)[0] if a.component == "height by boundary")
     step_m = 1e-6
     problem = found.problem
     moved = problem.log_ratio(found.theta, step_m) - problem.log_ratio(found.theta)
@@ -205,7 +205,7 @@ def test_welch_and_satterthwaite():
     """
     lines = [
         dataclasses.replace(line, dof=np.array([5.0, 5.0]) if line.kind == "A" else line.dof)
-        for line in gum.of(fitted(parts=(part("height", 1e-4, "boundary"),)))[0]
+        for line in gum.uncertainty_budget(fitted(parts=(part("height", 1e-4, "boundary"),)))[0]
     ]
     plain = gum.total(lines, SCATTER, 2)
     u = np.array([np.sqrt(np.diag(line.covariance)) for line in lines])
@@ -240,14 +240,14 @@ def test_a_scatter_that_repeats_tell_has_their_degrees_of_freedom():
     data = campaign(8, visits=6, relative=0.01, force=0.0, height=0.0)
     data = dataclasses.replace(data, u_lift_N=np.zeros(data.n))
     found = fit(catalogue.model("sanchez_cuevas"), data)
-    assert 0.5 * 200 < gum.of(found)[1].dof[0] < 1.2 * 200
+    assert 0.5 * 200 < gum.uncertainty_budget(found)[1].dof[0] < 1.2 * 200
 
 
 def test_numbers_without_scatter_get_the_least_scatter_assumed():
     data = campaign(3, visits=2)
     data = dataclasses.replace(data, u_lift_N=np.zeros(data.n))
     found = fit(catalogue.model("sanchez_cuevas"), data, (), Noise(relative=0.0))
-    (line,) = gum.of(found)[0]
+    (line,) = gum.uncertainty_budget(found)[0]
     assert line.component == "least scatter assumed"
     assert line.covariance == pytest.approx(found.covariance, rel=1e-6)
 
@@ -262,7 +262,7 @@ def test_the_split_of_an_integrated_height_adds_up_too():
         SCATTER,
     )
     assert found.marginal is not None
-    lines, total = gum.of(found)
+    lines, total = gum.uncertainty_budget(found)
     assert "height by boundary" in {line.component for line in lines}
     assert total.u == pytest.approx(np.sqrt(np.diag(found.covariance)), rel=1e-9)
 
@@ -275,7 +275,7 @@ def test_a_low_rank_budget_is_its_dense_covariance_and_its_sampled_unknowns():
     parts = (part("height", 3e-4, "boundary"), part("gain", 0.006, "session"))
     scatter = Noise(relative=0.01)
     model = catalogue.model("sanchez_cuevas")
-    found = fit(model, data, parts, scatter, plan=heights.Plan())
+    found = fit(model, data, parts, scatter, plan=heights.HeightPlan())
     problem, slope = found.problem, found.slope
     indicator = np.eye(4)[data.level]
     thetas = np.array([[found.theta[0]], [found.theta[0] + found.estimates["K_b"].u]])
@@ -315,7 +315,7 @@ def test_a_coefficient_beside_a_free_exponent_is_that_of_a_fit_of_both():
     """Found on a line of exponents, without the fit of both."""
     data, scatter = campaign(3, visits=3, height=0.0), Noise(relative=0.004, force_N=3e-4)
     found = fit(catalogue.model("sanchez_cuevas"), data, (), scatter)
-    (condition, value, u), _ = Estimator.of(found)._exponents()
+    (condition, value, u), _ = Estimator.from_fit(found)._exponents()
     both = fit(MODEL, data, (), scatter).estimates["K_b"]
     assert condition == "the exponent of the ratio is free"
     assert value == pytest.approx(both.value, rel=1e-4)

@@ -108,8 +108,8 @@ def test_the_integral_is_that_of_a_dense_grid(distribution):
 def test_where_the_slope_suffices_both_ways_agree():
     data = near_ceiling(3)
     parts = (datum(2e-5),)
-    slope = fit(CEILING, data, parts, SCATTER, plan=heights.Plan())
-    exact = fit(CEILING, data, parts, SCATTER, plan=heights.Plan(shared=parts))
+    slope = fit(CEILING, data, parts, SCATTER, plan=heights.HeightPlan())
+    exact = fit(CEILING, data, parts, SCATTER, plan=heights.HeightPlan(shared=parts))
     assert exact.theta == pytest.approx(slope.theta, abs=0.02 * slope.estimates["alpha"].u)
     assert exact.estimates["alpha"].u == pytest.approx(slope.estimates["alpha"].u, rel=0.02)
     assert exact.log_likelihood == pytest.approx(slope.log_likelihood, abs=0.15)
@@ -128,10 +128,13 @@ def test_the_exact_interval_covers_where_the_slope_does_not():
     for seed, off in enumerate(truth):
         # the bench would have seen the rotor touch
         data = near_ceiling(1000 + seed, off_m=float(np.clip(off, -1.2e-3, None)), visits=6)
-        first = fit(CEILING, data, parts, SCATTER, plan=heights.Plan())
+        first = fit(CEILING, data, parts, SCATTER, plan=heights.HeightPlan())
         for name, found in (
             ("slope", first),
-            ("exact", fit(CEILING, data, parts, SCATTER, first.slope, heights.Plan(shared=parts))),
+            (
+                "exact",
+                fit(CEILING, data, parts, SCATTER, first.slope, heights.HeightPlan(shared=parts)),
+            ),
         ):
             e = found.estimates["alpha"]
             hits[name] += e.lo90 <= 0.125 <= e.hi90
@@ -152,7 +155,7 @@ def test_the_mean_over_stops_undoes_their_bias():
     )
     data = dataclasses.replace(data, lift_N=0.1 * np.exp(mean))
     slope, averaged = (
-        fit(CEILING, data, (), scatter, plan=plan) for plan in (heights.Plan(), None)
+        fit(CEILING, data, (), scatter, plan=plan) for plan in (heights.HeightPlan(), None)
     )
     (measure,) = averaged.plan.measures
     assert (measure.treatment, averaged.problem.blur_m) == ("mean", pytest.approx(0.3e-3))
@@ -199,7 +202,7 @@ def test_a_model_without_coefficients_integrates_too():
         data,
         (datum(1e-3),),
         SCATTER,
-        plan=heights.Plan(shared=(datum(1e-3),)),
+        plan=heights.HeightPlan(shared=(datum(1e-3),)),
     )
     assert found.theta.shape == (0,)
     assert found.marginal is not None

@@ -14,7 +14,13 @@ import scipy.stats
 from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import NotConverged
-from nearlift.fit.least_squares import Fit, assemble, fit, minimise, parameter_covariance
+from nearlift.fit.least_squares import (
+    LeastSquaresFit,
+    assemble,
+    fit,
+    minimise,
+    parameter_covariance,
+)
 from nearlift.likelihood import noise
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import Problem
@@ -29,7 +35,7 @@ SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4)
 DATUM = Component(name="datum", on="height", standard=2e-4, distribution="normal", scope="boundary")
 
 
-def reference(data: Observations, found: Fit) -> tuple[np.ndarray, np.ndarray, float]:
+def reference(data: Observations, found: LeastSquaresFit) -> tuple[np.ndarray, np.ndarray, float]:
     """K_b and log L_inf fitted together by scipy with the dense covariance: theta, covariance,
     chi2.
     """
@@ -204,7 +210,7 @@ def test_trials_below_a_models_pole_are_left_out_with_the_reason():
     }
 
 
-def pairs(found: Fit) -> dict[tuple[str, str], str]:
+def pairs(found: LeastSquaresFit) -> dict[tuple[str, str], str]:
     return {d.pair: d.text for d in found.degeneracies}
 
 

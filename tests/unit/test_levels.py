@@ -83,12 +83,14 @@ def test_what_follows_from_the_levels_agrees_too() -> None:
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-10)
     theta = np.array([[1.5], [2.0], [2.5]])
     np.testing.assert_allclose(
-        Stations.of(curve.problem).log_levels(theta),
-        Stations.of(free.problem).log_levels(theta),
+        Stations.from_problem(curve.problem).log_levels(theta),
+        Stations.from_problem(free.problem).log_levels(theta),
         atol=1e-9,
     )
     np.testing.assert_allclose(
-        Stations.of(curve.problem).chi2(theta), Stations.of(free.problem).chi2(theta), rtol=1e-8
+        Stations.from_problem(curve.problem).chi2(theta),
+        Stations.from_problem(free.problem).chi2(theta),
+        rtol=1e-8,
     )
 
 

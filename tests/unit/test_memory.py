@@ -37,9 +37,9 @@ def scattered(data, stops=None):
 
 def fitted(data):
     found = least_squares.fit(GROUND, data)
-    profiles.of(found)
+    profiles.likelihood_profiles(found)
     predictive.leave_visit_out(found)
-    gum.of(found)
+    gum.uncertainty_budget(found)
     collapse.examine(
         *assumptions.linearised(found),
         lambda g: gum.freedom(found.problem, g, found.parts, found.noise, found.slope),

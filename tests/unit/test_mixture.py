@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from nearlift.declare import Parameter, uniform
-from nearlift.fit.belief import Beliefs
 from nearlift.fit.mixture import Mixture
+from nearlift.fit.prior import JointPrior
 
 WIDE = Parameter(
     name="x", unit="1", value=0.0, bounds=(-200.0, 200.0), prior=uniform(-200.0, 200.0), meaning="x"
 )
 MIXTURE = Mixture(
-    beliefs=Beliefs.of([WIDE]),
+    prior=JointPrior.from_parameters([WIDE]),
     share=np.array([0.6, 0.3]),
     mean=np.array([[1.0], [6.0]]),
     scale=np.array([[[0.04]], [[0.5]]]),

@@ -101,7 +101,7 @@ def test_the_likelihood_and_its_slope_are_those_of_the_dense_calculation():
         0.01 * rng.standard_normal(data.n),
     )
     slope = height_slope(MODEL, data, VALUES)
-    model = variance_components.Components.of(data, slope, unknown, 5, 0.0)
+    model = variance_components.VarianceComponents.from_trials(data, slope, unknown, 5, 0.0)
     assert list(model.priors) == [
         "relative",
         "force_N",
@@ -135,7 +135,9 @@ def test_what_others_say_of_a_trial_is_what_leaving_it_out_says():
     rng = np.random.default_rng(3)
     mean, y = np.eye(len(data.levels))[data.level], 0.01 * rng.standard_normal(data.n)
     slope = height_slope(MODEL, data, VALUES)
-    model = variance_components.Components.of(data, slope, mean, len(data.levels), 0.0)
+    model = variance_components.VarianceComponents.from_trials(
+        data, slope, mean, len(data.levels), 0.0
+    )
     x = np.log([0.004, 3e-4, 2e-4, 0.001, 0.002, 0.003][: len(model.priors)])
     found = model.at(x, y[model.order])
     sizes = np.exp(x) * np.array([1, np.median(data.lift_N), 1, 1, 1, 1])[: len(x)]

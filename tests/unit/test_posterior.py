@@ -15,11 +15,11 @@ from nearlift import catalogue, randomness
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal, uniform
 from nearlift.errors import NotConverged
 from nearlift.fit import agreement, convergence, ensemble, importance, pareto, posterior
-from nearlift.fit.belief import Belief, Beliefs
 from nearlift.fit.density import Density
 from nearlift.fit.grid import grid
-from nearlift.fit.learnt import beside_fit, learnt
 from nearlift.fit.least_squares import fit
+from nearlift.fit.prior import JointPrior, TruncatedPrior
+from nearlift.fit.prior_comparison import compare_with_fit, compare_with_prior
 from nearlift.fit.snooker import SnookerMove
 from nearlift.likelihood.stations import Stations
 from nearlift.results import Noise
@@ -69,7 +69,7 @@ def density(model="sanchez_cuevas", seed=1, dof=np.inf, **more):
 def test_stations_give_the_very_same_chi2(name):
     target, found = density(name)
     theta = found.theta + 0.3 * np.random.default_rng(1).standard_normal((7, len(found.theta)))
-    stations = Stations.of(target.problem)
+    stations = Stations.from_problem(target.problem)
     assert len(stations.at.data.z_hat) == len(simulated.STATIONS)
     np.testing.assert_allclose(stations.chi2(theta), target.problem.chi2(theta), rtol=1e-9)
     np.testing.assert_allclose(
@@ -87,7 +87,7 @@ def test_trials_that_all_stand_elsewhere_are_their_own_stations():
         data=dataclasses.replace(data, z_hat=data.z_hat * np.linspace(1, 1.01, data.n)[::-1]),
     )
     theta = np.array([[1.5], [2.0], [1e9]])
-    stations = Stations.of(problem)
+    stations = Stations.from_problem(problem)
     assert stations.triangle is None
     np.testing.assert_allclose(stations.chi2(theta), problem.chi2(theta), rtol=1e-9)
     np.testing.assert_allclose(
@@ -164,14 +164,14 @@ def test_priors_are_cut_off_at_the_bounds_and_integrate_to_one():
     parameter = Parameter(
         name="a", unit="1", value=0.0, bounds=(-0.5, 3.0), prior=normal(0.0, 1.0), meaning="m"
     )
-    belief = Belief(parameter=parameter)
+    prior = TruncatedPrior(parameter=parameter)
     x = np.linspace(-0.5, 3.0, 20_001)
-    assert np.trapezoid(np.exp(belief.log_density(x)), x) == pytest.approx(1.0, abs=1e-6)
-    assert np.isneginf(belief.log_density(np.array([-0.51, 3.01]))).all()
-    drawn = Beliefs(each=(belief,)).draw(np.random.default_rng(1), 20_000)[:, 0]
+    assert np.trapezoid(np.exp(prior.log_density(x)), x) == pytest.approx(1.0, abs=1e-6)
+    assert np.isneginf(prior.log_density(np.array([-0.51, 3.01]))).all()
+    drawn = JointPrior(each=(prior,)).draw(np.random.default_rng(1), 20_000)[:, 0]
     assert -0.5 <= drawn.min() <= drawn.max() <= 3.0
     assert stats.kstest(drawn, stats.truncnorm(-0.5, 3.0).cdf).pvalue > 1e-6
-    assert belief.width90 == pytest.approx(
+    assert prior.width90 == pytest.approx(
         np.diff(stats.truncnorm(-0.5, 3.0).ppf([0.05, 0.95]))[0], rel=1e-9
     )
 
@@ -339,9 +339,9 @@ def test_the_posterior_is_the_prior_where_the_data_are_blind():
     """All trials at one distance: L_inf takes everything. 5 standard errors of a quantile."""
     target, _ = density("sanchez_cuevas", stations=(1.5,), visits=12)
     found = posterior.sample(target, posterior.Settings(), 1)
-    belief = target.beliefs.each[0]
-    assert abs(np.mean(found.flat()[:, 0] < belief.quantile(0.5)) - 0.5) < 5 * 0.5 / np.sqrt(4400)
-    said = learnt(belief, found.flat()[:, 0])
+    prior = target.prior.each[0]
+    assert abs(np.mean(found.flat()[:, 0] < prior.quantile(0.5)) - 0.5) < 5 * 0.5 / np.sqrt(4400)
+    said = compare_with_prior(prior, found.flat()[:, 0])
     assert said.ratio == pytest.approx(1.0, abs=0.1)
     assert (
         "the data say nothing about K_b: its interval is the prior's (normal, mean 2, sd 4), not a"
@@ -357,7 +357,7 @@ def test_a_posterior_at_a_bound_is_said_to_be():
     )
     found = posterior.sample(target, posterior.Settings(), 1)
     assert found.flat().min() >= 0
-    said = learnt(target.beliefs.each[0], found.flat()[:, 0])
+    said = compare_with_prior(target.prior.each[0], found.flat()[:, 0])
     assert said.at_low > 0.9
     assert "of the posterior of alpha lies against its bound 0" in said.words
 
@@ -368,8 +368,8 @@ def test_a_posterior_unlike_least_squares_says_why():
 
     def said(factor, prior, bounds=(-100.0, 100.0), about=0.0):
         (parameter,) = line(prior, bounds).parameters
-        return beside_fit(
-            Belief(parameter=parameter), draws, about - factor * half, about + factor * half
+        return compare_with_fit(
+            TruncatedPrior(parameter=parameter), draws, about - factor * half, about + factor * half
         )
 
     assert said(1.0, uniform(-100, 100)) == (pytest.approx(1.0, abs=0.03), "")

@@ -64,7 +64,7 @@ def brute(found, left_out):
 @pytest.mark.parametrize("case", CASES)
 def test_the_closed_form_is_the_dense_prediction(case):
     name, kind, parts = CASES[case]
-    plan = heights.Plan(shared=PARTS[:1]) if case == "exact height" else heights.Plan()
+    plan = heights.HeightPlan(shared=PARTS[:1]) if case == "exact height" else heights.HeightPlan()
     found = fit(catalogue.model(name), campaign(3, visits=3, **kind), parts, SCATTER, plan=plan)
     assert bool(found.marginal) == (case == "exact height")
     held = predictive.leave_visit_out(found)
@@ -80,11 +80,11 @@ def test_the_closed_form_is_a_refit_without_the_visit():
     """Not only to first order: the model fitted anew to the other visits foretells the same."""
     data = campaign(3, visits=4)
     model = catalogue.model("sanchez_cuevas")
-    found = fit(model, data, (), SCATTER, plan=heights.Plan())
+    found = fit(model, data, (), SCATTER, plan=heights.HeightPlan())
     held = predictive.leave_visit_out(found)
     for v in (0, 7, 20):
         rest = data.visit != v
-        again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], heights.Plan())
+        again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], heights.HeightPlan())
         level = np.array([again.levels[float(t)].value for t in data.throttle[~rest]])
         error = np.log(data.lift_N) - found.problem.log_ratio(again.theta)
         assert held.squares[v] == pytest.approx(
@@ -120,7 +120,7 @@ def test_the_standard_error_is_the_scatter_between_visits():
     rng = np.random.default_rng(1)
     visit, n = np.arange(50), np.full(50, 4)
     a, b = (
-        predictive.HeldOut(
+        predictive.VisitScores(
             visit=visit, log_density=rng.normal(size=50), squares=rng.chisquare(4, 50), n=n
         )
         for _ in range(2)
@@ -139,7 +139,7 @@ def test_the_standard_error_is_the_scatter_between_visits():
 
 def test_only_visits_that_both_predict_are_compared():
     def held(visits, n=4):
-        return predictive.HeldOut(
+        return predictive.VisitScores(
             visit=np.array(visits),
             log_density=np.ones(len(visits)),
             squares=np.ones(len(visits)),

@@ -23,7 +23,7 @@ SCATTER = Noise(relative=0.01)
 
 def profile(model, data, parts=(), scatter=SCATTER, **more):
     found = fit(catalogue.model(model), data, parts, scatter, **more)
-    return found, {p.parameter: p for p in profiles.of(found)}
+    return found, {p.parameter: p for p in profiles.likelihood_profiles(found)}
 
 
 def test_a_well_measured_coefficient_has_a_parabola():
@@ -147,7 +147,9 @@ def test_an_unknown_height_is_profiled_under_its_distribution(distribution):
     part = Component(
         name="datum", on="height", standard=3e-4, distribution=distribution, scope="boundary"
     )
-    found, own = profile("hsiao_chirarattananon", data, (part,), plan=heights.Plan(shared=(part,)))
+    found, own = profile(
+        "hsiao_chirarattananon", data, (part,), plan=heights.HeightPlan(shared=(part,))
+    )
     alpha = own["alpha"]
     offset = (
         np.linspace(-1, 1, 4001) * 3e-4 * (5 if distribution == "normal" else 3**0.5 * (1 - 1e-9))

@@ -185,7 +185,7 @@ def test_influence_is_what_the_fit_does_without_the_visit():
     """The closed form, scatter held fixed, against a refit at the same scatter."""
     data, model = campaign(7, visits=5), catalogue.model("sanchez_cuevas")
     found = fit(model, data)
-    quoted = Estimator.of(found).quoted(
+    quoted = Estimator.from_fit(found).quoted(
         0, [(float(found.theta[0]), float(found.estimates["K_b"].u))], "", []
     )
     shift = quoted.influence.visit

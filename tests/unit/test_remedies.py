@@ -35,13 +35,13 @@ def fitted(model="sanchez_cuevas", parts=(), visits=4, **kind):
         campaign(3, visits=visits, **kind),
         parts,
         SCATTER,
-        plan=heights.Plan(),
+        plan=heights.HeightPlan(),
     )
 
 
 def test_the_datum_that_would_halve_u_does():
     found = fitted(parts=(datum(1e-3),), visits=30)
-    knowledge = remedies.of(found)["K_b"].knowledge
+    knowledge = remedies.halvings(found)["K_b"].knowledge
     one = next(r for r in knowledge if r.quantity == "distance datum")
     assert one.r > remedies.TRADES
     assert one.unit == "mm"
@@ -50,16 +50,23 @@ def test_the_datum_that_would_halve_u_does():
     # the same trials with that measurement added to the declared datum
     better = (1e-3**-2 + (one.needed / 1000) ** -2) ** -0.5
     again = fit(
-        found.model, found.problem.data, (datum(better),), SCATTER, found.slope, heights.Plan()
+        found.model,
+        found.problem.data,
+        (datum(better),),
+        SCATTER,
+        found.slope,
+        heights.HeightPlan(),
     )
     assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.02)
-    exact = fit(found.model, found.problem.data, (), SCATTER, found.slope, heights.Plan())
+    exact = fit(found.model, found.problem.data, (), SCATTER, found.slope, heights.HeightPlan())
     assert one.u_best == pytest.approx(exact.estimates["K_b"].u, rel=0.02)
 
 
 def test_what_cannot_halve_it_says_how_far_it_would_go():
     found = fitted(parts=(datum(0.1e-3),), visits=2)
-    (one,) = [r for r in remedies.of(found)["K_b"].knowledge if r.quantity == "distance datum"]
+    (one,) = [
+        r for r in remedies.halvings(found)["K_b"].knowledge if r.quantity == "distance datum"
+    ]
     assert np.isnan(one.needed)
     assert (
         f"knowing it exactly would bring u(K_b) from {one.u:.2g} to {one.u_best:.2g}, no lower"
@@ -70,7 +77,7 @@ def test_what_cannot_halve_it_says_how_far_it_would_go():
 
 def test_a_coefficient_known_from_elsewhere():
     found = fitted("sanchez_cuevas_free_exponent")
-    (one,) = [r for r in remedies.of(found)["K_b"].knowledge if r.quantity == "n"]
+    (one,) = [r for r in remedies.halvings(found)["K_b"].knowledge if r.quantity == "n"]
     assert one.r == pytest.approx(
         found.covariance[0, 1] / np.sqrt(np.prod(np.diag(found.covariance))), rel=1e-6
     )
@@ -82,14 +89,14 @@ def test_a_coefficient_known_from_elsewhere():
 
 
 def test_all_levels_together():
-    (one,) = [r for r in remedies.of(fitted())["K_b"].knowledge if r.quantity == "L_inf"]
+    (one,) = [r for r in remedies.halvings(fitted())["K_b"].knowledge if r.quantity == "L_inf"]
     assert "every L_inf together: multiple r = " in one.text
     assert one.unit == "%"
 
 
 def test_so_many_repeats_halve_it():
     found = fitted(parts=(datum(0.02e-3),))
-    repeats = remedies.of(found)["K_b"].repeats
+    repeats = remedies.halvings(found)["K_b"].repeats
     assert repeats.times > 4
     n = round(repeats.times)
     data = found.problem.data
@@ -98,7 +105,7 @@ def test_so_many_repeats_halve_it():
         visit=np.concatenate([data.visit + k * 1000 for k in range(n)]),
     )
     again = fit(
-        found.model, many, (datum(0.02e-3),), SCATTER, np.tile(found.slope, n), heights.Plan()
+        found.model, many, (datum(0.02e-3),), SCATTER, np.tile(found.slope, n), heights.HeightPlan()
     )
     assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.06)
     assert (
@@ -125,7 +132,7 @@ def test_no_number_of_repeats_undoes_a_bent_line():
         scope="distance",
     )
     found = fitted(parts=(line, gain), visits=30)
-    repeats = remedies.of(found)["K_b"].repeats
+    repeats = remedies.halvings(found)["K_b"].repeats
     assert repeats.times == np.inf
     assert "no number of repeats would halve u(K_b)" in repeats.text
     assert found.estimates["K_b"].u / 2 < repeats.u_limit <= found.estimates["K_b"].u
@@ -142,7 +149,7 @@ def test_an_integrated_height_is_among_them():
     )
     found = fit(catalogue.model("hsiao_chirarattananon"), data, (datum(5e-4),), SCATTER)
     assert found.marginal is not None
-    halving = remedies.of(found)["alpha"]
+    halving = remedies.halvings(found)["alpha"]
     one = next(r for r in halving.knowledge if r.quantity == "distance datum")
     assert one.known_to == pytest.approx(1000 * found.marginal.offset()[1], rel=0.2)
     assert one.u == pytest.approx(found.estimates["alpha"].u)
@@ -150,4 +157,4 @@ def test_an_integrated_height_is_among_them():
 
 
 def test_nothing_is_said_of_what_is_not_determined():
-    assert remedies.of(fitted(stations=(2.0,))) == {}
+    assert remedies.halvings(fitted(stations=(2.0,))) == {}

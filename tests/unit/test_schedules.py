@@ -106,7 +106,7 @@ def answers(work):
 
 def fitted(data):
     found = fit(GROUND, data)
-    profiles.of(found)
+    profiles.likelihood_profiles(found)
     leave_visit_out(found)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
-from nearlift.fit.grid import Grid
+from nearlift.fit.grid import PosteriorGrid
 from nearlift.fit.importance import Weighted
 from nearlift.fit.pareto import LIMIT
 from nearlift.results.posterior import APART, SamplerCheck
@@ -31,7 +31,7 @@ class Judge:
     unfit: str = ""
 
 
-def of_grid(lattice: Grid) -> Judge:
+def grid_judge(lattice: PosteriorGrid) -> Judge:
     """A grid as judge."""
     unfit = (
         ""
@@ -41,7 +41,7 @@ def of_grid(lattice: Grid) -> Judge:
     return Judge(name="grid", below=lattice.below, error=lattice.error, unfit=unfit)
 
 
-def of_weights(weighted: Weighted) -> Judge:
+def importance_judge(weighted: Weighted) -> Judge:
     """Importance sampling as judge."""
     k = weighted.pareto_k
     unfit = "" if k < LIMIT else f"its weights cannot be trusted: Pareto k = {k:.2f}, above {LIMIT}"

@@ -31,14 +31,14 @@ def percent(x: float) -> str:
     return f"{100 * x:.0f}" if x >= 0.1 else f"{100 * x:.2g}"
 
 
-def throttle_collapse(found: collapse.Collapse) -> str:
+def throttle_collapse(tested: collapse.Collapse) -> str:
     """Whether the curves of all throttles are one, and how far apart they may be."""
-    if len(found.throttles) < 2:
+    if len(tested.throttles) < 2:
         return "All trials ran at one throttle: whether Delta L depends on it cannot be tested."
     tests = {
-        f"one {found.name}": found.coefficient,
-        "one curve": found.curve,
-        "one Delta L in all cells of a distance, no model": found.cells,
+        f"one {tested.name}": tested.coefficient,
+        "one curve": tested.curve,
+        "one Delta L in all cells of a distance, no model": tested.cells,
     }
     made = {claim: test for claim, test in tests.items() if test is not None}
     if not made:
@@ -68,7 +68,7 @@ def throttle_collapse(found: collapse.Collapse) -> str:
     bounds = [
         f"{percent(d.bound95)} % in {what} (between {100 * d.between[0]:.3g} and"
         f" {100 * d.between[1]:.3g} %)"
-        for what, d in ((found.name, found.of_coefficient), ("Delta L", found.of_curve))
+        for what, d in ((tested.name, tested.of_coefficient), ("Delta L", tested.of_curve))
         if d is not None and np.isfinite(d.bound95)
     ]
     if bounds:
@@ -79,22 +79,21 @@ def throttle_collapse(found: collapse.Collapse) -> str:
     return " ".join(parts)
 
 
-def held(found: held_quantity.Held, name: str) -> str:
+def held(examined: held_quantity.Held, name: str) -> str:
     """What the exponent does to the coefficient, and what was logged of it."""
     parts = []
-    if found.plausible:
+    if examined.plausible:
         least, most = (
-            min(found.plausible, key=lambda x: x.value),
-            max(found.plausible, key=lambda x: x.value),
+            min(examined.plausible, key=lambda x: x.value),
+            max(examined.plausible, key=lambda x: x.value),
         )
         ends = f"{least.value:.3g} (n = {least.n:.2g}) to {most.value:.3g} (n = {most.n:.2g})"
         parts.append(f"Over the plausible exponents the base fit’s {name} runs from {ends}.")
-    if np.isfinite(found.n):
-        parts.append(
-            f"Lift alone, the form taken for true, gives n = {plus_minus(found.n, found.u_n)}."
-        )
+    if np.isfinite(examined.n):
+        n = plus_minus(examined.n, examined.u_n)
+        parts.append(f"Lift alone, the form taken for true, gives n = {n}.")
         excluded = [
-            f"{x.n:.2g} ({chance(x.p_value)})" for x in found.plausible if x.p_value < REJECTS
+            f"{x.n:.2g} ({chance(x.p_value)})" for x in examined.plausible if x.p_value < REJECTS
         ]
         if excluded:
             parts.append(
@@ -103,16 +102,16 @@ def held(found: held_quantity.Held, name: str) -> str:
             )
     else:
         parts.append(f"Lift alone cannot tell the exponent from {name}.")
-    parts += [_response(r) for r in found.responses]
-    if deciding := [NAMES[q] for q in found.unanswered if q != "supply_V"]:
+    parts += [_response(r) for r in examined.responses]
+    if deciding := [NAMES[q] for q in examined.unanswered if q != "supply_V"]:
         parts.append(
             f"The {' and the '.join(deciding)} was logged, but at too few visits within a session"
             " to infer the exponent from it."
         )
-    elif not found.supported:
+    elif not examined.supported:
         parts.append("Log rpm, or power, and the exponent can be inferred.")
-    elif found.at_ends:
-        (low, high), values = found.supported, [x.value for x in found.at_ends]
+    elif examined.at_ends:
+        (low, high), values = examined.supported, [x.value for x in examined.at_ends]
         parts.append(
             f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from {min(values):.3g}"
             f" to {max(values):.3g}."
@@ -151,17 +150,17 @@ def _response(r: held_quantity.Response) -> str:
     )
 
 
-def rotor(found: Rotor, exact_map: bool) -> str:
+def rotor(estimated: Rotor, exact_map: bool) -> str:
     """C_L, its trend, and the paper's constant."""
-    law = found.trend
-    low, high = found.C_L.min(), found.C_L.max()
+    law = estimated.trend
+    low, high = estimated.C_L.min(), estimated.C_L.max()
     text = (
         f"C_L is {low:.3g} to {high:.3g}"
-        if len(found.C_L) > 1
-        else f"C_L is {low:.3g} ± {found.u[0]:.1g}"
+        if len(estimated.C_L) > 1
+        else f"C_L is {low:.3g} ± {estimated.u[0]:.1g}"
     )
     text += (
-        f" ({100 * (found.trend.mean / PAPER - 1):+.0f} % against the {PAPER:g} that the paper"
+        f" ({100 * (estimated.trend.mean / PAPER - 1):+.0f} % against the {PAPER:g} that the paper"
         " takes)."
     )
     if law.p_constant is not None and law.p_trend is not None:

@@ -11,7 +11,7 @@ from nearlift.declare import FloatArray
 from nearlift.effects.air_density import STANDARD, density
 from nearlift.fit import assumption_text as text
 from nearlift.fit import collapse, gum, held_quantity, rotor
-from nearlift.fit.least_squares import Fit
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import linear_problem, stand_in
 from nearlift.fit.minimum import minimise
 from nearlift.likelihood import student
@@ -39,7 +39,7 @@ NORMAL90 = 1.6448536269514722
 
 
 def check(
-    campaign: Campaign, fitted: Fit
+    campaign: Campaign, fitted: LeastSquaresFit
 ) -> tuple[ThrottleCollapse, HeldQuantity | Nothing, RotorCoefficient]:
     """The three checks of one boundary, from the fit of its base model."""
     problem, theta = linearised(fitted)
@@ -60,7 +60,7 @@ def check(
     )
 
 
-def linearised(fitted: Fit) -> tuple[Problem, FloatArray]:
+def linearised(fitted: LeastSquaresFit) -> tuple[Problem, FloatArray]:
     """The likelihood with every error in its covariance, and its optimum.
 
     What all trials share of height and the slope does not carry is put at its likeliest value,
@@ -74,29 +74,29 @@ def linearised(fitted: Fit) -> tuple[Problem, FloatArray]:
     return about, minimise(about, over.theta[over.best])
 
 
-def throttle_collapse(found: collapse.Collapse, quantile: float) -> ThrottleCollapse:
+def throttle_collapse(tested: collapse.Collapse, quantile: float) -> ThrottleCollapse:
     """One boundary's test of the collapse."""
-    each = zip(found.throttles, found.values, found.u, found.u_apart, strict=True)
+    each = zip(tested.throttles, tested.values, tested.u, tested.u_apart, strict=True)
     return ThrottleCollapse(
-        coefficient=found.name,
+        coefficient=tested.name,
         per_throttle={
             t: ThrottleCoefficient(**interval(value, u, quantile), u_apart=float(apart))
             for t, value, u, apart in each
             if np.isfinite(u)
         },
-        tests={"coefficient": found.coefficient, "curve": found.curve, "cells": found.cells},
-        largest_departure={"coefficient": found.of_coefficient, "delta_L": found.of_curve},
-        text=text.throttle_collapse(found),
+        tests={"coefficient": tested.coefficient, "curve": tested.curve, "cells": tested.cells},
+        largest_departure={"coefficient": tested.of_coefficient, "delta_L": tested.of_curve},
+        text=text.throttle_collapse(tested),
     )
 
 
 def exponents(
-    campaign: Campaign, problem: Problem, found: held_quantity.Held, quantile: float
+    campaign: Campaign, problem: Problem, examined: held_quantity.Held, quantile: float
 ) -> HeldQuantity:
     """One boundary's range of the headline coefficient over the exponents, and what the
     logs say.
     """
-    judged = found.at_ends if found.supported else found.plausible
+    judged = examined.at_ends if examined.supported else examined.plausible
     return HeldQuantity(
         declared=campaign.rig.held,
         declared_text=text.declared(campaign.rig.held),
@@ -108,11 +108,11 @@ def exponents(
                 **interval(x.value, x.u, quantile),
                 p_value=x.p_value,
             )
-            for x in found.plausible
+            for x in examined.plausible
         ),
         exponent_from_lift=(
-            RatioEstimate(**interval(found.n, found.u_n, quantile))
-            if np.isfinite(found.n)
+            RatioEstimate(**interval(examined.n, examined.u_n, quantile))
+            if np.isfinite(examined.n)
             else None
         ),
         logged=tuple(
@@ -124,11 +124,11 @@ def exponents(
                 spread=r.spread,
                 exponents=r.exponents(),
             )
-            for r in found.responses
+            for r in examined.responses
         ),
-        supported_exponents=found.supported,
+        supported_exponents=examined.supported,
         range=ExponentRange(
-            source="logged quantities" if found.supported else "plausible exponents",
+            source="logged quantities" if examined.supported else "plausible exponents",
             low=min(x.value for x in judged),
             high=max(x.value for x in judged),
             lo90=min(x.value - quantile * x.u for x in judged),
@@ -138,9 +138,9 @@ def exponents(
         else None,
         curve=tuple(
             ExponentFit(n=x.n, **interval(x.value, x.u, quantile), p_value=x.p_value)
-            for x in found.curve
+            for x in examined.curve
         ),
-        text=text.held(found, problem.names[0]),
+        text=text.held(examined, problem.names[0]),
     )
 
 
@@ -180,7 +180,7 @@ def rotor_coefficient(
         else np.zeros((len(speed), 0))
     )
     whole = given + toll @ covariance @ toll.T
-    found = rotor.examine(
+    estimated = rotor.examine(
         data.levels[known],
         np.exp(log_levels[known]),
         whole[np.ix_(known, known)],
@@ -190,8 +190,8 @@ def rotor_coefficient(
         radius_m=data.radius_m,
         rotors=vehicle.rotors,
     )
-    law = found.trend
-    each = zip(found.throttle, found.speed_Hz, found.C_L, found.u, strict=True)
+    law = estimated.trend
+    each = zip(estimated.throttle, estimated.speed_Hz, estimated.C_L, estimated.u, strict=True)
     exact_map = logged is None and not u_log.any()
     return RotorTrend(
         speed_from=source,
@@ -213,7 +213,7 @@ def rotor_coefficient(
         p_trend=law.p_trend,
         excess=law.excess,
         paper=rotor.PAPER,
-        text=text.rotor(found, exact_map),
+        text=text.rotor(estimated, exact_map),
     )
 
 
@@ -256,8 +256,8 @@ def logged_speed(
         return None
     mean, u = [], []
     for k in range(len(data.levels)):
-        mine = data.level == k
-        far = np.log(speed[mine & (data.z_hat == data.z_hat[mine].max())])
+        at_throttle = data.level == k
+        far = np.log(speed[at_throttle & (data.z_hat == data.z_hat[at_throttle].max())])
         mean.append(far.mean())
         u.append(far.std(ddof=1) / np.sqrt(len(far)) if len(far) > 1 else 0.0)
     return np.exp(mean), np.array(u)

@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 from nearlift.fit.estimator import Estimator
-from nearlift.fit.least_squares import Fit
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import budget
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult, Correlation, Doubt
@@ -22,12 +22,12 @@ SAME_END = 0.25
 
 
 def base_result(
-    fit: Fit, entry: ModelFit, reason: str = NOT_LOOKED_AT, wanted: str = ""
+    fit: LeastSquaresFit, entry: ModelFit, reason: str = NOT_LOOKED_AT, wanted: str = ""
 ) -> BoundaryResult:
     """A boundary's part of results.json before or without the loop; `entry` is the model's in
     fit.json.
     """
-    estimator = Estimator.of(fit)
+    estimator = Estimator.from_fit(fit)
     noise = fit.noise.source.partition(" (")[0]
     declared = budget.and_declared((*fit.parts, *fit.plan.shared))
     holds = f"Allows for the {noise}{declared}, not for effects that nobody looked for"

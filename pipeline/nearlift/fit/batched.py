@@ -143,15 +143,17 @@ def minimise(
         near = moved <= NEAR
         better = np.zeros(len(rows), dtype=bool)
         for some, anew in ((near, False), (~near, True)):
-            own = rows[some]
-            if not len(own):
+            members = rows[some]
+            if not len(members):
                 continue
             new_r, new_slopes = (
-                at(trial[some], own) if anew else (residuals(trial[some], own), slopes[own])
+                at(trial[some], members)
+                if anew
+                else (residuals(trial[some], members), slopes[members])
             )
             new = _chi2(new_r)
-            good = new <= chi2[own]
-            ahead, better[some] = own[good], good
+            good = new <= chi2[members]
+            ahead, better[some] = members[good], good
             theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = (
                 trial[some][good],
                 new[good],
@@ -233,9 +235,9 @@ def settled(
             free = (
                 (size[row] > 0) & ~((best[row] <= low) & (g > 0)) & ~((best[row] >= high) & (g < 0))
             )
-            own, down = bent[row][np.ix_(free, free)], -(g * unit[row])[free]
-            if np.linalg.eigvalsh(own).min(initial=np.inf) > CURVED:
-                step[k, free] = np.linalg.solve(own, down) * unit[row, free]
+            curvature, down = bent[row][np.ix_(free, free)], -(g * unit[row])[free]
+            if np.linalg.eigvalsh(curvature).min(initial=np.inf) > CURVED:
+                step[k, free] = np.linalg.solve(curvature, down) * unit[row, free]
             else:
                 step[k, free] = (
                     np.linalg.lstsq(
@@ -293,8 +295,8 @@ def _step(
     curved = np.where(stuck[:, :, None] | stuck[:, None, :], 0.0, curved)
     diagonal = np.einsum("kpp->kp", curved)
     extra = damping[:, None] * diagonal + 1e-12 * (diagonal.max(axis=1, keepdims=True) + 1e-300)
-    own = curved + np.eye(theta.shape[1]) * np.where(diagonal > 0, extra, 1.0)[:, None, :]
-    return np.asarray(-np.linalg.solve(own, gradient[..., None])[..., 0], dtype=np.float64)
+    damped = curved + np.eye(theta.shape[1]) * np.where(diagonal > 0, extra, 1.0)[:, None, :]
+    return np.asarray(-np.linalg.solve(damped, gradient[..., None])[..., 0], dtype=np.float64)
 
 
 def _chi2(r: FloatArray) -> FloatArray:

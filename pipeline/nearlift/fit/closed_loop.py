@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 
-#: Where the gain is told, in rotor radii.
-TOLD_AT = 2.0
+#: Distance at which the gain is quoted, in rotor radii.
+REFERENCE_Z_HAT = 2.0
 #: Powers of the command that lift may follow: 2 by theory at a given voltage, less with the losses
 #: of motors, as thrust stands have it.
 POWERS = (1.5, 2.2)
@@ -124,7 +124,7 @@ def decaying(z_hat: FloatArray, power: float) -> Ratio:
 
     def ratio(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         gain, decay = np.exp(theta)
-        away = (z_hat - TOLD_AT) / decay
+        away = (z_hat - REFERENCE_Z_HAT) / decay
         if np.isinf(power):
             part, along = gain * np.exp(-away), away
         else:
@@ -168,17 +168,17 @@ def solve(
         log_ratio, slopes = ratio(theta)
         columns = np.hstack([free, slopes])
         outer = columns if windows.instruments is None else np.hstack([level, windows.instruments])
-        sums = _Sums.of(columns, outer, fixed - log_ratio, windows.stretch)
+        sums = _StretchSums.from_columns(columns, outer, fixed - log_ratio, windows.stretch)
         weight, towards = np.zeros(p), np.zeros(p)
         if believed is not None:
             # neighbours are alike, so that windows weigh less than they are many
             weight = scatter / np.sqrt(WORTH) / believed[1]
             towards = believed[0] - theta
-        found = sums.solved(weight, towards)
-        move = found[-p:]
+        coefficients = sums.solved(weight, towards)
+        move = coefficients[-p:]
         if not np.isfinite(move).all():
             break
-        size, left = float(np.abs(move).max()), fixed - log_ratio - columns @ found
+        size, left = float(np.abs(move).max()), fixed - log_ratio - columns @ coefficients
         scatter = float(np.sqrt(np.mean(left**2)))
         # steps that overshoot grow, or turn back
         pace = max(0.5 * pace, SLOWEST) if size > before or move @ last < 0 else pace
@@ -197,7 +197,7 @@ def solve(
             return Solved(
                 theta=theta,
                 covariance=spread,
-                power=float(found[free.shape[1] - 1]) if power is None else power,
+                power=float(coefficients[free.shape[1] - 1]) if power is None else power,
                 dof=sums.groups - 1,
                 squares=float(left @ left),
             )
@@ -209,7 +209,7 @@ def solve(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Sums:
+class _StretchSums:
     """Z'Z, Z'X and Z'y of every stretch, (groups, ...)."""
 
     zz: FloatArray
@@ -217,7 +217,9 @@ class _Sums:
     zy: FloatArray
 
     @classmethod
-    def of(cls, x: FloatArray, z: FloatArray, y: FloatArray, group: NDArray[np.int64]) -> _Sums:
+    def from_columns(
+        cls, x: FloatArray, z: FloatArray, y: FloatArray, group: NDArray[np.int64]
+    ) -> _StretchSums:
         z = z / np.maximum(np.sqrt(np.mean(z**2, axis=0)), 1e-300)
         parts = [np.flatnonzero(group == g) for g in range(int(group.max()) + 1)]
         return cls(
@@ -291,16 +293,16 @@ def gains(windows: Windows, power: float | None = None) -> list[tuple[float, Sol
     NotConverged
         No form settles.
     """
-    found, last = [], None
+    answers, last = [], None
     for form in FORMS:
         try:
             ratio = decaying(windows.z_hat, form)
-            found.append((form, solve(windows, ratio, BELIEVED[0], power, BELIEVED)))
+            answers.append((form, solve(windows, ratio, BELIEVED[0], power, BELIEVED)))
         except NotConverged as fault:
             last = fault
-    if not found:
+    if not answers:
         assert last is not None
         raise last
-    found.sort(key=lambda pair: pair[1].squares)
-    least, n = found[0][1].squares, WORTH * len(windows.z_hat)
-    return [pair for pair in found if n * np.log(pair[1].squares / least) < KEPT]
+    answers.sort(key=lambda pair: pair[1].squares)
+    least, n = answers[0][1].squares, WORTH * len(windows.z_hat)
+    return [pair for pair in answers if n * np.log(pair[1].squares / least) < KEPT]

@@ -26,7 +26,7 @@ def degeneracies(
     unknown, with a height offset or the exponent.
     """
     data = problem.data
-    found = [
+    pairs = [
         Degeneracy(
             pair=(a, "anything"),
             r=1.0,
@@ -37,14 +37,14 @@ def degeneracies(
     ]
     names = tuple(a for a, known in zip(problem.names, determined, strict=True) if known)
     if not names:
-        return tuple(found)
+        return tuple(pairs)
     jacobian, covariance = jacobian[:, determined], covariance[np.ix_(determined, determined)]
     sd = np.sqrt(np.diag(covariance))
     for i, a in enumerate(names):
         for j in range(i):
             r = covariance[i, j] / (sd[i] * sd[j])
             if abs(r) > DEGENERATE:
-                found.append(
+                pairs.append(
                     Degeneracy(
                         pair=(names[j], a),
                         r=float(r),
@@ -63,7 +63,7 @@ def degeneracies(
                     f"{letter(a)} and L_inf at {throttle:.0%} throttle trade places: r ="
                     f" {signed(r, 3)}"
                 )
-                found.append(
+                pairs.append(
                     Degeneracy(pair=(a, f"L_inf at {throttle:.0%}"), r=float(r), text=text)
                 )
     slope = problem.height_slope(theta)
@@ -87,20 +87,20 @@ def degeneracies(
                 text = (
                     f"{letter(names[0])} and the {name} cannot be told apart at all by these trials"
                 )
-                found.append(Degeneracy(pair=(names[0], name), r=1.0, text=text))
+                pairs.append(Degeneracy(pair=(names[0], name), r=1.0, text=text))
             continue
         joint = np.linalg.inv(information)
         for i, a in enumerate(names):
             r = joint[i, -1] / np.sqrt(joint[i, i] * joint[-1, -1])
             if abs(r) > DEGENERATE:
                 u = float(np.sqrt(joint[i, i]))
-                own = f"{plain(float(np.sqrt(joint[-1, -1])), 2)} {unit}".strip()
+                sd_free = f"{plain(float(np.sqrt(joint[-1, -1])), 2)} {unit}".strip()
                 text = (
                     f"{letter(a)} and an unknown {name} would trade places: r = {signed(r, 3)};"
                     f" with the {name} free, u({letter(a)}) would grow from {plain(sd[i], 2)} to"
-                    f" {plain(u, 2)}, and the {name} would be known to {own}"
+                    f" {plain(u, 2)}, and the {name} would be known to {sd_free}"
                 )
-                found.append(
-                    Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u, known_to=own)
+                pairs.append(
+                    Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u, known_to=sd_free)
                 )
-    return tuple(found)
+    return tuple(pairs)

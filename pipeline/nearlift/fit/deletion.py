@@ -25,7 +25,7 @@ from nearlift.results import IntArray, Observations
 if TYPE_CHECKING:
     from typing import Any
 
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
     from nearlift.likelihood.problem import Problem
 
 #: What keeps less than this part of its information when L_inf and coefficients are freed cannot be
@@ -60,7 +60,7 @@ class Deletion:
     whole: FloatArray
 
 
-def visits(fit: Fit) -> tuple[Deletion, ...]:
+def visits(fit: LeastSquaresFit) -> tuple[Deletion, ...]:
     """Every visit of a fit as the others see it, those of one size together.
 
     Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the
@@ -70,7 +70,7 @@ def visits(fit: Fit) -> tuple[Deletion, ...]:
     return visits_of(problem, fit.theta, _free(fit), offset, slope)
 
 
-def _free(fit: Fit) -> list[int]:
+def _free(fit: LeastSquaresFit) -> list[int]:
     """Which coefficients a trial can move: those with a finite uncertainty, and not at a bound."""
     return [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
 
@@ -104,11 +104,11 @@ def visits_of(
     gains[:, free] = weighed @ inverse[:, size - len(free) :] / length
     result = []
     for index, precision in covariance.precision_blocks():
-        own = weighed[index]
+        columns = weighed[index]
         result.append(
             Deletion(
                 index=index,
-                information=precision - own @ inverse @ own.swapaxes(-1, -2),
+                information=precision - columns @ inverse @ columns.swapaxes(-1, -2),
                 weighed=rest[index],
                 gain=gains[index].swapaxes(-1, -2),
                 whole=np.linalg.eigvalsh(precision).max(axis=1),
@@ -118,7 +118,7 @@ def visits_of(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Influence:
+class DeletionDiagnostics:
     """What each coefficient would be without one trial, or without one visit, less what it is; in
     the coefficient's unit.
 
@@ -152,7 +152,7 @@ class Influence:
     chi2: FloatArray
 
 
-def influence(fit: Fit) -> Influence:
+def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
     """How far each trial and each visit moves each coefficient, in closed form from the fit, its
     scatter held fixed.
     """
@@ -161,7 +161,7 @@ def influence(fit: Fit) -> Influence:
 
 def influence_on(
     data: Observations, names: tuple[str, ...], free: Sequence[int], blocks: Sequence[Deletion]
-) -> Influence:
+) -> DeletionDiagnostics:
     """The same from what visits look like to the others."""
     p = len(names)
     fixed = [i for i in range(p) if i not in free]
@@ -169,21 +169,21 @@ def influence_on(
     labels, shifts, squares = [], [], []
     for block in blocks:
         diagonal = np.diagonal(block.information, axis1=1, axis2=2)
-        told = diagonal > DETERMINED * block.whole[:, None]
-        safe = np.where(told, diagonal, np.nan)
+        determined = diagonal > DETERMINED * block.whole[:, None]
+        safe = np.where(determined, diagonal, np.nan)
         residual[block.index] = block.weighed / np.sqrt(safe)
         of_trial[block.index] = -(block.gain * (block.weighed / safe)[:, None]).swapaxes(-1, -2)
         value, vector = np.linalg.eigh(block.information)
-        told = value.min(axis=1) > DETERMINED * block.whole
+        determined = value.min(axis=1) > DETERMINED * block.whole
         turned = np.einsum("mij,mi->mj", vector, block.weighed)
-        value = np.where(told[:, None], value, np.nan)
+        value = np.where(determined[:, None], value, np.nan)
         shifts.append(-np.einsum("mpi,mij,mj->mp", block.gain, vector, turned / value))
         squares.append((turned**2 / value).sum(axis=1))
         labels.append(data.visit[block.index[:, 0]])
     order = np.argsort(np.concatenate(labels), kind="stable")
     of_visit = np.concatenate(shifts)[order]
     of_trial[:, fixed] = of_visit[:, fixed] = np.nan
-    return Influence(
+    return DeletionDiagnostics(
         names=names,
         trial=data.trial,
         of_trial=of_trial,

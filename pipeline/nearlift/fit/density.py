@@ -23,7 +23,7 @@ from functools import cached_property
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.belief import Beliefs
+from nearlift.fit.prior import JointPrior
 from nearlift.likelihood.problem import Problem
 from nearlift.likelihood.stations import Stations
 
@@ -39,14 +39,14 @@ class Density:
     dof: float = math.inf
 
     @cached_property
-    def beliefs(self) -> Beliefs:
+    def prior(self) -> JointPrior:
         """The priors."""
-        return Beliefs.of(self.problem.model.parameters)
+        return JointPrior.from_parameters(self.problem.model.parameters)
 
     @cached_property
     def stations(self) -> Stations:
         """What makes chi2 cheap."""
-        return Stations.of(self.problem)
+        return Stations.from_problem(self.problem)
 
     @cached_property
     def least(self) -> float:
@@ -85,7 +85,7 @@ class Density:
 
     def __call__(self, theta: FloatArray) -> FloatArray:
         """Log prior and log likelihood together; the model is asked only within the bounds."""
-        log_prior = self.beliefs.log_density(theta)
+        log_prior = self.prior.log_density(theta)
         inside = np.isfinite(log_prior)
         result = np.full(len(theta), -np.inf)
         if inside.any():
@@ -98,6 +98,6 @@ class Density:
         """
         jacobian = np.nan_to_num(self.problem.project(self.problem.jacobian(self.centre).T))
         information = jacobian @ jacobian.T
-        sd = np.array([b.width90 / 3.3 for b in self.beliefs.each])
+        sd = np.array([b.width90 / 3.3 for b in self.prior.each])
         scaled = np.linalg.inv(information * np.outer(sd, sd) + np.eye(len(sd)))
         return np.asarray(scaled * np.outer(sd, sd), dtype=np.float64)

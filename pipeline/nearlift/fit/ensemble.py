@@ -50,7 +50,7 @@ class Block:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chain:
+class ThinnedChain:
     """What is kept of a converged ensemble: thinned draws (w, n, p), log_prob (w, n), and how it
     went.
     """
@@ -85,14 +85,14 @@ def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
     )
     mean = peak(density)
     p = len(mean)
-    found = np.empty((0, p))
+    places = np.empty((0, p))
     for attempt in range(200):
         some = step * np.round(
             (mean + rng.standard_normal((count, p)) @ root.T / (1 + attempt / 10)) / step
         )
-        found = np.vstack([found, some[np.isfinite(density(some))]])
-        if len(found) >= count:
-            return found[:count]
+        places = np.vstack([places, some[np.isfinite(density(some))]])
+        if len(places) >= count:
+            return places[:count]
     raise NotConverged(
         f"posterior of {density.problem.model.name}",
         "no place near the fit has a finite density to start walkers from",
@@ -108,7 +108,7 @@ def run(
     stored: Sequence[Block],
     keep: Callable[[Block], None],
     least: int = 0,
-) -> Chain:
+) -> ThinnedChain:
     """Sample until `wanted` effective draws of every parameter are there, and half as many at the
     ends of its 90 % interval.
 
@@ -150,7 +150,7 @@ def run(
     while True:
         if blocks and BLOCK * len(blocks) >= least:
             chain = _assess(blocks, wanted, longest)
-            if isinstance(chain, Chain):
+            if isinstance(chain, ThinnedChain):
                 return chain
             if BLOCK * len(blocks) >= longest:
                 raise NotConverged(f"posterior of {density.problem.model.name}", *chain)
@@ -179,7 +179,7 @@ def _state(emcee: Any, block: Block) -> Any:
     return emcee.State(block.theta[-1], log_prob=block.log_prob[-1], random_state=generator)
 
 
-def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> Chain | tuple[str, str]:
+def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> ThinnedChain | tuple[str, str]:
     """The chain if it is long enough; else what is wrong and what would be enough."""
     from emcee.autocorr import integrated_time
 
@@ -209,7 +209,7 @@ def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> Chain | tuple
         if bulk >= wanted and tail >= TAIL * wanted and mixed < MIXED:
             accepted = sum(b.accepted for b in blocks) / steps
             log_prob = np.concatenate([b.log_prob for b in blocks])[burn::thin].T
-            return Chain(
+            return ThinnedChain(
                 theta=kept,
                 log_prob=log_prob,
                 tau=tau,
@@ -224,13 +224,13 @@ def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> Chain | tuple
             if worth < asked
         ]
         need = math.ceil(steps * max([1.2, *(1.1 * s for s in short)]))
-    found = (
+    reached = (
         f", effective draws {bulk:.0f} of {wanted}, in the tails {tail:.0f} of {TAIL * wanted:.0f},"
         f" R-hat {mixed:.3f}"
         if bulk
         else ""
     )
     return (
-        f"{steps} steps of {count} walkers, tau = {slowest:.3g}{found}",
+        f"{steps} steps of {count} walkers, tau = {slowest:.3g}{reached}",
         f"run at least {need}: `steps = {need}` in [fit] (now {longest})",
     )

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.fit import deletion, gum, held_quantity, inputs
 from nearlift.fit.known_sources import u_without
-from nearlift.fit.least_squares import Fit
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import about, linear_problem
 from nearlift.likelihood import student
 from nearlift.likelihood.budget import Component
@@ -87,7 +87,7 @@ class Estimator:
     fixed: NDArray[np.bool_]
 
     @classmethod
-    def of(cls, fit: Fit) -> Estimator:
+    def from_fit(cls, fit: LeastSquaresFit) -> Estimator:
         """A base fit's."""
         problem, offset, slope = linear_problem(fit)
         estimates = fit.estimates.values()
@@ -96,7 +96,7 @@ class Estimator:
             theta=fit.theta,
             u=np.array([e.u for e in estimates]),
             dof=fit.effective,
-            lines=gum.of(fit)[0] if len(fit.theta) else (),
+            lines=gum.uncertainty_budget(fit)[0] if len(fit.theta) else (),
             without=u_without(fit) if len(fit.theta) else {},
             parts=(*fit.parts, *fit.plan.shared),
             offset_m=offset,
@@ -124,13 +124,13 @@ class Estimator:
         """
         parameter, reach = self.problem.model.parameters[i], self.reach(i)
         low, high = parameter.bounds
-        own = ends(spans, reach, (-np.inf, np.inf))
+        unbounded = ends(spans, reach, (-np.inf, np.inf))
         # over several answers u is what the interval is worth
-        several = len(spans) > 1 and np.isfinite(own["hi90"] - own["lo90"])
-        u = (own["hi90"] - own["lo90"]) / (2 * reach[90]) if several else spans[0][1]
+        several = len(spans) > 1 and np.isfinite(unbounded["hi90"] - unbounded["lo90"])
+        u = (unbounded["hi90"] - unbounded["lo90"]) / (2 * reach[90]) if several else spans[0][1]
         cut = [
             f"{bound:g}"
-            for bound, beyond in ((low, own["lo90"] < low), (high, own["hi90"] > high))
+            for bound, beyond in ((low, unbounded["lo90"] < low), (high, unbounded["hi90"] > high))
             if beyond
         ]
         value = float(self.theta[i])
@@ -163,19 +163,19 @@ class Estimator:
         what answers differ by.
         """
         apart = float(np.sqrt(max(u**2 - self.u[i] ** 2, 0.0))) if np.isfinite(u) else 0.0
-        found = []
+        budget = []
         # lines are those of the linearised estimator, u may be of the curve itself
         linear = float(np.sqrt(sum(line.covariance[i, i] for line in self.lines)))
         scale = float(self.u[i]) / linear if linear > 0 and np.isfinite(self.u[i]) else 1.0
         for line in self.lines:
-            own = scale * float(np.sqrt(max(line.covariance[i, i], 0.0)))
+            u_line = scale * float(np.sqrt(max(line.covariance[i, i], 0.0)))
             left = float(np.hypot(self.without.get(line.component, self.u)[i], apart))
-            if own > NO_LINE * u or left < (1 - NO_LINE) * u:
-                found.append(
+            if u_line > NO_LINE * u or left < (1 - NO_LINE) * u:
+                budget.append(
                     BudgetLine(
                         source=line.component,
                         kind=line.kind,
-                        u=own,
+                        u=u_line,
                         u_without=left,
                         distribution=line.distribution,
                         scope=line.scope,
@@ -186,8 +186,8 @@ class Estimator:
                     )
                 )
         if which and apart > NO_LINE * u:
-            found.append(BudgetLine(source=which, kind="B", u=apart, u_without=float(self.u[i])))
-        return tuple(sorted(found, key=lambda line: -line.u))
+            budget.append(BudgetLine(source=which, kind="B", u=apart, u_without=float(self.u[i])))
+        return tuple(sorted(budget, key=lambda line: -line.u))
 
     @cached_property
     def _influence(self) -> dict[str, LargestShifts]:
@@ -214,7 +214,7 @@ class Estimator:
         if not len(self.theta):
             return listed
         if np.isfinite(self.u[0]):
-            listed[0] += [self.doubt(0, *told) for told in self._exponents()]
+            listed[0] += [self.doubt(0, *answer) for answer in self._exponents()]
         gain = gum.gain(self.problem, self.theta, self.offset_m)
         for missing in inputs.undeclared_in(self.problem, self.theta, gain, self.parts, self.slope):
             for i, shift in enumerate(missing.shift.values()):
@@ -238,15 +238,15 @@ class Estimator:
         problem = about(self.problem, self.offset_m, self.slope)
         n, u_n, _ = held_quantity.free_exponent(problem, self.theta)
         if np.isfinite(n):
-            found = held_quantity.at_exponents(
+            refits = held_quantity.at_exponents(
                 problem, self.theta, [n - EXPONENT_STEP, n, n + EXPONENT_STEP]
             )
-            if len(found) == 3:
-                turn = (found[2].value - found[0].value) / (2 * EXPONENT_STEP)
+            if len(refits) == 3:
+                turn = (refits[2].value - refits[0].value) / (2 * EXPONENT_STEP)
                 yield (
                     "the exponent of the ratio is free",
-                    found[1].value,
-                    float(np.hypot(found[1].u, turn * u_n)),
+                    refits[1].value,
+                    float(np.hypot(refits[1].u, turn * u_n)),
                 )
         for power in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
             yield (

@@ -19,7 +19,7 @@ COARSE = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
-class Grid:
+class PosteriorGrid:
     """Points (n, p), their probabilities (n,), the width of their cells (p,); `error` is how far
     half the resolution moves any marginal share.
     """
@@ -63,7 +63,7 @@ def _below(x: FloatArray, mass: FloatArray, width: float, value: float) -> float
     return float(mass @ np.clip(0.5 + (value - x) / width, 0.0, 1.0))
 
 
-def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> Grid:
+def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> PosteriorGrid:
     """Cover the posterior by a lattice along the principal axes of `covariance`, widened until its
     edges hold nothing.
 
@@ -117,7 +117,7 @@ def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> Grid:
                     - _below(few[:, i], coarse, 2 * width[i], place)
                 ),
             )
-    return Grid(theta=theta, mass=mass, width=width, error=error)
+    return PosteriorGrid(theta=theta, mass=mass, width=width, error=error)
 
 
 def _lattice(

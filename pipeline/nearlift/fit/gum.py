@@ -26,7 +26,7 @@ from nearlift.likelihood.variance_components import ages
 from nearlift.results import Noise, Observations
 
 if TYPE_CHECKING:
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
 
 #: An uncertainty known worse than one degree of freedom would say is given that one: 90 % are then
 #: 6.3 standard uncertainties.
@@ -113,7 +113,7 @@ def inverse_information(white: FloatArray) -> FloatArray:
     return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64)
 
 
-def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
+def uncertainty_budget(fit: LeastSquaresFit) -> tuple[tuple[Line, ...], Total]:
     """The budget of a fit, and its total.
 
     Where a shared height error was integrated over, the split is that of the linear estimator at
@@ -122,25 +122,25 @@ def of(fit: Fit) -> tuple[tuple[Line, ...], Total]:
     """
     p, over, shared = len(fit.theta), fit.marginal, fit.plan.shared
     if over is None:
-        found = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
-        return found, total(found, fit.noise, p)
+        budget = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
+        return budget, total(budget, fit.noise, p)
     wider, offset, slope = linear_problem(fit)
     g = gain(wider, fit.theta, offset)
-    found = (
+    budget = (
         *lines(wider, g, fit.parts, fit.noise, fit.slope),
         *(_declared(fit.problem.data, g, part, slope) for part in shared),
     )
-    linear = sum((np.diag(line.covariance) for line in found), np.zeros(p))
+    linear = sum((np.diag(line.covariance) for line in budget), np.zeros(p))
     factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
-    found = tuple(
+    budget = tuple(
         replace(
             a,
             covariance=a.covariance * np.outer(factor, factor),
             sensitivity=a.sensitivity * factor,
         )
-        for a in found
+        for a in budget
     )
-    return found, total(found, fit.noise, p)
+    return budget, total(budget, fit.noise, p)
 
 
 def lines(
@@ -157,7 +157,7 @@ def lines(
         What the covariance was assembled from.
     """
     data = problem.data
-    found = [
+    budget = [
         *_repeats(data, g, scatter, slope),
         *(_declared(data, g, part, slope) for part in parts),
     ]
@@ -168,15 +168,17 @@ def lines(
     if np.any(assumed > 1e-3 * problem.covariance.variance):
         covariance = (g * np.maximum(assumed, 0.0)) @ g.T
         name, infinite = "least scatter assumed", np.full(len(g), np.inf)
-        found.append(_line(name, "A", "normal", "trial", 1.0, "1", covariance, infinite))
-    return tuple(line for line in found if line.standard > 0)
+        budget.append(_line(name, "A", "normal", "trial", 1.0, "1", covariance, infinite))
+    return tuple(line for line in budget if line.standard > 0)
 
 
 def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArray) -> list[Line]:
     record = data.u_lift_N / data.lift_N
-    own = g**2 * record**2
+    contribution = g**2 * record**2
     with np.errstate(divide="ignore", invalid="ignore"):
-        record_dof = own.sum(axis=1) ** 2 / (own**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
+        record_dof = contribution.sum(axis=1) ** 2 / (
+            contribution**2 / np.maximum(data.n_eff - 1, 1)
+        ).sum(axis=1)
     visit = np.unique(data.visit, return_inverse=True)[1]
     by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
     age = ages(data)
@@ -188,9 +190,9 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
     ) -> Line:
         sizes = {name: np.diag(covariance) for name, covariance in parts.items()}
         covariance: FloatArray = sum(parts.values(), np.zeros((len(g), len(g))))
-        own, known = _told_by(scatter, sizes, len(g))
+        variance, known = _scatter_variance(scatter, sizes, len(g))
         with np.errstate(divide="ignore", invalid="ignore"):
-            dof = np.where(known > 0, 2 * own**2 / known, scatter.dof)
+            dof = np.where(known > 0, 2 * variance**2 / known, scatter.dof)
         return replace(
             _line(NAMES[kind], "A", "normal", scope, standard, unit, covariance, dof), sizes=sizes
         )
@@ -234,17 +236,19 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
     ]
 
 
-def _told_by(scatter: Noise, sizes: dict[str, FloatArray], p: int) -> tuple[FloatArray, FloatArray]:
+def _scatter_variance(
+    scatter: Noise, sizes: dict[str, FloatArray], p: int
+) -> tuple[FloatArray, FloatArray]:
     """The variance that some sizes of the scatter add, and the variance of that variance, as far as
     the trials tell; (p,) each.
     """
     names = [name for name in scatter.sizes if name in sizes]
     index = [scatter.sizes.index(name) for name in names]
-    own = np.array([sizes[name] for name in names]).reshape(len(names), p)
+    variances = np.array([sizes[name] for name in names]).reshape(len(names), p)
     spread = np.array(scatter.log_covariance).reshape(len(scatter.sizes), len(scatter.sizes))[
         np.ix_(index, index)
     ]
-    return own.sum(axis=0), 4 * np.einsum("ip,ij,jp->p", own, spread, own)
+    return variances.sum(axis=0), 4 * np.einsum("ip,ij,jp->p", variances, spread, variances)
 
 
 def _drifted(g: FloatArray, age: FloatArray) -> FloatArray:
@@ -327,17 +331,17 @@ def freedom(
     return total(lines(problem, g, parts, scatter, slope), scatter, len(g)).dof
 
 
-def total(found: Sequence[Line], scatter: Noise, p: int) -> Total:
+def total(budget: Sequence[Line], scatter: Noise, p: int) -> Total:
     """Combined uncertainty with Welch and Satterthwaite's degrees of freedom, at least `LEAST_DOF`.
 
     Their formula takes the variances of repeats as estimated apart from one another; the parts of
     one scatter are not, and theirs are combined with the covariance that the fit of the noise
     gives. Where they are independent the two formulas are one.
     """
-    variance: FloatArray = sum((np.diag(line.covariance) for line in found), np.zeros(p))
-    sizes = {name: size for line in found for name, size in line.sizes.items()}
-    _, spread = _told_by(scatter, sizes, p)
-    for line in found:
+    variance: FloatArray = sum((np.diag(line.covariance) for line in budget), np.zeros(p))
+    sizes = {name: size for line in budget for name, size in line.sizes.items()}
+    _, spread = _scatter_variance(scatter, sizes, p)
+    for line in budget:
         if not line.sizes.keys() & set(scatter.sizes):
             spread = spread + 2 * np.diag(line.covariance) ** 2 / line.dof
     dof = np.where(

@@ -39,7 +39,7 @@ NEGLIGIBLE = 16.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Plan:
+class HeightPlan:
     """What is carried otherwise than by the slope: shared unknowns to integrate over, and the
     spread to average the prediction over.
     """
@@ -55,12 +55,12 @@ def measure(
     parts: Sequence[Component],
     scatter: Noise,
     slope: FloatArray,
-) -> Plan:
+) -> HeightPlan:
     """Judge every height error of a fit, and plan for those that the slope does not carry."""
     data = problem.data
     heights = [c for c in parts if c.on == "height" and c.standard > 0]
     if not len(theta) or not (heights or scatter.height_m):
-        return Plan()
+        return HeightPlan()
     g = gum.gain(problem, theta)
     white = problem.project(problem.jacobian(theta).T)
     u = np.sqrt(np.diag(np.linalg.pinv(white @ white.T, hermitian=True)))
@@ -75,7 +75,7 @@ def measure(
     index = scatter.sizes.index("height_m") if "height_m" in scatter.sizes else None
     # to correct for a scatter of heights whose size repeats do not tell would be to make things up
     guessed = index is not None and scatter.log_covariance[index][index] > VAGUE**2
-    found: list[HeightTreatment] = []
+    treatments: list[HeightTreatment] = []
 
     def judge(
         name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float
@@ -88,20 +88,20 @@ def measure(
         # off, the rest have everything
         shift = np.where(u > 0, np.nan_to_num(moved, nan=np.inf) / np.where(u > 0, u, 1.0), 0.0)
         worst = int(np.argmax(shift))
-        own = float(shift[worst]) * (standard / size_of_all) ** 2
-        ratio = own * float(u[worst]) / float(size[worst]) if size[worst] > 0 else np.inf
+        part = float(shift[worst]) * (standard / size_of_all) ** 2
+        ratio = part * float(u[worst]) / float(size[worst]) if size[worst] > 0 else np.inf
         return HeightTreatment(
             component=name,
             standard_m=standard,
             coefficient=problem.names[worst],
             ratio=ratio,
-            shift=own,
+            shift=part,
             treatment=treatment if shift[worst] > LIMIT else "slope",
         )
 
     nothing = np.zeros(len(theta))
     together = float(np.sqrt(sum(c.standard**2 for c in alone)))
-    found += [
+    treatments += [
         judge(c.name, c.standard, first.get(c.name, nothing), "exact", together) for c in alone
     ]
     spread = float(np.sqrt(sum(s**2 for _, s in several)))
@@ -112,15 +112,15 @@ def measure(
         and not guessed
         and bool(np.isfinite(replace(problem, blur_m=spread).log_ratio(theta)).all())
     )
-    found += [
+    treatments += [
         judge(name, s, first.get(name, nothing), "mean" if mean else "slope", spread)
         for name, s in several
     ]
-    exact = {m.component for m in found if m.treatment == "exact"}
-    return Plan(
+    exact = {m.component for m in treatments if m.treatment == "exact"}
+    return HeightPlan(
         shared=tuple(c for c in alone if c.name in exact),
-        blur_m=spread if any(m.treatment == "mean" for m in found) else 0.0,
-        measures=tuple(found),
+        blur_m=spread if any(m.treatment == "mean" for m in treatments) else 0.0,
+        measures=tuple(treatments),
     )
 
 
@@ -214,13 +214,16 @@ def density(parts: Sequence[Component]) -> tuple[Callable[[FloatArray], FloatArr
     reach = 8 * sd + sum(half)
     nodes, weights = np.polynomial.legendre.leggauss(64)
 
-    def of(x: FloatArray, boxes: list[float]) -> FloatArray:
+    def convolved(x: FloatArray, boxes: list[float]) -> FloatArray:
         if not boxes:
             return np.asarray(norm.pdf(x, scale=sd), dtype=np.float64)
         first, rest = boxes[0], boxes[1:]
         if rest:
             return np.asarray(
-                sum(w / 2 * of(x - first * n, rest) for n, w in zip(nodes, weights, strict=True)),
+                sum(
+                    w / 2 * convolved(x - first * n, rest)
+                    for n, w in zip(nodes, weights, strict=True)
+                ),
                 dtype=np.float64,
             )
         if sd:
@@ -230,7 +233,7 @@ def density(parts: Sequence[Component]) -> tuple[Callable[[FloatArray], FloatArr
             )
         return np.where(np.abs(x) <= first, 1 / (2 * first), 0.0)
 
-    return lambda x: of(np.asarray(x, dtype=float), half), reach
+    return lambda x: convolved(np.asarray(x, dtype=float), half), reach
 
 
 def integrate(
@@ -259,7 +262,7 @@ def integrate(
             return problem.linearised(at, nodes[rows, None])
 
         minima = batched.minimise(residuals, start, bounds, u, free, linearised)
-        found, chi2 = minima.theta, minima.chi2
+        optima, chi2 = minima.theta, minima.chi2
         with np.errstate(divide="ignore"):
             joint = np.log(prior(nodes)) - chi2 / 2
         kept = np.flatnonzero(joint > joint.max() - NEGLIGIBLE)
@@ -270,12 +273,12 @@ def integrate(
         whole = np.isfinite(chi2)
         start = np.zeros((NODES, len(theta)))
         for i in range(len(theta)):
-            start[:, i] = np.interp(np.linspace(low, high, NODES), nodes[whole], found[whole, i])
+            start[:, i] = np.interp(np.linspace(low, high, NODES), nodes[whole], optima[whole, i])
     covariance = np.zeros((NODES, len(theta), len(theta)))
     for k in kept:
         white = problem.project(
             (
-                problem.jacobian(found[k], nodes[k])
+                problem.jacobian(optima[k], nodes[k])
                 if len(theta)
                 else np.zeros((problem.data.n, 0))
             ).T
@@ -287,7 +290,7 @@ def integrate(
     weight[[0, -1]] /= 2
     weight /= weight.sum()
     best = int(kept[np.argmax(joint[kept])])
-    mean = weight @ found
+    mean = weight @ optima
     fine = np.linspace(nodes[kept[0]], nodes[kept[-1]], 401)
     with np.errstate(divide="ignore"):
         along = np.log(prior(fine)) - problem.chi2(np.tile(mean, (len(fine), 1)), fine[:, None]) / 2
@@ -298,7 +301,7 @@ def integrate(
     return Marginal(
         offset_m=nodes,
         weight=weight,
-        theta=found,
+        theta=optima,
         covariance=covariance,
         best=best,
         chi2=float(chi2[best] + penalty),

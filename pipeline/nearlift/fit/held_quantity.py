@@ -103,8 +103,8 @@ class Response:
         )
         if not at_constant or (left := 1 - follows * ends).min() < LEAST_LEFT:
             return None
-        found = np.outer(at_constant, 1 / left)
-        return float(found.min()), float(found.max())
+        implied = np.outer(at_constant, 1 / left)
+        return float(implied.min()), float(implied.max())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -183,7 +183,7 @@ def at_exponents(
 
     jacobian = problem.slopes(theta)
     u = np.sqrt(np.diag(parameter_covariance(problem.project(jacobian))[0]))
-    found = batched.minimise(
+    minima = batched.minimise(
         residuals,
         np.tile(theta, (len(n), 1)),
         bounds,
@@ -191,16 +191,18 @@ def at_exponents(
         np.ones(len(theta), dtype=bool),
         linearised,
     )
-    best = batched.settled(linearised, found.theta, bounds)
+    best = batched.settled(linearised, minima.theta, bounds)
     answers = []
-    for k in np.flatnonzero(found.converged):
+    for k in np.flatnonzero(minima.converged):
         jacobian = n[k] * problem.slopes(best[k])
         covariance, determined = parameter_covariance(
             problem.project(jacobian), np.linalg.norm(problem.covariance.whiten(jacobian), axis=1)
         )
-        own = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
+        u_value = float(np.sqrt(covariance[0, 0])) if determined[0] else np.inf
         answers.append(
-            AtExponent(n=float(n[k]), value=float(best[k, 0]), u=own, chi2=float(found.chi2[k]))
+            AtExponent(
+                n=float(n[k]), value=float(best[k, 0]), u=u_value, chi2=float(minima.chi2[k])
+            )
         )
     return tuple(answers)
 
@@ -228,7 +230,7 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
 
     size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
-    found = least_squares(
+    minimum = least_squares(
         residuals,
         start,
         jac="3-point",
@@ -238,7 +240,7 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
         ftol=1e-10,
         gtol=1e-10,
     )
-    best = batched.settled(linearised, found.x[None], (low, high))
+    best = batched.settled(linearised, minimum.x[None], (low, high))
     r, slopes = (x[0] for x in linearised(best, np.zeros(1, dtype=np.int64)))
     best, chi2 = best[0], min(float(r @ r), float(problem.chi2(theta)))
     information = (slopes * size[:, None]) @ (slopes * size[:, None]).T
@@ -273,11 +275,11 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     levels, sessions = data.level_columns, int(data.session.max()) + 1
     k, columns = levels.shape[1], [levels, np.eye(sessions)[data.session][:, 1:]]
     q, _ = np.linalg.qr(np.hstack(columns))
-    own = log_ratio - q @ (q.T @ log_ratio)
+    alone = log_ratio - q @ (q.T @ log_ratio)
     visits = np.unique(data.visit, return_inverse=True)[1]
     dof = visits.max() + 1 - sessions - 1
     # distance and session changed together: nothing of the change is left within a session
-    if dof < ENOUGH - 2 or not own @ own > 1e-4 * (log_ratio - log_ratio.mean()) @ (
+    if dof < ENOUGH - 2 or not alone @ alone > 1e-4 * (log_ratio - log_ratio.mean()) @ (
         log_ratio - log_ratio.mean()
     ):
         return None
@@ -313,6 +315,6 @@ def _supported(responses: tuple[Response, ...]) -> tuple[float, float] | None:
     return by_name.get("speed_Hz") or by_name.get("power_W")
 
 
-def _with_p(found: AtExponent, least: float, noise_dof: float) -> AtExponent:
-    test = f_test(found.chi2 - least, 1, noise_dof)
-    return replace(found, p_value=test.p_value if test else float("nan"))
+def _with_p(refit: AtExponent, least: float, noise_dof: float) -> AtExponent:
+    test = f_test(refit.chi2 - least, 1, noise_dof)
+    return replace(refit, p_value=test.p_value if test else float("nan"))

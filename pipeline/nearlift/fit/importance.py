@@ -138,11 +138,11 @@ def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted
     proposals (adaptive multiple importance sampling), so that a region found once is not forgotten.
     """
     top = peak(density)
-    stretch = np.where(np.isclose(top, density.beliefs.coordinates(top)), 1.0, top)
-    spread, mean = density.spread() / np.outer(stretch, stretch), density.beliefs.coordinates(top)
+    stretch = np.where(np.isclose(top, density.prior.coordinates(top)), 1.0, top)
+    spread, mean = density.spread() / np.outer(stretch, stretch), density.prior.coordinates(top)
     proposals = [
         Mixture(
-            beliefs=density.beliefs,
+            prior=density.prior,
             share=np.array([0.6, 0.3]),
             mean=np.stack([mean, mean]),
             scale=np.stack([spread, 6 * spread]),

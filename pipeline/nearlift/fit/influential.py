@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit.deletion import influence
-from nearlift.fit.least_squares import Fit, fit
+from nearlift.fit.least_squares import LeastSquaresFit, fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Estimate
 from nearlift.results.influence import Influence, Suspect
@@ -38,7 +38,7 @@ MOST, TRIES = 10, 4
 
 
 def screen(
-    found: Fit,
+    whole: LeastSquaresFit,
     parts: tuple[Component, ...],
     outlying: Collection[str] = (),
     odd: Collection[str] = (),
@@ -49,7 +49,7 @@ def screen(
 
     Parameters
     ----------
-    found : Fit
+    whole : LeastSquaresFit
         To all accepted trials; they all stay in it.
     parts : tuple of Component
         The whole budget.
@@ -68,19 +68,19 @@ def screen(
     Influence
         Without such trials, and without one near the limit, it costs no fit.
     """
-    data = found.problem.data
-    if not found.names:
-        return Influence(why_not=f"{found.model.name} has no free coefficient")
-    if np.median(found.problem.covariance.variance) <= EXACT:
+    data = whole.problem.data
+    if not whole.names:
+        return Influence(why_not=f"{whole.model.name} has no free coefficient")
+    if np.median(whole.problem.covariance.variance) <= EXACT:
         return Influence(
             why_not=(
                 "the trials repeat exactly, so nothing shows how far noise may move a coefficient"
             )
         )
-    search = _Search(found=found, parts=parts)
+    search = _Search(whole=whole, parts=parts)
     kept = ~np.isin(data.trial, list(outlying))
     named = np.flatnonzero(~kept).tolist()
-    clean = search.without(~kept) or found
+    clean = search.without(~kept) or whole
     joined = search.together(clean, kept, np.isin(data.trial, list(odd)))
     if joined.any():
         kept &= ~joined
@@ -99,27 +99,29 @@ def screen(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Search:
-    """Fits without some of the trials of `found`."""
+    """Fits without some of the trials of `whole`."""
 
-    found: Fit
+    whole: LeastSquaresFit
     parts: tuple[Component, ...]
-    made: dict[bytes, Fit | None] = field(default_factory=dict)
+    made: dict[bytes, LeastSquaresFit | None] = field(default_factory=dict)
 
-    def without(self, out: NDArray[np.bool_]) -> Fit | None:
+    def without(self, out: NDArray[np.bool_]) -> LeastSquaresFit | None:
         """The model fitted anew, scatter and all; None where that fails."""
         if not out.any():
-            return self.found
+            return self.whole
         key = out.tobytes()
         if key not in self.made:
             try:
                 self.made[key] = fit(
-                    self.found.model, self.found.problem.data.take(~out), self.parts
+                    self.whole.model, self.whole.problem.data.take(~out), self.parts
                 )
             except NotConverged:
                 self.made[key] = None
         return self.made[key]
 
-    def next_trial(self, clean: Fit, kept: NDArray[np.bool_]) -> tuple[int, Fit] | None:
+    def next_trial(
+        self, clean: LeastSquaresFit, kept: NDArray[np.bool_]
+    ) -> tuple[int, LeastSquaresFit] | None:
         """The trial that moves the headline most, by more than its standard uncertainty, and the
         fit without it; None if there is none.
         """
@@ -134,7 +136,7 @@ class _Search:
         return None
 
     def together(
-        self, clean: Fit, kept: NDArray[np.bool_], odd: NDArray[np.bool_]
+        self, clean: LeastSquaresFit, kept: NDArray[np.bool_], odd: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Those odd trials that move the headline by more than its standard uncertainty where the
         others are left out; all, if only all do.
@@ -152,12 +154,15 @@ class _Search:
         return single if single.any() else odd
 
     def visits(
-        self, clean: Fit, kept: NDArray[np.bool_], odd: Collection[int] | NDArray[np.int64]
+        self,
+        clean: LeastSquaresFit,
+        kept: NDArray[np.bool_],
+        odd: Collection[int] | NDArray[np.int64],
     ) -> list[Suspect]:
         """The visits of several trials that move the headline by more than its standard
         uncertainty, the trials named left aside.
         """
-        data, moved, suspects = self.found.problem.data, influence(clean), []
+        data, moved, suspects = self.whole.problem.data, influence(clean), []
         look = np.where(np.isin(moved.visit, list(odd)), LOOK_AT_ODD, LOOK)
         for j in _far(moved.of_visit[:, 0], moved.chi2, clean, look):
             members = (data.visit == moved.visit[j]) & kept
@@ -179,7 +184,7 @@ class _Search:
 
     def alone(self, i: int, outlying: bool) -> Suspect:
         """One trial, and the headline without it alone."""
-        data = self.found.problem.data
+        data = self.whole.problem.data
         again = self.without(np.arange(data.n) == i)
         return Suspect(
             kind="trial",
@@ -187,16 +192,16 @@ class _Search:
             trials=(str(data.trial[i]),),
             outlying=outlying,
             without=_headline(again) if again else None,
-            shift=float(again.theta[0] - self.found.theta[0]) if again else float("nan"),
+            shift=float(again.theta[0] - self.whole.theta[0]) if again else float("nan"),
         )
 
 
-def _headline(found: Fit) -> Estimate:
-    return found.estimates[found.names[0]]
+def _headline(fitted: LeastSquaresFit) -> Estimate:
+    return fitted.estimates[fitted.names[0]]
 
 
 def _far(
-    shift: FloatArray, chi2: FloatArray, clean: Fit, look: FloatArray | float = LOOK
+    shift: FloatArray, chi2: FloatArray, clean: LeastSquaresFit, look: FloatArray | float = LOOK
 ) -> list[int]:
     """The few largest shifts of the headline that are worth a fit, the largest first.
 
@@ -209,7 +214,7 @@ def _far(
     return [int(i) for i in order if ratio[i] > 1]
 
 
-def _moves(clean: Fit, again: Fit) -> bool:
+def _moves(clean: LeastSquaresFit, again: LeastSquaresFit) -> bool:
     """Whether the headline differs by more than `MOVES` of the smaller of its standard
     uncertainties.
     """

@@ -31,7 +31,7 @@ from nearlift.results import Observations
 from nearlift.results.fit import UndeclaredInput
 
 if TYPE_CHECKING:
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
 
 #: Relative step of the central differences: an error of 1e-8 of the derivative, and rounding of
 #: 1e-12.
@@ -101,7 +101,7 @@ def _scaled(data: Observations, part: Component, factor: float) -> Observations:
     return replace(data, z_hat=data.z_hat / factor, radius_m=data.radius_m * factor, geometry=hats)
 
 
-def undeclared(fit: Fit) -> tuple[UndeclaredInput, ...]:
+def undeclared(fit: LeastSquaresFit) -> tuple[UndeclaredInput, ...]:
     """`undeclared_in` of a fit."""
     problem, offset, slope = linear_problem(fit)
     return undeclared_in(

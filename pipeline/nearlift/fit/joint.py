@@ -16,7 +16,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import InputRefused
-from nearlift.fit.least_squares import Fit, assemble, interval90, parameter_covariance
+from nearlift.fit.least_squares import LeastSquaresFit, assemble, interval90, parameter_covariance
 from nearlift.fit.minimum import minimise
 from nearlift.likelihood import budget
 from nearlift.likelihood.finite import where_finite
@@ -25,7 +25,7 @@ from nearlift.results import Estimate, Observations
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Downwash:
+class DownwashRatio:
     """Measured downwash of some cases over that of one control.
 
     Attributes
@@ -54,7 +54,7 @@ class Downwash:
 class JointProblem(Problem):
     """A `Problem` whose residuals go on with those of the downwash."""
 
-    downwash: Downwash
+    downwash: DownwashRatio
     geometry: Mapping[str, object]
 
     @cached_property
@@ -130,7 +130,10 @@ class JointFit:
 
 
 def fit_joint(
-    lift: Fit, data: Observations, downwash: Downwash, parts: tuple[budget.Component, ...] = ()
+    lift: LeastSquaresFit,
+    data: Observations,
+    downwash: DownwashRatio,
+    parts: tuple[budget.Component, ...] = (),
 ) -> JointFit:
     """Fit the model of a lift fit again, to the same trials with the same noise, and to the
     downwash.
@@ -178,16 +181,16 @@ def fit_joint(
     theta = minimise(both, lift.theta)
     covariance, determined = parameter_covariance(both.derivatives(theta))
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
-    own = both.downwash_residuals(theta)
-    chi2_lift, chi2_own = float(alone.chi2(theta)), float(own @ own)
-    rise = max(chi2_lift + chi2_own - float(alone.chi2(minimise(alone, lift.theta))), 0.0)
+    r_downwash = both.downwash_residuals(theta)
+    chi2_lift, chi2_downwash = float(alone.chi2(theta)), float(r_downwash @ r_downwash)
+    rise = max(chi2_lift + chi2_downwash - float(alone.chi2(minimise(alone, lift.theta))), 0.0)
     return JointFit(
         model=model,
         theta=theta,
         covariance=covariance,
         estimates=interval90(model, theta, sd, lift.effective),
         chi2_lift=chi2_lift,
-        chi2_downwash=chi2_own,
-        n_downwash=len(own),
-        p_value=float(chi2.sf(rise, len(own))),
+        chi2_downwash=chi2_downwash,
+        n_downwash=len(r_downwash),
+        p_value=float(chi2.sf(rise, len(r_downwash))),
     )

@@ -17,10 +17,10 @@ from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise
 
 if TYPE_CHECKING:
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
 
 
-def u_without(fit: Fit) -> dict[str, FloatArray]:
+def u_without(fit: LeastSquaresFit) -> dict[str, FloatArray]:
     """`without_each` of a fit, its shared height errors among the sources."""
     problem, offset, slope = linear_problem(fit)
     parts = [

@@ -25,7 +25,7 @@ VAGUE = 1e6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fit:
+class LeastSquaresFit:
     """A model fitted to the trials of one boundary.
 
     `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle;
@@ -61,7 +61,7 @@ class Fit:
     problem: Problem
     slope: FloatArray
     parts: tuple[budget.Component, ...]
-    plan: heights.Plan
+    plan: heights.HeightPlan
     effective: FloatArray
     marginal: heights.Marginal | None = None
 
@@ -107,8 +107,8 @@ def fit(
     parts: tuple[budget.Component, ...] = (),
     scatter: Noise | None = None,
     slope: FloatArray | None = None,
-    plan: heights.Plan | None = None,
-) -> Fit:
+    plan: heights.HeightPlan | None = None,
+) -> LeastSquaresFit:
     """Fit `model` to the trials that it can speak about.
 
     Parameters
@@ -123,9 +123,9 @@ def fit(
     slope : (n,) or None
         d log ratio / dz that carries height errors. Give every rival the base model's: with its
         own, a flat curve would claim less noise, and their likelihoods could not be compared.
-    plan : Plan or None
+    plan : HeightPlan or None
         Which height errors the slope does not carry; judged anew if None. Give every rival the base
-        model's, for the same reason; ``Plan()`` leaves all to the slope.
+        model's, for the same reason; ``HeightPlan()`` leaves all to the slope.
 
     Raises
     ------
@@ -195,13 +195,15 @@ def fit(
     return _integrated(found) if plan.shared else found
 
 
-def _integrated(found: Fit) -> Fit:
+def _integrated(found: LeastSquaresFit) -> LeastSquaresFit:
     """The same fit with the shared height errors of its plan integrated over."""
     problem, data, p = found.problem, found.problem.data, len(found.theta)
     u = np.sqrt(np.diag(found.covariance))
     over = heights.integrate(problem, found.theta, np.where(u > 0, u, 1.0), found.plan.shared)
     theta, covariance = over.mean, over.within + over.between
-    effective = gum.of(replace(found, theta=theta, covariance=covariance, marginal=over))[1].dof
+    effective = gum.uncertainty_budget(
+        replace(found, theta=theta, covariance=covariance, marginal=over)
+    )[1].dof
     estimates = {}
     for i, q in enumerate(found.model.parameters):
         dof = float(effective[i])
@@ -274,8 +276,8 @@ def _describe(
     excluded: tuple[tuple[str, str], ...],
     slope: FloatArray,
     parts: tuple[budget.Component, ...],
-    plan: heights.Plan,
-) -> Fit:
+    plan: heights.HeightPlan,
+) -> LeastSquaresFit:
     data, model = problem.data, problem.model
     p, k = len(theta), data.unknown_levels
     jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
@@ -298,7 +300,7 @@ def _describe(
     chi2 = float(problem.chi2(theta))
     log_likelihood = float(problem.log_likelihood(theta))
     rmse, r2, r2_near = closeness(problem, theta, coefficients)
-    return Fit(
+    return LeastSquaresFit(
         model=model,
         theta=theta,
         covariance=covariance,

@@ -12,10 +12,10 @@ from nearlift.likelihood import budget
 from nearlift.likelihood.problem import Problem
 
 if TYPE_CHECKING:
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
 
 
-def linear_problem(fit: Fit) -> tuple[Problem, float, FloatArray]:
+def linear_problem(fit: LeastSquaresFit) -> tuple[Problem, float, FloatArray]:
     """The fit's likelihood with every height error in its covariance, the height at which it
     stands, and the slope there, (n,).
 
@@ -25,16 +25,16 @@ def linear_problem(fit: Fit) -> tuple[Problem, float, FloatArray]:
         return fit.problem, 0.0, fit.slope
     offset = fit.marginal.offset()[0]
     slope = fit.problem.height_slope(fit.theta, offset)
-    own = fit.problem.covariance
+    whole = fit.problem.covariance
     more = budget.shared(fit.problem.data, fit.plan.shared, slope)
     return (
-        replace(fit.problem, covariance=replace(own, shared=np.hstack([own.shared, more]))),
+        replace(fit.problem, covariance=replace(whole, shared=np.hstack([whole.shared, more]))),
         offset,
         slope,
     )
 
 
-def stand_in(fit: Fit) -> Problem:
+def stand_in(fit: LeastSquaresFit) -> Problem:
     """The fit's likelihood in its coefficients alone: an integrated height error is carried by the
     slope about the height found.
     """

@@ -59,17 +59,19 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         ]
     )
     stop = {"xtol": 1e-12, "ftol": 1e-12, "gtol": 1e-12, "max_nfev": 2000}
-    found = lmfit.minimize(
+    minimum = lmfit.minimize(
         residuals, parameters, method="least_squares", jac=derivatives, x_scale=scale, **stop
     )
-    if not found.success:
+    if not minimum.success:
         raise NotConverged(
             f"fit of {problem.model.name}",
-            f"lmfit stopped: {found.message}",
+            f"lmfit stopped: {minimum.message}",
             "look at the residuals, or tighten the parameters' bounds",
         )
     best: FloatArray = batched.settled(
-        lambda theta, rows: problem.linearised(theta), at(found.params)[None], problem.model.bounds
+        lambda theta, rows: problem.linearised(theta),
+        at(minimum.params)[None],
+        problem.model.bounds,
     )[0]
     return best
 

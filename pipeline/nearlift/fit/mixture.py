@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.belief import Beliefs
+from nearlift.fit.prior import JointPrior
 
 #: Of the t components: tails far heavier than a posterior's cost little, and find what lies off its
 #: main body.
@@ -26,11 +26,11 @@ class Mixture:
     """`share` (k,) of the t components with `mean` (k, p) and scale matrix `scale` (k, p, p); the
     rest, to 1, is the prior's.
 
-    Means and scales are in the coordinates of `Beliefs.coordinates`; draws and densities in the
+    Means and scales are in the coordinates of `JointPrior.coordinates`; draws and densities in the
     parameters themselves.
     """
 
-    beliefs: Beliefs
+    prior: JointPrior
     share: FloatArray
     mean: FloatArray
     scale: FloatArray
@@ -50,10 +50,10 @@ class Mixture:
         which = rng.choice(k + 1, size=n, p=np.r_[self.share, self.defence])
         stretch = np.sqrt(DOF / rng.chisquare(DOF, n))
         normal = rng.standard_normal((n, p)) * stretch[:, None]
-        theta = self.beliefs.draw(rng, n)
+        theta = self.prior.draw(rng, n)
         for i in range(k):
-            mine = which == i
-            theta[mine] = self.beliefs.parameters(self.mean[i] + normal[mine] @ self._root[i].T)
+            from_it = which == i
+            theta[from_it] = self.prior.parameters(self.mean[i] + normal[from_it] @ self._root[i].T)
         return theta
 
     def _parts(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -77,8 +77,8 @@ class Mixture:
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """Of the whole mixture, (n,)."""
-        parts = self._parts(self.beliefs.coordinates(theta))[0] + self.beliefs.log_stretch(theta)
-        log = np.vstack([parts, self.beliefs.log_density(theta) + math.log(self.defence)])
+        parts = self._parts(self.prior.coordinates(theta))[0] + self.prior.log_stretch(theta)
+        log = np.vstack([parts, self.prior.log_density(theta) + math.log(self.defence)])
         top = log.max(axis=0)
         result: FloatArray = top + np.log(np.exp(log - top).sum(axis=0))
         return result
@@ -89,9 +89,9 @@ class Mixture:
         """
         p = theta.shape[1]
         weight = weight / weight.sum()
-        at = self.beliefs.coordinates(theta)
+        at = self.prior.coordinates(theta)
         log, square = self._parts(at)
-        duty = weight * np.exp(log + self.beliefs.log_stretch(theta) - self.log_density(theta))
+        duty = weight * np.exp(log + self.prior.log_stretch(theta) - self.log_density(theta))
         near = duty * (DOF + p) / (DOF + square)
         share = np.minimum(duty.sum(axis=1), 1.0)
         # a component that a handful of draws holds up would collapse onto them
@@ -116,7 +116,7 @@ class Mixture:
         shapes that one cannot follow.
         """
         p = theta.shape[1]
-        at = self.beliefs.coordinates(theta[weight > 0])
+        at = self.prior.coordinates(theta[weight > 0])
         weight = weight[weight > 0]
         picked = at[rng.choice(len(at), size=k, p=weight / weight.sum())]
         whole = np.atleast_2d(np.cov(at.T, aweights=weight)) / k ** (2 / p)

@@ -140,8 +140,8 @@ def _campaigns(
     at = mean[:, None] + (kept * (y - mean[:, None] * ones)) @ axes.T
     # what is not pulled out of the data comes from the mean, with the mean's own uncertainty
     left = 1.0 - (kept * ones) @ axes.T
-    own = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
-    return at, np.sqrt(np.maximum(own, 0.0) + (left * u_mean[:, None]) ** 2)
+    variance = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
+    return at, np.sqrt(np.maximum(variance, 0.0) + (left * u_mean[:, None]) ** 2)
 
 
 def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> Estimate:

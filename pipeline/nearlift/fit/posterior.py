@@ -149,9 +149,11 @@ def sample(
             f"weights like these would want {pareto.enough(weighted.pareto_k):.2g} draws; say"
             ' `sampler = "emcee"` in [fit]',
         )
-    judges = [agreement.of_grid(grid(density, *weighted.moments()))] if len(names) <= GRID else []
+    judges = (
+        [agreement.grid_judge(grid(density, *weighted.moments()))] if len(names) <= GRID else []
+    )
     value, u = weighted.log_evidence
-    found = _from_weights(density, weighted, settings, stream)
+    drawn = _from_weights(density, weighted, settings, stream)
     quantiles = np.stack([weighted.quantile(i, PROBABILITIES) for i in range(len(names))])
     checks = [
         agreement.compare(names, quantiles, np.full(quantiles.shape, weighted.ess), judge)
@@ -159,7 +161,7 @@ def sample(
     ]
     passed = (
         weighted.pareto_k < pareto.LIMIT
-        and found.ess.min() >= settings.ess
+        and drawn.ess.min() >= settings.ess
         and not any(c.failed for c in checks)
     )
     remedy = (
@@ -167,7 +169,7 @@ def sample(
         " in another way"
     )
     if settings.sampler == "emcee" or (settings.sampler == "auto" and not passed):
-        others = [agreement.of_weights(weighted), *judges]
+        others = [agreement.importance_judge(weighted), *judges]
         blocks: list[Block] = []
 
         def both(block: Block) -> None:
@@ -175,7 +177,7 @@ def sample(
             keep(block)
 
         chain = ensemble.run(density, stream("emcee"), settings.ess, settings.steps, stored, both)
-        found, checks = _judged(density, chain, weighted, others, stream)
+        drawn, checks = _judged(density, chain, weighted, others, stream)
         twice = 2 * chain.steps
         longer = min(twice, settings.steps)
         if any(c.failed for c in checks) and longer > chain.steps:
@@ -184,15 +186,15 @@ def sample(
             chain = ensemble.run(
                 density, stream("emcee"), settings.ess, settings.steps, so_far, keep, least=longer
             )
-            found, checks = _judged(density, chain, weighted, others, stream)
+            drawn, checks = _judged(density, chain, weighted, others, stream)
         remedy = _after(chain, twice, settings)
-    agreement.insist(model, found.sampler, checks, remedy)
-    return replace(found, checks=tuple(checks), log_evidence=value, u_log_evidence=u)
+    agreement.insist(model, drawn.sampler, checks, remedy)
+    return replace(drawn, checks=tuple(checks), log_evidence=value, u_log_evidence=u)
 
 
 def _judged(
     density: Density,
-    chain: ensemble.Chain,
+    chain: ensemble.ThinnedChain,
     weighted: Weighted,
     judges: Sequence[agreement.Judge],
     stream: Stream,
@@ -200,18 +202,18 @@ def _judged(
     """A chain's posterior before its judges; a quantile in the tail is worth fewer draws than the
     mean, and has its own number.
     """
-    found = _from_chain(density, chain, weighted, stream)
-    quantiles = np.quantile(found.flat(), PROBABILITIES, axis=0).T
+    drawn = _from_chain(density, chain, weighted, stream)
+    quantiles = np.quantile(drawn.flat(), PROBABILITIES, axis=0).T
     worth = [
         [convergence.worth((c <= value).astype(float)) for value in row]
-        for c, row in zip(np.moveaxis(found.theta, -1, 0), quantiles, strict=True)
+        for c, row in zip(np.moveaxis(drawn.theta, -1, 0), quantiles, strict=True)
     ]
-    return found, [
-        agreement.compare(found.names, quantiles, np.array(worth), judge) for judge in judges
+    return drawn, [
+        agreement.compare(drawn.names, quantiles, np.array(worth), judge) for judge in judges
     ]
 
 
-def _after(chain: ensemble.Chain, twice: int, settings: Settings) -> str:
+def _after(chain: ensemble.ThinnedChain, twice: int, settings: Settings) -> str:
     """What to do about a chain that disagrees with its judges although it was made `twice` as long,
     if that was allowed.
     """
@@ -246,7 +248,7 @@ def _from_weights(
 
 
 def _from_chain(
-    density: Density, chain: ensemble.Chain, weighted: Weighted, stream: Stream
+    density: Density, chain: ensemble.ThinnedChain, weighted: Weighted, stream: Stream
 ) -> Posterior:
     each = np.moveaxis(chain.theta, -1, 0)
     return Posterior(

@@ -18,11 +18,11 @@ from nearlift.results import IntArray
 from nearlift.results.fit import ModelScore
 
 if TYPE_CHECKING:
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeldOut:
+class VisitScores:
     """Scores of each visit, predicted from all others; arrays (v,).
 
     Attributes
@@ -46,18 +46,18 @@ class HeldOut:
     skipped: int = 0
 
 
-def leave_visit_out(fit: Fit) -> HeldOut:
+def leave_visit_out(fit: LeastSquaresFit) -> VisitScores:
     """Predict each visit of a fit from all the others."""
     visit, density, squares, count, skipped = [], [], [], [], 0
     for block in deletion.visits(fit):
         value, vector = np.linalg.eigh(block.information)
-        told = value.min(axis=1) > deletion.DETERMINED * block.whole
-        skipped += int((~told).sum())
-        value, vector, weighed = value[told], vector[told], block.weighed[told]
+        determined = value.min(axis=1) > deletion.DETERMINED * block.whole
+        skipped += int((~determined).sum())
+        value, vector, weighed = value[determined], vector[determined], block.weighed[determined]
         turned = np.einsum("mij,mi->mj", vector, weighed)
         error = np.einsum("mij,mj->mi", vector, turned / value)
         size = block.index.shape[1]
-        visit.append(fit.problem.data.visit[block.index[told, 0]])
+        visit.append(fit.problem.data.visit[block.index[determined, 0]])
         density.append(
             0.5
             * (
@@ -67,25 +67,25 @@ def leave_visit_out(fit: Fit) -> HeldOut:
             )
         )
         squares.append((error**2).sum(axis=1))
-        count.append(np.full(int(told.sum()), size, dtype=np.int64))
+        count.append(np.full(int(determined.sum()), size, dtype=np.int64))
     order = np.argsort(np.concatenate(visit), kind="stable")
     label, log_density, square, n = (
         np.concatenate(x)[order] for x in (visit, density, squares, count)
     )
-    return HeldOut(visit=label, log_density=log_density, squares=square, n=n, skipped=skipped)
+    return VisitScores(visit=label, log_density=log_density, squares=square, n=n, skipped=skipped)
 
 
-def score(own: HeldOut, reference: HeldOut) -> ModelScore:
+def score(scores: VisitScores, reference: VisitScores) -> ModelScore:
     """Compare over the visits of which both predict every trial that either does."""
-    _, mine, other = np.intersect1d(
-        own.visit, reference.visit, assume_unique=True, return_indices=True
+    _, rows, other = np.intersect1d(
+        scores.visit, reference.visit, assume_unique=True, return_indices=True
     )
-    same = own.n[mine] == reference.n[other]
-    mine, other = mine[same], other[same]
-    v = len(mine)
-    excess = own.log_density[mine] - reference.log_density[other]
-    d_rmse = _rmse(own, mine) - _rmse(reference, other)
-    n, a, b = own.n[mine], own.squares[mine], reference.squares[other]
+    same = scores.n[rows] == reference.n[other]
+    rows, other = rows[same], other[same]
+    v = len(rows)
+    excess = scores.log_density[rows] - reference.log_density[other]
+    d_rmse = _rmse(scores, rows) - _rmse(reference, other)
+    n, a, b = scores.n[rows], scores.squares[rows], reference.squares[other]
     without = np.sqrt((a.sum() - a) / np.maximum(n.sum() - n, 1)) - np.sqrt(
         (b.sum() - b) / np.maximum(n.sum() - n, 1)
     )
@@ -96,16 +96,16 @@ def score(own: HeldOut, reference: HeldOut) -> ModelScore:
     )
     return ModelScore(
         visits=v,
-        skipped=own.skipped,
-        elpd=float(own.log_density[mine].sum()),
+        skipped=scores.skipped,
+        elpd=float(scores.log_density[rows].sum()),
         d_elpd=float(excess.sum()),
         u_d_elpd=float(np.sqrt(v) * excess.std(ddof=1)) if v > 1 else float("nan"),
-        rmse=_rmse(own, mine),
+        rmse=_rmse(scores, rows),
         d_rmse=d_rmse,
         u_d_rmse=spread,
     )
 
 
-def _rmse(held: HeldOut, rows: IntArray) -> float:
+def _rmse(held: VisitScores, rows: IntArray) -> float:
     n = int(held.n[rows].sum())
     return float(np.sqrt(held.squares[rows].sum() / n)) if n else float("nan")

@@ -22,7 +22,7 @@ from nearlift.likelihood import student
 from nearlift.results.fit import ProfileIntervals
 
 if TYPE_CHECKING:
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
 
 LEVELS = (68, 90, 95)
 POINTS = 33
@@ -78,9 +78,9 @@ class Profile:
         """Upper over lower part of the 90 % interval about the least chi2; nan where an end is
         open.
         """
-        best, found = float(self.value[np.argmin(self.rise)]), self.intervals[90]
-        below = best - found.low
-        return (found.high - best) / below if below > 0 else float("nan")
+        best, interval = float(self.value[np.argmin(self.rise)]), self.intervals[90]
+        below = best - interval.low
+        return (interval.high - best) / below if below > 0 else float("nan")
 
     @property
     def ends(self) -> ProfileIntervals:
@@ -94,14 +94,14 @@ class Profile:
         return ProfileIntervals(**numbers, open=opened, skew=self.skew)
 
 
-def of(fit: Fit) -> tuple[Profile, ...]:
+def likelihood_profiles(fit: LeastSquaresFit) -> tuple[Profile, ...]:
     """The profile of every coefficient that the trials determine."""
     sd = np.sqrt(np.diag(fit.covariance))
     known = [i for i, e in enumerate(fit.estimates.values()) if np.isfinite(e.u) and sd[i] > 0]
     return tuple(_profile(fit, i, sd) for i in known)
 
 
-def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
+def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
     low, high = fit.model.parameters[i].bounds
     dof = float(fit.effective[i])
     wanted = _threshold(95, dof)
@@ -140,7 +140,12 @@ def _profile(fit: Fit, i: int, sd: FloatArray) -> Profile:
 
 
 def _with(
-    fit: Fit, i: int, sd: FloatArray, value: FloatArray, chi2: FloatArray, more: FloatArray
+    fit: LeastSquaresFit,
+    i: int,
+    sd: FloatArray,
+    value: FloatArray,
+    chi2: FloatArray,
+    more: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
     """The profile with further values, ascending."""
     whole, first = _apart(np.r_[value, more], sd[i])
@@ -168,7 +173,7 @@ def _threshold(level: int, dof: float) -> float:
     return student.quantile(0.5 + level / 200, dof) ** 2
 
 
-def _along(fit: Fit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
+def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
     """Least chi2 at each value of coefficient i."""
     problem, p = fit.problem, len(fit.theta)
     shared = fit.plan.shared

@@ -22,7 +22,7 @@ from nearlift.results.fit import Halving, Remedy, Repeats
 from nearlift.rounding import plain, signed
 
 if TYPE_CHECKING:
-    from nearlift.fit.least_squares import Fit
+    from nearlift.fit.least_squares import LeastSquaresFit
 
 #: A remedy that takes off less than this part of the uncertainty is not worth a word.
 WORTH = 0.05
@@ -56,7 +56,7 @@ class _Unknowns:
         return inverse
 
 
-def of(fit: Fit) -> dict[str, Halving]:
+def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
     """For every coefficient that the trials determine: what would halve its uncertainty, the
     easiest first.
     """
@@ -72,12 +72,12 @@ def of(fit: Fit) -> dict[str, Halving]:
     halving = {}
     for position, i in enumerate(known):
         scale = np.sqrt(fit.covariance[i, i] / joint[position, position])
-        found = [
+        listed = [
             _remedy(fit.names[i], position, len(known), joint, group, scale)
             for group in unknowns.groups
             if group[3] != (position,)
         ]
-        worth = [r for r in found if r.u_best < (1 - WORTH) * r.u]
+        worth = [r for r in listed if r.u_best < (1 - WORTH) * r.u]
         halving[fit.names[i]] = Halving(
             knowledge=tuple(sorted(worth, key=lambda r: (not np.isfinite(r.needed), r.u_best))),
             repeats=_repeats(fit.names[i], position, unknowns, scale),
@@ -85,7 +85,7 @@ def of(fit: Fit) -> dict[str, Halving]:
     return halving
 
 
-def _unknowns(fit: Fit, known: list[int]) -> _Unknowns:
+def _unknowns(fit: LeastSquaresFit, known: list[int]) -> _Unknowns:
     problem, offset, slope = linear_problem(fit)
     data, levels = problem.data, problem.data.level_columns.T
     blocks = [problem.jacobian(fit.theta, offset)[:, known], levels.T]
@@ -100,16 +100,21 @@ def _unknowns(fit: Fit, known: list[int]) -> _Unknowns:
         *((c, fit.slope) for c in fit.parts),
         *((c, slope) for c in fit.plan.shared),
     ]:
-        own = budget.columns(data, part, carried)
-        if not own.shape[1] or not part.standard:
+        sensitivity = budget.columns(data, part, carried)
+        if not sensitivity.shape[1] or not part.standard:
             continue
         scale, unit = SCALES[part.on]
         groups.append(
-            (part.name, scale * part.standard, unit, tuple(range(first, first + own.shape[1])))
+            (
+                part.name,
+                scale * part.standard,
+                unit,
+                tuple(range(first, first + sensitivity.shape[1])),
+            )
         )
-        blocks.append(own)
-        declared += [1.0] * own.shape[1]
-        first += own.shape[1]
+        blocks.append(sensitivity)
+        declared += [1.0] * sensitivity.shape[1]
+        first += sensitivity.shape[1]
     bare = replace(problem.covariance, shared=np.zeros((data.n, 0)))
     white = bare.whiten(np.hstack(blocks).T)
     return _Unknowns(trials=white @ white.T, declared=np.array(declared), groups=tuple(groups))
@@ -125,8 +130,8 @@ def _remedy(
 ) -> Remedy:
     name, unit_scale, unit, members = group
     rows = list(members)
-    cross, own = joint[i, rows], joint[np.ix_(rows, rows)]
-    value, vector = np.linalg.eigh(own)
+    cross, within = joint[i, rows], joint[np.ix_(rows, rows)]
+    value, vector = np.linalg.eigh(within)
     share = (vector.T @ cross) ** 2
     whole = float(joint[i, i])
 
@@ -143,12 +148,12 @@ def _remedy(
         needed = float(np.exp(low / 2)) * unit_scale
     single = len(rows) == 1
     r = (
-        float(cross[0] / np.sqrt(whole * own[0, 0]))
+        float(cross[0] / np.sqrt(whole * within[0, 0]))
         if single
         else float(np.sqrt(max(1 - best / whole, 0.0)))
     )
     u, u_best = float(scale * np.sqrt(whole)), float(scale * np.sqrt(best))
-    known_to = float(np.sqrt(np.diag(own).mean())) * unit_scale
+    known_to = float(np.sqrt(np.diag(within).mean())) * unit_scale
     who = letter(coefficient)
     what, each = (
         (letter(name) if rows[0] < coefficients else f"the {name}", "it")

@@ -106,13 +106,13 @@ def examine(
     """
     C_L = coefficient(lift_N, speed_Hz, air_density=air_density, radius_m=radius_m, rotors=rotors)
     covariance = log_covariance + np.diag((2 * u_log_speed) ** 2)
-    found = trend(np.log(C_L), covariance, np.log(speed_Hz))
+    law = trend(np.log(C_L), covariance, np.log(speed_Hz))
     return Rotor(
         throttle=throttle,
         speed_Hz=speed_Hz,
         C_L=C_L,
         u=C_L * np.sqrt(np.diag(covariance)),
-        trend=found,
+        trend=law,
     )
 
 

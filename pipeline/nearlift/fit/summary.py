@@ -7,7 +7,7 @@ from dataclasses import asdict
 
 from nearlift.fit import inputs, remedies
 from nearlift.fit.closeness import NEAR_GROUND
-from nearlift.fit.least_squares import Fit
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.profiles import Profile
 from nearlift.likelihood.level_curve import held_out_rms
 from nearlift.results.fit import (
@@ -23,7 +23,7 @@ from nearlift.results.levels import LevelFit
 FEW_DOF = 5.0
 
 
-def summary(fit: Fit, profiles: Iterable[Profile]) -> ModelFit:
+def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
     """One model's entry, without its posterior."""
     ground = fit.problem.data.boundary == "ground"
     near = float("nan") if fit.r2_near is None else fit.r2_near
@@ -50,14 +50,14 @@ def summary(fit: Fit, profiles: Iterable[Profile]) -> ModelFit:
         degeneracies=fit.degeneracies,
         excluded=tuple(ExcludedTrial(trial=t, reason=why) for t, why in fit.excluded),
         profiles={p.parameter: p.ends for p in profiles},
-        would_halve=remedies.of(fit),
+        would_halve=remedies.halvings(fit),
         undeclared=inputs.undeclared(fit),
         heights=fit.plan.measures,
         height_error=(HeightError(*fit.marginal.offset()) if fit.marginal else None),
     )
 
 
-def _levels(fit: Fit) -> LevelFit | None:
+def _levels(fit: LeastSquaresFit) -> LevelFit | None:
     """The curve of L_inf, where it is one."""
     data = fit.problem.data
     if data.curve is None:

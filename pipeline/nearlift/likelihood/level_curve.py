@@ -34,8 +34,8 @@ def with_curve(data: Observations, of: Sequence[str], degree: int | None) -> Obs
     InputRefused
         A column is missing, has a blank or a value that is not positive, or hardly varies.
     """
-    own = {"throttle": data.throttle, **data.covariates}
-    ranges = [_range(name, own.get(name)) for name in of]
+    columns = {"throttle": data.throttle, **data.covariates}
+    ranges = [_range(name, columns.get(name)) for name in of]
     throttles = np.unique(data.throttle)
     if len(throttles) > MOST_SHOWN:
         middles = (np.arange(SHOWN) + 0.5) / SHOWN
@@ -91,10 +91,10 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
     blocks = visits_by_size(visit)
     inside = np.empty(data.n, dtype=bool)
     for v in range(visit.max() + 1):
-        own = visit == v
-        inside[own] = data.foretold_by(~own)[own]
+        members = visit == v
+        inside[members] = data.foretold_by(~members)[members]
     shapes, y = _shapes(data), np.log(data.lift_N)
-    found: dict[int, FloatArray] = {}
+    squares: dict[int, FloatArray] = {}
     for degree in range(1, MOST_DEGREE + 1):
         curve = dataclasses.replace(data.curve, degree=degree)
         columns = np.hstack([curve.columns(data.of_levels), shapes])
@@ -107,8 +107,8 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
             kept = np.eye(alike.shape[1]) - q[alike] @ q[alike].swapaxes(1, 2)
             undone = np.linalg.pinv(kept, rcond=1e-9, hermitian=True)
             errors[alike] = (undone @ left[alike][..., None])[..., 0]
-        found[degree] = np.bincount(visit, (errors * inside) ** 2).astype(np.float64)
-    return found
+        squares[degree] = np.bincount(visit, (errors * inside) ** 2).astype(np.float64)
+    return squares
 
 
 def at_shown(data: Observations) -> FloatArray:

@@ -22,7 +22,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.likelihood.variance_components import ENOUGH, Components, ages, pulled_in
+from nearlift.likelihood.variance_components import ENOUGH, VarianceComponents, ages, pulled_in
 from nearlift.results import IntArray, Noise, Observations
 
 #: What the source of noise says that repeats tell.
@@ -133,7 +133,7 @@ def estimate(
         for s in structure
         if (norm := float(np.linalg.norm(s))) > 0
     ]
-    model = Components.of(
+    model = VarianceComponents.from_trials(
         data, slope, np.hstack([mean, _condensed(np.hstack(unknown))]), mean.shape[1], extra
     )
     typical_N = float(np.median(data.lift_N))
@@ -177,15 +177,15 @@ def estimate(
         )
     y = log_lift
     for last in (ROUGH_STEP,) * PASSES + (LAST_STEP,):
-        x, found = model.maximise(x, y, last)
+        x, likelihood = model.maximise(x, y, last)
         if last == ROUGH_STEP:
-            y = pulled_in(y, found)
+            y = pulled_in(y, likelihood)
     sizes = np.exp(x)
-    spread = np.linalg.inv(found.curvature)
+    spread = np.linalg.inv(likelihood.curvature)
     # of the variance of a trial like the others, of which its own record or a published standard
     # deviation tells a part
     parts = sizes**2 * np.stack(model.diagonals, axis=1)
-    whole = model.own + parts.sum(axis=1)
+    whole = model.known_variance + parts.sum(axis=1)
     dof = float(np.median(whole**2 / (2 * np.einsum("ij,jk,ik->i", parts, spread, parts))))
     sizes = sizes * unit
     noise = Noise(

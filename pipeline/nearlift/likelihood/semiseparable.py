@@ -107,17 +107,17 @@ def _product(amplitude: Any, memory: Any, x: Any) -> Any:
     y, past, future = np.zeros_like(x), np.zeros((count, m)), np.zeros((count, m))
     for i in range(n):
         for j in range(count):
-            keep, own = memory[i, j], amplitude[i, j]
+            keep, here = memory[i, j], amplitude[i, j]
             for c in range(m):
-                past[j, c] = keep * past[j, c] + own * x[i, c]
-                y[i, c] += own * past[j, c]
+                past[j, c] = keep * past[j, c] + here * x[i, c]
+                y[i, c] += here * past[j, c]
     for back in range(n - 1):
         i = n - 2 - back
         for j in range(count):
-            keep, gone, own = memory[i + 1, j], amplitude[i + 1, j], amplitude[i, j]
+            keep, gone, here = memory[i + 1, j], amplitude[i + 1, j], amplitude[i, j]
             for c in range(m):
                 future[j, c] = keep * (future[j, c] + gone * x[i + 1, c])
-                y[i, c] += own * future[j, c]
+                y[i, c] += here * future[j, c]
     return y
 
 
@@ -129,7 +129,7 @@ def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> An
     widest = 0
     for i in range(n):
         widest = max(widest, reach[i])
-    found = np.full((n, widest + 1), np.nan)
+    inverse = np.full((n, widest + 1), np.nan)
     # what the trials after i make of a unit of each process that reaches them: their sum of squares
     after, step, half = (
         np.zeros((n + 1, count, count)),
@@ -165,7 +165,7 @@ def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> An
             for j in range(count):
                 for k in range(count):
                     total += left[j] * after[i + 1, j, k] * left[k]
-        found[i, 0] = total
+        inverse[i, 0] = total
         for k in range(1, reach[i] + 1):
             at = i + k
             # L^-1 e_i at trial `at` is -A.state; e_at begins there
@@ -180,8 +180,8 @@ def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> An
                 for j in range(count):
                     for a in range(count):
                         total += left[j] * after[at + 1, j, a] * right[a]
-            found[i, k] = total
-    return found
+            inverse[i, k] = total
+    return inverse
 
 
 def __getattr__(name: str) -> Any:

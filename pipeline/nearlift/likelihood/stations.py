@@ -31,13 +31,13 @@ def distinct(problem: Problem) -> tuple[IntArray, Problem]:
     is not that of the stations.
     """
     data = problem.data
-    own = [
+    by_trial = [
         np.asarray(value, dtype=float)
         for name, value in problem.known.items()
         if name not in data.geometry
     ]
     _, first, index = np.unique(
-        np.stack([data.z_hat, *own]), axis=1, return_index=True, return_inverse=True
+        np.stack([data.z_hat, *by_trial]), axis=1, return_index=True, return_inverse=True
     )
     return index.ravel(), replace(
         problem, data=data.take(first), shift=np.broadcast_to(problem.shift, data.n)[first]
@@ -59,7 +59,7 @@ class Stations:
     level_rows: FloatArray | None
 
     @classmethod
-    def of(cls, problem: Problem) -> Stations:
+    def from_problem(cls, problem: Problem) -> Stations:
         """The stations of a problem."""
         index, at = distinct(problem)
         if at.data.n > MOST or at.data.n + 1 > problem.data.n:

@@ -83,15 +83,15 @@ class SizesAt:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Components:
-    """A covariance linear in the squares of its sizes: `own` + sum of size^2 times a diagonal, or
-    times what trials pass on.
+class VarianceComponents:
+    """A covariance linear in the squares of its sizes: `known_variance` + sum of size^2 times a
+    diagonal, or times what trials pass on.
 
     `unknown` (n, q + k) are columns of the mean (q, free) and of structure (k, unit variance).
     """
 
     priors: dict[str, tuple[float, float]]
-    own: FloatArray
+    known_variance: FloatArray
     diagonals: list[FloatArray]
     amplitude: FloatArray
     memory: FloatArray
@@ -100,14 +100,14 @@ class Components:
     free: int
 
     @classmethod
-    def of(
+    def from_trials(
         cls,
         data: Observations,
         slope: FloatArray,
         unknown: FloatArray,
         free: int,
         extra: FloatArray | float,
-    ) -> Components:
+    ) -> VarianceComponents:
         """The components that these trials can show."""
         priors = {name: PRIORS[name] for name in ("relative", "force_N")}
         per_visit, common, drifts = np.zeros(data.n), 0.0, 0
@@ -130,7 +130,7 @@ class Components:
         )
         amplitude, memory = whole.processes
         order = whole.order
-        own = np.maximum((data.u_lift_N / data.lift_N) ** 2 + extra, LEAST_VARIANCE)
+        known_variance = np.maximum((data.u_lift_N / data.lift_N) ** 2 + extra, LEAST_VARIANCE)
         # force in units of the median lift: no lift is too small for a square
         diagonals = [
             np.ones(data.n),
@@ -139,7 +139,7 @@ class Components:
         ]
         return cls(
             priors=priors,
-            own=own[order],
+            known_variance=known_variance[order],
             diagonals=[diagonals[0], diagonals[1][order], *diagonals[2:]],
             amplitude=amplitude,
             memory=memory,
@@ -153,7 +153,7 @@ class Components:
         in their logarithms; y in `order`.
         """
         size2 = np.exp(2 * x)
-        variance = self.own + size2[0] * self.diagonals[0] + size2[1] * self.diagonals[1]
+        variance = self.known_variance + size2[0] * self.diagonals[0] + size2[1] * self.diagonals[1]
         amplitude = np.ascontiguousarray(self.amplitude * np.sqrt(size2[2:]))
         d, w = semiseparable.factor(variance, amplitude, self.memory)
         parts = (d, w, amplitude, self.memory)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import inputs
-from nearlift.fit.heights import Plan
+from nearlift.fit.heights import HeightPlan
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import derive
@@ -323,7 +323,7 @@ def set_up(
             "at least two visits are wanted, to leave one out",
         )
     admit(where, kept, base)
-    first = fit(base, kept, parts, plan=Plan())
+    first = fit(base, kept, parts, plan=HeightPlan())
     kept = derive(
         kept,
         kept.lift_inf_N(first.level_coefficients),

@@ -15,8 +15,8 @@ from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fit import assumptions, inputs, profiles
 from nearlift.fit.base_result import base_result
-from nearlift.fit.least_squares import Fit, fit
-from nearlift.fit.predictive import HeldOut, leave_visit_out, score
+from nearlift.fit.least_squares import LeastSquaresFit, fit
+from nearlift.fit.predictive import VisitScores, leave_visit_out, score
 from nearlift.fit.profiles import Profile
 from nearlift.fit.summary import summary
 from nearlift.likelihood import budget
@@ -106,7 +106,7 @@ def run(job: Job) -> Outcome:
         expense.announce(job.announce, f"fit {boundary}", expense.FIT, data)
         base, rivals = choices[boundary]
         fits, failed = dict[str, ModelFit](), dict[str, str]()
-        held_out: dict[str, HeldOut] = {}
+        held_out: dict[str, VisitScores] = {}
         scatter = slope = plan = None
         carried = parts
         for model in (base, *rivals):
@@ -127,7 +127,7 @@ def run(job: Job) -> Outcome:
                     model, data, dict(zip(result.names, result.theta, strict=True))
                 )
                 carried = inputs.acting(parts, model, result.theta)
-            profiled = profiles.of(result)
+            profiled = profiles.likelihood_profiles(result)
             rows += [profile_rows(boundary, model.name, p) for p in profiled]
             held_out[model.name] = leave_visit_out(result)
             fits[model.name] = summary(result, profiled)
@@ -184,7 +184,7 @@ def profile_rows(boundary: str, model: str, profile: Profile) -> Table:
 
 
 def compare(
-    base: str, fits: Mapping[str, ModelFit], held_out: Mapping[str, HeldOut]
+    base: str, fits: Mapping[str, ModelFit], held_out: Mapping[str, VisitScores]
 ) -> ModelComparison:
     """How the models of one boundary compare, each against the base."""
     return ModelComparison(
@@ -201,7 +201,7 @@ def compare(
     )
 
 
-def overdeclared(result: Fit) -> list[str]:
+def overdeclared(result: LeastSquaresFit) -> list[str]:
     """A note where trials scatter far less than the manifest declares of what repeats would show;
     empty where they do not.
     """

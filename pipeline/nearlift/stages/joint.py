@@ -8,7 +8,7 @@ import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.errors import ManifestError, NearliftError
-from nearlift.fit.joint import Downwash, fit_joint
+from nearlift.fit.joint import DownwashRatio, fit_joint
 from nearlift.fit.least_squares import fit
 from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.likelihood import budget
@@ -70,7 +70,7 @@ def run(job: Job) -> Outcome:
 
 def select(
     table: Table, campaign: Campaign, boundary: Boundary
-) -> tuple[tuple[str, ...], tuple[LeftOutCase, ...], Downwash]:
+) -> tuple[tuple[str, ...], tuple[LeftOutCase, ...], DownwashRatio]:
     """The untilted cases whose cut stands for the inflow at the disk, why others do not, and the
     former's downwash.
     """
@@ -93,7 +93,7 @@ def select(
         else:
             used.append(i)
     at = np.array(used, dtype=np.int64)
-    measured = Downwash(
+    measured = DownwashRatio(
         z_hat=table["z_hat"][at],
         ratio=table["downwash_m_s"][at] / table["downwash_m_s"][control],
         u_own=u_relative[at],

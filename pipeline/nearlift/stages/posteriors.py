@@ -16,10 +16,10 @@ from nearlift.fit import posterior
 from nearlift.fit.density import Density
 from nearlift.fit.ensemble import BLOCK, Block
 from nearlift.fit.grid import grid
-from nearlift.fit.learnt import beside_fit, learnt
-from nearlift.fit.least_squares import Fit
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
+from nearlift.fit.prior_comparison import compare_with_fit, compare_with_prior
 from nearlift.products import POSTERIOR, TRIALS
 from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import (
@@ -60,7 +60,7 @@ class Posteriors:
         return hashlib.sha256(json.dumps(encode(material), sort_keys=True).encode()).hexdigest()
 
     def added(
-        self, fitted: Fit, entry: ModelFit, base: bool, say: Say
+        self, fitted: LeastSquaresFit, entry: ModelFit, base: bool, say: Say
     ) -> tuple[ModelFit, list[str]]:
         """A model's entry of fit.json with its posterior, and notes; without one where a rival's
         does not settle.
@@ -79,7 +79,9 @@ class Posteriors:
             [f"{boundary}: {text}" for text in unlike],
         )
 
-    def add(self, fitted: Fit, base: bool, say: Say) -> tuple[LogEvidence, PosteriorSummary]:
+    def add(
+        self, fitted: LeastSquaresFit, base: bool, say: Say
+    ) -> tuple[LogEvidence, PosteriorSummary]:
         """Sample one model's posterior; of base models draws of L_inf are kept, too. `say` hears of
         it as the second half of the model's part.
         """
@@ -172,11 +174,13 @@ def _marginal(density: Density, draws: FloatArray) -> Moments:
     return _moments(draws)
 
 
-def _parameter(density: Density, drawn: Posterior, fitted: Fit, i: int) -> PosteriorParameter:
-    belief, draws = density.beliefs.each[i], drawn.theta[:, :, i].ravel()
-    parameter = belief.parameter
-    change, estimate = learnt(belief, draws), fitted.estimates[parameter.name]
-    over_fit, why = beside_fit(belief, draws, estimate.lo90, estimate.hi90)
+def _parameter(
+    density: Density, drawn: Posterior, fitted: LeastSquaresFit, i: int
+) -> PosteriorParameter:
+    prior, draws = density.prior.each[i], drawn.theta[:, :, i].ravel()
+    parameter = prior.parameter
+    change, estimate = compare_with_prior(prior, draws), fitted.estimates[parameter.name]
+    over_fit, why = compare_with_fit(prior, draws, estimate.lo90, estimate.hi90)
     mean, sd, (low, median, high) = _marginal(density, draws)
     # without degrees of freedom the draws know only what trials of one visit do not share
     ends = (low, high) if fitted.effective[i] else (-math.inf, math.inf)
@@ -211,7 +215,9 @@ def _level(draws: FloatArray) -> DrawnEstimate:
     return DrawnEstimate(value=mean, u=sd, median=median, lo90=low, hi90=high, unit="N")
 
 
-def _summary(density: Density, drawn: Posterior, fitted: Fit, data: str) -> PosteriorSummary:
+def _summary(
+    density: Density, drawn: Posterior, fitted: LeastSquaresFit, data: str
+) -> PosteriorSummary:
     return PosteriorSummary(
         model=fitted.model.name,
         data_sha256=data,

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from nearlift.fit import influential
-from nearlift.fit.least_squares import Fit
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood.budget import Component
 from nearlift.reduction import outliers
 from nearlift.results.influence import Influence, Suspect
@@ -20,7 +20,7 @@ from nearlift.run.store import Table
 ANOTHER_U = 0.2
 
 
-def screen(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> Influence:
+def screen(fitted: LeastSquaresFit, parts: tuple[Component, ...], trials: Table) -> Influence:
     """Every trial or visit of one boundary that stands out or moves the headline."""
     problem, data = fitted.problem, fitted.problem.data
     left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
@@ -49,7 +49,7 @@ def screen(fitted: Fit, parts: tuple[Component, ...], trials: Table) -> Influenc
     )
 
 
-def words(fitted: Fit, influence: Influence) -> list[str]:
+def words(fitted: LeastSquaresFit, influence: Influence) -> list[str]:
     """A sentence for each suspect: how far the headline moves without it."""
     name = fitted.names[0] if fitted.names else ""
     headline = fitted.estimates[name] if name else None

@@ -1,6 +1,4 @@
-"""What is believed of the parameters before the data: the declared priors, cut off at the declared
-bounds.
-"""
+"""The prior of a model's parameters: the declared distributions, cut off at the declared bounds."""
 
 from __future__ import annotations
 
@@ -17,7 +15,7 @@ from nearlift.declare import FloatArray, Parameter
 
 
 @dataclass(frozen=True, kw_only=True)
-class Belief:
+class TruncatedPrior:
     """The prior of one parameter, normalised to 1 within its bounds."""
 
     parameter: Parameter
@@ -85,21 +83,21 @@ class Belief:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Beliefs:
+class JointPrior:
     """The joint prior of a model's parameters, which are independent before the data."""
 
-    each: tuple[Belief, ...]
+    each: tuple[TruncatedPrior, ...]
 
     @classmethod
-    def of(cls, parameters: Sequence[Parameter]) -> Beliefs:
+    def from_parameters(cls, parameters: Sequence[Parameter]) -> JointPrior:
         """From their declarations."""
-        return cls(each=tuple(Belief(parameter=p) for p in parameters))
+        return cls(each=tuple(TruncatedPrior(parameter=p) for p in parameters))
 
     def log_density(self, theta: FloatArray) -> FloatArray:
         """Log of the joint density of theta (m, p), (m,)."""
         total = np.zeros(theta.shape[:-1])
-        for i, belief in enumerate(self.each):
-            total = total + belief.log_density(theta[..., i])
+        for i, prior in enumerate(self.each):
+            total = total + prior.log_density(theta[..., i])
         return total
 
     def draw(self, rng: np.random.Generator, n: int) -> FloatArray:

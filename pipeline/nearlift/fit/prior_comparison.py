@@ -1,6 +1,4 @@
-"""What the data said and what they did not: the posterior of a parameter beside its prior and its
-bounds.
-"""
+"""How far a posterior departs from its prior, its bounds and the interval of least squares."""
 
 from __future__ import annotations
 
@@ -9,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.belief import Belief
+from nearlift.fit.prior import TruncatedPrior
 
 #: A 90 % interval that keeps this much of the prior's width is the prior's; above the second, the
 #: prior still has a say.
@@ -23,7 +21,7 @@ NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Learnt:
+class PriorComparison:
     """One parameter after the data: `ratio` of the 90 % widths after and before, share of draws at
     either bound, and words where they matter.
     """
@@ -37,33 +35,33 @@ class Learnt:
     words: str
 
 
-def learnt(belief: Belief, draws: FloatArray) -> Learnt:
-    """Compare draws (n,) of a parameter's posterior with what was believed of it."""
-    low, high = belief.parameter.bounds
-    before = belief.quantile([0.05, 0.95])
+def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> PriorComparison:
+    """Compare draws (n,) of a parameter's posterior with its prior."""
+    low, high = prior.parameter.bounds
+    before = prior.quantile([0.05, 0.95])
     after = np.quantile(draws, [0.05, 0.95])
     ratio = float(np.ptp(after) / np.ptp(before))
     edge = EDGE * (high - low)
     at_low, at_high = float(np.mean(draws < low + edge)), float(np.mean(draws > high - edge))
-    name = belief.parameter.name
+    name = prior.parameter.name
     words = []
     if ratio > SAME:
         words.append(
             f"the data say nothing about {name}: its interval is the prior's"
-            f" ({belief.parameter.prior}), not a result"
+            f" ({prior.parameter.prior}), not a result"
         )
     elif ratio > SHAPED:
         words.append(
             f"the prior still shapes {name}: the data left {100 * ratio:.0f} % of its width"
-            f" ({belief.parameter.prior})"
+            f" ({prior.parameter.prior})"
         )
     for share, bound in ((at_low, low), (at_high, high)):
         if share > CROWD:
             words.append(
                 f"{100 * share:.0f} % of the posterior of {name} lies against its bound {bound:g}"
             )
-    return Learnt(
-        prior=str(belief.parameter.prior),
+    return PriorComparison(
+        prior=str(prior.parameter.prior),
         prior_lo90=float(before[0]),
         prior_hi90=float(before[1]),
         ratio=ratio,
@@ -73,7 +71,9 @@ def learnt(belief: Belief, draws: FloatArray) -> Learnt:
     )
 
 
-def beside_fit(belief: Belief, draws: FloatArray, lo90: float, hi90: float) -> tuple[float, str]:
+def compare_with_fit(
+    prior: TruncatedPrior, draws: FloatArray, lo90: float, hi90: float
+) -> tuple[float, str]:
     """The posterior's 90 % width over that of least squares from `lo90` to `hi90`, and why where
     they are far apart; nan where that has none.
     """
@@ -83,19 +83,19 @@ def beside_fit(belief: Belief, draws: FloatArray, lo90: float, hi90: float) -> t
     ratio = float(np.ptp(np.quantile(draws, [0.05, 0.95])) / wide)
     if NARROW <= ratio <= WIDE:
         return ratio, ""
-    low, high = belief.parameter.bounds
+    low, high = prior.parameter.bounds
     edge = EDGE * (high - low)
     reasons = [
         f"the bound {b:g} cuts it off"
         for b, out in ((low, lo90 < low + edge), (high, hi90 > high - edge))
         if out and ratio < NARROW
     ]
-    if ratio < NARROW and belief.width90 < CLOSE * wide:
+    if ratio < NARROW and prior.width90 < CLOSE * wide:
         reasons.append("the prior narrows it")
     reasons = reasons or [
         "the curve is not straight over the interval, as least squares takes it for"
     ]
-    name = belief.parameter.name
+    name = prior.parameter.name
     return (
         ratio,
         (
