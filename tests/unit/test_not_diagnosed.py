@@ -70,7 +70,7 @@ def test_what_moves_the_headline_stands_before_what_might(evidence: report.Evide
     fits = copy.deepcopy(evidence.document(FIT))
     fits["influence"]["ground"]["suspects"] = [{**s, "without": None} for s in suspects]
     found = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: fits})
-    told = [d.text.split(",")[0] for d in doubts.of(found, "ground")]
+    told = [d.text.split(",")[0] for d in doubts.reservations(found, "ground")]
     assert told[0].startswith("it rests on visit 0 (")
     assert told[1:4] == ["most", "much", "not diagnosed"]
     assert told.count("most") == 1

@@ -188,7 +188,7 @@ def test_what_is_to_be_planned_is_asked_at_each_look(monkeypatch, tmp_path):
     words = ["--watch", "--next", "K_b", "--until", "0.05"]
     for more in ([], ["--rounds", "0.2"]):
         assert small_run.nearlift("run", tmp_path, *words, *more).exit_code == 0
-    assert looks == [AskedQuestion.parsed("K_b", 0.05), AskedQuestion.of("K_b", 0.05, 0.2)]
+    assert looks == [AskedQuestion.parsed("K_b", 0.05), AskedQuestion.parsed("K_b", 0.05, 0.2)]
 
 
 def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):

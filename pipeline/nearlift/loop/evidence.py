@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.subspace import orthonormal
+from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.results import IntArray
 
@@ -49,7 +49,7 @@ class Deformation:
 
     def __init__(self, columns: FloatArray) -> None:
         self.columns = columns
-        self.basis, length, _ = np.linalg.svd(columns, full_matrices=False)
+        self.basis, length = left_singular(columns)
         self.shrink = 1 - 1 / np.sqrt(1 + length**2)
         self.log_det = float(np.log1p(length**2).sum())
 

@@ -106,11 +106,7 @@ class SearchProblem:
     @cached_property
     def slope(self) -> FloatArray:
         """D log ratio / dz of the base model."""
-        return height_slope(
-            self.base,
-            self.data,
-            dict(zip((p.name for p in self.base.parameters), self.theta, strict=True)),
-        )
+        return height_slope(self.base, self.data, self.base.named(self.theta))
 
     def candidate(self, *effects: Effect) -> Candidate:
         """The base model with these effects."""
