@@ -48,7 +48,7 @@ def effect(name: str) -> Effect:
 def titled(text: str) -> str:
     """A text with every effect and model that it names by its title, as within a sentence."""
     known = _titles()
-    return NAME.sub(lambda found: known.get(found[0], found[0]), text)
+    return NAME.sub(lambda match: known.get(match[0], match[0]), text)
 
 
 @functools.cache

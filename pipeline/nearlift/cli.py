@@ -86,8 +86,8 @@ class Commands(click.Group):
             return super().resolve_command(ctx, args)
         except click.UsageError as refusal:
             hint = _meant(args[0])
-            told = f"{refusal.message.rstrip('.')}: {hint}" if hint else refusal.message
-            raise click.UsageError(told, ctx) from None
+            advice = f"{refusal.message.rstrip('.')}: {hint}" if hint else refusal.message
+            raise click.UsageError(advice, ctx) from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Every name with its summary, under its group."""

@@ -37,12 +37,10 @@ def describe(name: str | None = None) -> str:
         *SYMBOLS,
     )
     by_file = {p.file: p for p in PRODUCTS}
-    found = by_file.get(name) or catalogue.find(
-        name, everything, "model, effect, product or symbol"
-    )
-    if isinstance(found, Declaration):
-        return declaration(found)
-    return product_page(found) if isinstance(found, Product) else symbol_page(found)
+    item = by_file.get(name) or catalogue.find(name, everything, "model, effect, product or symbol")
+    if isinstance(item, Declaration):
+        return declaration(item)
+    return product_page(item) if isinstance(item, Product) else symbol_page(item)
 
 
 def listing() -> str:

@@ -97,25 +97,25 @@ class Kernel:
         """
         from nearlift.compiler import numba
 
-        source, signature, own = importlib.import_module(self.module).KERNELS[self.name]
+        source, signature, keywords = importlib.import_module(self.module).KERNELS[self.name]
         # wrappers would call Python; an error model of Python's would raise
         options: dict[str, object] = {
             "nogil": True,
             "no_cpython_wrapper": True,
             "no_cfunc_wrapper": True,
             "error_model": "numpy",
-            **own,
+            **keywords,
         }
         function = numba.njit(**options)(source)
         function.compile(signature.args)
-        found = function.overloads[signature.args]
-        module = found.library._final_module
+        overload = function.overloads[signature.args]
+        module = overload.library._final_module
         outside = [
             f.name for f in module.functions if f.is_declaration and not f.name.startswith("llvm.")
         ]
-        if outside or found.signature != signature:
-            raise AttributeError(f"{self.name} is {found.signature} and calls {outside}")
-        return found.fndesc.llvm_func_name, found.library._get_compiled_object()
+        if outside or overload.signature != signature:
+            raise AttributeError(f"{self.name} is {overload.signature} and calls {outside}")
+        return overload.fndesc.llvm_func_name, overload.library._get_compiled_object()
 
     def _linked(self, symbol: str, code: bytes) -> Call:
         """Callable machine code, by numba's convention: where the answer goes, where an exception
@@ -146,8 +146,8 @@ class Kernel:
         """The same by numba's public road."""
         from nearlift.compiler import numba
 
-        source, signature, own = importlib.import_module(self.module).KERNELS[self.name]
-        compiled = numba.cfunc(signature, error_model="numpy", **own)(source)
+        source, signature, options = importlib.import_module(self.module).KERNELS[self.name]
+        compiled = numba.cfunc(signature, error_model="numpy", **options)(source)
         function = ctypes.CFUNCTYPE(ctypes.c_int64, *self.arguments)(int(compiled.address or 0))
 
         def call(*arguments: Any) -> int:

@@ -359,6 +359,6 @@ def label(name: str, unit: str | None = None) -> str:
     r"""Axis label such as ``$z$ (m)`` or ``$\hat{z}$``; `unit` replaces the SI unit where a figure
     draws another, such as ``"%"``.
     """
-    found = symbol(name)
-    shown = found.unit if unit is None else unit
-    return f"${found.latex}$" if shown in ("", "1") else f"${found.latex}$ ({shown})"
+    known = symbol(name)
+    shown = known.unit if unit is None else unit
+    return f"${known.latex}$" if shown in ("", "1") else f"${known.latex}$ ({shown})"

@@ -45,17 +45,17 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
         A package cannot be loaded, offers something that is not a `wanted`, or a name that is
         taken.
     """
-    found: dict[str, T] = {}
+    gathered: dict[str, T] = {}
     owner: dict[str, str] = {}
 
     def add(item: T, package: str) -> None:
-        if item.name in found:
+        if item.name in gathered:
             raise DeclarationError(
                 f"package {package}",
                 f"declares {item.name!r}, a name that {owner[item.name]} declares already",
                 "rename one of the two",
             )
-        found[item.name], owner[item.name] = item, package
+        gathered[item.name], owner[item.name] = item, package
 
     for item in built_in:
         add(item, "nearlift")
@@ -79,7 +79,7 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
                 remedy,
             )
         add(offered, package)
-    return tuple(found.values())
+    return tuple(gathered.values())
 
 
 def _package(point: EntryPoint) -> str:

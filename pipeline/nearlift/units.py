@@ -196,9 +196,9 @@ def quantity(text: object, dimension: str, where: str) -> float:
 
 def plausible(value: float, dimension: str, low: float, high: float) -> list[str]:
     """The usual units in which the bare number `value` would lie within [`low`, `high`] (SI)."""
-    found = []
+    fitting = []
     for unit in USUAL.get(dimension, ()):
         factor, offset = to_si(unit, dimension, "")
         if low <= factor * value + offset <= high:
-            found.append(unit)
-    return found
+            fitting.append(unit)
+    return fitting

@@ -188,7 +188,7 @@ def _evidence(fitted: Fitted, forms: Forms, visits: int) -> float:
     if forms.plain:
         return -0.5 * (fitted.chi2 + fitted.penalty)
     # every unknown costs by the number of trials, of which the means stand for many
-    of_effects = len(fitted.vector) - len(fitted.candidate.of(""))
+    of_effects = len(fitted.vector) - len(fitted.candidate.entries_of(""))
     stations = len(np.unique(fitted.candidate.data.visit))
     return evidence(fitted, forms.sd) - 0.5 * of_effects * float(np.log(visits / stations))
 

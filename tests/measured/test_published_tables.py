@@ -12,7 +12,7 @@ from tests.measured.jirs import FILE, written
 from tests.unit import small_run
 
 from nearlift.likelihood import budget
-from nearlift.loop.diagnose import Diagnosis, diagnose
+from nearlift.loop.diagnose import LoopDiagnosis, diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.products import TRIALS
 from nearlift.stages.fit import choice
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(
 )
 
 
-def diagnosed(folder: Path, boundary: Any, inches: int) -> Diagnosis:
+def diagnosed(folder: Path, boundary: Any, inches: int) -> LoopDiagnosis:
     """What the loop finds in the table, by way of ingest."""
     root = written(folder, boundary, inches)
     assert small_run.nearlift("ingest", root, "--out", folder).exit_code == 0

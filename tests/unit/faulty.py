@@ -133,7 +133,7 @@ def litter(place: Path) -> list[Path]:
 
 def homes(place: Path) -> Homes:
     """Those of the campaign of means."""
-    return Homes.of(place, "means")
+    return Homes.within(place, "means")
 
 
 def outputs(place: Path) -> Outputs:

@@ -244,7 +244,7 @@ def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
 
 
 def test_a_journal_that_names_other_files_is_refused(tmp_path):
-    there = Homes.of(tmp_path, "c")
+    there = Homes.within(tmp_path, "c")
     there.processed.mkdir(parents=True)
     for name in ("processed/../../stray", "stray", "/etc/stray", "processed", "processed/stray\0"):
         there.journal.write_text(
@@ -264,7 +264,7 @@ def test_a_journal_that_names_other_files_is_refused(tmp_path):
     ],
 )
 def test_a_journal_that_lists_nothing_is_refused_and_nothing_moves(tmp_path, lists):
-    there = Homes.of(tmp_path, "c")
+    there = Homes.within(tmp_path, "c")
     there.processed.mkdir(parents=True)
     there.journal.write_text(json.dumps({"schema": "nearlift.commit/1", **lists}))
     with pytest.raises(ProductError, match="does not list what is to be put and removed"):
@@ -368,7 +368,7 @@ def test_a_flipped_bit_in_a_raw_file_that_was_ingested_stops_the_run(tmp_path):
 
 def test_two_runs_at_once_one_is_told_whose_turn_it_is(tmp_path):
     raw = small_run.write_means(tmp_path / "raw", 24)
-    with locked(Homes.of(tmp_path, "means")):
+    with locked(Homes.within(tmp_path, "means")):
         # flock is per open file: this process can stand in its own way
         found = nearlift("ingest", raw, "--out", tmp_path)
     assert found.exit_code == 4

@@ -71,7 +71,7 @@ def two(place):
 
 
 def homes(place: Path) -> Homes:
-    return Homes.of(place, "means")
+    return Homes.within(place, "means")
 
 
 def kept(place: Path) -> list[history.Kept]:

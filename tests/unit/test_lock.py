@@ -113,7 +113,7 @@ def test_a_damaged_lock_file_is_no_obstacle(tmp_path):
 
 
 def test_a_lock_leaves_no_folder_behind_that_it_made(tmp_path):
-    with locked(Homes.of(tmp_path, "c")):
+    with locked(Homes.within(tmp_path, "c")):
         pass
     assert list(tmp_path.iterdir()) == []
 

@@ -117,10 +117,10 @@ def test_what_takes_long_is_told_with_trials_time_and_memory(law):
     assert told == []
     expense.announce(told.append, "fit ground", law, large)
     [line] = told
-    seconds, megabytes = law.of(large)
+    seconds, megabytes = law.cost(large)
     assert line == f"fit ground: 36000 trials, about {seconds:.0f} s and {megabytes / 1000:.1f} GB"
     # where no two trials share a distance, the model is asked at every trial
-    assert law.of(dataclasses.replace(large, z_hat=np.geomspace(1.2, 12, large.n)))[0] >= seconds
+    assert law.cost(dataclasses.replace(large, z_hat=np.geomspace(1.2, 12, large.n)))[0] >= seconds
 
 
 def test_a_chain_that_takes_long_is_told_once_by_its_first_blocks(monkeypatch):
@@ -140,4 +140,4 @@ def test_windows_of_flight_are_dearer_than_trials_on_a_stand():
     stand = campaign(4, visits=30)
     flown = dataclasses.replace(stand, covariates={**stand.covariates, "flight": np.ones(stand.n)})
     assert flown.in_flight
-    assert expense.FIT.of(flown)[0] > 5 * expense.FIT.of(stand)[0]
+    assert expense.FIT.cost(flown)[0] > 5 * expense.FIT.cost(stand)[0]

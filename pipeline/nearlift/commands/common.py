@@ -139,7 +139,7 @@ class Call:
 
         loaded = manifests.load(campaign)
         spare_raw(campaign, self.out)
-        homes = Homes.of(self.out, loaded.name)
+        homes = Homes.within(self.out, loaded.name)
         with open_executor("serial") as pool:
             yield Job(
                 root=campaign,

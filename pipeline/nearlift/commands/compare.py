@@ -69,7 +69,7 @@ def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
     """
     home = out / "processed"
     for journal in home.glob(f"*/{JOURNAL}"):
-        settled(Homes.of(out, journal.parent.name))
+        settled(Homes.within(out, journal.parent.name))
     if not names:
         fitted = sorted(path.parent for path in home.glob(f"*/{RESULTS.file}"))
         if not fitted:

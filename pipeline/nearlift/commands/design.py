@@ -32,7 +32,7 @@ def command(call: Call, campaign: Path, noise_from: str | None, write: Path | No
 
     earlier = None
     if noise_from is not None:
-        settled(Homes.of(call.out, noise_from))
+        settled(Homes.within(call.out, noise_from))
         earlier = call.out / "processed" / noise_from
     with call.planned_job(campaign) as job, call.busy(f"nearlift: {job.campaign.name}"):
         answer = design.run(job, earlier=earlier, write=write)

@@ -16,7 +16,7 @@ def command(call: Call, campaign: Path) -> None:
     from nearlift.run.transaction import Homes
 
     path = campaign / history.MANIFEST
-    homes = Homes.of(call.out, history.name_of(path))
+    homes = Homes.within(call.out, history.name_of(path))
     settled(homes)
     present = path.read_bytes()
     content, text = [], []

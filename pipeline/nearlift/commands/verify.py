@@ -29,7 +29,7 @@ def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[st
     ProductError
         There is no provenance.json, or it is damaged.
     """
-    homes = Homes.of(out, campaign.name)
+    homes = Homes.within(out, campaign.name)
     settled(homes)
     path = homes.processed / PROVENANCE.file
     inputs, outputs = _entries(store.read_json(path), str(path))

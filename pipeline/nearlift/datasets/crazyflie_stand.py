@@ -114,11 +114,11 @@ def _read(path: Path) -> list[tuple[float, int, float, float]]:
                 f"lacks the columns {', '.join(lacking)}",
                 f"it has to have {', '.join(COLUMNS)}",
             )
-        found = []
+        rows = []
         for number, row in enumerate(reader, 2):
             try:
                 turning = [rpm for rpm in (float(row[f"rpm{i}"]) for i in range(1, 5)) if rpm > 0]
-                found.append(
+                rows.append(
                     (
                         float(row["weight[g]"]),
                         int(row["pwm"]),
@@ -132,4 +132,4 @@ def _read(path: Path) -> list[tuple[float, int, float, float]]:
                     "is not a row of numbers",
                     "the file was changed or cut",
                 ) from None
-    return found
+    return rows

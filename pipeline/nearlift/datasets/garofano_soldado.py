@@ -59,16 +59,16 @@ def table(script: str, where: str) -> str:
         There is no radius, no row, or a row without its standard deviations or its heights.
     """
     radius = RADIUS.search(script)
-    rows = {(found["std"] or "") + found["case"]: found for found in ROW.finditer(script)}
+    rows = {(row["std"] or "") + row["case"]: row for row in ROW.finditer(script)}
     if radius is None or not rows:
         raise InputRefused(where, "has no rows Fz... or no R", "it is not the published script")
     grids = [
-        [float(cell.split("*")[0]) for cell in found["values"].split(",")]
-        for found in HEIGHTS.finditer(script)
+        [float(cell.split("*")[0]) for cell in row["values"].split(",")]
+        for row in HEIGHTS.finditer(script)
     ]
     lines = [",".join(garofano_soldado.COLUMNS)]
-    for case, found in rows.items():
-        if found["std"]:
+    for case, row in rows.items():
+        if row["std"]:
             continue
         forces, spreads = (
             _numbers(rows[name]["values"]) if name in rows else [] for name in (case, f"std_{case}")
@@ -81,12 +81,12 @@ def table(script: str, where: str) -> str:
                 " heights",
                 "it is not whole",
             )
-        alpha, beta = found["alpha"], found["beta"] or "0"
+        alpha, beta = row["alpha"], row["beta"] or "0"
         config = (
             "face_to_face"
-            if found["facing"] == "_minbeta"
+            if row["facing"] == "_minbeta"
             else "back_to_back"
-            if found["facing"]
+            if row["facing"]
             else "coplanar"
         )
         lines += [

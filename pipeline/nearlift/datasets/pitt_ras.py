@@ -83,13 +83,13 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
 
 
 def _start(path: Path) -> datetime.datetime:
-    found = NAME.match(path.name)
-    if found is None:
+    match = NAME.match(path.name)
+    if match is None:
         raise InputRefused(
             str(path),
             "does not say in its name when it was begun",
             "thrust_data_YYYY-MM-DD_HH-MM-SS.ssssss.csv",
         )
-    return datetime.datetime.strptime(f"{found[1]} {found[2]}", "%Y-%m-%d %H-%M-%S.%f").replace(
+    return datetime.datetime.strptime(f"{match[1]} {match[2]}", "%Y-%m-%d %H-%M-%S.%f").replace(
         tzinfo=datetime.UTC
     )

@@ -184,13 +184,13 @@ class LiftModel(Declaration):
             raise self.refusal(
                 f"gradient gives {len(declared)} derivatives for {len(self.parameters)} parameters",
             )
-        for p, own in zip(self.parameters, declared, strict=True):
+        for p, derivative in zip(self.parameters, declared, strict=True):
             h = 1e-5 * max(abs(at[p.name]), 0.1)
             up, down = (
                 float(np.squeeze(self.evaluate(check.x, **(at | {p.name: at[p.name] + s}))))
                 for s in (h, -h)
             )
-            difference, given = (up - down) / (2 * h), float(np.squeeze(own))
+            difference, given = (up - down) / (2 * h), float(np.squeeze(derivative))
             if not abs(given - difference) <= 1e-5 * (abs(difference) + 1e-3):
                 raise self.refusal(
                     f"gradient says d/d{p.name} = {given:.6g} at {check.x}, differences say"

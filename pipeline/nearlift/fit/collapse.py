@@ -77,7 +77,7 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
         degrees of freedom are others than the coefficient's.
     """
     throttles, name = problem.data.levels, problem.names[0] if problem.names else ""
-    found = Collapse(
+    collapse = Collapse(
         throttles=throttles,
         name=name,
         values=np.full(len(throttles), np.nan),
@@ -90,12 +90,12 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
         of_curve=None,
     )
     if len(throttles) < 2 or not name:
-        return found
+        return collapse
     values, covariance, chi2 = per_throttle(problem, theta)
     known = np.isfinite(np.diag(covariance))
     if not known.any():
         # trials at one distance say nothing of any throttle's coefficient
-        return found
+        return collapse
     gain = float(problem.chi2(theta)) - chi2
     inner = np.ix_(known, known)
     centred = np.eye(known.sum()) - 1 / known.sum()
@@ -112,7 +112,7 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
         u_apart=u_apart,
         coefficient=f_test(gain, int(known.sum()) - 1, dof),
         curve=curve,
-        cells=found.cells,
+        cells=collapse.cells,
         of_coefficient=largest(
             throttles[known], values[known], covariance[inner], abs(float(theta[0])), dof
         ),
@@ -153,7 +153,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
-    found = least_squares(
+    minimum = least_squares(
         residuals,
         start,
         jac="3-point",
@@ -163,7 +163,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
         ftol=1e-10,
         gtol=1e-10,
     )
-    best = batched.settled(linearised, found.x[None], (low, high))
+    best = batched.settled(linearised, minimum.x[None], (low, high))
     _, slopes = linearised(best, np.zeros(1, dtype=np.int64))
     whole = np.zeros(len(start))
     for i in range(len(start)):

@@ -191,21 +191,21 @@ def fit(
         parts = tuple(c for c in parts if c not in plan.shared)
         problem = replace(assemble(model, data, parts, settled, theta, carried), blur_m=plan.blur_m)
         theta = minimise(problem, theta)
-    found = _describe(problem, theta, settled, excluded, carried, parts, plan)
-    return _integrated(found) if plan.shared else found
+    fitted = _describe(problem, theta, settled, excluded, carried, parts, plan)
+    return _integrated(fitted) if plan.shared else fitted
 
 
-def _integrated(found: LeastSquaresFit) -> LeastSquaresFit:
+def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
     """The same fit with the shared height errors of its plan integrated over."""
-    problem, data, p = found.problem, found.problem.data, len(found.theta)
-    u = np.sqrt(np.diag(found.covariance))
-    over = heights.integrate(problem, found.theta, np.where(u > 0, u, 1.0), found.plan.shared)
+    problem, data, p = fitted.problem, fitted.problem.data, len(fitted.theta)
+    u = np.sqrt(np.diag(fitted.covariance))
+    over = heights.integrate(problem, fitted.theta, np.where(u > 0, u, 1.0), fitted.plan.shared)
     theta, covariance = over.mean, over.within + over.between
     effective = gum.uncertainty_budget(
-        replace(found, theta=theta, covariance=covariance, marginal=over)
+        replace(fitted, theta=theta, covariance=covariance, marginal=over)
     )[1].dof
     estimates = {}
-    for i, q in enumerate(found.model.parameters):
+    for i, q in enumerate(fitted.model.parameters):
         dof = float(effective[i])
         plain = _estimate(
             theta[i],
@@ -231,14 +231,14 @@ def _integrated(found: LeastSquaresFit) -> LeastSquaresFit:
     log_levels = over.weight @ logs
     spread += (logs - log_levels).T @ (over.weight[:, None] * (logs - log_levels))
     # the quantiles of the linear fit serve: what its levels rest on is the same
-    quantiles = [(e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for e in found.levels.values()]
+    quantiles = [(e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for e in fitted.levels.values()]
     levels = _levels(problem, log_levels, spread, quantiles)
     rmse, r2, r2_near = closeness(problem, theta, log_levels, over.offset()[0])
     gained = float(over.log_integral + problem.chi2(theta) / 2)
     unknown = p + free
     log_likelihood = float(problem.log_likelihood(theta)) + gained
     return replace(
-        found,
+        fitted,
         theta=theta,
         covariance=covariance,
         estimates=estimates,

@@ -34,7 +34,7 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
             name: CoefficientEstimate(**asdict(e), dof=float(dof), warning=_warning(float(dof)))
             for (name, e), dof in zip(fit.estimates.items(), fit.effective, strict=True)
         },
-        covariance=ParameterCovariance.of(fit.names, fit.covariance),
+        covariance=ParameterCovariance.named(fit.names, fit.covariance),
         chi2=fit.chi2,
         dof=fit.dof,
         n_trials=fit.n,

@@ -130,14 +130,14 @@ class Covariance:
         for index in blocks:
             reach[place[index]] = np.arange(index.shape[1])[::-1]
         near = semiseparable.near_inverse(*self._factor, reach)
-        found = []
+        pairs = []
         for index in blocks:
             size = index.shape[1]
             i, j = np.triu_indices(size)
             block = np.empty((len(index), size, size))
             block[:, i, j] = block[:, j, i] = near[place[index[:, i]], j - i]
-            found.append((index, block))
-        return tuple(found)
+            pairs.append((index, block))
+        return tuple(pairs)
 
     @cached_property
     def _shared_part(self) -> tuple[FloatArray, FloatArray]:

@@ -114,18 +114,18 @@ def _of_motion(data: Observations, weight_N: float) -> dict[str, FloatArray]:
     over twice density and disk area), and by how much the rotor that is told least is told less
     than usual: those whose columns were logged.
     """
-    found, known = {}, data.covariates
+    derived, known = {}, data.covariates
     if "layout_hat" in data.geometry:
         disks_m2 = len(data.geometry["layout_hat"]) * np.pi * data.radius_m**2
         induced_m_s = np.sqrt(weight_N / (2 * USUAL_DENSITY * disks_m2))
         for name, hat in (("climb_m_s", "climb_hat"), ("level_speed_m_s", "level_speed_hat")):
             if name in known:
-                found[hat] = known[name] / induced_m_s
+                derived[hat] = known[name] / induced_m_s
     shares = [values for name, values in known.items() if name.startswith("command_share_")]
     if shares:
         usual = np.array(shares) / np.median(shares, axis=1, keepdims=True)
-        found["imbalance"] = -np.log(np.maximum(usual.min(axis=0), 1e-3))
-    return found
+        derived["imbalance"] = -np.log(np.maximum(usual.min(axis=0), 1e-3))
+    return derived
 
 
 def _usual(data: Observations, speed_Hz: FloatArray) -> FloatArray:
@@ -160,8 +160,8 @@ def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
 
     def told(name: str) -> bool:
         if name in STAND_INS:
-            own = name == effect.varies_with
-            return not own or (name in data.covariates and varies(data, name))
+            decides = name == effect.varies_with
+            return not decides or (name in data.covariates and varies(data, name))
         return name == "lift_inf_N" or varies(data, name)
 
     return tuple(name for name in effect.needs if not told(name))

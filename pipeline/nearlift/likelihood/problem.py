@@ -87,8 +87,8 @@ class Problem:
         """
         columns = self.data.level_columns
         q, r = np.linalg.qr(self.covariance.whiten(columns.T).T)
-        own = np.abs(np.diag(r))
-        if self.data.curve is not None and own.min() < SPANNED * own.max():
+        pivots = np.abs(np.diag(r))
+        if self.data.curve is not None and pivots.min() < SPANNED * pivots.max():
             curve = self.data.curve
             raise NotConverged(
                 "levels",
@@ -257,13 +257,13 @@ class Problem:
         low, high = (np.array([p.bounds[end] for p in self.model.parameters]) for end in (0, 1))
         steps = 1e-4 * np.maximum(np.maximum(np.abs(theta), 1e-2 * (high - low)), 1e-6)
         p = len(low)
-        own = np.eye(p, dtype=bool)
+        each = np.eye(p, dtype=bool)
         up, down = (
             np.minimum(theta + steps, high)[..., None, :],
             np.maximum(theta - steps, low)[..., None, :],
         )
         here = theta[..., None, :]
-        at = np.concatenate([np.where(own, up, here), np.where(own, down, here)], axis=-2)
+        at = np.concatenate([np.where(each, up, here), np.where(each, down, here)], axis=-2)
         shift = np.asarray(offset_m)[..., None] if np.ndim(offset_m) else offset_m
         value = self.log_ratio(at, shift)
         return np.asarray(
@@ -286,14 +286,14 @@ def need(data: Observations, name: str, model: str) -> Any:
     """Geometry or covariate `name` of the trials, or a refusal that says what to record."""
     if name in data.geometry:
         return data.geometry[name]
-    own = {
+    beside = {
         "radius_m": data.radius_m,
         "throttle": data.throttle,
         "session": data.session,
         "z_hat": data.z_hat,
     }
-    if name in own:
-        return own[name]
+    if name in beside:
+        return beside[name]
     if name in data.covariates:
         return data.covariates[name]
     raise InputRefused(

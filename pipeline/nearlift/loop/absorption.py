@@ -36,7 +36,7 @@ def shifts(
     over trials, whitened and with L_inf removed: where it is large, a fit without the effect
     charges the effect to the coefficient.
     """
-    found = []
+    absorbing = []
     for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
         best = answer.accepted[0].fitted
         part, jacobian = (
@@ -63,7 +63,7 @@ def shifts(
                     f" {effect.name} and distance go together (correlation {signed(r, 2)}), so a"
                     f" fit without {effect.name} charges it to {name}."
                 )
-            found.append(
+            absorbing.append(
                 CoefficientShift(
                     effect=effect.name,
                     coefficient=parameter.name,
@@ -73,7 +73,7 @@ def shifts(
                     text=text,
                 )
             )
-    return tuple(found)
+    return tuple(absorbing)
 
 
 def limits(stage: SearchProblem, answer: Answer) -> tuple[CoefficientLimit, ...]:
@@ -87,7 +87,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
     """The same about any fit; also about one to trials that are only planned."""
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
-    found = []
+    absorbing = []
     gain = next(
         e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive
     )
@@ -102,7 +102,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
                 f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}:"
                 f" {100 * share:.0f} % of what is known of it."
             )
-            found.append(
+            absorbing.append(
                 CoefficientLimit(
                     coefficient=parameter.name,
                     rests_on=Station(z_hat=where),
@@ -129,7 +129,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
                     f" {parameter.name} altogether: these trials cannot tell the two apart, since"
                     f" no {label} holds more than one distance."
                 )
-                found.append(
+                absorbing.append(
                     CoefficientLimit(
                         coefficient=parameter.name,
                         absorbed_by=gain,
@@ -138,7 +138,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
                     )
                 )
                 break
-    return tuple(found)
+    return tuple(absorbing)
 
 
 def _largest(slope: FloatArray, values: np.ndarray[Any, Any]) -> tuple[float, float]:

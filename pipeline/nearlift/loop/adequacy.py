@@ -68,7 +68,7 @@ def _strained(stage: SearchProblem) -> list[str]:
 
     # where visits are judged by leaving them out, the declared errors are no part of the fit
     stage = dataclasses.replace(stage, independent=False)
-    absorbed, found = orthonormal(stage.base_fit.jacobian), []
+    absorbed, reasons = orthonormal(stage.base_fit.jacobian), []
     for part in stage.parts:
         columns = budget.columns(stage.data, part, stage.slope)
         if not columns.shape[1]:
@@ -76,7 +76,7 @@ def _strained(stage: SearchProblem) -> list[str]:
         residual = stage.base_fit.residual - absorbed @ (absorbed.T @ stage.base_fit.residual)
         stands = np.abs(stage.space.project(columns.T) @ residual).max()
         if stands > norm.isf(norm.sf(SIGMAS) / columns.shape[1]):
-            found.append(
+            reasons.append(
                 f"{part.name} stands {stands:.2g} of its declared standard uncertainties off"
             )
-    return found
+    return reasons

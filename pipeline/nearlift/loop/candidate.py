@@ -65,12 +65,12 @@ class Candidate:
     def slots(self) -> tuple[Slot, ...]:
         """The flat vector's layout: the base model's parameters first."""
         owner = {p.name: e.name for e in self.effects for p in e.parameters}
-        found, at = [], 0
+        slots, at = [], 0
         for p in self.model.parameters:
             width = int(self.data.session.max()) + 1 if p.per == "session" else 1
-            found.append(Slot(parameter=p, effect=owner.get(p.name, ""), start=at, stop=at + width))
+            slots.append(Slot(parameter=p, effect=owner.get(p.name, ""), start=at, stop=at + width))
             at += width
-        return tuple(found)
+        return tuple(slots)
 
     @property
     def size(self) -> int:
@@ -98,8 +98,8 @@ class Candidate:
             if s.parameter.per == "session":
                 # a session that the fit has not seen has the null value
                 unseen = np.full((*vector.shape[:-1], 1), s.parameter.value)
-                own = np.concatenate([vector[..., s.start : s.stop], unseen], axis=-1)
-                values[s.parameter.name] = own[..., np.minimum(where.session, s.stop - s.start)]
+                each = np.concatenate([vector[..., s.start : s.stop], unseen], axis=-1)
+                values[s.parameter.name] = each[..., np.minimum(where.session, s.stop - s.start)]
             else:
                 values[s.parameter.name] = vector[..., s.start, None]
         ratio = np.asarray(self.model.evaluate(where.z_hat, **known, **values), dtype=float)
@@ -150,7 +150,7 @@ class Candidate:
             ]
         )
 
-    def of(self, effect: str) -> FloatArray:
+    def entries_of(self, effect: str) -> FloatArray:
         """Indices of one effect's entries; of the base model's for an empty name."""
         return np.concatenate(
             [
@@ -210,7 +210,7 @@ class Candidate:
     def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
         """What one effect adds to log lift at `vector`, (n,)."""
         without = vector.copy()
-        mine = self.of(effect.name)
+        mine = self.entries_of(effect.name)
         without[mine] = self.null[mine]
         return np.nan_to_num(self.log_ratio(vector) - self.log_ratio(without))
 
@@ -272,7 +272,7 @@ def library_columns(
     base: LiftModel, effects: tuple[Effect, ...], data: Observations, theta: FloatArray
 ) -> list[tuple[Effect, FloatArray]]:
     """Each effect's first-order columns at its null, one entry per combination of shapes."""
-    found = []
+    library = []
     for effect in effects:
         candidate = Candidate(base=base, effects=(effect,), data=data)
         for vector in candidate.shapes():
@@ -280,5 +280,5 @@ def library_columns(
             vector[: len(theta)] = theta
             columns = candidate.jacobian(vector)[:, candidate.sizes()]
             if np.any(columns):
-                found.append((effect, columns))
-    return found
+                library.append((effect, columns))
+    return library

@@ -143,7 +143,7 @@ def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: Fl
     A size beyond a pole of the model has no value at some trial: a start there is taken back
     towards no effect until it has one. Where none has, the result's chi2 is nan.
     """
-    p = len(candidate.of(""))
+    p = len(candidate.entries_of(""))
     starts: list[tuple[float, int, FloatArray, FloatArray]] = []
     sizes = candidate.sizes()
     mean, sd = candidate.prior

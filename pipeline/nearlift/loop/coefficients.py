@@ -245,10 +245,10 @@ def silent(
     basis = orthonormal(jacobian)
     information = jacobian.T @ jacobian
     covariance = _inverse(information)
-    found = []
+    unseen = []
     for effect in effects:
         if effect not in stage.effects and not effect.within_trial:
-            found.append(
+            unseen.append(
                 SilentEffect(
                     effect=effect.name,
                     absorbed_by="L_inf",
@@ -278,7 +278,7 @@ def silent(
         if np.linalg.norm(white) == 0:
             continue
         if hidden or abs(shift[most]) * size > 1.0:
-            found.append(
+            unseen.append(
                 SilentEffect(
                     effect=effect.name,
                     absorbed_by=stage.base.parameters[most].name,
@@ -290,7 +290,7 @@ def silent(
                     hidden=hidden,
                 )
             )
-    return tuple(sorted(found, key=lambda f: -f.bias_at_detection_limit))
+    return tuple(sorted(unseen, key=lambda f: -f.bias_at_detection_limit))
 
 
 def _size(effect: Effect) -> float:

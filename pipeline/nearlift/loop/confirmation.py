@@ -167,8 +167,8 @@ def misfit(stage: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatA
     """
     keep = scored.predicted
     data, slope = stage.data.take(keep), stage.slope[keep]
-    own = budget.own_variance(data, stage.parts, slope)
-    covariance = trial_covariance(data, noise, slope, None, own, instruments(data))
+    variance = budget.own_variance(data, stage.parts, slope)
+    covariance = trial_covariance(data, noise, slope, None, variance, instruments(data))
     return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
 
 

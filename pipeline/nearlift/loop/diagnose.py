@@ -49,7 +49,7 @@ from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Diagnosis:
+class LoopDiagnosis:
     """What the loop found at one boundary: its block of diagnosis.json, its part of results.json,
     and every trial's residual before and after.
 
@@ -73,7 +73,7 @@ def diagnose(
     confirm: bool = True,
     look: InterimLook | None = None,
     heard: Heard = unheard,
-) -> Diagnosis:
+) -> LoopDiagnosis:
     """Diagnose one boundary.
 
     Parameters
@@ -176,7 +176,7 @@ def diagnose(
             lambda visit: _without_visit(ground, visit, rate, decided, declared),
             stability.visits_to_try(answer, answers, quoted, residuals),
         )
-    return Diagnosis(findings=findings, residuals=residuals, quoted=quoted)
+    return LoopDiagnosis(findings=findings, residuals=residuals, quoted=quoted)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,7 +190,7 @@ class Decided:
     scored: confirmation.HeldOut | None
 
     @property
-    def found(self) -> tuple[str, ...] | None:
+    def would_name(self) -> tuple[str, ...] | None:
         """What the search would name, confirmed or not; None where it sees no structure."""
         named = self.refuted or self.answer.accepted
         return (named[0].effects if named else ()) if self.answer.first.present else None
@@ -214,8 +214,8 @@ def decide(
     early = rate < stage.options.false_alarm_rate
     if early:
         answer = answer.claimed_below((stage if few else answer.stage).null.threshold(rate))
-    own = Decided(answer=answer, refuted=(), scored=None)
-    if like is not None and own.found == like.found:
+    decided = Decided(answer=answer, refuted=(), scored=None)
+    if like is not None and decided.would_name == like.would_name:
         unconfirmed = bool(like.refuted)
         answer = dataclasses.replace(answer, contradicted=like.answer.contradicted)
     else:
@@ -232,7 +232,7 @@ def decide(
         if scored is not None and not scored.predicted.any():
             # every visit has a throttle or a session that no other visit has
             scored = None
-        own = dataclasses.replace(own, scored=scored)
+        decided = dataclasses.replace(decided, scored=scored)
         unconfirmed = (
             scored is not None
             and bool(answer.accepted)
@@ -245,9 +245,9 @@ def decide(
     if unconfirmed:
         # what does not help where it was not fitted gets no credit, however well it fits
         return dataclasses.replace(
-            own, refuted=answer.accepted, answer=dataclasses.replace(answer, accepted=())
+            decided, refuted=answer.accepted, answer=dataclasses.replace(answer, accepted=())
         )
-    return dataclasses.replace(own, answer=answer)
+    return dataclasses.replace(decided, answer=answer)
 
 
 def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.Answers:
@@ -377,5 +377,5 @@ def _correlation(stage: SearchProblem, answer: Answer, unnamed: FloatArray) -> C
             stage, fitted, answer.accepted[0].tube if answer.accepted else unnamed
         )
     places = {s.parameter.name: s.start for s in fitted.candidate.slots if s.stop - s.start == 1}
-    own = list(places.values())
-    return loop_result.correlation(list(places), covariance[np.ix_(own, own)])
+    entries = list(places.values())
+    return loop_result.correlation(list(places), covariance[np.ix_(entries, entries)])

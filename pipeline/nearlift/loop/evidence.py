@@ -23,7 +23,7 @@ CREDIT = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Evidence:
+class ExplanationEvidence:
     """How far the trials speak for an explanation, in natural logarithms.
 
     `log` is by unit information, so that no effect gains or loses by how wide its prior happens to
@@ -37,7 +37,7 @@ class Evidence:
     plausibility: float
 
     @classmethod
-    def of_score(cls, score: float) -> Evidence:
+    def of_score(cls, score: float) -> ExplanationEvidence:
         """A log score on visits left out, relative to the base model's, in the place of all three:
         it knows of no prior.
         """
@@ -91,7 +91,7 @@ class Linearised:
     @property
     def coefficients(self) -> IntArray:
         """Entries of the base model."""
-        return self.fitted.candidate.of("").astype(np.int64)
+        return self.fitted.candidate.entries_of("").astype(np.int64)
 
     @cached_property
     def entries(self) -> IntArray:
@@ -133,11 +133,11 @@ class Linearised:
         likelihood is the evidence that ranks. An entry at a bound moves no further, but was as
         free to be anywhere else.
         """
-        found = self.integrated(scores, self.coefficients, self.free)
+        integrated = self.integrated(scores, self.coefficients, self.free)
         held = np.setdiff1d(self.entries, self.free)
         columns = self.jacobian[:, held] * self.fitted.candidate.prior[1][held]
-        log_det = Deformation(np.hstack([found.deform.columns, columns])).log_det
-        return replace(found, log_det=log_det) if len(held) else found
+        log_det = Deformation(np.hstack([integrated.deform.columns, columns])).log_det
+        return replace(integrated, log_det=log_det) if len(held) else integrated
 
     def by_unit_information(self, scores: FloatArray) -> Integrated:
         """The scores with all projected out but what differs by session, which is one population,

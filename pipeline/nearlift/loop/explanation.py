@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.evidence import CREDIT, Evidence
+from nearlift.loop.evidence import CREDIT, ExplanationEvidence
 from nearlift.loop.structure import Structure
 from nearlift.loop.wander import waves
 
@@ -37,7 +37,7 @@ class Explanation:
     wander: float = 0.0
     left: Structure | None
     gain: float
-    evidence: Evidence
+    evidence: ExplanationEvidence
     needed: bool = True
     confirmed: bool | None = None
 
@@ -89,10 +89,10 @@ class Explanation:
         they are.
         """
         candidate = self.fitted.candidate
-        found = {f"form of {self.name}": candidate.tube(self.fitted.vector, self.form_sd)}
+        columns = {f"form of {self.name}": candidate.tube(self.fitted.vector, self.form_sd)}
         if self.wander:
-            found["gain that wanders"] = self.wander * waves(candidate.data)
-        return found
+            columns["gain that wanders"] = self.wander * waves(candidate.data)
+        return columns
 
     @property
     def tube(self) -> FloatArray:

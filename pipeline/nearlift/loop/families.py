@@ -117,10 +117,10 @@ def families(data: Observations) -> tuple[Family, ...]:
     slow = cosines(known["run_order"], min(8, visits))
     fast = cosines(known["run_order"], max(min(32, n // 12, visits // 4 - 8), 0), first=9)
     # indicators are not even made where they would be too many: their size is trials times groups
-    found = []
+    every = []
     if distances <= most:
-        found.append(Family(name="distance", covariate="distance", columns=indicators(data.z_hat)))
-    found += [
+        every.append(Family(name="distance", covariate="distance", columns=indicators(data.z_hat)))
+    every += [
         Family(name="distance smooth", covariate="distance", columns=smooth_z),
         Family(name="distance x throttle", covariate="throttle", columns=bent),
         Family(name="time, slow", covariate="start", columns=slow),
@@ -146,13 +146,13 @@ def families(data: Observations) -> tuple[Family, ...]:
     if data.curve is not None:
         # what a polynomial of its degree leaves
         bend = powers(np.log(data.throttle), int(min(data.curve.degree + 3, most)))
-        found.append(Family(name="throttle", covariate="throttle", columns=bend))
+        every.append(Family(name="throttle", covariate="throttle", columns=bend))
     if few_levels and distances * len(data.levels) <= most:
         cells = times(indicators(data.z_hat), indicators(data.throttle))
-        found.append(Family(name="distance x throttle, cells", covariate="throttle", columns=cells))
+        every.append(Family(name="distance x throttle, cells", covariate="throttle", columns=cells))
     if data.session.max() > 0 and sessions <= most:
-        found.append(Family(name="session", covariate="session", columns=indicators(data.session)))
-        found.append(
+        every.append(Family(name="session", covariate="session", columns=indicators(data.session)))
+        every.append(
             Family(
                 name="session, additive",
                 covariate="session",
@@ -163,7 +163,7 @@ def families(data: Observations) -> tuple[Family, ...]:
         fade = np.stack(
             [np.exp(-known["since_start_s"] / tau) for tau in (60.0, 300.0, 1500.0)], axis=1
         )
-        found.append(
+        every.append(
             Family(
                 name="time since start",
                 covariate="start",
@@ -173,8 +173,8 @@ def families(data: Observations) -> tuple[Family, ...]:
     for name, covariate in SURROUNDINGS:
         if varies(data, name):
             shape = powers(known[name], degree)
-            found.append(Family(name=covariate, covariate=covariate, columns=shape))
-            found.append(
+            every.append(Family(name=covariate, covariate=covariate, columns=shape))
+            every.append(
                 Family(
                     name=f"{covariate}, additive",
                     covariate=covariate,
@@ -183,7 +183,7 @@ def families(data: Observations) -> tuple[Family, ...]:
             )
     closeness = np.stack([np.ones(n), near, near**2], axis=1)
     if varies(data, "approach"):
-        found.append(
+        every.append(
             Family(
                 name="approach",
                 covariate="approach",
@@ -192,9 +192,9 @@ def families(data: Observations) -> tuple[Family, ...]:
         )
     if data.ordered and visits >= ENOUGH:
         # fewer visits cannot tell such curves from what the trials of a visit share
-        found += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
+        every += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
     if varies(data, "tilt_rad"):
-        found.append(
+        every.append(
             Family(
                 name="tilt",
                 covariate="tilt",
@@ -203,10 +203,10 @@ def families(data: Observations) -> tuple[Family, ...]:
         )
     for name in sorted(known.keys() - SPOKEN_FOR):
         if varies(data, name) and not name.startswith(BOOKKEEPING):
-            found.append(Family(name=name, covariate=name, columns=powers(known[name], degree)))
+            every.append(Family(name=name, covariate=name, columns=powers(known[name], degree)))
     if data.in_flight:
-        found = [f for f in found if f.covariate not in OF_STANDS]
-    kept = [f for f in found if 0 < f.columns.shape[1] <= most and tells(f.columns, data)]
+        every = [f for f in every if f.covariate not in OF_STANDS]
+    kept = [f for f in every if 0 < f.columns.shape[1] <= most and tells(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
 
 
@@ -257,14 +257,14 @@ def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> lis
     """Curves of distance that change with session, supply or temperature, and what hangs on where
     the traverse came from: its last move as a direction and as a ratio of distances.
     """
-    known, found = data.covariates, []
+    known, curves = data.covariates, []
     if 0 < data.session.max() < LARGEST // shape.shape[1]:
         sessions = times(shape, indicators(data.session))
-        found.append(Family(name="distance x session", covariate="session", columns=sessions))
+        curves.append(Family(name="distance x session", covariate="session", columns=sessions))
     for name, covariate in SURROUNDINGS:
         if varies(data, name):
             bent = times(shape, powers(known[name], 1))
-            found.append(Family(name=f"distance x {covariate}", covariate=covariate, columns=bent))
+            curves.append(Family(name=f"distance x {covariate}", covariate=covariate, columns=bent))
     before = known["previous_z_hat"]
     moved = (before > 0) & (before != data.z_hat)
     last = np.maximum.accumulate(np.where(moved, np.arange(data.n), -1))
@@ -274,7 +274,10 @@ def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> lis
     ratio[near] = np.log(data.z_hat[near] / origin[near])
     move = np.stack([np.sign(ratio), ratio], axis=1)
     columns = np.hstack([move, move * additive, move * shape[:, :1]])
-    return [*found, Family(name="last move", covariate="previous_distance", columns=columns)]
+    return [
+        *curves,
+        Family(name="last move", covariate="previous_distance", columns=columns),
+    ]
 
 
 def _previous(data: Observations, few_levels: bool) -> FloatArray:

@@ -25,7 +25,7 @@ from nearlift.likelihood.finite import where_finite
 from nearlift.loop import coefficients
 from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.confirmation import FEW_VISITS, standard_error
-from nearlift.loop.evidence import Evidence
+from nearlift.loop.evidence import ExplanationEvidence
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
@@ -60,15 +60,15 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
         else stage.base_fit
     )
     vectors = without_each(stage, whole)
-    own = np.unique(stage.data.visit, return_inverse=True)[1]
+    visit_of = np.unique(stage.data.visit, return_inverse=True)[1]
     ratio = whole.candidate.log_ratio(vectors)
     rest = stage.log_lift - ratio
-    log_inf = _levels(stage, _weights(stage, own))(rest[:, None], np.arange(len(rest)))[:, 0]
+    log_inf = _levels(stage, _weights(stage, visit_of))(rest[:, None], np.arange(len(rest)))[:, 0]
     trial = np.arange(stage.data.n)
-    result: FloatArray = rest[own, trial] - log_inf[own, trial]
+    result: FloatArray = rest[visit_of, trial] - log_inf[visit_of, trial]
     # L_inf from the trials that stayed; where they do not tell it, it is unknown
-    told = [stage.data.foretold_by(own != visit) for visit in range(len(rest))]
-    return np.where(np.array(told)[own, trial], result, np.nan)
+    foretold = [stage.data.foretold_by(visit_of != visit) for visit in range(len(rest))]
+    return np.where(np.array(foretold)[visit_of, trial], result, np.nan)
 
 
 def _levels(
@@ -82,10 +82,10 @@ def _levels(
     # what no trial with a weight tells, such as a throttle that one visit alone has, stays 0
     solve = weighted @ np.linalg.pinv(columns.T @ weighted, rcond=1e-13, hermitian=True)
 
-    def of(x: FloatArray, rows: IntArray) -> FloatArray:
+    def log_inf(x: FloatArray, rows: IntArray) -> FloatArray:
         return where_finite(lambda x: x @ solve[rows] @ columns.T, x)
 
-    return of
+    return log_inf
 
 
 def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
@@ -96,8 +96,8 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
     where the session's only visit is out.
     """
     candidate = whole.candidate
-    own = np.unique(stage.data.visit, return_inverse=True)[1]
-    weight = _weights(stage, own)
+    visit_of = np.unique(stage.data.visit, return_inverse=True)[1]
+    weight = _weights(stage, visit_of)
     root = np.sqrt(weight)
     levels = _levels(stage, weight)
     mean, sd = candidate.prior
@@ -108,8 +108,8 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
         return result
 
     def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
-        own = free((stage.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
-        return np.hstack([own, (vectors - mean) / sd])
+        left = free((stage.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
+        return np.hstack([left, (vectors - mean) / sd])
 
     def linearised(vectors: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
         slopes = -free(candidate.jacobian(vectors).swapaxes(1, 2), rows)
@@ -224,7 +224,7 @@ def _explanation(
         form_sd=0.0,
         left=None,
         gain=stage.base_fit.chi2 - fitted.chi2,
-        evidence=Evidence.of_score(score),
+        evidence=ExplanationEvidence.of_score(score),
         confirmed=confirmed,
     )
 

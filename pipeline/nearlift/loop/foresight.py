@@ -167,8 +167,8 @@ class Foresight:
         scores = (scores - (scores @ remove) @ remove.T) * scale
         first = np.r_[0, np.cumsum(ranks)[:-1]].astype(int)
         chi2 = np.add.reduceat((scores @ stacked) ** 2, first, axis=1)
-        found: NDArray[np.bool_] = np.any(chi2 > self._critical, axis=1)
-        return found
+        exceeds: NDArray[np.bool_] = np.any(chi2 > self._critical, axis=1)
+        return exceeds
 
     def unit(self, handle: Handle) -> float:
         """The size whose visible part has a length of `VISIBLE_LENGTH` standard deviations, to
@@ -198,11 +198,11 @@ class Foresight:
         the parameter's bound.
         """
         size = self._sizes(handle)
-        found = [self.contest(handle, s) for s in size]
+        contests = [self.contest(handle, s) for s in size]
         return Power(
             size=size,
             **{
-                name: np.array([getattr(c, name) for c in found])
+                name: np.array([getattr(c, name) for c in contests])
                 for name in ("seen", "within", "first", "alone")
             },
         )
@@ -227,13 +227,13 @@ class Foresight:
                 search(c, stage.space, log_lift, stage.base_fit.vector)
                 for c in self._variants(effect)
             ]
-            found = [
+            tried = [
                 (*self._evidence(f, elsewhere), self._left(f, elsewhere))
                 for f in fits
                 if not f.at_bound
             ]
-            if found:
-                each = [np.stack(x) for x in zip(*found, strict=True)]
+            if tried:
+                each = [np.stack(x) for x in zip(*tried, strict=True)]
                 pick = each[0].argmax(axis=0)[None]
                 table, order, left = (np.take_along_axis(x, pick, 0)[0] for x in each)
                 by_name[effect.name] = table, order, left
@@ -256,11 +256,11 @@ class Foresight:
         }
         if handle.effect.name not in names:
             return Contest(seen=float(seen.mean()), within=0.0, first=0.0, alone=0.0, rivals=rivals)
-        own = names.index(handle.effect.name)
-        first = member[own] & (leader == own)
+        mine = names.index(handle.effect.name)
+        first = member[mine] & (leader == mine)
         return Contest(
             seen=float(seen.mean()),
-            within=float(member[own].mean()),
+            within=float(member[mine].mean()),
             first=float(first.mean()),
             alone=float((first & (member.sum(axis=0) == 1)).mean()),
             rivals=rivals,
@@ -312,17 +312,17 @@ class Foresight:
         basis, remove, _, _ = self._space
         mine = self.visible(handle, 1e-3 * min(handle.plausible, handle.largest))
         energy = float(mine @ mine)
-        found: dict[str, float] = {}
+        shares: dict[str, float] = {}
         if energy <= 0:
-            return found
+            return shares
         for effect, columns in self.stage.library:
             if effect.name == handle.effect.name:
                 continue
             reduced = basis.T @ self.stage.space.project(columns.T).T
             q = orthonormal(reduced - remove @ (remove.T @ reduced))
             share = float(np.sum((q.T @ mine) ** 2) / energy)
-            found[effect.name] = max(found.get(effect.name, 0.0), min(share, 1.0))
-        return dict(sorted(found.items(), key=lambda item: -item[1]))
+            shares[effect.name] = max(shares.get(effect.name, 0.0), min(share, 1.0))
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
     def harm(self, handle: Handle, size: float) -> FloatArray:
         """Shift of the base model's coefficients by an effect of this size that nobody noticed;

@@ -118,8 +118,8 @@ def of_coefficient(fitted: Fitted, i: int) -> Question:
     candidate, vector = fitted.candidate, fitted.vector
 
     def columns(data: Observations) -> FloatArray:
-        own = dataclasses.replace(candidate, data=data)
-        return np.hstack([own.jacobian(vector), own.tube(vector, FORM_SD)])
+        there = dataclasses.replace(candidate, data=data)
+        return np.hstack([there.jacobian(vector), there.tube(vector, FORM_SD)])
 
     forms = candidate.tube(vector, FORM_SD).shape[1]
     return Question(
@@ -138,8 +138,8 @@ def of_rivals(
     mine, theirs = stage.candidate(*one[0]), stage.candidate(*other[0])
 
     def columns(data: Observations) -> FloatArray:
-        own, free = (dataclasses.replace(c, data=data) for c in (mine, theirs))
-        apart = own.log_ratio(one[1]) - free.log_ratio(other[1])
+        fixed, free = (dataclasses.replace(c, data=data) for c in (mine, theirs))
+        apart = fixed.log_ratio(one[1]) - free.log_ratio(other[1])
         form = free.tube(other[1], stage.options.form_sd)
         return np.hstack([np.nan_to_num(apart)[:, None], free.jacobian(other[1]), form])
 
@@ -179,9 +179,9 @@ class Plan:
 
     def u(self, information: FloatArray) -> FloatArray:
         """Standard uncertainty of what is asked, of (..., Q, Q)."""
-        own = information[..., : self.q, : self.q]
-        size = np.sqrt(np.maximum(np.diagonal(own, axis1=-2, axis2=-1), 1e-300))
-        unit = own / (size[..., :, None] * size[..., None, :]) + RIDGE * np.eye(self.q)
+        inner = information[..., : self.q, : self.q]
+        size = np.sqrt(np.maximum(np.diagonal(inner, axis1=-2, axis2=-1), 1e-300))
+        unit = inner / (size[..., :, None] * size[..., None, :]) + RIDGE * np.eye(self.q)
         aim = np.zeros((self.q, 1))
         aim[self.target] = 1.0
         variance = np.linalg.solve(unit, np.broadcast_to(aim, (*unit.shape[:-1], 1)))
@@ -298,9 +298,9 @@ class Plan:
 
     def departures(self, information: FloatArray) -> FloatArray:
         """Information on a departure of each station, beside all unknowns, (s, s)."""
-        own, cross = information[: self.q, : self.q], information[: self.q, self.q :]
-        size = np.sqrt(np.maximum(np.diag(own), 1e-300))
-        taken = np.linalg.pinv(own / np.outer(size, size), rcond=1e-12, hermitian=True)
+        inner, cross = information[: self.q, : self.q], information[: self.q, self.q :]
+        size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
+        taken = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-12, hermitian=True)
         cross = cross / size[:, None]
         return np.asarray(information[self.q :, self.q :] - cross.T @ taken @ cross)
 
@@ -328,8 +328,8 @@ def plan(stage: SearchProblem, question: Question, offered: Menu, rotating: floa
     slope = height_slope(stage.base, both, stage.base.named(stage.theta))
     declared = budget.shared(both, stage.parts, slope)
     departed = np.eye(len(offered.z_hat))[offered.nearest(both.z_hat)]
-    own = question.columns(both)
-    columns = np.hstack([own, both.level_columns, declared, departed])
+    asked = question.columns(both)
+    columns = np.hstack([asked, both.level_columns, declared, departed])
     levels, errors = both.level_columns.shape[1], declared.shape[1]
     held = np.r_[question.held, np.zeros(levels), np.ones(errors), np.zeros(departed.shape[1])]
     bare = dataclasses.replace(stage.space.covariance, shared=np.zeros((n, 0)))

@@ -30,11 +30,11 @@ def what_may_be(
     effect; a list of (n, k) of any rank.
     """
     data, theta = candidate.data, vector[: len(candidate.base.parameters)]
-    found = [f.columns for f in families(data) if f.covariate not in TIME]
+    smooth = [f.columns for f in families(data) if f.covariate not in TIME]
     shapes: dict[str, list[FloatArray]] = defaultdict(list)
     for effect, columns in library_columns(candidate.base, effects, data, theta):
         shapes[effect.name].append(columns)
-    return [*found, *(np.hstack(each) for each in shapes.values())]
+    return [*smooth, *(np.hstack(each) for each in shapes.values())]
 
 
 def prepare(
@@ -53,7 +53,7 @@ def prepare(
     effect of many times the noise, the base model's slope and the families' curvature are not good
     enough to tell noise and outliers by. `start` is the noise of nearly the same trials.
     """
-    p, found = len(theta), start
+    p, noise_floor = len(theta), start
     candidate, vector = (
         (Candidate(base=base, effects=(), data=data), theta)
         if about is None
@@ -62,7 +62,7 @@ def prepare(
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
-        found, target = noise.estimate(
+        noise_floor, target = noise.estimate(
             data,
             np.log(data.lift_N) - log_ratio,
             np.hstack([data.level_columns, candidate.jacobian(vector)]),
@@ -70,14 +70,14 @@ def prepare(
             slope,
             budget.shared(data, parts, slope),
             budget.own_variance(data, parts, slope),
-            found,
+            noise_floor,
         )
         stage = SearchProblem(
             data=data,
             base=base,
             effects=effects,
             parts=parts,
-            noise=found,
+            noise=noise_floor,
             log_lift=target + log_ratio,
             theta=vector[:p],
             options=options,

@@ -236,7 +236,7 @@ def _more(data: Observations) -> dict[str, Observations]:
         lift_N=halved * low.lift_N,
         covariates={**low.covariates, "lift_inf_N": halved * low.covariates["lift_inf_N"]},
     )
-    found = {
+    options = {
         f"a lower throttle too ({61 * lowest:.2g} %), at the closest and the farthest distance": low
     }
     if data.session.max() > 0 and len(np.unique(finite)) > 1:
@@ -245,10 +245,10 @@ def _more(data: Observations) -> dict[str, Observations]:
         again = dataclasses.replace(
             pick, z_hat=np.full(pick.n, far), visit=np.arange(pick.n) + int(data.visit.max()) + 1
         )
-        found["visits of the farthest distance between the others, evenly over all sessions"] = (
+        options["visits of the farthest distance between the others, evenly over all sessions"] = (
             again
         )
-    return found
+    return options
 
 
 def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:

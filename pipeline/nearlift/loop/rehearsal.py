@@ -84,7 +84,7 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
     rehearsals' mean squares.
     """
     root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
-    found, quiet = [], []
+    floors, quiet = [], []
     for i in range(REHEARSALS):
         log_lift = stage.log_lift + root @ generator(
             stage.options.seed, "rehearsal", str(i)
@@ -92,11 +92,11 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
         data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
         drawn = prepare(data, stage.base, stage.effects, stage.parts, stage.theta, stage.options)
         freedom = data.n - data.unknown_levels - len(stage.theta)
-        found.append(drawn.noise)
+        floors.append(drawn.noise)
         quiet.append(drawn.base_fit.chi2 / freedom)
 
     def typical(name: str) -> float:
-        return float(np.sqrt(np.mean([getattr(n, name) ** 2 for n in found])))
+        return float(np.sqrt(np.mean([getattr(n, name) ** 2 for n in floors])))
 
     noise = dataclasses.replace(
         stage.noise,
@@ -104,8 +104,8 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
         force_N=typical("force_N"),
         height_m=typical("height_m"),
         common=typical("common"),
-        drift=tuple(np.sqrt(np.mean([np.square(n.drift) for n in found], axis=0)).tolist()),
-        dof=float(np.mean([n.dof for n in found])),
+        drift=tuple(np.sqrt(np.mean([np.square(n.drift) for n in floors], axis=0)).tolist()),
+        dof=float(np.mean([n.dof for n in floors])),
     )
     return Foresight(
         stage=dataclasses.replace(stage, noise=noise),

@@ -33,14 +33,14 @@ VISITS = "visits left out in turn"
 def result(
     stage: SearchProblem,
     answer: Answer,
-    found: Answers,
+    answers: Answers,
     correlation: Correlation,
     error: HeldOutError | None,
 ) -> BoundaryResult:
-    """The boundary's part of results.json; `found` is what the coefficients are under
+    """The boundary's part of results.json; `answers` is what the coefficients are under
     every answer.
     """
-    estimator = _estimator(stage, answer, found)
+    estimator = _estimator(stage, answer, answers)
     named = answer.accepted[0].effects if answer.accepted else ()
     others = dict.fromkeys(
         name for e in answer.accepted[1:] for name in e.effects if name not in named
@@ -52,12 +52,12 @@ def result(
         else "shift by the form"
     )
     coefficients = {}
-    for i, name in enumerate(found.names):
+    for i, name in enumerate(answers.names):
         quoted = estimator.quoted(
             i,
-            found.spans(i),
-            _holds(stage, answer, found),
-            [*_doubts(estimator, answer, found, i), *doubts[i]],
+            answers.spans(i),
+            _holds(stage, answer, answers),
+            [*_doubts(estimator, answer, answers, i), *doubts[i]],
             which,
             max(len(answer.accepted), 1),
         )
@@ -82,22 +82,22 @@ def correlation(names: list[str], covariance: FloatArray) -> Correlation:
     """From a covariance (k, k); what does not vary goes with nothing."""
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(u > 0, u, 1.0)
-    found = np.clip(0.5 * (covariance + covariance.T) / np.outer(scale, scale), -1.0, 1.0)
-    np.fill_diagonal(found, 1.0)
-    return Correlation(parameters=tuple(names), values=tuple(tuple(row) for row in found.tolist()))
+    unit = np.clip(0.5 * (covariance + covariance.T) / np.outer(scale, scale), -1.0, 1.0)
+    np.fill_diagonal(unit, 1.0)
+    return Correlation(parameters=tuple(names), values=tuple(tuple(row) for row in unit.tolist()))
 
 
-def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
+def _holds(stage: SearchProblem, answer: Answer, answers: Answers) -> str:
     """What an interval allows for."""
     errors = (
         "the scatter of whole visits"
         if stage.independent
         else f"the noise of trials{budget.and_declared(stage.parts)}"
     )
-    if found.carried:
+    if answers.carried:
         return (
             f"Allows for {errors}, and for what is unexplained along"
-            f" {' and along '.join(found.carried)}"
+            f" {' and along '.join(answers.carried)}"
         )
     if not answer.accepted:
         none = (
@@ -117,7 +117,7 @@ def _holds(stage: SearchProblem, answer: Answer, found: Answers) -> str:
     return f"Allows for {errors}, and for an inexact formula of {named}, which is taken out{also}"
 
 
-def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> list[Doubt]:
+def _doubts(estimator: Estimator, answer: Answer, answers: Answers, i: int) -> list[Doubt]:
     """The coefficient by each answer alone, and with what was not seen."""
 
     def at(condition: str, pair: Pair, explanation: str | None = None) -> Doubt:
@@ -127,26 +127,26 @@ def _doubts(estimator: Estimator, answer: Answer, found: Answers, i: int) -> lis
     listed = []
     if answer.accepted:
         best = answer.accepted[0].name
-        listed.append(at(f"{best} is all, exactly in its declared form", found.conditional, best))
+        listed.append(at(f"{best} is all, exactly in its declared form", answers.conditional, best))
         listed += [
-            at(f"it is {name} in place of {best}", pair, name) for name, pair in found.members[1:]
+            at(f"it is {name} in place of {best}", pair, name) for name, pair in answers.members[1:]
         ]
     if answer.verdict != "adequate":
-        listed.append(at("the base model lacks nothing", found.before))
+        listed.append(at("the base model lacks nothing", answers.before))
     listed.append(
-        at("every effect too small to be seen acts at its plausible size", found.constrained)
+        at("every effect too small to be seen acts at its plausible size", answers.constrained)
     )
     return listed
 
 
-def _estimator(stage: SearchProblem, answer: Answer, found: Answers) -> Estimator:
+def _estimator(stage: SearchProblem, answer: Answer, answers: Answers) -> Estimator:
     """The best answer's, linearised about the values quoted: its effects, their form and what has
     no name are unknowns in the covariance.
     """
-    fitted, p = answer.best, len(found.names)
-    value, u = found.value, found.members[0][1][1]
+    fitted, p = answer.best, len(answers.names)
+    value, u = answers.value, answers.members[0][1][1]
     low, high = fitted.candidate.bounds
-    problem, unknowns = _with_unknowns(stage, answer, found)
+    problem, unknowns = _with_unknowns(stage, answer, answers)
     fixed = (value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u)
     lines: tuple[gum.Line, ...] = ()
     without: dict[str, FloatArray] = {}
@@ -165,7 +165,7 @@ def _estimator(stage: SearchProblem, answer: Answer, found: Answers) -> Estimato
         problem=problem,
         theta=value,
         u=u,
-        dof=found.dof,
+        dof=answers.dof,
         lines=lines,
         without=without,
         parts=stage.parts,
@@ -175,12 +175,12 @@ def _estimator(stage: SearchProblem, answer: Answer, found: Answers) -> Estimato
 
 
 def _with_unknowns(
-    stage: SearchProblem, answer: Answer, found: Answers
+    stage: SearchProblem, answer: Answer, answers: Answers
 ) -> tuple[Problem, dict[str, slice]]:
     """The likelihood in the base model's coefficients alone, and where its further unknowns stand
     among the shared ones.
     """
-    fitted, space, p = answer.best, stage.space, len(found.names)
+    fitted, space, p = answer.best, stage.space, len(answers.names)
     candidate, vector = fitted.candidate, fitted.vector
     data = dataclasses.replace(stage.data, lift_N=np.exp(stage.log_lift))
     jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
@@ -189,18 +189,18 @@ def _with_unknowns(
         - stage.candidate().log_ratio(vector[:p])
         - jacobian[:, p:] @ (vector - mean)[p:]
     )
-    own = space.covariance.shared
+    declared = space.covariance.shared
     blocks: list[tuple[str, FloatArray]] = []
     for effect in candidate.effects:
-        mine = candidate.of(effect.name)
+        mine = candidate.entries_of(effect.name)
         blocks.append((f"size of {effect.name}", jacobian[:, mine] * sd[mine]))
     if answer.accepted and not stage.independent:
         blocks += answer.accepted[0].nuisances.items()
-    if found.carried:
-        blocks.append((f"what has no name along {' and '.join(found.carried)}", found.unnamed))
+    if answers.carried:
+        blocks.append((f"what has no name along {' and '.join(answers.carried)}", answers.unnamed))
     blocks = [(name, columns) for name, columns in blocks if columns.shape[1]]
-    shared = np.hstack([own, *(columns for _, columns in blocks)])
-    ends = own.shape[1] + np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
+    shared = np.hstack([declared, *(columns for _, columns in blocks)])
+    ends = declared.shape[1] + np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
     unknowns = {
         name: slice(int(a), int(b))
         for (name, _), a, b in zip(blocks, ends[:-1], ends[1:], strict=True)

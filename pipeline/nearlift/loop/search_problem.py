@@ -20,7 +20,7 @@ from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
 from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.evidence import CREDIT, Evidence, Integrated, Linearised
+from nearlift.loop.evidence import CREDIT, ExplanationEvidence, Integrated, Linearised
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import STEP, families
 from nearlift.loop.instruments import instruments
@@ -265,7 +265,7 @@ class SearchProblem:
             left=None,
             gain=gain,
             needed=all(bool(self.greater_part(gain - g, self.excess - g)) for g in without),
-            evidence=Evidence(
+            evidence=ExplanationEvidence(
                 log=log,
                 over_none=log - self.unnamed,
                 plausibility=float(left.log_likelihood[0]) + outside(fitted, scores),
@@ -312,7 +312,7 @@ class SearchProblem:
         lift_N = data.covariates["lift_inf_N"] * np.exp(
             self.base_fit.candidate.log_ratio(self.base_fit.vector)
         )
-        found = -np.inf
+        best = -np.inf
         for name in (effect.varies_with for effect in e.fitted.candidate.effects):
             if name in data.covariates and varies(data, name):
                 along = data.covariates[name] - data.covariates[name].mean()
@@ -321,8 +321,8 @@ class SearchProblem:
                 gain = (white.T @ self.base_fit.residual) ** 2 / np.maximum(
                     np.sum(white**2, axis=0), 1e-300
                 )
-                found = max(found, 0.5 * (float(gain.max()) - float(np.log(data.n))))
-        return found - (self.unnamed - self.nothing_added[1])
+                best = max(best, 0.5 * (float(gain.max()) - float(np.log(data.n))))
+        return best - (self.unnamed - self.nothing_added[1])
 
     def as_declared(self, e: Explanation) -> float:
         """Log evidence for an explanation over that of what has no name, its form certain where

@@ -184,7 +184,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
     if len(compared) < 2:
         return ()
     best = compared[0]
-    found = []
+    experiments = []
     for rival in compared[1:5]:
         now = parting(stage, stage.data, best, rival)
         ranked = []
@@ -196,7 +196,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
         if rate < POINTLESS:
             continue
         wanted = max(9.0 + 4.0 - now, 0.0)
-        found.append(
+        experiments.append(
             NextSession(
                 separates=(best.name, rival.name),
                 measure=proposal.text,
@@ -209,14 +209,14 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
                 ),
             )
         )
-    return tuple(found)
+    return tuple(experiments)
 
 
 def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment, ...]:
     """What to measure where coefficients rest on one distance, or go under in a level of every
     session's own; see `absorption.limits`.
     """
-    found = []
+    experiments = []
     for limit in limits:
         if limit.absorbed_by:
             other = limit.absorbed_by
@@ -230,5 +230,5 @@ def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment
             measure = f"more visits around z_hat = {z_hat:.2g}, in other sessions"
         else:
             continue
-        found.append(NextExperiment(separates=(limit.coefficient, other), measure=measure))
-    return tuple(found)
+        experiments.append(NextExperiment(separates=(limit.coefficient, other), measure=measure))
+    return tuple(experiments)

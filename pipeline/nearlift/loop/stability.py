@@ -75,8 +75,8 @@ def hanging(
     """
     if not (answer.accepted and quoted.headline):
         return ()
-    i, own = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
-    if not abs(answers.before[0][i] - own.value) > own.u:
+    i, headline = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
+    if not abs(answers.before[0][i] - headline.value) > headline.u:
         return ()
     return tipping(
         answer.accepted[0].evidence.over_none - CREDIT,
@@ -143,12 +143,12 @@ def told(
         **quoted.coefficients,
         name: replace(headline, influence=influence),
     }
-    found = replace(quoted, coefficients=coefficients)
+    result = replace(quoted, coefficients=coefficients)
     if abs(shift) <= headline.u and again.verdict == quoted.verdict:
-        return found
+        return result
     doubt = Doubt(condition=f"trial {most.id} is left out", value=value, lo90=low, hi90=high)
     rests = RestsOn(trial=most.id, shift=shift, verdict=again.verdict, effects=again.effects)
-    return replace(found, rests_on=rests).doubting({name: (doubt,)})
+    return replace(result, rests_on=rests).doubting({name: (doubt,)})
 
 
 def told_of_visits(
@@ -174,10 +174,10 @@ def told_of_visits(
     if most is not None and most.id in [visit.id for visit, _ in tried]:
         moved = max((visit for visit, _ in tried), key=lambda visit: abs(visit.shift))
         headline = replace(headline, influence=replace(headline.influence, visit=moved))
-    found = replace(quoted, coefficients={**quoted.coefficients, name: headline})
+    result = replace(quoted, coefficients={**quoted.coefficients, name: headline})
     turned = [one for one in tried if one[1].verdict != quoted.verdict]
     if not turned:
-        return found
+        return result
     visit, again = max(turned, key=lambda one: abs(one[0].shift))
     rests = RestsOn(
         visit=visit.id,
@@ -187,8 +187,8 @@ def told_of_visits(
         effects=again.effects,
     )
     doubts = [
-        Doubt(condition=f"visit {visit.place} is left out", value=own, lo90=low, hi90=high)
+        Doubt(condition=f"visit {visit.place} is left out", value=value, lo90=low, hi90=high)
         for visit, again in turned
-        for own, low, high in [again.intervals[name]]
+        for value, low, high in [again.intervals[name]]
     ]
-    return replace(found, rests_on_visit=rests).doubting({name: doubts})
+    return replace(result, rests_on_visit=rests).doubting({name: doubts})

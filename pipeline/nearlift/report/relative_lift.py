@@ -98,7 +98,7 @@ def _band(
         ends = [curves.ratio(model, z_hat, {**values, free[0]: x}) - 1 for x in (c.lo90, c.hi90)]
         return np.minimum(*ends), np.maximum(*ends)
     spread = curves.uncertainty(
-        model, z_hat, values, values, ParameterCovariance.of(free, covariance)
+        model, z_hat, values, values, ParameterCovariance.named(free, covariance)
     )
     return middle - curves.NORMAL_90 * spread, middle + curves.NORMAL_90 * spread
 

@@ -36,7 +36,7 @@ class ParameterCovariance:
     values: tuple[tuple[Unbounded, ...], ...]
 
     @classmethod
-    def of(cls, names: Iterable[str], values: FloatArray) -> ParameterCovariance:
+    def named(cls, names: Iterable[str], values: FloatArray) -> ParameterCovariance:
         """From an array."""
         return cls(names=tuple(names), values=tuple(tuple(row) for row in values.tolist()))
 

@@ -45,7 +45,7 @@ class HoverComparison:
     rivals: tuple[str, ...] = ()
 
     @classmethod
-    def of(
+    def compared(
         cls, condition: str, logs: tuple[str, ...], sound_logs: int, shifts: tuple[HoverShift, ...]
     ) -> HoverComparison:
         """With what stands out named: a rotor, or else all of them."""
@@ -66,8 +66,8 @@ class HoverComparison:
         beyond = sorted(
             (s for s in self.shifts if s.stands_out), key=lambda s: -abs(s.value) / s.limit
         )
-        own = self.logs[0] if len(self.logs) == 1 else f"{self.condition} ({len(self.logs)} logs)"
-        whose = f"{own} against {self.sound_logs} sound logs"
+        logs = self.logs[0] if len(self.logs) == 1 else f"{self.condition} ({len(self.logs)} logs)"
+        whose = f"{logs} against {self.sound_logs} sound logs"
         if not beyond:
             return f"in hover {whose} shows nothing"
         shown = ", ".join(s.text for s in beyond)

@@ -86,8 +86,8 @@ class NextVisits:
             + (f" at {v.supply_V:.2f} V" if v.supply_V is not None else "")
             for v in self.visits
         )
-        told = self._gain if self.wanted is None else self.stop
-        return [f"next at the {self.boundary}: {places}", told]
+        outcome = self._gain if self.wanted is None else self.stop
+        return [f"next at the {self.boundary}: {places}", outcome]
 
     @property
     def _name(self) -> str:

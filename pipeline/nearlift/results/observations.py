@@ -124,8 +124,8 @@ class Observations:
     def of_levels(self) -> FloatArray:
         """The throttle and what else the curve is of, (v, n)."""
         assert self.curve is not None
-        own = {"throttle": self.throttle, **self.covariates}
-        return np.stack([own[name] for name in self.curve.of])
+        known = {"throttle": self.throttle, **self.covariates}
+        return np.stack([known[name] for name in self.curve.of])
 
     def shown(self, coefficients: FloatArray) -> FloatArray:
         """Rows that go with `level_columns`, (K, ...), as those of `levels`."""
@@ -161,9 +161,9 @@ class Observations:
         """
         if self.curve is None:
             return np.isin(self.throttle, self.throttle[train])
-        own = self.of_levels
-        low, high = own[:, train].min(axis=1), own[:, train].max(axis=1)
-        inside: NDArray[np.bool_] = (own >= low[:, None]) & (own <= high[:, None])
+        columns = self.of_levels
+        low, high = columns[:, train].min(axis=1), columns[:, train].max(axis=1)
+        inside: NDArray[np.bool_] = (columns >= low[:, None]) & (columns <= high[:, None])
         return np.asarray(inside.all(axis=0), dtype=np.bool_)
 
     def take(self, keep: NDArray[Any]) -> Observations:

@@ -335,8 +335,8 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
-        own = self.every[self.told]
-        trial = own.influence.trial
+        headline = self.every[self.told]
+        trial = headline.influence.trial
         turns = {}
         for name, on in (("trial", self.rests_on), ("visit", self.rests_on_visit)):
             if on and on.verdict != self.verdict:
@@ -347,13 +347,13 @@ class BoundaryResult:
             f"; without {name} {place} the verdict is {claim}"
             for (name, _), (place, claim) in turns.items()
         )
-        if abs(moved.shift) <= own.u:
+        if abs(moved.shift) <= headline.u:
             now = turned or self.verdict
             return f"the verdict is a near thing: without {kind} {moved.place} it is {now}{also}"
         sign = "+" if moved.shift > 0 else ""
         moves = f"{noun(self.told)} moves by {sign}{plain(moved.shift, 2)}"
         other = f"the verdict is {turned} and " if turned else ""
-        to = like(own.value + moved.shift, own.u)
+        to = like(headline.value + moved.shift, headline.u)
         return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"
 
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
@@ -391,9 +391,9 @@ def ends(
     bounds : (float, float)
     """
     low, high = bounds
-    found = {}
+    interval = {}
     for level in LEVELS:
         halves = [(value, reach[level] * u if u > 0 else 0.0) for value, u in spans]
-        found[f"lo{level}"] = float(min(max(min(v - half for v, half in halves), low), high))
-        found[f"hi{level}"] = float(max(min(max(v + half for v, half in halves), high), low))
-    return found
+        interval[f"lo{level}"] = float(min(max(min(v - half for v, half in halves), low), high))
+        interval[f"hi{level}"] = float(max(min(max(v + half for v, half in halves), high), low))
+    return interval

@@ -35,7 +35,7 @@ class Law:
     start_MB: float
     each_MB: float
 
-    def of(self, data: Observations) -> tuple[float, float]:
+    def cost(self, data: Observations) -> tuple[float, float]:
         """Seconds and MB for these trials."""
         each = self.apart_s if len(np.unique(data.z_hat)) > MOST else self.each_s
         each = self.flown_s if data.in_flight else each
@@ -50,7 +50,7 @@ def announce(
     say: Callable[[str], None], what: str, law: Law, data: Observations, unless: str = ""
 ) -> None:
     """Say how many trials there are and what they will take, unless that is little."""
-    seconds, megabytes = law.of(data)
+    seconds, megabytes = law.cost(data)
     if seconds > LONG_S or megabytes > LARGE_MB:
         say(
             f"{what}: {data.n} trials, about {_time(seconds)} and {megabytes / 1000:.1f} GB{unless}"

@@ -205,7 +205,7 @@ def undo(root: Path, out: Path, wanted: str = "") -> Undone:
         A run is at work.
     """
     path = root / MANIFEST
-    homes = Homes.of(out, name_of(path))
+    homes = Homes.within(out, name_of(path))
     settled(homes)
     if not homes.processed.is_dir():
         raise _nothing(root)

@@ -37,7 +37,7 @@ def open_job(
         root = root.absolute()
     loaded = manifests.load(root)
     spare_raw(root, out)
-    homes = Homes.of(out, loaded.name)
+    homes = Homes.within(out, loaded.name)
     settled(homes)
 
     def meanwhile() -> None:

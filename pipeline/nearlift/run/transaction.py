@@ -39,7 +39,7 @@ class Homes:
     reports: Path
 
     @classmethod
-    def of(cls, out: Path, campaign: str) -> Self:
+    def within(cls, out: Path, campaign: str) -> Self:
         """Those of a campaign, by its name, under `out`."""
         return cls(processed=out / "processed" / campaign, reports=out / "reports" / campaign)
 

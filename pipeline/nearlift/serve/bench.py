@@ -146,7 +146,7 @@ class ServedWorkspace:
             root=root,
             given=relative if not relative.startswith("-") else f"./{relative}",
             name=name,
-            homes=Homes.of(self.root, name),
+            homes=Homes.within(self.root, name),
         )
 
     def campaigns(self) -> Iterator[tuple[str, ServedCampaign | NearliftError]]:

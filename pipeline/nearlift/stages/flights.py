@@ -112,7 +112,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
             source=source,
             source_sha256=sha,
         )
-        return Flown(record=record, rows=Rows.of([row]), counts=Counter())
+        return Flown(record=record, rows=Rows.gathered([row]), counts=Counter())
     rows = _reduced(whole)
     rows.source[:], rows.source_sha256[:] = source, sha
     rows.notes = dict.fromkeys(whole.notes, (1, source))

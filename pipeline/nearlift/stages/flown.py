@@ -277,7 +277,7 @@ def _of_model(model: LiftModel, data: Observations) -> Callable[[Windows], close
         variance=np.ones(n), visit=data.visit, per_visit=np.zeros(n), shared=np.zeros((n, 0))
     )
 
-    def of(windows: Windows) -> closed_loop.Ratio:
+    def ratio_at(windows: Windows) -> closed_loop.Ratio:
         problem = Problem(model=model, data=replace(data, z_hat=windows.z_hat), covariance=alone)
         low, high = (np.array([p.bounds[end] for p in model.parameters]) for end in (0, 1))
 
@@ -287,7 +287,7 @@ def _of_model(model: LiftModel, data: Observations) -> Callable[[Windows], close
 
         return ratio
 
-    return of
+    return ratio_at
 
 
 def _result(

@@ -55,7 +55,7 @@ def compared(campaign: Campaign, trials: Table, boundary: Boundary) -> list[Hove
     pairs = [(c, logs, healthy) for c, logs in groups.items()]
     pairs += [(sound, (r,), tuple(q for q in healthy if q != r)) for r in healthy]
     return [
-        HoverComparison.of(
+        HoverComparison.compared(
             condition, logs, len(reference), _shifts(voltages, logs, reference, rate)
         )
         for condition, logs, reference in pairs

@@ -56,7 +56,7 @@ def run(job: Job) -> Outcome:
             title=together.model.title,
             parameters=together.estimates,
             lift_alone=alone.estimates,
-            covariance=ParameterCovariance.of(together.estimates, together.covariance),
+            covariance=ParameterCovariance.named(together.estimates, together.covariance),
             chi2_lift=together.chi2_lift,
             chi2_downwash=together.chi2_downwash,
             n_downwash=together.n_downwash,

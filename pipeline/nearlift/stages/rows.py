@@ -79,7 +79,7 @@ class Rows:
             self.notes[note] = count + 1, first
 
     @classmethod
-    def of(cls, answers: Sequence[Row], further: tuple[str, ...] = ()) -> Rows:
+    def gathered(cls, answers: Sequence[Row], further: tuple[str, ...] = ()) -> Rows:
         """The answers of one worker, in order."""
         rows = cls(len(answers), further)
         for i, row in enumerate(answers):

@@ -161,7 +161,9 @@ def each_record(
                 raise
             row = malformed(task, i, fault, digests)
             answers.append(
-                kind(record=record, rows=Rows.of([row]), counts=Counter(), refusal=row.refusal)
+                kind(
+                    record=record, rows=Rows.gathered([row]), counts=Counter(), refusal=row.refusal
+                )
             )
     return answers
 
@@ -183,7 +185,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> CutRecord:
             source=source,
             source_sha256=sha,
         )
-        return CutRecord(record=record, rows=Rows.of([row]), counts=_counts(whole))
+        return CutRecord(record=record, rows=Rows.gathered([row]), counts=_counts(whole))
     conditions = replace(conditions_of(campaign), settle_s=0.0)
     rows = []
     for piece in whole.pieces:
@@ -209,7 +211,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> CutRecord:
         )
     return CutRecord(
         record=record,
-        rows=Rows.of(rows, FURTHER),
+        rows=Rows.gathered(rows, FURTHER),
         pieces=whole.without_samples,
         counts=_counts(whole),
     )

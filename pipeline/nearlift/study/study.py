@@ -222,7 +222,7 @@ class Study:
         from nearlift.run.lock import settled
         from nearlift.run.transaction import Homes
 
-        settled(Homes.of(self.out, self.name))
+        settled(Homes.within(self.out, self.name))
         return self.processed / file
 
     def _bring(self, last: str) -> AboutRun:

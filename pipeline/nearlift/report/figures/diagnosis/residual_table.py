@@ -23,7 +23,7 @@ REACH = 3.2
 
 
 def residuals(
-    evidence: Evidence, boundary: Boundary, found: BoundaryDiagnosis, word: str
+    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis, word: str
 ) -> Columns:
     """Rows of one covariate, in percent: `trial` (`beyond` where outside the axis), `bin`, `curve`,
     `floor`, `reach`, `session`.
@@ -35,7 +35,7 @@ def residuals(
     if not data.n:
         return {}
     axis = against.axis(word, data)
-    whens = ("before", "after") if found.verdict == "effect" else ("before",)
+    whens = ("before", "after") if diagnosis.verdict == "effect" else ("before",)
     labels: dict[str, NDArray[np.int64]] = {}
     parts: list[Columns] = []
     for when in whens:
@@ -50,13 +50,13 @@ def residuals(
             if not len(x):
                 continue
             # the same bins before and after
-            own = labels.setdefault(
+            bins = labels.setdefault(
                 name, against.label(axis.column, x, y, data.session[mine][keep])
             )
-            parts += [_rows("trial", when, name, x, y, label=trial), _means(when, name, x, y, own)]
-            if found.verdict == "unexplained" and not axis.series:
+            parts += [_rows("trial", when, name, x, y, label=trial), _means(when, name, x, y, bins)]
+            if diagnosis.verdict == "unexplained" and not axis.series:
                 parts.append(_rows("curve", when, name, *against.curve(axis.column, x, y)))
-        floor = 100 * found.noise_floor
+        floor = 100 * diagnosis.noise_floor
         parts.append(_rows("floor", when, "", np.array([np.nan]), np.array([floor])))
         if axis.column == "run_order":
             starts = np.asarray(np.flatnonzero(np.diff(data.session)) + 1.5, dtype=float)

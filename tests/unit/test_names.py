@@ -1,0 +1,38 @@
+"""Names in the code: a class has one in the whole package, and none is a word that says nothing."""
+
+import ast
+from collections import Counter
+from pathlib import Path
+
+import nearlift
+
+ROOT = Path(nearlift.__file__).parent
+NODES = {
+    str(path.relative_to(ROOT)): list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    for path in sorted(ROOT.rglob("*.py"))
+}
+#: They say that there is a value, and not which.
+EMPTY = {"found", "own", "told"}
+
+
+def test_a_class_has_a_name_of_its_own():
+    count = Counter(
+        n.name for nodes in NODES.values() for n in nodes if isinstance(n, ast.ClassDef)
+    )
+    assert len(count) > 300
+    assert [name for name, times in count.items() if times > 1] == []
+
+
+def test_variables_and_functions_say_what_they_hold():
+    functions = [
+        (path, n) for path, nodes in NODES.items() for n in nodes if isinstance(n, ast.FunctionDef)
+    ]
+    assert len(functions) > 2000
+    assert [path for path, function in functions if function.name == "of"] == []
+    assert [
+        (path, function.name)
+        for path, function in functions
+        for n in ast.walk(function)
+        if (isinstance(n, ast.arg) and n.arg in EMPTY)
+        or (isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and n.id in EMPTY)
+    ] == []
