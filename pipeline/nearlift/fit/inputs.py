@@ -26,7 +26,7 @@ from nearlift.declare import FloatArray, LiftModel
 from nearlift.fit import gum
 from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood.budget import INPUTS, Component
-from nearlift.likelihood.problem import Problem, need
+from nearlift.likelihood.problem import Problem, needed
 from nearlift.results import Observations
 from nearlift.results.fit import UndeclaredInput
 
@@ -78,7 +78,7 @@ def _derivative(
 
 def _log_ratio(model: LiftModel, data: Observations, coefficients: dict[str, float]) -> FloatArray:
     """Log L / L_inf of each trial; 0 in free air and where the model has no value."""
-    known = {name: need(data, name, model.name) for name in model.needs}
+    known = needed(model, data)
     near = np.isfinite(data.z_hat)
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.asarray(

@@ -54,7 +54,7 @@ class Problem:
     @cached_property
     def known(self) -> dict[str, object]:
         """What the model needs besides its parameters: geometry, and per-trial covariates."""
-        return {name: need(self.data, name, self.model.name) for name in self.model.needs}
+        return needed(self.model, self.data)
 
     def log_ratio(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Log L / L_inf of each trial; nan where the model has no value.
@@ -254,7 +254,7 @@ class Problem:
 
     def _differences(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
         """`slopes` by central differences within the bounds, in one broadcast call."""
-        low, high = (np.array([p.bounds[end] for p in self.model.parameters]) for end in (0, 1))
+        low, high = self.model.bounds
         steps = 1e-4 * np.maximum(np.maximum(np.abs(theta), 1e-2 * (high - low)), 1e-6)
         p = len(low)
         each = np.eye(p, dtype=bool)
@@ -303,16 +303,21 @@ def need(data: Observations, name: str, model: str) -> Any:
     )
 
 
+def needed(model: LiftModel, data: Observations) -> dict[str, Any]:
+    """All that the model needs of the trials besides its parameters, or a refusal."""
+    return {name: need(data, name, model.name) for name in model.needs}
+
+
 def lift_ratio(model: LiftModel, data: Observations, parameters: Mapping[str, float]) -> FloatArray:
     """L / L_inf of each trial at given parameter values, (n,)."""
-    known = {name: need(data, name, model.name) for name in model.needs}
-    ratio = np.asarray(model.evaluate(data.z_hat, **parameters, **known), dtype=float)
+    values = model.evaluate(data.z_hat, **parameters, **needed(model, data))
+    ratio = np.asarray(values, dtype=float)
     return np.broadcast_to(ratio, (data.n,))
 
 
 def height_slope(model: LiftModel, data: Observations, parameters: dict[str, float]) -> FloatArray:
     """D log ratio / d z of each trial, per metre, at given parameter values."""
-    known = {name: need(data, name, model.name) for name in model.needs}
+    known = needed(model, data)
     step = 1e-4
     inside = np.isfinite(data.z_hat)
     z_hat = np.where(inside, data.z_hat, 1.0)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, compose
-from nearlift.likelihood.problem import need
+from nearlift.likelihood.problem import needed
 from nearlift.likelihood.subspace import cosines
 from nearlift.loop.families import indicators
 from nearlift.results import Observations
@@ -80,18 +80,14 @@ class Candidate:
     @cached_property
     def known(self) -> dict[str, object]:
         """Geometry and covariates that the composition needs."""
-        return {name: need(self.data, name, self.model.name) for name in self.model.needs}
+        return needed(self.model, self.data)
 
     def log_ratio(self, vector: FloatArray, data: Observations | None = None) -> FloatArray:
         """Log L / L_inf at (P,) or (m, P); at other trials of the same campaign if `data`
         is given.
         """
         where = self.data if data is None else data
-        known = (
-            self.known
-            if data is None
-            else {name: need(data, name, self.model.name) for name in self.model.needs}
-        )
+        known = self.known if data is None else needed(self.model, data)
         vector = np.asarray(vector, dtype=float)
         values = {}
         for s in self.slots:

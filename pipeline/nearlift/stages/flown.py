@@ -279,7 +279,7 @@ def _of_model(model: LiftModel, data: Observations) -> Callable[[Windows], close
 
     def ratio_at(windows: Windows) -> closed_loop.Ratio:
         problem = Problem(model=model, data=replace(data, z_hat=windows.z_hat), covariance=alone)
-        low, high = (np.array([p.bounds[end] for p in model.parameters]) for end in (0, 1))
+        low, high = model.bounds
 
         def ratio(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
             inside = np.clip(theta, low, high)
