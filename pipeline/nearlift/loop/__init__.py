@@ -1,3 +1,3 @@
-"""Closing the loop: find the residual, trace it to an effect that the model lacks, add it, and say
-what else would have served.
+"""Diagnosis of a base fit's residuals: the test for structure, the physical effect that explains
+it, and the effects that the design cannot tell from it.
 """

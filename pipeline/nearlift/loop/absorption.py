@@ -1,5 +1,5 @@
-"""Why the coefficients moved when an effect was added, and what these trials cannot tell apart: in
-numbers, and in words made of them.
+"""Confounding of the coefficients with named effects, single visits and session gains, in numbers
+and in words.
 """
 
 from __future__ import annotations
@@ -20,20 +20,19 @@ from nearlift.nomenclature import letter
 from nearlift.results.diagnosis import CoefficientLimit, CoefficientShift, LoopCoefficients, Station
 from nearlift.rounding import signed
 
-#: A coefficient that owes this share of its information to one distance or visit rests on it.
+#: Share of a coefficient's information at one distance from which the coefficient rests on it.
 RESTS = 0.5
-#: Correlation from which two causes count as confounded by the schedule.
+#: Absolute correlation from which an effect and a coefficient count as confounded.
 CONFOUNDED = 0.5
 
 
 def shifts(
     stage: SearchProblem, answer: Answer, coefficients: LoopCoefficients
 ) -> tuple[CoefficientShift, ...]:
-    """How each named effect goes together with each coefficient, and what became of the
-    coefficient.
+    """Correlation of each named effect with each coefficient, and the coefficient's shift.
 
-    `correlation` is that of what the effect contributes with what a larger coefficient would add,
-    over trials, whitened and with L_inf removed: where it is large, a fit without the effect
+    The correlation is between the effect's contribution and the coefficient's derivative over
+    trials, whitened and with L_inf projected out: where it is large, a fit without the effect
     charges the effect to the coefficient.
     """
     absorbing = []
@@ -77,14 +76,12 @@ def shifts(
 
 
 def limits(stage: SearchProblem, answer: Answer) -> tuple[CoefficientLimit, ...]:
-    """What cannot be known from so few distances or visits: coefficients that rest on one of them,
-    or that levels of their own absorb.
-    """
+    """Coefficients of the answer that rest on a single visit, or that session gains absorb."""
     return unknowable(stage, answer.best)
 
 
 def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
-    """The same about any fit; also about one to trials that are only planned."""
+    """`limits` at any fit, also of trials that are only planned."""
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
     absorbing = []
@@ -110,8 +107,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
                     text=text,
                 )
             )
-        # a visit holds one distance always; only where visits are as few and as long as sessions is
-        # each a level of its own
+        # a visit always holds one distance: a gain per visit is tried only where visits are few
         levelled = [
             ("session", stage.data.session),
             *([("visit", stage.data.visit)] if applies(stage.data) else []),
@@ -142,7 +138,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
 
 
 def _largest(slope: FloatArray, values: np.ndarray[Any, Any]) -> tuple[float, float]:
-    """The largest share of the energy of `slope` at one value, and that value."""
+    """Largest share of the squared norm of `slope` (n,) at one value, and that value."""
     places, label = np.unique(values, return_inverse=True)
     energy = np.bincount(label, slope**2)
     most = int(np.argmax(energy))

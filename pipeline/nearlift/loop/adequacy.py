@@ -1,6 +1,5 @@
-"""What the verdict "adequate" demands beside the absence of structure: that visits left out are
-predicted as well as noise allows, and that no declared error stands far from what was declared of
-it.
+"""Adequacy of a base model without structure: held-out visits are predicted within the noise, and
+declared errors are estimated within their declared uncertainties.
 """
 
 from __future__ import annotations
@@ -15,25 +14,20 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.confirmation import HeldOut, misfit
 from nearlift.loop.search_problem import SearchProblem
 
-#: Chance with which visits left out of a right model stray by as much as to contradict it.
+#: Significance level of the test of held-out visits against the noise, one-sided.
 STRAY = 0.01
-#: How far an error may stand from its declared value, in its declared standard uncertainties.
+#: Largest estimate of a declared error, in its declared standard uncertainties.
 SIGMAS = 2.0
 
 
 def contradictions(stage: SearchProblem, scored: HeldOut | None) -> tuple[str, ...]:
-    """What contradicts an adequate base model, in words; empty where nothing does. `scored` are
-    visits left out.
-    """
+    """Contradictions of an adequate base model, in words; `scored` are held-out residuals."""
     return (*_floor_missed(stage, scored), *_strained(stage))
 
 
 def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
-    """Whether visits left out stray from their prediction by more than the noise floor, beyond
-    chance.
-
-    Visit by visit in units of the floor, no trial for more than an outlier counts; the prediction's
-    own uncertainty is allowed for.
+    """One-sided t test over visits of the held-out `misfit` against its expectation under noise,
+    the prediction's own uncertainty included; a sentence if it is significant.
     """
     from scipy.stats import t
 
@@ -61,12 +55,12 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
 
 
 def _strained(stage: SearchProblem) -> list[str]:
-    """The declared errors that stand beyond `SIGMAS` of their declared uncertainty; of several
-    unknowns of one error, as rarely for all together.
+    """Declared errors estimated beyond `SIGMAS` of their declared standard uncertainties, with a
+    Bonferroni correction for an error of several unknowns.
     """
     from scipy.stats import norm
 
-    # where visits are judged by leaving them out, the declared errors are no part of the fit
+    # a fit of few visits leaves the declared errors out of its covariance
     stage = dataclasses.replace(stage, independent=False)
     absorbed, reasons = orthonormal(stage.base_fit.jacobian), []
     for part in stage.parts:

@@ -1,4 +1,4 @@
-"""What a boundary needs to be diagnosed, and which effects its trials can speak of."""
+"""Admission to the diagnosis: the trials that a boundary needs, and the effects they can test."""
 
 from __future__ import annotations
 
@@ -11,30 +11,30 @@ from nearlift.likelihood.covariates import missing, unlogged
 from nearlift.results import Observations
 from nearlift.results.outlook import UntestableEffect
 
-#: Trials beyond the unknowns (levels and coefficients) from which on their scatter alone tells
-#: noise from structure.
+#: Trials beyond the unknowns (levels and coefficients) whose scatter alone tells noise from
+#: structure.
 LEAST_TRIALS = 40
-#: Of a published table, whose order is unknown and whose cells come with a standard deviation, so
-#: many, and so many beyond the unknowns.
+#: Fewest cells of a published table (order unknown, each with a standard deviation), and fewest
+#: beyond the unknowns.
 LEAST_CELLS, LEAST_FREEDOM = 15, 8
-#: With more sessions than this no effect has a size of its own in each: such an effect's unknowns
-#: times the trials would not fit into memory.
+#: Most sessions with which effects of one size per session are tested: their columns, trials by
+#: sessions, have to fit into memory.
 MOST_SESSIONS = 400
 
 
 def few(data: Observations, base: LiftModel) -> bool:
-    """Whether trials are so few that their own scatter cannot tell noise from structure."""
+    """Whether trials are too few for their scatter to tell noise from structure."""
     return data.n < LEAST_TRIALS + data.unknown_levels + len(base.parameters)
 
 
 def admit(where: str, data: Observations, base: LiftModel) -> None:
-    """Let usable trials pass, or say what is missing.
+    """Refuse usable trials that cannot be diagnosed; `where` names the step in the message.
 
     Raises
     ------
     NotConverged
-        Too few trials, or few without a standard deviation of each; flights whose set-point nobody
-        logged.
+        Too few trials, or few without a standard deviation of each; flights without a logged
+        set-point.
     """
     if data.in_flight and "setpoint_m_0" not in data.covariates:
         raise NotConverged(
@@ -47,12 +47,11 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
         return
     unknowns = data.unknown_levels + len(base.parameters)
     if data.ordered:
-        # with an order come drifts, and of so few trials nobody has counted how often they pass for
-        # structure
+        # ordered trials may drift, and the false-alarm rate of so few has not been measured
         least = LEAST_TRIALS + unknowns
         remedy = f"at least {least} trials are wanted, {least - data.n} more"
         if np.all(data.n_eff <= 1):
-            # no record stands behind any of these
+            # means without records may be a published table
             remedy += f" (of a published table {LEAST_CELLS} in all, with lift_sd for each)"
         raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
@@ -76,8 +75,8 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
 def could_act(
     data: Observations, base: LiftModel, effects: tuple[Effect, ...] | None = None
 ) -> tuple[tuple[Effect, ...], tuple[UntestableEffect, ...]]:
-    """The effects that can occur at this boundary and whose needs the trials meet; the others, with
-    what to log next time.
+    """Testable effects, and untestable ones with what to log next time, of those that can occur at
+    this boundary.
 
     `data` has its derived covariates; `effects` is the catalogue if None.
     """
@@ -88,7 +87,7 @@ def could_act(
         for e in library
         if data.boundary in e.boundaries
         and not taken & {p.name for p in e.parameters}
-        # a stand does not fly, a flight has no load cell, and few turn a vehicle over on purpose
+        # nobody misses what only flights or experiments on purpose show; a flight has no load cell
         and (
             not (e.by_experiment or (e.belongs_to == "flight" and not data.in_flight))
             or not missing(e, data)
@@ -96,7 +95,7 @@ def could_act(
         and (e.belongs_to != "tether" or not data.in_flight)
     )
     if "spacing_hat" not in data.geometry:
-        # what rotors do to each other is not missing information where there is only one
+        # a single rotor has no interactions, and lacks no information on them
         library = tuple(e for e in library if "spacing_hat" not in e.needs)
     many = len(np.unique(data.session)) > MOST_SESSIONS
     needs = {
@@ -111,7 +110,7 @@ def could_act(
         UntestableEffect(
             effect=e.name,
             needs=needs[e.name],
-            # where all of it is there, it did not vary, or has gaps
+            # a covariate that was logged did not vary, or has gaps
             log_next_time=unlogged(e, data) or e.log_next_time,
         )
         for e in library

@@ -1,6 +1,4 @@
-"""Penalised least squares of a candidate: weak priors, bounds, and several starts where shapes make
-the objective bend.
-"""
+"""Penalised least squares of a candidate: weak priors, bounds, and starts over shape parameters."""
 
 from __future__ import annotations
 
@@ -12,14 +10,14 @@ from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import Problem
 from nearlift.loop.candidate import Candidate
 
-#: How often a start beyond a pole is taken half of the way back.
+#: Most bisections of a start beyond a pole towards the null.
 HALVINGS = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fitted:
-    """A candidate at its best: `residual` is whitened with L_inf removed (by `space`), `penalty`
-    the prior's part of the objective.
+    """A candidate at its penalised least-squares optimum: `residual` is whitened with L_inf
+    projected out (by `space`), `penalty` the prior's part of the objective.
     """
 
     candidate: Candidate
@@ -30,14 +28,12 @@ class Fitted:
 
     @property
     def jacobian(self) -> FloatArray:
-        """D residual / d vector but for its sign, (n, P); made when asked for, since a search keeps
-        every candidate that it tried.
-        """
+        """Minus d residual / d vector, (n, P); not stored, since a search keeps every candidate."""
         return self.space.project(self.candidate.jacobian(self.vector).T).T
 
     @property
     def at_bound(self) -> bool:
-        """Whether an effect's size stands at an end of its range that is not its null."""
+        """Whether an effect's size is at a bound that is not its null."""
         low, high = self.candidate.bounds
         sizes = self.candidate.sizes()
         value, null = self.vector[sizes], self.candidate.null[sizes]
@@ -50,13 +46,13 @@ class Fitted:
 
 
 def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:
-    """Penalised least squares from `start` by damped Gauss-Newton steps.
+    """Penalised least squares from `start`, by Levenberg-Marquardt steps within the bounds.
 
     Parameters
     ----------
     candidate : Candidate
     space : Problem
-        Whitens and removes L_inf.
+        Whitens and projects out L_inf.
     log_lift : (n,)
     start : (P,)
     """
@@ -118,9 +114,7 @@ def _step(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """The Gauss-Newton step in which an entry at a bound that wants to leave stays, and the others
-    make the best of that.
-    """
+    """Gauss-Newton step with an active set: entries that it would push out of bounds are held."""
     free = np.ones(len(vector), dtype=bool)
     step = np.zeros(len(vector))
     for _ in range(len(vector)):
@@ -137,11 +131,10 @@ def _step(
 
 
 def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
-    """The best fit over the shapes' starting values: screened to first order, the best
-    two refined.
+    """Best fit over the shapes' starting values: all screened to first order, the best two refined.
 
-    A size beyond a pole of the model has no value at some trial: a start there is taken back
-    towards no effect until it has one. Where none has, the result's chi2 is nan.
+    A start beyond a pole of the model, where some trial has no predicted value, is bisected towards
+    the null. If that does not help, the result's chi2 is nan.
     """
     p = len(candidate.entries_of(""))
     starts: list[tuple[float, int, FloatArray, FloatArray]] = []
@@ -178,7 +171,7 @@ def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: Fl
 
 
 def _short_of_pole(candidate: Candidate, start: FloatArray, null: FloatArray) -> FloatArray:
-    """The start, or the first of the midpoints towards `null` at which every trial has a value."""
+    """The start, or the first of its bisections towards `null` that predicts every trial."""
     for _ in range(HALVINGS):
         if np.isfinite(candidate.log_ratio(np.clip(start, *candidate.bounds))).all():
             break

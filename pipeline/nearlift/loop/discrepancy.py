@@ -1,13 +1,13 @@
-"""Structure without a name, carried as a random discrepancy: what it may do to the coefficients.
+"""Model discrepancy: unexplained structure as random effects in the coefficients' uncertainty.
 
-Where no declared effect may take the credit, what is left is no noise either, and an interval that
-knows of noise alone holds the coefficient half as often as it says. Random effects stand for it:
-every family of curves along a covariate in which structure was found, curves of distance that
-change with time where the order of the trials is known, and coefficients that differ by throttle.
-Each has independent sizes of one variance s^2, by moments: with W its columns, whitened and freed
-of L_inf and coefficients, and r the whitened residual, ``E |W'r|^2 = |W|^2 + s^2 |W'W|^2``
-(Frobenius norms). A variance that comes out negative is nothing. Families overlap, and each is
-sized as if alone, which errs on the wide side.
+Structure that no declared effect explains is no noise, and intervals that allow for noise alone
+cover a coefficient half as often as they say. Random effects stand for it: every family along a
+covariate in which structure was found, curves of distance that change with time where the order of
+the trials is known, and coefficients that differ by throttle. The coefficients of a family share
+one variance s^2, by the method of moments: with W its whitened columns, L_inf and model
+coefficients projected out, and r the whitened residual, ``E |W'r|^2 = |W|^2 + s^2 |W'W|^2``
+(Frobenius norms). A negative estimate counts as zero. Families overlap, and each is sized as if
+alone, which errs on the wide side.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from nearlift.nomenclature import SCHEDULE_WORDS
 
 
 def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
-    """The discrepancy as columns (n, t) of log lift with unknowns of unit variance; `flagged` are
-    the covariates in which structure was found.
+    """Discrepancy columns (n, t) of log lift with unit-variance unknowns; `flagged` are the
+    covariates in which structure was found.
     """
     data = stage.data
     carried = [
@@ -39,7 +39,7 @@ def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
 
 
 def covariates(structure: Structure) -> list[str]:
-    """The covariates along which something is significant, the most significant first."""
+    """Covariates with significant structure, the most significant first."""
     return [
         covariate
         for covariate, log10_p in structure.by_covariate().items()
@@ -48,15 +48,15 @@ def covariates(structure: Structure) -> list[str]:
 
 
 def _by_throttle(stage: SearchProblem) -> FloatArray:
-    """Coefficients of its own for every throttle: what bends one throttle's curve moves the
-    coefficient that all share.
+    """Jacobian columns of each throttle by itself: a curve bent at one throttle moves the
+    coefficients that all share.
     """
     return times(stage.candidate().jacobian(stage.theta), indicators(stage.data.throttle))
 
 
 def _sized(stage: SearchProblem, family: FloatArray) -> FloatArray:
-    """A family's columns times the standard deviation of its coefficients; without columns where
-    that is nothing.
+    """A family's columns times the standard deviation of its coefficients; (n, 0) where the
+    estimated variance is not positive.
     """
     jacobian = orthonormal(stage.base_fit.jacobian)
     white = stage.space.project(family.T).T
@@ -65,8 +65,8 @@ def _sized(stage: SearchProblem, family: FloatArray) -> FloatArray:
 
 
 def _variance(white: FloatArray, residual: FloatArray) -> float:
-    """Variance of a family's coefficients by moments, from its freed columns (n, k) and the
-    residual (n,), both whitened; may be negative.
+    """Method-of-moments variance of a family's coefficients, from its projected columns (n, k) and
+    the residual (n,), both whitened; may be negative.
     """
     product = white.T @ white
     energy = float(np.sum(product**2))

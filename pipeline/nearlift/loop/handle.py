@@ -1,4 +1,4 @@
-"""Ways to turn an effect up, and the chances with which a design sees and names it by size."""
+"""Size parameters of effects, and the power with which a design detects and names an effect."""
 
 from __future__ import annotations
 
@@ -10,15 +10,13 @@ import numpy as np
 from nearlift.declare import Effect, FloatArray, Parameter
 from nearlift.loop.candidate import moments
 
-#: A detection limit is the size seen with this chance.
+#: Power that defines a detection limit.
 LIMIT_POWER = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Handle:
-    """One way to turn an effect up: which of its sizes, with which shape. `shape` maps shape
-    parameters to values.
-    """
+    """One size parameter of an effect, with `shape` the values of its shape parameters."""
 
     effect: Effect
     parameter: Parameter
@@ -26,24 +24,26 @@ class Handle:
 
     @property
     def plausible(self) -> float:
-        """The size that physics leads one to expect: the prior's standard deviation."""
+        """Physically plausible size: the prior's width (`moments`)."""
         return moments(self.parameter)[1]
 
     @property
     def largest(self) -> float:
-        """How far from its null the parameter may go."""
+        """Largest distance from the null within the bounds."""
         low, high = self.parameter.bounds
         return max(high - self.parameter.value, self.parameter.value - low)
 
     @property
     def direction(self) -> float:
-        """The side of the null that leaves more room."""
+        """Side of the null that has more room within the bounds, 1 or -1."""
         low, high = self.parameter.bounds
         return 1.0 if high - self.parameter.value >= self.parameter.value - low else -1.0
 
 
 def handles(effect: Effect) -> tuple[Handle, ...]:
-    """One for each size of the effect, with the shape nearest to what its prior expects."""
+    """One handle per size parameter of the effect, each shape at the grid value nearest to its
+    prior's centre.
+    """
     shape = {
         p.name: min(p.grid, key=lambda g, p=p: abs(g - moments(p)[0]))  # type: ignore[misc]
         for p in effect.parameters
@@ -56,11 +56,11 @@ def handles(effect: Effect) -> tuple[Handle, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Power:
-    """Chances against size (away from the null, in the parameter's unit); arrays (m,).
+    """Power curves over size (distance from the null, in the parameter's unit); arrays (m,).
 
-    `seen`: the test of everything exceeds its threshold. `within`: the effect is then among the
-    names or their rivals; `first`: it is the one named; `alone`: named without a rival. All before
-    the confirmation on held-out visits.
+    Probabilities that the test for structure is significant (`seen`), and that the effect then is
+    the name or a rival (`within`), the name (`first`), or the name without a rival (`alone`). All
+    before the confirmation on held-out visits.
     """
 
     size: FloatArray
@@ -70,7 +70,7 @@ class Power:
     alone: FloatArray
 
     def limit(self, of: str = "seen", at: float = LIMIT_POWER) -> float | None:
-        """The size that reaches the chance `at`; None if the largest one here does not."""
+        """Size at which the curve `of` reaches `at`, interpolated; None if no size here does."""
         chance = np.maximum.accumulate(getattr(self, of))
         if chance[-1] < at:
             return None
@@ -86,10 +86,9 @@ class Power:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Contest:
-    """What an effect of one size would be taken for. Chances before the confirmation on held-out
-    visits.
+    """Probabilities as in `Power`, for an effect of one size.
 
-    `rivals`: every other candidate's chance to be named or a rival, given that structure is seen.
+    `rivals`: probability that each other candidate is the name or a rival, given detection.
     """
 
     seen: float

@@ -1,9 +1,8 @@
-"""What no disturbance of a flight moves, and what therefore tells cause from answer: where the
-height was asked to be, time, and what a vehicle does sideways.
+"""Instrumental variables of flights: the history of the height set-point, time and lateral motion.
 
-In closed loop command, climb and height answer the disturbances that lift is scattered by. The loop
-judges flights by what they share with these columns alone: two-stage least squares (Wooldridge
-2010, Econometric Analysis of Cross Section and Panel Data, ch. 5).
+In closed loop command, climb rate and height respond to the disturbances that scatter lift. Flights
+are therefore judged only by what they share with columns that no disturbance moves: two-stage least
+squares (Wooldridge 2010, Econometric Analysis of Cross Section and Panel Data, ch. 5).
 """
 
 from __future__ import annotations
@@ -16,14 +15,14 @@ from nearlift.likelihood.subspace import cosines
 from nearlift.loop.families import BOOKKEEPING, indicators, powers
 from nearlift.results import Observations
 
-#: Cosines along the run order, and powers of the time within a start.
+#: Number of cosines along the run order, and of powers of the window's index within its start.
 SLOW, WITHIN = 8, 3
-#: Columns that the controller of height does not touch.
+#: Prefixes of the covariates that the height controller does not drive.
 SIDEWAYS = ("command_share_", "level_speed_m_s", "tilt_rad")
 
 
 def instruments(data: Observations) -> FloatArray | None:
-    """Columns (n, q); None of trials that are no flights."""
+    """Instruments (n, q); None of trials that are no flights."""
     known = data.covariates
     if not data.in_flight:
         return None

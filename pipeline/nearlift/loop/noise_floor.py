@@ -1,4 +1,4 @@
-"""The noise floor of a search: how trials scatter beside everything that they may hold."""
+"""Noise floor of a search: variance components with every family and effect as a nuisance."""
 
 from __future__ import annotations
 
@@ -15,19 +15,18 @@ from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Noise, Observations
 
-#: Covariates of time: where noise is estimated, the drifts stand for the families along them.
+#: Covariates of time, whose families are no nuisances here: the drift components stand for them.
 TIME = ("start", "session")
-#: Noise is estimated anew until the coefficients move by less than this many of their standard
-#: uncertainties, at most so many times; each time they go this part of the way, since noise and
-#: coefficients pull each other to and fro.
+#: Alternation of noise and coefficients: largest last step in standard uncertainties, iterations at
+#: most, and damping factor of a step, since the two pull each other to and fro.
 SETTLED, ROUNDS, WAY = 0.1, 5, 0.62
 
 
 def what_may_be(
     candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]
 ) -> list[FloatArray]:
-    """What the trials may hold beside a candidate: the families that are not of time, and every
-    effect; a list of (n, k) of any rank.
+    """Nuisance columns beside a candidate at `vector`: the families that are not of time, and
+    every effect to first order; a list of (n, k) of any rank.
     """
     data, theta = candidate.data, vector[: len(candidate.base.parameters)]
     smooth = [f.columns for f in families(data) if f.covariate not in TIME]
@@ -47,11 +46,12 @@ def prepare(
     about: Fitted | None = None,
     start: Noise | None = None,
 ) -> SearchProblem:
-    """Noise first, beside all that the trials may hold; then everything else.
+    """The search problem at its noise floor, by restricted maximum likelihood.
 
-    It is estimated about the base model at `theta`, or about the explanation `about`: beside an
-    effect of many times the noise, the base model's slope and the families' curvature are not good
-    enough to tell noise and outliers by. `start` is the noise of nearly the same trials.
+    The noise is estimated about the base model, from `theta` on in alternation with the
+    coefficients, or about the explanation `about`: where an effect is many times the noise, the
+    base model's slope and the families' curvature cannot tell noise from outliers. `start` is the
+    noise of nearly the same trials, as a starting value.
     """
     p, noise_floor = len(theta), start
     candidate, vector = (

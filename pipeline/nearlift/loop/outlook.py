@@ -1,5 +1,5 @@
-"""A design weighed before it is run: which effects it could see, which it could not tell apart, and
-the smallest change that would.
+"""Assessment of a design before it is run: detectable effects, confounded effects, and the smallest
+changes that separate these.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from nearlift.loop.proposals import Pair, changes
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import Observations
 
-#: Chance of being a rival from which two effects count as not told apart.
+#: Probability from which a rival counts as confounded with an effect, or the effect as named.
 CONFUSED = 0.5
 
 
@@ -27,7 +27,7 @@ def outlook(
     library: tuple[Effect, ...],
     variants: Mapping[str, Observations] | None = None,
 ) -> dict[str, object]:
-    """What a stage's design could see, confuse and never see, with what to change.
+    """Power, confounding, bias and proposed changes of a stage's design.
 
     Parameters
     ----------
@@ -35,8 +35,8 @@ def outlook(
     library : tuple of Effect
         The testable effects.
     variants : mapping of str to Observations
-        The same number of trials run otherwise (throttles in another order, from both sides), their
-        covariates derived.
+        The same trials run otherwise (throttles in another order, from both sides), with derived
+        covariates.
     """
     stage = foresight.stage
     rows: list[dict[str, object]] = []
@@ -74,8 +74,8 @@ def outlook(
 
 
 def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
-    """One way of one effect: its detection limit, what happens at its plausible size, its harm
-    where it hides.
+    """Detection limit of one handle, its contest at the plausible size, and the bias of the
+    coefficients at the largest plausible size that goes undetected.
     """
     stage = foresight.stage
     share = visibility(stage, handle.effect)
@@ -123,9 +123,7 @@ def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
 
 
 def groups(rows: list[dict[str, Any]]) -> list[list[str]]:
-    """Effects linked by pairs that are not told apart at a plausible size, as connected groups of
-    two and more.
-    """
+    """Connected components of the effects that are confounded at their plausible sizes."""
     group: dict[str, set[str]] = {}
     for row in rows:
         for rival, chance in row["rivals"].items():

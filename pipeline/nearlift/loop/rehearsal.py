@@ -1,6 +1,4 @@
-"""The foresight of trials that are only planned, at the noise floor that campaigns drawn from the
-plan would be given.
-"""
+"""Foresight of planned trials, at the noise floor estimated from simulated campaigns."""
 
 from __future__ import annotations
 
@@ -22,7 +20,7 @@ from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
 from nearlift.results.outlook import UntestableEffect
 
-#: Campaigns drawn to learn how the noise floor of a plan would come out.
+#: Campaigns simulated to estimate a plan's noise floor.
 REHEARSALS = 3
 
 
@@ -35,26 +33,30 @@ def planned(
     theta: FloatArray,
     effects: tuple[Effect, ...] | None = None,
 ) -> tuple[Foresight, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
-    """What trials that are only planned could see.
+    """Foresight of trials that are only planned.
 
-    The noise floor is rehearsed on drawn campaigns: a component that a plan can hardly tell from
-    nothing is not taken for nothing, so the floor comes out a little higher than the noise is, and
-    the loop sees a little less.
+    Simulated campaigns give the noise floor: a variance component that is hardly identified is not
+    estimated as zero, so the floor exceeds the noise a little, and the loop detects a little less.
 
     Parameters
     ----------
     data : Observations
-        Their `lift_N` is L_inf of the throttle; it becomes what `base` predicts at `theta`.
+        Their `lift_N` is L_inf of the throttle; lift is predicted by `base` at `theta`.
     base, parts, options, effects
-        As for `loop.set_up`.
+        As for `diagnose.set_up`.
     noise : Noise
-        Expected.
+        Expected noise.
     theta : (p,)
         Expected coefficients.
 
     Returns
     -------
     Foresight, testable effects, and the untestable ones with what to log.
+
+    Raises
+    ------
+    NotConverged
+        As `admission.admit`.
     """
     kept = data.take(usable(base, data))
     admit(f"design of the {data.boundary}", kept, base)
@@ -80,8 +82,8 @@ def planned(
 
 
 def _rehearsed(stage: SearchProblem) -> Foresight:
-    """The stage at the noise floor that its own drawn campaigns would be given; its sizes the
-    rehearsals' mean squares.
+    """Foresight at the noise floor of campaigns simulated from the stage, each size their root
+    mean square.
     """
     root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
     floors, quiet = [], []

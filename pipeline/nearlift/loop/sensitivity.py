@@ -1,6 +1,4 @@
-"""What a diagnosis of few trials could have seen: the families and effects that they carry, and of
-each effect the size that would have shown.
-"""
+"""Sensitivity of a diagnosis of few trials: what was searched for, and the detection limits."""
 
 from __future__ import annotations
 
@@ -18,9 +16,9 @@ from nearlift.rounding import plain
 
 
 def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity:
-    """What was searched, and the detection limit of each candidate.
+    """Families and effects searched for, and the detection limits of the effects.
 
-    Limits are about the base fit, so those of effects that were `seen` would say nothing.
+    Limits hold about the base fit, which is wrong where an effect was `seen`: those are left out.
     """
     foresight = Foresight(stage=stage, seed=stage.options.seed)
     listed = [
@@ -42,14 +40,14 @@ def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity
 
 
 def _declared(stage: SearchProblem) -> FloatArray:
-    """What part of each trial's variance came with it, (n,)."""
+    """Share of each trial's variance that its standard error `u_lift_N` makes up, (n,)."""
     data = stage.data
     share: FloatArray = (data.u_lift_N / data.lift_N) ** 2 / stage.space.covariance.variance
     return share
 
 
 def _limit(foresight: Foresight, handle: Handle) -> DetectionLimit:
-    """The size of one effect that is seen with a chance of 80 %."""
+    """Detection limit of one effect's parameter, at a power of `LIMIT_POWER`."""
     size, parameter, text = foresight.limit(handle), handle.parameter, handle.effect.name
     if size is not None:
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"

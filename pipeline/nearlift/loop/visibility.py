@@ -1,4 +1,4 @@
-"""How much of an effect the coefficients and the lift far away leave to be seen."""
+"""Share of an effect's signature that the coefficients and L_inf do not absorb."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from nearlift.declare import Effect
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.search_problem import SearchProblem
 
-#: An effect whose columns keep less than this share of their energy beside theta and L_inf cannot
-#: be seen.
+#: Visibility below which an effect cannot be detected, a share of squared norm.
 SILENT = 1e-4
 
 
 def visibility(stage: SearchProblem, effect: Effect) -> float:
-    """Largest share of the energy of an effect's columns that theta and L_inf leave, over its
-    shapes.
+    """Share of the squared norm of an effect's whitened columns outside the span of theta and
+    L_inf, the largest over its shapes; 0 without columns.
     """
     shares, basis = [], orthonormal(stage.base_fit.jacobian)
     for e, columns in stage.library:

@@ -1,8 +1,7 @@
-"""A gain that wanders at random in the course of a campaign: what stands against every name whose
-mark is a change with time.
+"""Random-walk gain: the nuisance that rivals every effect whose signature is a change with time.
 
-Its columns are cosines along the run order whose size falls as in the Karhunen-Loeve expansion of a
-random walk; one size for all, the likeliest, for which an explanation pays as for any unknown.
+Its columns are cosines along the run order with amplitudes as in the Karhunen-Loeve expansion of a
+random walk; one size for all, fitted by maximum likelihood and charged as one unknown.
 """
 
 from __future__ import annotations
@@ -14,15 +13,15 @@ from nearlift.likelihood.subspace import cosines, left_singular
 from nearlift.likelihood.variance_components import ENOUGH
 from nearlift.results import Observations
 
-#: Cosines at most: the rest of a random walk is noise that neighbours share.
+#: Largest number of cosines; the rest of a random walk is noise that neighbours share.
 WAVES = 40
-#: Sizes that are tried, as a fraction of lift: standard deviation of the slowest cosine.
+#: Grid of sizes: standard deviation of the slowest cosine, as a fraction of lift.
 SIZES = np.geomspace(1e-4, 2e-2, 16)
 
 
 def waves(data: Observations) -> FloatArray:
-    """Columns (n, k) of log lift of unit size; none where the order of the trials is unknown or
-    visits are too few to tell.
+    """Columns (n, k) of log lift of unit size; k = 0 where the order of the trials is unknown or
+    visits are fewer than `ENOUGH`.
     """
     visits = len(np.unique(data.visit))
     if not data.ordered or visits < ENOUGH:
@@ -32,22 +31,22 @@ def waves(data: Observations) -> FloatArray:
 
 
 def rms(data: Observations, size: float) -> float:
-    """Root mean square of a wander of this size over the trials, a fraction of lift."""
+    """Expected root mean square over the trials of a wander of this size, a fraction of lift."""
     return size * float(np.sqrt(np.mean(np.sum(waves(data) ** 2, axis=1))))
 
 
 def price(size: float, n: int) -> float:
-    """What a wander of this size costs in log evidence beside `n` trials, by unit information."""
+    """Penalty in log evidence for a wander, by unit information: ln(n) / 2, or 0 without one."""
     return 0.5 * float(np.log(n)) * (size > 0)
 
 
 def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
-    """The likeliest size beside `n` trials; 0 where none is worth its price.
+    """Maximum-likelihood size; 0 where its gain in log likelihood does not exceed its `price`.
 
     Parameters
     ----------
     scores : (d,)
-        What is left, unit noise.
+        Residual, unit noise.
     columns : (d, k)
         `waves` in the same space.
     """
@@ -57,17 +56,15 @@ def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
 
 
 def worth(scores: FloatArray, columns: FloatArray, n: int) -> FloatArray:
-    """What the likeliest wander adds to the log evidence of each of m draws, its price paid; (m,),
-    0 where it is not worth it. `scores` is (d, m).
+    """Gain in log evidence by the likeliest wander, net of its `price`, for each draw of `scores`
+    (d, m); (m,), not below 0.
     """
     most = np.max(_gain(scores, columns), axis=0)
     return np.asarray(np.maximum(most - price(SIZES[0], n), 0.0))
 
 
 def _gain(scores: FloatArray, columns: FloatArray) -> FloatArray:
-    """Log likelihood of scores (d, m) with a wander of each of `SIZES` over that without; (sizes,
-    m).
-    """
+    """Log likelihood ratio of scores (d, m) for a wander of each of `SIZES`; (sizes, m)."""
     u, lengths = left_singular(columns)
     variance = np.square(np.outer(SIZES, lengths))
     explained = variance / (1 + variance) @ (u.T @ scores) ** 2

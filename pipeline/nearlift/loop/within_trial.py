@@ -1,6 +1,6 @@
-"""Effects within a trial: does lift change during the record, early against late?
+"""Drift of lift within a trial's record, tested against the scatter between visits.
 
-A change that is the same in every trial moves all means alike and is absorbed by L_inf; only the
+A drift that is the same in every trial shifts all means alike and is absorbed by L_inf; only the
 records show it.
 """
 
@@ -13,16 +13,15 @@ from nearlift.results import Observations
 from nearlift.results.diagnosis import Change, WithinTrial
 from nearlift.results.explanation import WithinTrialPower
 
-#: A mean change within the record below this fraction of lift harms nobody, however significant.
+#: Mean change over a record, a fraction of lift, below which significance has no consequence.
 HARMLESS = 5e-4
 
 
 def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> WithinTrial | None:
-    """Mean relative change of lift over a record, tested against the scatter between visits; None
-    where records are unknown.
+    """Student's t test and 90 % interval of the mean relative change of lift over a record; None
+    where records are unknown or visits too few.
 
-    Visits, not trials, are the independent units: the trials of one visit follow each other within
-    a minute.
+    Visits, not trials, are the independent units: the trials of one visit follow within a minute.
     """
     from scipy.stats import t
 
@@ -44,8 +43,8 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> Wit
 
 
 def power(data: Observations, rate: float, chance: float) -> WithinTrialPower | None:
-    """The mean relative change over a record that `heating` finds with that chance at that rate;
-    None where records are unknown.
+    """Mean relative change over a record that `heating` detects with the power `chance` at the
+    level `rate`; None where records are unknown or visits too few.
     """
     from scipy.optimize import brentq
     from scipy.stats import nct, t
@@ -61,8 +60,8 @@ def power(data: Observations, rate: float, chance: float) -> WithinTrialPower | 
 
 
 def _by_visit(data: Observations) -> FloatArray | None:
-    """Mean relative change over a record of every visit; None where records are unknown or visits
-    too few.
+    """Mean relative change over a record for each visit; None where records are unknown or visits
+    are fewer than five.
     """
     drift = data.covariates.get("drift_hat")
     if drift is None or not np.isfinite(drift).all() or not np.any(drift):
