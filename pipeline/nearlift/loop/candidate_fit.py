@@ -114,7 +114,7 @@ def _step(
     low: FloatArray,
     high: FloatArray,
 ) -> FloatArray:
-    """Gauss-Newton step with an active set: entries that it would push out of bounds are held."""
+    """Gauss-Newton step with an active set: entries at a bound it would cross are held."""
     free = np.ones(len(vector), dtype=bool)
     step = np.zeros(len(vector))
     for _ in range(len(vector)):

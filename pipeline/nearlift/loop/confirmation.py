@@ -1,6 +1,4 @@
-"""Error on visits that took no part in choosing: the whole search repeated without some visits,
-scored on them.
-"""
+"""Cross-validation by visits: the whole search repeated without some visits and scored on them."""
 
 from __future__ import annotations
 
@@ -21,21 +19,19 @@ from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Noise, Observations
 from nearlift.results.diagnosis import Change, HeldOutRmse, LoopError
 
+#: Folds, where visits are more than `FEW_VISITS`; else each visit is left out in turn.
 FOLDS = 3
-#: With no more visits than this, each is left out in turn.
 FEW_VISITS = 15
-#: Whitened residuals beyond this count no more.
+#: Absolute value at which whitened residuals are clipped, in standard deviations.
 OUTLIER = 4.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOut:
-    """Relative residuals of every trial, predicted without its visit (nan where that is
-    impossible); what each fold chose.
+    """Relative held-out residuals of every trial, nan where it cannot be predicted.
 
-    `before` is the base model's, `after` that of what each fold chose, `named` that of the
-    explanation found in all visits, its sizes estimated without the visit; `visit` is what was left
-    out together, as `blocks` has it.
+    `before` is by the base model, `after` by what each fold's search chose (`chosen`), `named` by
+    the explanation found in all visits, refitted in each fold; `visit` are the `blocks`.
     """
 
     before: FloatArray
@@ -46,28 +42,26 @@ class HeldOut:
 
     @property
     def predicted(self) -> NDArray[np.bool_]:
-        """Which trials could be predicted."""
+        """Mask of the trials that could be predicted."""
         return np.isfinite(self.before) & np.isfinite(self.after)
 
 
-#: Hears which fold, from 0, of how many begins.
+#: Called as a fold begins, with its index from 0 and the number of folds.
 Heard = Callable[[int, int], None]
 
 
 def unheard(fold: int, of: int) -> None:
-    """Nobody listens."""
+    """Ignore the beginning of a fold."""
 
 
 def blocks(data: Observations) -> IntArray:
-    """What is left out together: a visit; a trial by itself where nobody knows which trials one
-    visit held.
-    """
+    """Cross-validation block of each trial: its visit; itself where the run order is unknown."""
     return data.visit if data.ordered else np.arange(data.n)
 
 
 def folds(data: Observations) -> list[NDArray[np.bool_]]:
-    """Masks of the trials held out, whole `blocks` each: every station keeps some on both sides
-    where it has several.
+    """Masks of the trials held out, whole `blocks` each, stratified by distance; one block each
+    where blocks are few.
     """
     block = blocks(data)
     visits, first = np.unique(block, return_index=True)
@@ -89,8 +83,8 @@ def held_out(
     named: tuple[Effect, ...] = (),
     heard: Heard = unheard,
 ) -> HeldOut:
-    """Repeat the search in every fold by `again`, and predict what was left out; also by the
-    effects `named`, fitted to the fold. `heard` is told of each fold as it begins.
+    """Held-out residuals of the search, repeated by `again` in every fold, and of the effects
+    `named`, refitted in every fold.
     """
     data = stage.data
     before, after, by_name = (
@@ -103,8 +97,8 @@ def held_out(
     for i, test in enumerate(masks):
         heard(i, len(masks))
         train = ~test
-        # a throttle that only the held-out visits have cannot be predicted: its L_inf is unknown,
-        # and a curve of it says nothing beyond the trials that it is fitted to
+        # L_inf is unknown at a throttle that only held-out visits have, and a curve of L_inf is not
+        # extrapolated
         known = test & data.foretold_by(train)
         part = dataclasses.replace(
             stage,
@@ -130,7 +124,7 @@ def held_out(
 
 
 def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArray:
-    """Log lift of other trials from a fit: its ratio, and L_inf from the fit's own trials."""
+    """Log lift of the trials `at` by a fit, with L_inf estimated from the fit's own trials."""
     levels = stage.space.best_levels(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
     vector = fitted.vector
     far = (
@@ -143,14 +137,13 @@ def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArra
 
 
 def improves(stage: SearchProblem, scored: HeldOut) -> bool:
-    """Whether the effects named predict visits that they were not fitted to better than the base
-    model does, by more than one standard error.
+    """Whether the named effects reduce the held-out `misfit` by more than one standard error over
+    visits.
 
-    Not what each fold chose: with a third of the trials less, a search that finds nothing has only
-    lost its power, and refutes nobody. Residuals are weighed by the noise floor, visit by visit:
-    beside a ceiling a few visits whose height was off would decide alone, and an effect that shows
-    everywhere else would be lost with them. No trial counts for more than `OUTLIER` standard
-    deviations.
+    What each fold chose does not count: with a third of the trials less, a search that finds
+    nothing has lost its power and refutes nothing. Residuals are whitened by the noise floor: near
+    a ceiling a few visits with a wrong height would decide alone, whatever an effect improves
+    elsewhere.
     """
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     before, named = (
@@ -162,8 +155,8 @@ def improves(stage: SearchProblem, scored: HeldOut) -> bool:
 
 
 def misfit(stage: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatArray) -> FloatArray:
-    """Squares of the residuals (n,) of those that were predicted, in units of the noise and of
-    errors of single trials, no outlier counted as one.
+    """Squared residuals of the predicted trials, whitened by the noise and by declared errors that
+    are independent between trials, clipped at `OUTLIER`.
     """
     keep = scored.predicted
     data, slope = stage.data.take(keep), stage.slope[keep]
@@ -173,8 +166,8 @@ def misfit(stage: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatA
 
 
 def standard_error(without: FloatArray) -> FloatArray:
-    """Standard uncertainty of each entry from the jackknife's values (visits, ...), one for each
-    visit left out; infinite for a single one.
+    """Jackknife standard uncertainty of each entry of the estimates `without` each visit (visits,
+    ...); infinite for a single visit.
     """
     blocks = len(without)
     if blocks < 2:
@@ -186,14 +179,16 @@ def standard_error(without: FloatArray) -> FloatArray:
 
 
 def _half90(without: FloatArray) -> float:
-    """Half of a 90 % interval from the jackknife's values (visits,), with Student's t."""
+    """Half the 90 % jackknife interval, by Student's t, of an estimate `without` each visit."""
     from scipy.stats import t
 
     return float(t.ppf(0.95, len(without) - 1) * standard_error(without))
 
 
 def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
-    """Root mean square and its 90 % interval: log mean square by visits, jackknifed."""
+    """Root mean square and its 90 % interval, by the jackknife of its logarithm over visits; nan
+    ends for fewer than three visits or no residual.
+    """
     _, label = np.unique(visit, return_inverse=True)
     squares, count = np.bincount(label, residual**2), np.bincount(label)
     total = squares.sum() / count.sum()
@@ -205,12 +200,11 @@ def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
 
 
 def change(before: FloatArray, after: FloatArray, visit: IntArray) -> tuple[float, float, float]:
-    """Relative change of the root mean square, negative where it falls, and its 90 % interval,
-    visit by visit in pairs.
+    """Relative change of the root mean square, negative where it falls, and its 90 % interval, by
+    the jackknife of the log ratio over visits.
 
-    The same trials stand on both sides and share their noise, so the change is known far better
-    than either error: log ratio, jackknifed over visits. Nan where there are fewer than three
-    visits or nothing is left to compare.
+    Both sides share the noise of the same trials, so the change is known far better than either
+    error. Nan for fewer than three visits, or where either side has no residual.
     """
     _, label = np.unique(visit, return_inverse=True)
     one, other = np.bincount(label, before**2), np.bincount(label, after**2)
@@ -226,7 +220,7 @@ def change(before: FloatArray, after: FloatArray, visit: IntArray) -> tuple[floa
 
 
 def error(answer: Answer, scored: HeldOut, noise_floor: float) -> LoopError:
-    """Held-out errors before and after."""
+    """Held-out errors before and after the loop, with their change where effects are named."""
     keep = scored.predicted
 
     def rmse_of(residual: FloatArray) -> HeldOutRmse:
@@ -241,7 +235,7 @@ def error(answer: Answer, scored: HeldOut, noise_floor: float) -> LoopError:
     return LoopError(
         noise_floor=noise_floor,
         before=before,
-        # an adequate model is left alone, so nothing is gained and nothing is lost
+        # without a named effect the base model predicts, and nothing changes
         after=rmse_of(scored.after) if named else before,
         change=changed,
         held_out_trials=int(keep.sum()),

@@ -1,14 +1,13 @@
-"""Campaigns of few, long visits (a handful of throttle sweeps): candidates are ranked by what they
-predict of a visit left out.
+"""Leave-one-visit-out selection of effects, for campaigns of few, long visits (throttle sweeps).
 
-The ordinary search asks whether an explanation leaves nothing beyond the noise floor. With few
-visits that floor cannot be known: how well a whole visit repeats shows only between visits, where
-smooth families in time take up every degree of freedom there is. Nor can the correlation within a
-visit: a marginal likelihood then mostly judges the noise model. So trials are fitted as if
-independent, which is right on average whatever their correlation (working independence),
-uncertainties come from leaving out whole visits (jackknife), and a candidate is accepted for what
-it predicts of visits that it has not seen. One that gives every visit its own level predicts
-nothing there, and can never be accepted. See docs/decisions/0005-few-visits.md.
+The ordinary search asks whether an explanation leaves nothing beyond the noise floor. Few visits do
+not identify that floor: the repeatability of a visit shows only between visits, where smooth
+families in time take up every degree of freedom. Nor do they identify the correlation within a
+visit, so that a marginal likelihood mostly judges the noise model. Trials are therefore fitted as
+if independent, which is consistent whatever their correlation (working independence),
+uncertainties are jackknifed over visits, and a candidate is accepted for its prediction of visits
+left out. A gain for every visit predicts nothing there and can never be accepted. See
+docs/decisions/0005-few-visits.md.
 """
 
 from __future__ import annotations
@@ -33,26 +32,24 @@ from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
-#: With fewer, nothing can be accepted.
+#: Fewest visits of a campaign in which an effect can be accepted; a fold may have one less.
 LEAST_VISITS = 4
-#: An explanation must account for this share of the squared error that is not noise: a small help
-#: is no explanation.
+#: Least share of the squared error beyond noise that an accepted explanation removes.
 GREATER_PART = 0.5
-#: Chance, for one candidate, of a gain over visits as large as what is asked for.
+#: Significance level of the one-sided test of one candidate's gain over visits.
 CHANCE = 0.05
+#: Most effects of an explanation.
 MOST_EFFECTS = 2
 
 
 def applies(data: Observations) -> bool:
-    """Whether the visits are so few that they must be left out in turn; where nobody knows which
-    trials one visit held, it cannot be.
-    """
+    """Whether visits are few enough to be left out in turn, and known from the run order."""
     return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 
 
 def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
-    """Relative residual of every trial, predicted by a fit to the other visits; nan where that is
-    impossible.
+    """Relative residual (n,) of every trial, predicted by a fit to the other visits; nan where
+    these do not determine its L_inf.
     """
     whole = (
         search(stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector)
@@ -66,7 +63,6 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
     log_inf = _levels(stage, _weights(stage, visit_of))(rest[:, None], np.arange(len(rest)))[:, 0]
     trial = np.arange(stage.data.n)
     result: FloatArray = rest[visit_of, trial] - log_inf[visit_of, trial]
-    # L_inf from the trials that stayed; where they do not tell it, it is unknown
     foretold = [stage.data.foretold_by(visit_of != visit) for visit in range(len(rest))]
     return np.where(np.array(foretold)[visit_of, trial], result, np.nan)
 
@@ -74,12 +70,12 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
 def _levels(
     stage: SearchProblem, weight: FloatArray
 ) -> Callable[[FloatArray, IntArray], FloatArray]:
-    """Log L_inf of every trial from weighted trials: of x (k, c, n), row k weighed as `weight` (v,
-    n) has it for visit `rows[k]`.
+    """Weighted least squares of log L_inf: a function of log lift (k, c, n) and of the rows (k,) of
+    `weight` (visits, n) that apply to it.
     """
     columns = stage.data.level_columns
     weighted = columns * weight[:, :, None]
-    # what no trial with a weight tells, such as a throttle that one visit alone has, stays 0
+    # a level that no weighted trial determines, as of a throttle in one visit alone, stays 0
     solve = weighted @ np.linalg.pinv(columns.T @ weighted, rcond=1e-13, hermitian=True)
 
     def log_inf(x: FloatArray, rows: IntArray) -> FloatArray:
@@ -89,11 +85,11 @@ def _levels(
 
 
 def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
-    """A fit's vector without each visit in turn, (visits, P): all of them at once, from where the
-    fit to the whole stands.
+    """Fitted vectors without each visit in turn, (visits, P), all refitted at once from the whole
+    fit.
 
-    A visit is left out by giving its trials no weight. What differs by session is then the prior's
-    where the session's only visit is out.
+    The trials of the visit left out have weight zero. Parameters of a session without any other
+    visit then take their prior's value.
     """
     candidate = whole.candidate
     visit_of = np.unique(stage.data.visit, return_inverse=True)[1]
@@ -103,7 +99,7 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
     mean, sd = candidate.prior
 
     def free(x: FloatArray, rows: IntArray) -> FloatArray:
-        """Weighted, L_inf removed; x (k, c, n)."""
+        """Weighted residuals of x (k, c, n) with L_inf projected out."""
         result: FloatArray = (x - levels(x, rows)) * root[rows][:, None]
         return result
 
@@ -125,7 +121,7 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
 
 
 def _weights(stage: SearchProblem, visit: IntArray) -> FloatArray:
-    """Inverse variance of each trial where each visit is left out, (visits, n)."""
+    """Inverse variance of each trial, 0 in the visit left out, (visits, n)."""
     weight: FloatArray = np.where(
         visit == np.arange(visit.max() + 1)[:, None], 0.0, 1 / stage.space.covariance.variance
     )
@@ -133,9 +129,7 @@ def _weights(stage: SearchProblem, visit: IntArray) -> FloatArray:
 
 
 def by_visit(stage: SearchProblem, residual: FloatArray) -> FloatArray:
-    """Sum of squared residuals of each visit that could be predicted; infinite if a prediction
-    failed.
-    """
+    """Sum of squared residuals of each visit, infinite where a trial could not be predicted."""
     _, label = np.unique(stage.data.visit, return_inverse=True)
     result: FloatArray = np.bincount(
         label, np.where(np.isfinite(residual), residual, np.inf) ** 2
@@ -144,8 +138,8 @@ def by_visit(stage: SearchProblem, residual: FloatArray) -> FloatArray:
 
 
 def convinces(before: FloatArray, after: FloatArray, noise: float) -> bool:
-    """Whether the sums of squares by visit fall by more than chance would let them, and by most of
-    what is not `noise` (their total).
+    """Whether the sums of squares by visit fall significantly (paired t test at level `CHANCE`) and
+    by `GREATER_PART` of what exceeds `noise`, their total under noise alone.
     """
     from scipy.stats import t
 
@@ -159,7 +153,7 @@ def convinces(before: FloatArray, after: FloatArray, noise: float) -> bool:
 
 
 def run(stage: SearchProblem) -> Answer:
-    """Test for structure, then add what predicts visits left out best, one effect at a time."""
+    """Test for structure, then forward selection of effects by their error on visits left out."""
     first = stage.nothing_added[0]
     working = dataclasses.replace(stage, independent=True)
     if not first.present:
@@ -211,8 +205,8 @@ def _explanation(
     squares: FloatArray,
     confirmed: bool,
 ) -> Explanation:
-    """The fit to all visits, its evidence the log score on visits left out, each visit counted as
-    one observation.
+    """The fit to all visits; its evidence is the log score on visits left out, each visit as one
+    observation.
     """
     total = squares.sum()
     score = (
@@ -230,16 +224,14 @@ def _explanation(
 
 
 def freedom(stage: SearchProblem) -> float:
-    """Degrees of freedom, visits being the observations."""
+    """Degrees of freedom of the jackknife: visits less one, at least 1."""
     return float(max(len(np.unique(stage.data.visit)) - 1, 1))
 
 
 def answers(
     stage: SearchProblem, answer: Answer, declared: dict[str, float]
 ) -> coefficients.Answers:
-    """What the coefficients are before and after the loop, every uncertainty from visits
-    left out.
-    """
+    """Coefficients before and after the loop, with jackknife uncertainties over visits."""
     p = len(stage.theta)
 
     def left_out_in_turn(fitted: Fitted) -> coefficients.Pair:
@@ -253,7 +245,7 @@ def answers(
     _, wide = coefficients.spread(
         stage, best, coefficients.constrained_columns(stage, chosen, declared)
     )
-    # what undetected effects add to the variance comes on top of what visits show
+    # the jackknife over visits does not show the variance from undetected effects
     constrained = np.sqrt(u**2 + np.maximum(wide**2 - naive**2, 0.0))
     return coefficients.Answers(
         names=tuple(q.name for q in stage.base.parameters),

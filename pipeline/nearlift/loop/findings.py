@@ -1,5 +1,5 @@
-"""What a search found, as diagnosis.json holds it: verdict, effects with their rivals, structure,
-and every round with its reasons.
+"""Findings of a search, as diagnosis.json holds them: effects with their rivals, structure, and every
+round with its reasons.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from nearlift.results.diagnosis import (
     TriedCandidate,
 )
 
-#: Share of the structure from which an effect that is refused for its size is named as such.
+#: Share of the structure's excess chi2 from which an effect refused at a bound is reported.
 FAIR_SHARE = 0.1
-#: Pairs that a round lists, of those that were tried.
+#: Most pairs that a round lists, the likeliest.
 LISTED_PAIRS = 12
 
 
 def structure_tests(answer: Answer) -> tuple[StructureTest, ...]:
-    """The foremost test of structure along each covariate."""
+    """Most significant test of structure along each covariate."""
     return tuple(
         StructureTest(
             covariate=c,
@@ -44,9 +44,7 @@ def structure_tests(answer: Answer) -> tuple[StructureTest, ...]:
 
 
 def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ...]:
-    """The named effects of the best explanation, each with the rivals that could stand in its
-    place.
-    """
+    """Effects of the best explanation, each with the rivals that could take its place."""
     if not answer.accepted:
         return ()
     best = answer.accepted[0]
@@ -56,8 +54,8 @@ def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ..
         rivals = []
         for other in answer.accepted[1:]:
             shared = set(best.effects) & set(other.effects)
-            # an explanation of the same length stands in for what it does not share; a longer one
-            # tells who may act beside it
+            # an explanation of the same length replaces what it does not share; a longer one shows
+            # what may act besides
             if len(other.effects) > len(best.effects) or others_kept & shared or not shared:
                 rivals += [name for name in other.effects if name not in best.effects]
         listed.append(
@@ -74,8 +72,8 @@ def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ..
 def _parameters(
     stage: SearchProblem, explanation: Explanation, effect: str
 ) -> dict[str, LoopEstimate]:
-    """An effect's fitted parameters with 90 % intervals, its form uncertain; one entry per session
-    where it has one each.
+    """An effect's fitted parameters with 90 % intervals that allow for its uncertain form; one per
+    session where they differ by session.
     """
     fitted = explanation.fitted
     if stage.independent:
@@ -106,12 +104,10 @@ def _intervals(
 
 
 def partial(stage: SearchProblem, answer: Answer) -> tuple[PartialEffect, ...]:
-    """What the best single effects would explain of the structure, as shares of the chi2 that
-    exceeds the noise.
-    """
-    # a size that is not possible earns no share
+    """Shares of the structure's excess chi2 that the best single effects would explain."""
+    # a size at a bound earns no share
     ranked = sorted((s for s in answer.singles if not s.fitted.at_bound), key=lambda s: -s.gain)[:3]
-    # noise that happens to be small elsewhere can leave less in sum than one effect takes
+    # by chance the excess may be less than one effect's gain
     whole = max(stage.excess, *(s.gain for s in ranked), 0.0)
     return tuple(
         PartialEffect(name=s.name, share=s.gain / whole) for s in ranked if s.gain > 0.05 * whole
@@ -119,8 +115,8 @@ def partial(stage: SearchProblem, answer: Answer) -> tuple[PartialEffect, ...]:
 
 
 def rounds(answer: Answer, refuted: tuple[Explanation, ...]) -> tuple[LoopRound, ...]:
-    """What was tried, in order, with the reason for each decision; `refuted` are explanations that
-    held-out visits did not confirm.
+    """Rounds of the search in order, with the reason for each decision; `refuted` are explanations
+    that held-out visits did not confirm.
     """
     if not refuted:
         return _search_rounds(answer)
@@ -172,7 +168,7 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
 
 
 def _unnamed(answer: Answer) -> str:
-    """Why nothing is named where pairs were tried."""
+    """Reason why the round of pairs names nothing."""
     if answer.wander:
         return f"a gain that wanders at random ({100 * answer.wander:.2g} % of lift) is as likely"
     return "no pair of declared effects does better"
@@ -185,7 +181,7 @@ def _round(candidates: tuple[TriedCandidate, ...], decision: str, reason: str) -
 def _listing(
     stage: SearchProblem, tried: tuple[Explanation, ...], most: int | None = None
 ) -> tuple[TriedCandidate, ...]:
-    """Candidates with what they leave, the likeliest first."""
+    """Candidates and the structure that they leave, the likeliest first, at most `most`."""
     rows = []
     for e in sorted(tried, key=lambda e: -e.evidence.log)[:most]:
         left = stage.left_by(e)
@@ -206,7 +202,7 @@ def _listing(
 
 
 def _sizes(explanation: Explanation) -> dict[str, float]:
-    """What an explanation's parameters would be, those aside that differ by session."""
+    """Fitted parameters of an explanation's effects, without those that differ by session."""
     slots = explanation.fitted.candidate.slots
     return {
         s.parameter.name: float(explanation.fitted.vector[s.start])
@@ -216,9 +212,7 @@ def _sizes(explanation: Explanation) -> dict[str, float]:
 
 
 def _impossible(answer: Answer) -> str:
-    """Which single effects could account for a fair share, were their size possible; empty if none
-    could.
-    """
+    """Single effects with a fair share of the structure but a size at a bound; empty if none."""
     share = FAIR_SHARE * answer.stage.excess
     ends = [
         f"{e.name} ({_at_end(e)})"
@@ -233,7 +227,7 @@ def _impossible(answer: Answer) -> str:
 
 
 def _at_end(explanation: Explanation) -> str:
-    """The sizes that stand at an end of their range."""
+    """Sizes at a bound, in words."""
     ends = {
         p.name: p.bounds
         for e in explanation.fitted.candidate.effects
@@ -248,8 +242,8 @@ def _at_end(explanation: Explanation) -> str:
 
 
 def _sweep(tried: tuple[Explanation, ...], answer: Answer) -> LoopRound:
-    """A round in which visits left out decided."""
-    # what is left decides nothing here
+    """A round decided by visits left out."""
+    # remaining structure decides nothing here
     rows = tuple(
         dataclasses.replace(row, left_in=None, judged_by="visits left out")
         for row in _listing(answer.stage, tried)

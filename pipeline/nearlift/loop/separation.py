@@ -1,4 +1,4 @@
-"""What this design cannot tell apart, and the smallest addition to it that would."""
+"""Discrimination between explanations: the session that would separate the best from its rivals."""
 
 from __future__ import annotations
 
@@ -21,17 +21,16 @@ from nearlift.results.outlook import Alternative, NextExperiment, NextSession
 
 #: Trials in a proposed session.
 SESSION = 160
-#: What may not be feasible is proposed first where it promises more than the rest over this.
+#: Weight on the evidence of a session that may not be feasible, where sessions are ranked.
 IF_FEASIBLE = 0.8
-#: A session that brings less expected evidence per trial than this parts nothing, and is not
-#: proposed.
+#: Expected evidence per trial below which no session is proposed.
 POINTLESS = 1e-6
 
 
 @dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
 class Proposal:
-    """A session that could be measured: in words, and the trials it would add; `worth` its
-    evidence is, beside that of others.
+    """A session that could be measured, in words and as the trials it would add; `worth` weighs
+    its evidence in the ranking.
     """
 
     text: str
@@ -40,10 +39,10 @@ class Proposal:
 
 
 def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposal]:
-    """Sessions of about the same cost: at single distances near, middle and far, closer than now,
-    and from both directions.
+    """Sessions of about equal cost: near, middle and far distances, closer than now, and approaches
+    from both directions.
 
-    What the bench said it cannot do ("closer", "farther", "both directions") is left out.
+    `not_feasible` names what the bench cannot do: "closer", "farther", "both directions".
     """
     finite = data.z_hat[np.isfinite(data.z_hat)]
     near, far = float(finite.min()), float(finite.max())
@@ -79,8 +78,8 @@ def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposa
 
 
 def session(data: Observations, places: tuple[float, ...], trials: int = SESSION) -> Observations:
-    """Trials at these distances, every throttle at each visit, all other covariates in their
-    middle, as a session of their own time.
+    """Trials at these distances as part of the last session: every throttle at each visit (of more
+    than eight, four quantiles), all other covariates at their medians.
     """
     levels = (
         data.levels
@@ -135,8 +134,8 @@ def join(a: Observations, b: Observations) -> Observations:
 def parting(
     stage: SearchProblem, data: Observations, one: Explanation, other: Explanation
 ) -> float:
-    """Non-centrality with which trials at `data` would part two fitted explanations: what the other
-    cannot imitate of the one.
+    """Non-centrality with which the trials `data` discriminate `one` fitted explanation from the
+    `other`, whose parameters are free.
     """
     return parted(
         stage,
@@ -152,7 +151,7 @@ def parted(
     one: tuple[tuple[Effect, ...], FloatArray],
     other: tuple[tuple[Effect, ...], FloatArray],
 ) -> float:
-    """The same for effects with their flat vectors, fitted or supposed."""
+    """`parting` for effects with their flat vectors, fitted or assumed."""
     slope = height_slope(stage.base, data, stage.base.named(stage.theta))
     space = Problem(
         model=stage.base, data=data, covariance=trial_covariance(data, stage.noise, slope)
@@ -168,10 +167,10 @@ def parted(
 
 
 def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, ...]:
-    """For the best explanation and its rivals: which session would part them, ranked by the
-    expected evidence per trial.
+    """For each of up to four rivals, the session that discriminates it best from the first
+    explanation, by expected evidence per trial.
 
-    Where nothing was accepted, the explanations that come closest take their place.
+    If structure is unexplained, the two likeliest explanations take their place.
     """
     compared = answer.accepted
     if answer.verdict == "unexplained":
@@ -213,8 +212,8 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
 
 
 def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment, ...]:
-    """What to measure where coefficients rest on one distance, or go under in a level of every
-    session's own; see `absorption.limits`.
+    """What to measure where coefficients rest on one distance or are absorbed by session gains; see
+    `absorption.limits`.
     """
     experiments = []
     for limit in limits:

@@ -1,10 +1,10 @@
-"""Whether the answer rests on a single trial or visit.
+"""Case deletion: whether the answer rests on a single trial or visit.
 
-The closed form says which trial moves the headline most, and the residuals on which ones a name
-hangs that is hardly earned; the whole diagnosis made again without it, noise, search and all, says
-how far the headline moves and whether anything else would be said. Where that is more than one
-standard uncertainty, or another verdict, the answer rests on the trial. Visits are left out
-likewise, of a small table each, else those to which the same signs point.
+Candidates are the trial of largest closed-form influence on the headline coefficient, and those to
+which a name owes most of a narrow margin of evidence. The whole diagnosis, noise and search
+included, is repeated without each: the answer rests on a trial if the headline then moves by more
+than one standard uncertainty, or the verdict changes. Visits are left out likewise, each one of a
+small table, else those selected by the same criteria.
 """
 
 from __future__ import annotations
@@ -23,20 +23,18 @@ from nearlift.loop.evidence import CREDIT
 from nearlift.loop.search import Answer
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
-#: No trial is left out if the closed form says that none moves the headline by this part of its
-#: standard uncertainty.
+#: Closed-form influence below which the most influential trial is not left out, in standard
+#: uncertainties of the headline.
 LOOK = 0.05
-#: Left out are so many trials on each of which at least this part of a name's margin hangs.
+#: Share of a name's margin of evidence that a trial left out must contribute, and the most trials.
 PART, TRIES = 0.5, 3
-#: The median of a squared normal deviate.
+#: Median of a chi-square with one degree of freedom.
 MEDIAN = 0.455
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Without:
-    """What a campaign without one trial comes to: `intervals` are value, lo90 and hi90 by
-    coefficient.
-    """
+    """Diagnosis without one trial or visit; `intervals` are (value, lo90, hi90) by coefficient."""
 
     verdict: Verdict
     effects: tuple[str, ...]
@@ -46,12 +44,11 @@ class Without:
 def tipping(
     margin: float, before: FloatArray, after: FloatArray, label: NDArray[Any], z_hat: FloatArray
 ) -> tuple[Shift, ...]:
-    """The trials or visits on which a name hangs, the foremost first: of their share in its log
-    evidence.
+    """Trials or visits by their contribution to the log evidence for a name, the largest first: up
+    to `TRIES`, each with more than `PART` of the margin.
 
-    `margin` is what the evidence exceeds the least by that earns a name; `before` and `after` (n,)
-    are the residuals without and with it, `label` (n,) the trials or their visits, `z_hat` (n,)
-    where they stood.
+    `margin` is the log evidence beyond what a name needs; `before` and `after` (n,) are the
+    residuals without and with it, `label` (n,) the trials or their visits.
     """
     gain = 0.5 * (before**2 - after**2) * MEDIAN / np.median(after**2)
     labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
@@ -70,8 +67,8 @@ def hanging(
     residuals: Mapping[str, NDArray[Any]],
     label: NDArray[Any],
 ) -> tuple[Shift, ...]:
-    """The trials, or the visits, on which the name hangs, where the headline without a name would
-    be another; `label` (n,) is that of each trial.
+    """Trials or visits, by `label` (n,), that decide the name (`tipping`); empty without a name, or
+    where the base fit's headline is within one standard uncertainty.
     """
     if not (answer.accepted and quoted.headline):
         return ()
@@ -93,8 +90,8 @@ def visits_to_try(
     quoted: BoundaryResult,
     residuals: Mapping[str, NDArray[Any]],
 ) -> tuple[Shift, ...]:
-    """The visits to be left out: of a small table each; else those on which the name hangs, and the
-    one that moves the headline by more than its standard uncertainty.
+    """Visits to leave out: each one of a small table; else those that decide the name, and the one
+    that moves the headline by more than its standard uncertainty.
     """
     data = answer.stage.data
     if few(data, answer.stage.base):
@@ -112,11 +109,10 @@ def visits_to_try(
 def told(
     quoted: BoundaryResult, without: Callable[[str], Without], others: Sequence[Shift] = ()
 ) -> BoundaryResult:
-    """The result with the headline's largest shift by a single trial made exact, and where the
-    answer rests on that trial, saying so.
+    """The result with the exact shift of the headline without its most influential trial, which is
+    marked as one that the answer rests on where that is so.
 
-    `without` makes the diagnosis again without one trial, by its id; besides the trial of the
-    largest influence the `others` are tried.
+    `without` repeats the diagnosis without one trial, by its id; the `others` are tried, too.
     """
     name = quoted.headline
     most = quoted.coefficients[name].influence.trial if name else None
@@ -154,11 +150,11 @@ def told(
 def told_of_visits(
     quoted: BoundaryResult, without: Callable[[str], Without | None], visits: Sequence[Shift]
 ) -> BoundaryResult:
-    """The result with what it would be without each of these visits that turns the verdict, and
-    the largest shift by one of them made exact.
+    """The result with a doubt for each of these visits whose omission changes the verdict, and the
+    exact shift of the headline without the most influential one.
 
-    `without` makes the diagnosis again without a visit, by its label; None where the others cannot
-    be diagnosed.
+    `without` repeats the diagnosis without a visit, by its label; None where the other visits
+    cannot be diagnosed.
     """
     name = quoted.headline
     if not name or not np.isfinite(quoted.coefficients[name].u):

@@ -1,9 +1,9 @@
-"""Is there structure, and along what? One test for all families and all library effects at once.
+"""Test for structure along all families and library effects at once, corrected for multiplicity.
 
-Each family gives a chi-square in the space that the model leaves. The statistic is the most
-significant of them all, and its threshold comes from the distribution of that same maximum under
-the null, so the false-alarm rate does not grow with the number of candidates. That distribution is
-drawn once a search, and everything that the search tests is held against it.
+Each family or effect gives a chi-square in the space that the model leaves. The statistic is the
+smallest p-value of them all, with its threshold from the null distribution of that same minimum, so
+the false-alarm rate does not grow with the number of candidates. The distribution is simulated once
+per search, for all tests of the search.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: So many that the rate at a threshold of 5 % is known to a seventeenth of itself (a binomial count
-#: of 300); so many at once.
+#: Draws of the null, which give a rate of 5 % to a relative 6 % (a binomial count of 300), and draws
+#: per batch.
 DRAWS, AT_ONCE = 6000, 1500
-#: Below this chance, draws are too few to count: -log10 p of the largest test has an exponential
-#: tail there, as a single test has.
+#: Probability below which draws are too few to count: -log10 p of the most significant test has an
+#: exponential tail there, as that of a single test.
 TAIL = 0.02
+#: Floor of p-values, against underflow.
 LEAST_P = 1e-300
-#: Of a continued fraction, enough where it is used: far out in the tail.
+#: Terms of the continued fraction, enough far out in the tail, where it is used.
 TERMS = 40
-#: Logarithms of p-values nearer than this part of themselves are the same but for rounding: the
-#: first in order stands before.
+#: Relative difference below which log p-values are tied but for rounding; the first in order leads.
 SAME = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hypothesis:
-    """One family, or one shape of the library effect named in `effect`, as columns (d, k) in a
-    reduced space with unit noise.
+    """One family, or one shape of the library effect `effect`, as columns (d, k) in a reduced space
+    with unit noise.
     """
 
     name: str
@@ -46,9 +46,9 @@ class Hypothesis:
 class Structure:
     """Outcome of the test.
 
-    `log10_p` holds each hypothesis's own log10 p-value; `p_value` the chance that the largest of
-    them all would be as extreme under the null; `threshold` the log10 p below which a single one is
-    significant at the false-alarm rate.
+    `log10_p` holds each hypothesis's own log10 p-value, `p_value` is that of the smallest one
+    corrected for multiplicity, `threshold` the log10 p below which a single one is significant at
+    the false-alarm rate.
     """
 
     names: tuple[str, ...]
@@ -59,7 +59,7 @@ class Structure:
 
     @property
     def present(self) -> bool:
-        """Whether anything exceeds the threshold."""
+        """Whether any hypothesis is significant."""
         return bool(self.log10_p.min() < self.threshold)
 
     def by_covariate(self) -> dict[str, float]:
@@ -80,7 +80,7 @@ class Structure:
 def mapped(
     hypotheses: tuple[Hypothesis, ...], change: Callable[[FloatArray], FloatArray]
 ) -> tuple[Hypothesis, ...]:
-    """Every hypothesis with its columns changed, all in one call."""
+    """The hypotheses with `change` applied to all their columns in one call."""
     if not hypotheses:
         return ()
     together = change(np.hstack([h.columns for h in hypotheses]))
@@ -94,12 +94,12 @@ def mapped(
 def bases(
     hypotheses: tuple[Hypothesis, ...], remove: FloatArray
 ) -> tuple[list[int], FloatArray, FloatArray]:
-    """Orthonormal columns of every hypothesis after `remove` (d, q, orthonormal) is projected out.
+    """Orthonormal bases of the hypotheses, with `remove` (d, q, orthonormal) projected out.
 
     Returns
     -------
     which : list of int
-        Hypotheses that keep any freedom.
+        Indices of the hypotheses of which anything is left.
     stacked : (d, sum k)
         Their bases side by side.
     ranks : (len(which),)
@@ -121,7 +121,7 @@ def bases(
                 blocks.append(x / after[start])
                 ranks.append(1)
             continue
-        # by the small matrix of products; scaled, so that no column's size decides the rank
+        # by the Gram matrix, in units of the longest column, so that the rank has no scale
         scale = max(before[start:stop].max(initial=0.0), 1e-300)
         squares, turn = np.linalg.eigh((x / scale).T @ (x / scale))
         kept = squares > 1e-11
@@ -139,7 +139,7 @@ def log10_p(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> Float
 
 
 def log10_tail(chi2: FloatArray, ranks: FloatArray) -> FloatArray:
-    """Log10 of the chance that a chi-square with `ranks` degrees of freedom exceeds `chi2`."""
+    """Log10 of the survival function of chi-square with `ranks` degrees of freedom."""
     from scipy.special import gammaincc, gammaln
 
     with np.errstate(divide="ignore"):
@@ -165,20 +165,18 @@ def _chi2(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatAr
 
 @lru_cache(maxsize=512)
 def _table(rank: int) -> tuple[FloatArray, FloatArray]:
-    """Chi-square and its log10 p-value for one number of degrees of freedom, fine enough for
-    straight lines between.
-    """
-    # steps of the square root, in which the logarithm is smooth at both ends
+    """Grid of chi-square and its log10 p-value, fine enough for linear interpolation."""
+    # even steps of the square root, in which log p is smooth at both ends
     chi2 = np.linspace(0.0, np.sqrt(rank) + 12.0, 3000) ** 2
     return chi2, log10_tail(chi2, np.array(float(rank)))
 
 
 def _least(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
-    """The smallest log10 p-value of each draw (m, d), from tables."""
+    """Smallest log10 p-value of each draw (m, d), from tables; (m,)."""
     chi2 = _chi2(draws, stacked, ranks)
     least = np.zeros(len(draws))
     for rank in np.unique(ranks):
-        # of hypotheses with equal freedom the largest chi-square is the most significant
+        # at equal degrees of freedom the largest chi-square is the most significant
         np.minimum(
             least, np.interp(chi2[:, ranks == rank].max(axis=1), *_table(int(rank))), out=least
         )
@@ -187,27 +185,25 @@ def _least(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatAr
 
 @dataclass(frozen=True, slots=True)
 class Null:
-    """What the most significant of all tests does by chance: its log10 p-value in each draw,
-    ascending, (m,).
-    """
+    """Null distribution of the smallest log10 p-value of all tests: its draws, ascending, (m,)."""
 
     least: FloatArray
 
     @property
     def tail(self) -> tuple[float, float]:
-        """Where the tail begins, and its mean excess there (Hill's estimator), both in log10 p."""
+        """Start of the tail and its mean excess (Hill's estimator), both in log10 p."""
         start = float(np.quantile(self.least, TAIL))
         return start, float(np.mean(start - self.least[: max(int(TAIL * len(self.least)), 1)]))
 
     def threshold(self, rate: float) -> float:
-        """Log10 p that chance undercuts at this rate."""
+        """Quantile of the smallest log10 p at a false-alarm rate, extrapolated below `TAIL`."""
         if rate >= TAIL:
             return float(np.quantile(self.least, rate))
         start, excess = self.tail
         return start + excess * float(np.log(max(rate, LEAST_P) / TAIL))
 
     def p_value(self, log10_p: float) -> float:
-        """Chance that the most significant of all tests is as extreme."""
+        """Probability of a smallest log10 p of this value or less."""
         start, excess = self.tail
         if log10_p < start:
             return float(max(TAIL * np.exp((log10_p - start) / max(excess, LEAST_P)), LEAST_P))
@@ -216,14 +212,14 @@ class Null:
         )
 
 
-#: A single test's: wrong where there are many, and here to show what that does.
+#: Null of a single test, which shows what a search does without correction for multiplicity.
 ALONE = Null(np.log10((np.arange(DRAWS) + 0.5) / DRAWS))
 
 
 def draw(
     hypotheses: tuple[Hypothesis, ...], remove: FloatArray, rng: np.random.Generator, dof: float
 ) -> Null:
-    """The null distribution of the most significant of these hypotheses.
+    """Simulated null distribution of the smallest p-value of these hypotheses.
 
     Parameters
     ----------
@@ -232,7 +228,7 @@ def draw(
         Orthonormal directions that the model absorbs.
     rng : Generator
     dof : float
-        Degrees of freedom of the noise estimate; its scale is drawn too.
+        Degrees of freedom of the noise estimate, whose scale is drawn, too.
     """
     _, stacked, ranks = bases(hypotheses, remove)
     least = np.zeros(DRAWS)
@@ -261,7 +257,7 @@ def examine(
         Orthonormal directions that the model absorbs.
     null : Null
     rate : float
-        False-alarm rate of the maximum.
+        False-alarm rate of all tests together.
     """
     which, stacked, ranks = bases(hypotheses, remove)
     if not which:
