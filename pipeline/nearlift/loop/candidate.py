@@ -1,5 +1,5 @@
-"""A base model with some effects, as a function of one flat vector: predicted and differentiated,
-with weak priors.
+"""Candidate models: a base model with effects as a function of one flat vector, with derivatives
+and weak priors.
 """
 
 from __future__ import annotations
@@ -18,20 +18,20 @@ from nearlift.likelihood.subspace import cosines
 from nearlift.loop.families import indicators
 from nearlift.results import Observations
 
-#: Smooth relative deformation of an effect's own shape: so many cosines, falling as 1 / order.
+#: Cosines in the smooth relative deformation of an effect's form, with amplitudes as 1 / order.
 TUBE_ORDER = 4
-#: A search grants an effect this many times its bench-plausible size: weak, but a 40 mm datum error
+#: Standard deviation of a size in the search over that of its prior: weak, but a 40 mm datum error
 #: is no explanation.
 WIDE = 4.0
-#: Numbers that differ by session are drawn from one population; its spread, in units of the
-#: prior's, is chosen by evidence.
+#: Standard deviations of parameters that differ by session, over that of their prior; the likeliest
+#: is chosen.
 SESSION_SPREADS = (0.1, 0.3, 1.0, 3.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slot:
-    """Where one parameter stands in the flat vector: entries `start` to `stop` (several for a
-    parameter per session).
+    """Entries `start` to `stop` of one parameter in the flat vector, one per session where it
+    differs by session; `effect` is empty for the base model's.
     """
 
     parameter: Parameter
@@ -42,8 +42,8 @@ class Slot:
 
 @dataclass(frozen=True, kw_only=True)
 class Candidate:
-    """The base model and the effects that may explain what it leaves. `data` has its derived
-    covariates and `lift_inf_N`.
+    """The base model with effects that may explain its residual; `data` has its derived covariates
+    and `lift_inf_N`.
     """
 
     base: LiftModel
@@ -53,17 +53,17 @@ class Candidate:
 
     @property
     def name(self) -> str:
-        """The effects' names."""
+        """Names of the effects, or "base"."""
         return " + ".join(e.name for e in self.effects) or "base"
 
     @cached_property
     def model(self) -> LiftModel:
-        """The composition."""
+        """The composed lift model."""
         return compose(self.base, *self.effects) if self.effects else self.base
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
-        """The flat vector's layout: the base model's parameters first."""
+        """Layout of the flat vector, the base model's parameters first."""
         owner = {p.name: e.name for e in self.effects for p in e.parameters}
         slots, at = [], 0
         for p in self.model.parameters:
@@ -79,12 +79,12 @@ class Candidate:
 
     @cached_property
     def known(self) -> dict[str, object]:
-        """Geometry and covariates that the composition needs."""
+        """Geometry and covariates that the composed model needs."""
         return needed(self.model, self.data)
 
     def log_ratio(self, vector: FloatArray, data: Observations | None = None) -> FloatArray:
-        """Log L / L_inf at (P,) or (m, P); at other trials of the same campaign if `data`
-        is given.
+        """Log L / L_inf, (n,) or (m, n), at vectors (P,) or (m, P); nan where the ratio is not
+        positive and finite. `data` are other trials of the same campaign.
         """
         where = self.data if data is None else data
         known = self.known if data is None else needed(self.model, data)
@@ -92,7 +92,7 @@ class Candidate:
         values = {}
         for s in self.slots:
             if s.parameter.per == "session":
-                # a session that the fit has not seen has the null value
+                # a session beyond those of the fit has the null value
                 unseen = np.full((*vector.shape[:-1], 1), s.parameter.value)
                 each = np.concatenate([vector[..., s.start : s.stop], unseen], axis=-1)
                 values[s.parameter.name] = each[..., np.minimum(where.session, s.stop - s.start)]
@@ -105,14 +105,14 @@ class Candidate:
 
     @cached_property
     def null(self) -> FloatArray:
-        """Every parameter at its declared value."""
+        """Vector of the parameters' declared values, (P,)."""
         return np.concatenate(
             [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.value) for s in self.slots)]
         )
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
-        """Lower and upper ends."""
+        """Lower and upper bounds, (P,) each."""
         low = np.concatenate(
             [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[0]) for s in self.slots)]
         )
@@ -123,8 +123,8 @@ class Candidate:
 
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:
-        """Mean and standard deviation of each entry, sizes widened by `WIDE`; the base model's are
-        flat (infinite).
+        """Prior mean and standard deviation of each entry, (P,) each: sizes scaled by `WIDE`, or by
+        `session_spread` where they differ by session; the base model's flat (infinite).
         """
         mean, sd = self.null.copy(), np.full(self.size, np.inf)
         for s in self.slots:
@@ -138,7 +138,7 @@ class Candidate:
 
     @cached_property
     def by_session(self) -> NDArray[np.bool_]:
-        """Which entries are one of several that differ by session."""
+        """Mask of the entries that differ by session, (P,)."""
         return np.concatenate(
             [
                 np.zeros(0, dtype=bool),
@@ -157,10 +157,9 @@ class Candidate:
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
         """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one
-        broadcast call.
+        broadcast call; 0 where the ratio has no value.
 
-        Entries that differ by session step together: each moves the trials of its own session and
-        no others.
+        Entries that differ by session step together: each moves the trials of its session alone.
         """
         if not self.size:
             return np.zeros((*vector.shape[:-1], self.data.n, 0))
@@ -188,7 +187,7 @@ class Candidate:
         return np.nan_to_num(result, copy=False)
 
     def shapes(self) -> Iterator[FloatArray]:
-        """Vectors at the null with every combination of the shapes' grid values."""
+        """Null vectors with every combination of the shapes' grid values."""
         shaped = [s for s in self.slots if s.parameter.grid and s.effect]
         for combination in product(*(s.parameter.grid for s in shaped)):
             vector = self.null.copy()
@@ -204,19 +203,18 @@ class Candidate:
         return np.concatenate([np.zeros(0, dtype=int), *chosen]).astype(int)
 
     def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
-        """What one effect adds to log lift at `vector`, (n,)."""
+        """Contribution of one effect to log lift at `vector`, (n,); 0 where there is no value."""
         without = vector.copy()
         mine = self.entries_of(effect.name)
         without[mine] = self.null[mine]
         return np.nan_to_num(self.log_ratio(vector) - self.log_ratio(without))
 
     def tube(self, vector: FloatArray, sd: float) -> FloatArray:
-        """Columns (n, t) of unit-variance unknowns: each effect's contribution, smoothly deformed
-        by a relative `sd`.
+        """Columns (n, t) of an effect's form uncertainty, with unit-variance unknowns: its
+        contribution times smooth deformations of relative standard deviation `sd`.
 
-        Along its own covariate, along throttle, and for what acts on height or ratio along
-        distance: a true effect rarely scales with speed or distance exactly as its declared form
-        does.
+        They run along the covariates of `bends_along`: a true effect rarely scales with speed or
+        distance exactly as its declared form does.
         """
         if sd <= 0:
             return np.zeros((self.data.n, 0))
@@ -230,7 +228,7 @@ class Candidate:
                 if along is not None:
                     columns.append(part * cosines(along, TUBE_ORDER) * weight)
             if effect.varies_with == "since_start_s" and self.data.session.max() > 0:
-                # what begins anew at every start does not begin alike each time
+                # an effect that restarts with every session differs in size each time
                 columns.append(part * indicators(self.data.session) * sd)
         return np.hstack(columns)
 
@@ -243,7 +241,9 @@ class Candidate:
 
 
 def bends_along(effect: Effect) -> tuple[str, ...]:
-    """The covariates along which an effect's true form may depart from the declared one."""
+    """Covariates along which an effect's true form may depart from the declared one: its own,
+    throttle, and distance unless it acts on force.
+    """
     return tuple(
         dict.fromkeys(
             (effect.varies_with, "throttle", *(("z_hat",) if effect.acts_on != "force" else ()))
@@ -252,9 +252,7 @@ def bends_along(effect: Effect) -> tuple[str, ...]:
 
 
 def moments(parameter: Parameter) -> tuple[float, float]:
-    """Centre and width of a prior, as a normal would have them (a half-normal's centre is
-    its end).
-    """
+    """Mean and standard deviation of a prior; location and scale of a half-normal one."""
     prior = parameter.prior
     if prior.distribution in ("norm", "halfnorm"):
         return prior.loc, prior.scale
@@ -267,7 +265,9 @@ def moments(parameter: Parameter) -> tuple[float, float]:
 def library_columns(
     base: LiftModel, effects: tuple[Effect, ...], data: Observations, theta: FloatArray
 ) -> list[tuple[Effect, FloatArray]]:
-    """Each effect's first-order columns at its null, one entry per combination of shapes."""
+    """First-order columns (n, k) of each effect at its null, one entry per combination of shapes;
+    without those that are zero.
+    """
     library = []
     for effect in effects:
         candidate = Candidate(base=base, effects=(effect,), data=data)

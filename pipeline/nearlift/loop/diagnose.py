@@ -1,5 +1,5 @@
-"""The loop, closed: find the residual, trace it to an effect, add it, and report the error before
-and after.
+"""Diagnosis of one boundary: test for structure, search for effects, cross-validation by visits,
+and the coefficients and errors before and after.
 """
 
 from __future__ import annotations
@@ -50,12 +50,11 @@ from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoopDiagnosis:
-    """What the loop found at one boundary: its block of diagnosis.json, its part of results.json,
-    and every trial's residual before and after.
+    """One boundary's block of diagnosis.json, its part of results.json, and the residuals.
 
-    `residuals` holds arrays of one length: `trial`, `before` and `after` (relative, about the fit
-    to all trials), and the same `held_out_before`, `held_out_after` where the trial's visit took no
-    part (nan if that could not be predicted).
+    `residuals` holds arrays (n,): `trial`; `before` and `after`, relative, about the fit to all
+    trials; with cross-validation `held_out_before` and `held_out_after`, about fits without the
+    trial's visit (nan if it could not be predicted).
     """
 
     findings: BoundaryDiagnosis
@@ -82,24 +81,23 @@ def diagnose(
         Accepted trials in run order.
     base : LiftModel
     parts : tuple of Component
-        The declared budget: an error of a declared size is not structure.
+        The declared uncertainty budget: errors of declared size are not structure.
     options : Options
-        Seed, false-alarm rate; form uncertainty and the correction for many candidates, switched
-        off only to show their use.
+        Seed, false-alarm rate, form uncertainty and correction for multiplicity.
     effects : tuple of Effect or None
         The library; the catalogue's if None.
     confirm : bool
-        Repeat the search in folds and score held-out visits (most of the time).
+        Whether to cross-validate by visits (most of the run time).
     look : InterimLook or None
-        Where trials are still to come: what is found is then claimed only beyond the look's
-        boundary.
+        The progress of an unfinished campaign, whose claims need the interim boundary.
     heard : callable
-        Hears which fold of how many begins.
+        Called as each fold begins.
 
     Raises
     ------
     NotConverged
-        Too few trials to tell a noise floor from structure, or the base model cannot be fitted.
+        Too few trials or visits to tell a noise floor from structure, no trial near the boundary,
+        or the base model cannot be fitted.
     """
     ground, library, untestable = set_up(data, base, parts, options, effects)
     declared = declared_sizes(parts, library)
@@ -181,8 +179,8 @@ def diagnose(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decided:
-    """The search's answer after visits left out had their say: `refuted` are explanations that
-    these did not confirm.
+    """The search's answer after cross-validation: `refuted` are explanations that held-out visits
+    did not confirm, `scored` the held-out residuals, None without cross-validation.
     """
 
     answer: Answer
@@ -191,7 +189,7 @@ class Decided:
 
     @property
     def would_name(self) -> tuple[str, ...] | None:
-        """What the search would name, confirmed or not; None where it sees no structure."""
+        """Effects that the search names, confirmed or not; None where it finds no structure."""
         named = self.refuted or self.answer.accepted
         return (named[0].effects if named else ()) if self.answer.first.present else None
 
@@ -203,11 +201,11 @@ def decide(
     like: Decided | None = None,
     heard: Heard = unheard,
 ) -> Decided:
-    """Search, and with `confirm` repeat it without part of the visits; not where the search finds
-    what it found in `like`, which then tells.
+    """Search, and with `confirm` cross-validate by visits; where the search agrees with `like`, the
+    confirmation and contradictions of that are taken over.
 
-    `rate` is the false-alarm rate of a claim; a look at a growing campaign has less than the
-    options' own, and no other reason for a claim.
+    `rate` is the false-alarm rate of a claim. At an interim look it is below that of the options,
+    and an adequate model is not tested for contradictions.
     """
     few = few_visits.applies(stage.data)
     answer = few_visits.run(stage) if few else settle(stage)
@@ -219,8 +217,7 @@ def decide(
         unconfirmed = bool(like.refuted)
         answer = dataclasses.replace(answer, contradicted=like.answer.contradicted)
     else:
-        # each fold makes its own choice of how to weigh trials, so it starts from the stage as it
-        # was
+        # folds of few visits start from the original stage, which is not yet `independent`
         named = answer.best.candidate.effects
         scored = (
             confirmation.held_out(
@@ -230,7 +227,7 @@ def decide(
             else None
         )
         if scored is not None and not scored.predicted.any():
-            # every visit has a throttle or a session that no other visit has
+            # no held-out trial has an L_inf that other visits determine
             scored = None
         decided = dataclasses.replace(decided, scored=scored)
         unconfirmed = (
@@ -251,7 +248,7 @@ def decide(
 
 
 def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.Answers:
-    """What the coefficients are under every answer that may be right."""
+    """Coefficients under every accepted explanation, jackknifed where visits are few."""
     answers = few_visits.answers if answer.stage.independent else coefficients.answers
     return answers(answer.stage, answer, declared)
 
@@ -259,7 +256,7 @@ def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.
 def _without_visit(
     ground: SearchProblem, visit: str, rate: float, like: Decided, declared: dict[str, float]
 ) -> stability.Without | None:
-    """The same without one visit; None where what is left cannot be diagnosed."""
+    """The diagnosis without one visit; None where the other visits cannot be diagnosed."""
     keep = ground.data.visit.astype(str) != visit
     if (
         len(np.unique(ground.data.visit[keep])) < 2
@@ -279,7 +276,7 @@ def _without(
     like: Decided,
     declared: dict[str, float],
 ) -> stability.Without:
-    """The diagnosis made again with these trials alone: noise, search and coefficients."""
+    """The diagnosis of the trials `keep` alone: noise, search and coefficients."""
     data = ground.data.take(keep)
     stage = prepare(
         data,
@@ -307,8 +304,13 @@ def set_up(
     options: Options,
     effects: tuple[Effect, ...] | None = None,
 ) -> tuple[SearchProblem, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
-    """The search's ground: usable trials with derived covariates, testable effects, base fit, noise
-    floor.
+    """Search problem of a boundary (usable trials, base fit, noise floor), testable effects, and
+    untestable ones.
+
+    Raises
+    ------
+    NotConverged
+        As `diagnose`.
     """
     kept = data.take(usable(base, data))
     where = f"diagnosis of the {data.boundary}"
@@ -347,8 +349,8 @@ def set_up(
 def declared_sizes(
     parts: tuple[budget.Component, ...], library: tuple[Effect, ...]
 ) -> dict[str, float]:
-    """What the bench declares of an effect's size, in units of its physical prior: the components
-    on the input that it is an error of.
+    """Declared standard uncertainty of each effect that is the error of a budget input, over the
+    scale of its prior: root sum of squares of the components that all trials share.
     """
     sizes = {}
     for effect in library:
@@ -364,7 +366,7 @@ def declared_sizes(
 
 
 def _correlation(stage: SearchProblem, answer: Answer, unnamed: FloatArray) -> Correlation:
-    """How the best answer's coefficients and effects go together: of all its scalar parameters."""
+    """Correlation of the best answer's parameters, without those that differ by session."""
     fitted = answer.best
     if stage.independent:
         vectors = few_visits.without_each(stage, fitted)

@@ -1,7 +1,7 @@
-"""Name-free families of structure: smooth or free shapes in each covariate, which no physics has to
-justify.
+"""Families of regressors in the test for structure: smooth or free shapes along each covariate.
 
-They answer "is anything left, and along what?". They never become part of a model.
+They have no physical cause to justify: they show whether structure is left and along what, and
+never become part of a model.
 """
 
 from __future__ import annotations
@@ -16,17 +16,16 @@ from nearlift.likelihood.subspace import cosines
 from nearlift.likelihood.variance_components import ENOUGH
 from nearlift.results import Observations
 
-#: A family may not take more than this share of the trials as degrees of freedom, nor more than so
-#: many: smooth ones see what it would.
+#: Most columns of a family, as a share of the trials and in all; smoother families stand for it.
 LARGEST_SHARE, LARGEST = 1 / 8, 256
-#: Positions at which a step in time is looked for.
+#: Most times at which a step is tested.
 STEPS = 40
 STEP = "time, step"
-#: Curves of distance that change in the course of a campaign.
+#: Name of the family of curves of distance that change with time.
 MOVING = "distance x time"
-#: Measured columns along which curves of distance may change, and what they are called.
+#: Measured covariates with families of their own, and their names in results.
 SURROUNDINGS = (("supply_V", "supply"), ("temperature_K", "temperature"))
-#: Covariates that have a family of their own below; any other numeric column gets a smooth one.
+#: Covariates without a smooth family by default, since another stands for them or none may.
 SPOKEN_FOR = {
     "supply_V",
     "temperature_K",
@@ -56,10 +55,9 @@ SPOKEN_FOR = {
     "level_speed_hat",
     "imbalance",
 }
-#: Columns that say when and where a flight was sent, and nothing of what acts on it.
+#: Prefix of logged set-points: they say where a flight was sent, and not what acts on it.
 BOOKKEEPING = "setpoint_m_"
-#: Families along what came before a trial: of a stand's moves and loads. In a flight what came
-#: before is the motion itself.
+#: Covariates of a stand's previous moves and loads; in flight these are the motion itself.
 OF_STANDS = ("order_in_visit", "previous_throttle", "previous_distance")
 
 
@@ -73,27 +71,25 @@ class Family:
 
 
 def powers(x: FloatArray, count: int) -> FloatArray:
-    """x, x^2, ... about its middle, scaled to [-1, 1]; (n, count)."""
+    """Powers 1 to `count` of x scaled to [-1, 1], (n, count); zeros for a constant x."""
     low, high = x.min(), x.max()
     u = 2 * (x - low) / (high - low) - 1 if high > low else np.zeros_like(x)
     return np.stack([u**j for j in range(1, count + 1)], axis=1)
 
 
 def indicators(label: np.ndarray) -> FloatArray:
-    """One column per distinct label."""
+    """Indicator columns of the distinct labels, (n, k)."""
     _, index = np.unique(label, return_inverse=True)
     return np.eye(index.max() + 1)[index]
 
 
 def times(a: FloatArray, b: FloatArray) -> FloatArray:
-    """All products of a column of `a` and one of `b`."""
+    """Products of each column of `a` with each column of `b`."""
     return (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)
 
 
 def families(data: Observations) -> tuple[Family, ...]:
-    """Every family that these trials can carry; `data` has its derived covariates and
-    `lift_inf_N`.
-    """
+    """Families that these trials can carry; `data` has its derived covariates and `lift_inf_N`."""
     known = data.covariates
     n = data.n
     near = data.nearness
@@ -107,16 +103,14 @@ def families(data: Observations) -> tuple[Family, ...]:
     smooth_z = powers(log_z, int(min(4, most, max(distances - 1, 1))))
     bent = times(smooth_z, levels)
     if bent.shape[1] > most:
-        # so few trials can show that curves of distance differ in steepness from throttle to
-        # throttle, and no more
+        # few trials show at most that the steepness along distance changes with throttle
         bent = times(powers(log_z, 1), powers(data.throttle, 1))
     degree = int(min(3, most))
-    # what changes within a visit cannot be told from noise that neighbours share, so time is
-    # resolved to visits and no finer
+    # change within a visit is confounded with noise that neighbours share: time counts in visits
     visits = len(np.unique(data.visit))
     slow = cosines(known["run_order"], min(8, visits))
     fast = cosines(known["run_order"], max(min(32, n // 12, visits // 4 - 8), 0), first=9)
-    # indicators are not even made where they would be too many: their size is trials times groups
+    # indicators take trials by groups of memory, and are not made where they are too many
     every = []
     if distances <= most:
         every.append(Family(name="distance", covariate="distance", columns=indicators(data.z_hat)))
@@ -144,7 +138,7 @@ def families(data: Observations) -> tuple[Family, ...]:
         ),
     ]
     if data.curve is not None:
-        # what a polynomial of its degree leaves
+        # structure beyond the degree of the L_inf curve
         bend = powers(np.log(data.throttle), int(min(data.curve.degree + 3, most)))
         every.append(Family(name="throttle", covariate="throttle", columns=bend))
     if few_levels and distances * len(data.levels) <= most:
@@ -191,7 +185,7 @@ def families(data: Observations) -> tuple[Family, ...]:
             )
         )
     if data.ordered and visits >= ENOUGH:
-        # fewer visits cannot tell such curves from what the trials of a visit share
+        # fewer visits do not separate such curves from noise that the trials of a visit share
         every += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
     if varies(data, "tilt_rad"):
         every.append(
@@ -211,18 +205,14 @@ def families(data: Observations) -> tuple[Family, ...]:
 
 
 def tells(columns: FloatArray, data: Observations) -> bool:
-    """Whether anything varies beside L_inf; what does not is L_inf itself, and its rounding errors
-    would be taken for a family.
-    """
+    """Whether any column varies beyond L_inf; else its rounding errors would pass for a family."""
     levels = data.level_columns
     left = columns - levels @ np.linalg.lstsq(levels, columns, rcond=None)[0]
     return bool(np.abs(left).max() > 1e-9 * np.abs(columns).max())
 
 
 def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
-    """A step at up to `STEPS` changes of visit, evenly spread: one column each, since each is its
-    own hypothesis.
-    """
+    """Steps at up to `STEPS` changes of visit, evenly spread; each is its own hypothesis."""
     if np.ptp(order) == 0:
         return []
     changes = order[1:][visit[1:] != visit[:-1]] - 0.5
@@ -241,21 +231,21 @@ def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
 
 
 def _log_distance(data: Observations) -> FloatArray:
-    """Log z_hat; far from any boundary that of the farthest station."""
+    """Log z_hat, (n,); in free air that of the farthest station."""
     near = data.nearness
     return np.asarray(-np.log(np.maximum(near, near[near > 0].min() if (near > 0).any() else 1.0)))
 
 
 def moving(data: Observations) -> Family:
-    """Curves of distance that change in the course of a campaign."""
+    """Curves of distance (linear, quadratic) that change slowly with time."""
     shape = powers(_log_distance(data), min(2, max(len(np.unique(data.z_hat)) - 1, 1)))
     slow = cosines(data.covariates["run_order"], min(4, len(np.unique(data.visit))))
     return Family(name=MOVING, covariate="start", columns=times(shape, slow))
 
 
 def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> list[Family]:
-    """Curves of distance that change with session, supply or temperature, and what hangs on where
-    the traverse came from: its last move as a direction and as a ratio of distances.
+    """Curves of distance that change with session, supply or temperature, and the traverse's last
+    move, as a direction and as a log ratio of distances.
     """
     known, curves = data.covariates, []
     if 0 < data.session.max() < LARGEST // shape.shape[1]:

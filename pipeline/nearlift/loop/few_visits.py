@@ -6,7 +6,7 @@ families in time take up every degree of freedom. Nor do they identify the corre
 visit, so that a marginal likelihood mostly judges the noise model. Trials are therefore fitted as
 if independent, which is consistent whatever their correlation (working independence),
 uncertainties are jackknifed over visits, and a candidate is accepted for its prediction of visits
-left out. A gain for every visit predicts nothing there and can never be accepted. See
+left out. A gain per visit predicts nothing there and can never be accepted. See
 docs/decisions/0005-few-visits.md.
 """
 
@@ -32,7 +32,7 @@ from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
-#: Fewest visits of a campaign in which an effect can be accepted; a fold may have one less.
+#: One more than the fewest visits with which `convinces` can accept an effect: a fold lacks one.
 LEAST_VISITS = 4
 #: Least share of the squared error beyond noise that an accepted explanation removes.
 GREATER_PART = 0.5
@@ -43,7 +43,7 @@ MOST_EFFECTS = 2
 
 
 def applies(data: Observations) -> bool:
-    """Whether visits are few enough to be left out in turn, and known from the run order."""
+    """Whether visits are few enough to be left out in turn; not where the run order is unknown."""
     return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 
 

@@ -1,5 +1,5 @@
-"""Findings of a search, as diagnosis.json holds them: effects with their rivals, structure, and every
-round with its reasons.
+"""Findings of a search, as diagnosis.json holds them: effects with their rivals, structure, and
+every round with its reasons.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""The next visits of a campaign, chosen for one question, and what they would bring.
+"""Sequential design: the next visits of a campaign for one question, and the information they add.
 
-A question is one unknown: a coefficient, or by how much the trials are like one explanation rather
-than another; the inverse of its variance is then the evidence that parts the two (T-optimality).
-What trials say of it, and of all that it trades with (log L_inf, other coefficients, named effects
-and their forms, declared errors), is an information matrix, to which every visit adds its own.
+A question is one unknown: a coefficient, or the weight of one explanation against another, whose
+inverse variance is the evidence that discriminates the two (T-optimality). The trials have an
+information matrix on it and on its nuisance parameters (log L_inf, other coefficients, named
+effects and their forms, declared errors), to which every visit adds.
 
-Half of a batch, or another share, goes round the stations in turn, whatever the question: from the
-other half alone nobody would ever learn that the model is wrong.
+A share of each batch visits the stations in rotation, whatever the question: visits chosen for the
+question alone would never reveal that the model is wrong.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from nearlift.loop.separation import join, session
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import FORM_SD
 
-#: Where more distances were measured, so many of them stand for all.
+#: Most stations of a menu; of more distances, these stand for all.
 MOST_STATIONS = 20
-#: How far the supply is moved to either side, a fraction of it.
+#: Step of the supply voltage to either side, a fraction of its median.
 SUPPLY_STEP = 0.025
-#: Forecasts end after so many visits.
+#: Longest forecast, visits.
 HORIZON = 2000
-#: What is given up is told for a structure that all stations equally often would see so often.
+#: Power of the reference trials for the structure in distance of `Plan.sees`.
 SEEN = 0.9
-#: Keeps what no trial tells from having no inverse.
+#: Relative ridge, which keeps information invertible where no trial determines an unknown.
 RIDGE = 1e-13
 
 
 @dataclass(frozen=True, kw_only=True)
 class Menu:
-    """Visits that could be made: `trials` holds them one after the other, every throttle at each.
+    """Visits that could be made: `trials` holds them one after the other, all throttles at each.
 
-    `station` is each visit's index into `z_hat`, `supply_V` what the supply is set to, nan where it
-    is left as it is; (m,).
+    `station` (m,) indexes `z_hat`; `supply_V` (m,) is the voltage to set, nan where it is left as
+    it is.
     """
 
     trials: Observations
@@ -58,11 +58,11 @@ class Menu:
 
     @property
     def throttles(self) -> int:
-        """Trials of a visit."""
+        """Number of trials per visit."""
         return self.trials.n // len(self)
 
     def nearest(self, z_hat: FloatArray) -> IntArray:
-        """The station that stands for each distance, (n,); infinity for itself."""
+        """Index of the station nearest to each distance in log z_hat, (n,)."""
         apart = np.abs(_log(z_hat)[:, None] - _log(self.z_hat))
         return np.asarray(np.argmin(apart, axis=1), dtype=np.int64)
 
@@ -72,18 +72,18 @@ def _log(z_hat: FloatArray) -> FloatArray:
 
 
 def menu(data: Observations, z_hat: FloatArray, move_supply: bool = False) -> Menu:
-    """One visit of each of the stations `z_hat`; with `move_supply` one at a lower and one at a
-    higher supply.
+    """One visit to each of the stations `z_hat`; with `move_supply` two, at a lower and a higher
+    supply voltage.
     """
     stations = np.unique(z_hat)
     if len(stations) > MOST_STATIONS:
-        # evenly over the ranks, so that where many were measured many stay
+        # evenly over the ranks, which keeps the density of stations
         stations = stations[np.linspace(0, len(stations) - 1, MOST_STATIONS).round().astype(int)]
     each = 2 if move_supply else 1
     places = tuple(np.repeat(stations, each).tolist())
     one = session(data, places[:1], trials=1)
     trials = session(data, places, trials=one.n * len(places))
-    # they come after all others, and a drift stands at their time where it stood last
+    # after all other trials, with every drift at its last value
     late = {
         name: np.full(trials.n, data.covariates[name][-1])
         for name in ("start_s", "elapsed_hat", "elapsed_trials", "run_order")
@@ -104,8 +104,8 @@ def menu(data: Observations, z_hat: FloatArray, move_supply: bool = False) -> Me
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Question:
-    """An unknown among those whose `columns` (n, q) of log lift any trials have; `held` (q,) is
-    what is known of each beforehand, as the inverse of its variance.
+    """The unknown `target` among q: `columns` gives the derivatives (n, q) of log lift for any
+    trials, `held` (q,) the prior precisions.
     """
 
     columns: Callable[[Observations], FloatArray]
@@ -114,7 +114,7 @@ class Question:
 
 
 def of_coefficient(fitted: Fitted, i: int) -> Question:
-    """Coefficient i of a fit, its effects' sizes and forms unknown beside it."""
+    """Question of coefficient i of a fit, with its effects' sizes and forms as nuisances."""
     candidate, vector = fitted.candidate, fitted.vector
 
     def columns(data: Observations) -> FloatArray:
@@ -132,8 +132,8 @@ def of_rivals(
     one: tuple[tuple[Effect, ...], FloatArray],
     other: tuple[tuple[Effect, ...], FloatArray],
 ) -> Question:
-    """How much the trials are like one explanation rather than another, each with its flat vector:
-    what the other, its parameters and form free, cannot imitate of the one as it stands.
+    """Question of the weight of one explanation against another, each with its flat vector: the
+    first is held fixed, the parameters and form of the other are nuisances.
     """
     mine, theirs = stage.candidate(*one[0]), stage.candidate(*other[0])
 
@@ -150,22 +150,22 @@ def of_rivals(
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """What the trials that lie there say of a question, and what each visit of a menu would add.
+    """Information on a question from the trials so far, and from each visit of a menu.
 
     Attributes
     ----------
     menu : Menu
     now : (Q, Q)
-        Information of the trials: on the question's unknowns, L_inf's and the declared errors', `q`
-        in all, and then on a departure of each station.
+        Information of the trials so far: on the `q` unknowns (the question's, L_inf and the
+        declared errors), then on a departure at each station.
     added : (m, Q, Q)
-        That of each visit of the menu.
+        Information of each visit of the menu.
     made : (s,) int
-        Visits of each station so far.
+        Visits to each station so far.
     last : int
-        Where the traverse stands.
+        Station of the last trial.
     rotating : float
-        Share of a batch that goes round the stations; 1 is the plan that asks for nothing.
+        Share of a batch in rotation over the stations; 1 ignores the question.
     """
 
     menu: Menu
@@ -178,7 +178,7 @@ class Plan:
     rotating: float
 
     def u(self, information: FloatArray) -> FloatArray:
-        """Standard uncertainty of what is asked, of (..., Q, Q)."""
+        """Standard uncertainty of the target given information (..., Q, Q)."""
         inner = information[..., : self.q, : self.q]
         size = np.sqrt(np.maximum(np.diagonal(inner, axis1=-2, axis2=-1), 1e-300))
         unit = inner / (size[..., :, None] * size[..., None, :]) + RIDGE * np.eye(self.q)
@@ -190,7 +190,7 @@ class Plan:
         )
 
     def after(self, visits: IntArray) -> FloatArray:
-        """The information with these visits of the menu."""
+        """Information once these visits of the menu are made."""
         return np.asarray(self.now + self.added[visits].sum(axis=0), dtype=np.float64)
 
     def batch(
@@ -199,8 +199,9 @@ class Plan:
         rng: np.random.Generator,
         before: IntArray | None = None,
     ) -> IntArray:
-        """The next `count` visits, (count,) indices into the menu, in random order, none at the
-        station of the one before it if that can be helped.
+        """The next `count` visits, (count,) indices into the menu: the rotating share, then those
+        that reduce the target's uncertainty most, in random order without repeating a station in
+        succession where possible.
 
         Parameters
         ----------
@@ -215,7 +216,7 @@ class Plan:
         due = int(self.rotating * (so_far + count)) - turn
         chosen = self._round(due, made, turn, rng)
         here = here + self.added[chosen].sum(axis=0)
-        # more than half of a batch at one station could not be visits of their own
+        # of more than half of a batch at one station, some would have to follow each other
         most = max(count // 2, 1)
         for _ in range(count - len(chosen)):
             often = np.bincount(self.menu.station[chosen], minlength=len(made))
@@ -227,8 +228,8 @@ class Plan:
         return self._apart(rng.permutation(chosen), last)
 
     def _round(self, count: int, made: IntArray, turn: int, rng: np.random.Generator) -> IntArray:
-        """The `count` stations whose turn it is after `turn` others, the supply of each to either
-        side by chance: those where nobody was yet first.
+        """The next `count` visits of the rotation after `turn` others, unvisited stations first and
+        supply settings in random order.
         """
         stations = len(made)
         lap = np.random.default_rng(turn // stations).permutation(stations)
@@ -241,15 +242,15 @@ class Plan:
         return np.asarray(chosen * settings + side, dtype=np.int64)
 
     def _apart(self, visits: IntArray, last: int) -> IntArray:
-        """The same in an order in which no two at one station follow each other, nor one the
-        station `last`, where there is such an order.
+        """The visits in an order that repeats no station in succession, from `last` on, where there
+        is such an order.
         """
         left, order = visits.tolist(), []
         while left:
             station = self.menu.station[left]
             often = np.bincount(station)
             most = int(np.argmax(often))
-            # what makes up more than half must come now
+            # a station with more than half of the remaining visits must come now
             due = station == most if 2 * often[most] > len(left) else station != last
             pick = int(np.argmax(due & (station != last))) if np.any(station != last) else 0
             last = int(station[pick])
@@ -257,8 +258,8 @@ class Plan:
         return np.array(order, dtype=np.int64)
 
     def until(self, u: float, count: int, rng: np.random.Generator) -> IntArray | None:
-        """The visits of further batches until what is asked is known to `u`; None if `HORIZON` of
-        them are not enough.
+        """Visits of further batches until the target's standard uncertainty is `u`; None if
+        `HORIZON` of them are not enough.
         """
         visits = np.zeros(0, dtype=np.int64)
         while len(visits) < HORIZON:
@@ -272,12 +273,12 @@ class Plan:
 
     @functools.cached_property
     def of_round(self) -> FloatArray:
-        """The information of one visit where all stations are visited equally often."""
+        """Mean information of a visit where all stations are visited equally often."""
         return np.asarray(self.added.mean(axis=0), dtype=np.float64)
 
     def evenly(self, u: float) -> float | None:
-        """Visits, evenly over all stations, until what is asked is known to `u`; None if none
-        are enough.
+        """Number of visits, evenly over all stations, until the target's standard uncertainty is
+        `u`; None if 50 times `HORIZON` are not enough.
         """
         low, high = 0.0, float(HORIZON) * 50
         if self.u(self.now) <= u:
@@ -293,11 +294,11 @@ class Plan:
 
     @property
     def least(self) -> float:
-        """What no number of visits gets below."""
+        """Limit of the target's standard uncertainty for any number of visits."""
         return float(self.u(self.now + 1e9 * self.of_round))
 
     def departures(self, information: FloatArray) -> FloatArray:
-        """Information on a departure of each station, beside all unknowns, (s, s)."""
+        """Information on a departure at each station, all unknowns projected out, (s, s)."""
         inner, cross = information[: self.q, : self.q], information[: self.q, self.q :]
         size = np.sqrt(np.maximum(np.diag(inner), 1e-300))
         taken = np.linalg.pinv(inner / np.outer(size, size), rcond=1e-12, hermitian=True)
@@ -305,8 +306,8 @@ class Plan:
         return np.asarray(information[self.q :, self.q :] - cross.T @ taken @ cross)
 
     def sees(self, information: FloatArray, like: FloatArray, level: float) -> float:
-        """The chance to see, at p < `level`, a structure in distance that trials with the
-        information `like` would see with a chance of `SEEN`.
+        """Power of a test at `level` for a structure in distance that trials with the information
+        `like` would detect with the power `SEEN`.
         """
         from scipy.optimize import brentq
         from scipy.stats import chi2, ncx2
@@ -321,9 +322,7 @@ class Plan:
 
 
 def plan(stage: SearchProblem, question: Question, offered: Menu, rotating: float) -> Plan:
-    """What a stage's trials say of a question, and what each visit of the menu would add;
-    `rotating` of a batch go round.
-    """
+    """Plan from a stage's trials and the visits on offer; see `Plan` for `rotating`."""
     n, both = stage.data.n, join(stage.data, offered.trials)
     slope = height_slope(stage.base, both, stage.base.named(stage.theta))
     declared = budget.shared(both, stage.parts, slope)

@@ -1,8 +1,8 @@
-"""The smallest change to a design that parts what it confuses: more trials elsewhere, the same ones
-run otherwise, or something logged.
+"""Smallest changes to a design that separate confounded effects: further trials, the same trials
+run otherwise, or further logging.
 
-Ranked by the evidence that the linearised model expects of it per trial (T-optimality); the best
-are then checked by asking the changed design what it would confuse.
+Changes are ranked by the expected evidence per trial of the linearised model (T-optimality); the
+best are checked by the foresight of the changed design.
 """
 
 from __future__ import annotations
@@ -23,23 +23,23 @@ from nearlift.loop.separation import join, menu, parted, session
 from nearlift.results import Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
-#: Non-centrality at which a rival falls out of the answer: the rivals' bound, and a standard
-#: deviation or so of its scatter.
+#: Non-centrality at which a rival drops out of the answer: the bound for rivals, and a margin for
+#: scatter.
 APART = RIVAL_MAX_2LNB + 4.0
-#: Trials in a further proposal of this module.
+#: Trials in an addition of this module.
 FEW = 80
-#: Pairs that are worked through, changes that are checked, options that are listed for a pair.
+#: Most pairs that are examined, changes that are checked, and options listed for a pair.
 MOST_PAIRS, CHECKED, LISTED = 12, 3, 4
-#: What a touch-off with a feeler gauge is good for, m.
+#: Standard uncertainty of a height datum from a touch-off with a feeler gauge, m.
 GAUGE_M = 1e-4
 
-#: An effect with a flat vector of the base model and its own entries.
+#: Effects with their flat vector: the base model's entries, then their own.
 Point = tuple[tuple[Effect, ...], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pair:
-    """An effect of one size, and another that would be named or a rival with this chance."""
+    """An effect of one size, and a rival with its probability to be named or a rival."""
 
     handle: Handle
     rival: str
@@ -49,8 +49,8 @@ class Pair:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignChange:
-    """Something to do otherwise. `gain` is the evidence it adds for two points that have `now`;
-    `data` the changed trials, if they change.
+    """A change to a design. ``gain(one, other, now)`` is the non-centrality between two points that
+    it adds to `now`; `data` the changed trials, None for another kind of measurement.
     """
 
     text: str
@@ -62,10 +62,11 @@ class DesignChange:
 def changes(
     foresight: Foresight, pairs: list[Pair], variants: Mapping[str, Observations]
 ) -> dict[str, object]:
-    """For each confused pair the changes that would part it, and the changes that serve most pairs.
+    """Changes that would separate each confounded pair, and those that serve most pairs.
 
-    `variants` are the same trials run otherwise. A pair whose evidence is large already is held
-    together by the uncertainty of the effects' forms: no number of trials of this kind parts it.
+    `variants` are the same trials run otherwise. A pair whose evidence is large already is
+    confounded by the uncertainty of the effects' forms: no number of trials of this kind separates
+    it.
     """
     stage = foresight.stage
     effects = {e.name: e for e, _ in stage.library}
@@ -91,7 +92,7 @@ def changes(
         options: list[dict[str, Any]] = []
         for change in offered:
             gain = change.gain(one, other, now)
-            # where form and not noise keeps them together, only another kind of measurement helps
+            # a pair confounded by form and not by noise needs another kind of measurement
             other_kind = change.data is None
             parts = gain >= APART if by_form and other_kind else not by_form and now + gain >= APART
             tally[change.text].append((parts, min(gain, APART)))
@@ -138,8 +139,8 @@ def changes(
 
 
 def _option(change: DesignChange, gain: float, lacking: float) -> dict[str, object]:
-    """How far one change goes for one pair; `trials_to_part` is None where it does not part them in
-    ten times its trials.
+    """Evidence of one change for one pair; `trials_to_part` is None where ten times its trials do
+    not separate them.
     """
     needed: int | None = change.trials
     if change.data is None:
@@ -162,9 +163,7 @@ def _option(change: DesignChange, gain: float, lacking: float) -> dict[str, obje
 def _after(
     foresight: Foresight, change: DesignChange, pairs: list[Pair]
 ) -> list[dict[str, object]] | None:
-    """Each pair's chance of confusion once the change is made; None for a change that is
-    no trial.
-    """
+    """Each pair's probability of confusion after the change; None if it changes no trials."""
     if change.data is None:
         return None
     stage = foresight.stage
@@ -184,7 +183,7 @@ def _after(
 
 
 def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[DesignChange]:
-    """Everything that may be proposed for this design."""
+    """All changes that may be proposed for this design."""
     stage = foresight.stage
 
     def by_data(data: Observations) -> Callable[[Point, Point, float], float]:
@@ -220,8 +219,8 @@ def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[
 
 
 def _more(data: Observations) -> dict[str, Observations]:
-    """Additions besides those of `separation.menu`: a lower throttle, and far stations between the
-    others.
+    """Additions besides those of `separation.menu`: a lower throttle, and visits of the farthest
+    distance between the others.
     """
     finite = data.z_hat[np.isfinite(data.z_hat)]
     near, far = float(finite.min()), float(finite.max())
@@ -229,7 +228,7 @@ def _more(data: Observations) -> dict[str, Observations]:
     low = session(data, (near, far), FEW)
     slow = low.throttle == lowest
     halved = np.where(slow, 0.5, 1.0)
-    # half the lift of the lowest level: lift goes with throttle to the power 1.4
+    # half the lift of the lowest level: lift as the power 1.4 of throttle
     low = dataclasses.replace(
         low,
         throttle=np.where(slow, 0.61 * lowest, low.throttle),
@@ -252,8 +251,8 @@ def _more(data: Observations) -> dict[str, Observations]:
 
 
 def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
-    """Evidence from forces read with the rotors stopped, at every distance twice: only what adds to
-    lift, whatever lift is, shows there.
+    """Evidence from forces read with the rotors stopped, at every distance twice, which show only
+    additive effects that do not depend on lift.
     """
     stage = foresight.stage
     sigma = float(np.hypot(stage.noise.force_N, np.median(stage.data.u_lift_N)))
@@ -263,7 +262,7 @@ def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
     force = np.zeros(len(first))
     for sign, (effects, vector) in ((1.0, one), (-1.0, other)):
         for e in effects:
-            # what grows with lift, or with the lift before, is not there when the rotors stand
+            # effects that grow with lift, or with previous lift, vanish when the rotors stand
             if e.additive and not e.loaded:
                 added = (
                     np.expm1(stage.candidate(*effects).contribution(vector, e))
@@ -274,7 +273,7 @@ def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
 
 
 def _gauge(one: Point, other: Point) -> float:
-    """Evidence from a touch-off: an offset of the datum is then known to `GAUGE_M`."""
+    """Evidence from a touch-off, which gives the offset of the height datum to `GAUGE_M`."""
     total = 0.0
     for effects, vector in (one, other):
         # the effect's only entry is the last of the vector

@@ -16,8 +16,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: Draws of the null, which give a rate of 5 % to a relative 6 % (a binomial count of 300), and draws
-#: per batch.
+#: Draws of the null, which give a rate of 5 % to a relative 6 % (a binomial count of 300), and the
+#: batch size.
 DRAWS, AT_ONCE = 6000, 1500
 #: Probability below which draws are too few to count: -log10 p of the most significant test has an
 #: exponential tail there, as that of a single test.
@@ -121,7 +121,7 @@ def bases(
                 blocks.append(x / after[start])
                 ranks.append(1)
             continue
-        # by the Gram matrix, in units of the longest column, so that the rank has no scale
+        # by the Gram matrix, with the longest column scaled to 1
         scale = max(before[start:stop].max(initial=0.0), 1e-300)
         squares, turn = np.linalg.eigh((x / scale).T @ (x / scale))
         kept = squares > 1e-11
