@@ -76,12 +76,14 @@ def shifts(
 
 
 def limits(stage: SearchProblem, answer: Answer) -> tuple[CoefficientLimit, ...]:
-    """Coefficients of the answer that rest on a single visit, or that session gains absorb."""
+    """`unknowable` at the answer's best fit."""
     return unknowable(stage, answer.best)
 
 
 def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
-    """`limits` at any fit, also of trials that are only planned."""
+    """Coefficients that rest on a single visit, or that a gain per session (or per visit, where
+    visits are few) would absorb, at a fit to measured or planned trials.
+    """
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
     absorbing = []

@@ -51,7 +51,7 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
         least = LEAST_TRIALS + unknowns
         remedy = f"at least {least} trials are wanted, {least - data.n} more"
         if np.all(data.n_eff <= 1):
-            # means without records may be a published table
+            # means without records may come from a published table
             remedy += f" (of a published table {LEAST_CELLS} in all, with lift_sd for each)"
         raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
@@ -87,7 +87,7 @@ def could_act(
         for e in library
         if data.boundary in e.boundaries
         and not taken & {p.name for p in e.parameters}
-        # nobody misses what only flights or experiments on purpose show; a flight has no load cell
+        # needs of flights or of experiments on purpose are not missed elsewhere; flights have no tether
         and (
             not (e.by_experiment or (e.belongs_to == "flight" and not data.in_flight))
             or not missing(e, data)

@@ -210,10 +210,10 @@ class Candidate:
         return np.nan_to_num(self.log_ratio(vector) - self.log_ratio(without))
 
     def tube(self, vector: FloatArray, sd: float) -> FloatArray:
-        """Columns (n, t) of an effect's form uncertainty, with unit-variance unknowns: its
-        contribution times smooth deformations of relative standard deviation `sd`.
+        """Columns (n, t) of the effects' form uncertainty, with unit-variance unknowns: contributions
+        times smooth deformations of relative standard deviation `sd`.
 
-        They run along the covariates of `bends_along`: a true effect rarely scales with speed or
+        These run along the covariates of `bends_along`: a true effect rarely scales with speed or
         distance exactly as its declared form does.
         """
         if sd <= 0:

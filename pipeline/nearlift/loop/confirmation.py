@@ -31,7 +31,7 @@ class HeldOut:
     """Relative held-out residuals of every trial, nan where it cannot be predicted.
 
     `before` is by the base model, `after` by what each fold's search chose (`chosen`), `named` by
-    the explanation found in all visits, refitted in each fold; `visit` are the `blocks`.
+    the explanation found in all visits, refitted in each fold; `visit` holds the `blocks`.
     """
 
     before: FloatArray
@@ -141,9 +141,8 @@ def improves(stage: SearchProblem, scored: HeldOut) -> bool:
     visits.
 
     What each fold chose does not count: with a third of the trials less, a search that finds
-    nothing has lost its power and refutes nothing. Residuals are whitened by the noise floor: near
-    a ceiling a few visits with a wrong height would decide alone, whatever an effect improves
-    elsewhere.
+    nothing has lost its power and refutes nothing. Residuals are whitened by the noise floor, else
+    a few visits near a ceiling with a wrong height would decide alone.
     """
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     before, named = (

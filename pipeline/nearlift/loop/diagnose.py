@@ -202,7 +202,7 @@ def decide(
     heard: Heard = unheard,
 ) -> Decided:
     """Search, and with `confirm` cross-validate by visits; where the search agrees with `like`, the
-    confirmation and contradictions of that are taken over.
+    confirmation and contradictions of the latter are taken over.
 
     `rate` is the false-alarm rate of a claim. At an interim look it is below that of the options,
     and an adequate model is not tested for contradictions.
@@ -227,7 +227,7 @@ def decide(
             else None
         )
         if scored is not None and not scored.predicted.any():
-            # no held-out trial has an L_inf that other visits determine
+            # the other visits determine the L_inf of no held-out trial
             scored = None
         decided = dataclasses.replace(decided, scored=scored)
         unconfirmed = (
@@ -240,7 +240,7 @@ def decide(
                 answer, contradicted=adequacy.contradictions(answer.stage, scored)
             )
     if unconfirmed:
-        # what does not help where it was not fitted gets no credit, however well it fits
+        # effects that do not improve held-out predictions are not named, however well they fit
         return dataclasses.replace(
             decided, refuted=answer.accepted, answer=dataclasses.replace(answer, accepted=())
         )

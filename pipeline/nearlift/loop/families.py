@@ -1,6 +1,6 @@
 """Families of regressors in the test for structure: smooth or free shapes along each covariate.
 
-They have no physical cause to justify: they show whether structure is left and along what, and
+They need no physical cause: they show whether structure is left and along what, and
 never become part of a model.
 """
 
@@ -106,7 +106,7 @@ def families(data: Observations) -> tuple[Family, ...]:
         # few trials show at most that the steepness along distance changes with throttle
         bent = times(powers(log_z, 1), powers(data.throttle, 1))
     degree = int(min(3, most))
-    # change within a visit is confounded with noise that neighbours share: time counts in visits
+    # change within a visit is confounded with noise that neighbours share: resolve time to visits
     visits = len(np.unique(data.visit))
     slow = cosines(known["run_order"], min(8, visits))
     fast = cosines(known["run_order"], max(min(32, n // 12, visits // 4 - 8), 0), first=9)

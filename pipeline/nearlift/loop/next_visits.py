@@ -42,7 +42,7 @@ RIDGE = 1e-13
 
 @dataclass(frozen=True, kw_only=True)
 class Menu:
-    """Visits that could be made: `trials` holds them one after the other, all throttles at each.
+    """Visits that could be made: `trials` holds them one after the other, each as in `session`.
 
     `station` (m,) indexes `z_hat`; `supply_V` (m,) is the voltage to set, nan where it is left as
     it is.

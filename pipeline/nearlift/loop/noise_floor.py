@@ -46,7 +46,7 @@ def prepare(
     about: Fitted | None = None,
     start: Noise | None = None,
 ) -> SearchProblem:
-    """The search problem at its noise floor, by restricted maximum likelihood.
+    """The search problem at its noise floor, by penalised restricted maximum likelihood.
 
     The noise is estimated about the base model, from `theta` on in alternation with the
     coefficients, or about the explanation `about`: where an effect is many times the noise, the

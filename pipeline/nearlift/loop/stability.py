@@ -109,8 +109,8 @@ def visits_to_try(
 def told(
     quoted: BoundaryResult, without: Callable[[str], Without], others: Sequence[Shift] = ()
 ) -> BoundaryResult:
-    """The result with the exact shift of the headline without its most influential trial, which is
-    marked as one that the answer rests on where that is so.
+    """The result with the exact shift of the headline without its most influential trial, and
+    `rests_on` if that exceeds one standard uncertainty or the verdict changes.
 
     `without` repeats the diagnosis without one trial, by its id; the `others` are tried, too.
     """
