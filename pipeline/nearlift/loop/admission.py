@@ -23,7 +23,7 @@ MOST_SESSIONS = 400
 
 
 def few(data: Observations, base: LiftModel) -> bool:
-    """Whether trials are too few for their scatter to tell noise from structure."""
+    """Whether trials are so few that their own scatter cannot tell noise from structure."""
     return data.n < LEAST_TRIALS + data.unknown_levels + len(base.parameters)
 
 
@@ -87,7 +87,7 @@ def could_act(
         for e in library
         if data.boundary in e.boundaries
         and not taken & {p.name for p in e.parameters}
-        # needs of flights or of experiments on purpose are not missed elsewhere; flights have no tether
+        # needs of flights or special experiments are not missed elsewhere; flights have no tether
         and (
             not (e.by_experiment or (e.belongs_to == "flight" and not data.in_flight))
             or not missing(e, data)

@@ -210,7 +210,7 @@ class Candidate:
         return np.nan_to_num(self.log_ratio(vector) - self.log_ratio(without))
 
     def tube(self, vector: FloatArray, sd: float) -> FloatArray:
-        """Columns (n, t) of the effects' form uncertainty, with unit-variance unknowns: contributions
+        """Columns (n, t) of form uncertainty, unknowns of unit variance: each effect's contribution
         times smooth deformations of relative standard deviation `sd`.
 
         These run along the covariates of `bends_along`: a true effect rarely scales with speed or

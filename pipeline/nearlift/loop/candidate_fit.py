@@ -171,7 +171,7 @@ def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: Fl
 
 
 def _short_of_pole(candidate: Candidate, start: FloatArray, null: FloatArray) -> FloatArray:
-    """The start, or the first of its bisections towards `null` that predicts every trial."""
+    """The start, or the first of the midpoints towards `null` at which every trial has a value."""
     for _ in range(HALVINGS):
         if np.isfinite(candidate.log_ratio(np.clip(start, *candidate.bounds))).all():
             break

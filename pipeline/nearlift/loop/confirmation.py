@@ -124,7 +124,7 @@ def held_out(
 
 
 def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArray:
-    """Log lift of the trials `at` by a fit, with L_inf estimated from the fit's own trials."""
+    """Log lift of other trials from a fit: its ratio, and L_inf from the fit's own trials."""
     levels = stage.space.best_levels(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
     vector = fitted.vector
     far = (
@@ -178,7 +178,7 @@ def standard_error(without: FloatArray) -> FloatArray:
 
 
 def _half90(without: FloatArray) -> float:
-    """Half the 90 % jackknife interval, by Student's t, of an estimate `without` each visit."""
+    """Half of a 90 % interval from the jackknife's values (visits,), with Student's t."""
     from scipy.stats import t
 
     return float(t.ppf(0.95, len(without) - 1) * standard_error(without))

@@ -183,7 +183,7 @@ def _after(
 
 
 def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[DesignChange]:
-    """All changes that may be proposed for this design."""
+    """Everything that may be proposed for this design."""
     stage = foresight.stage
 
     def by_data(data: Observations) -> Callable[[Point, Point, float], float]:
@@ -273,7 +273,7 @@ def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
 
 
 def _gauge(one: Point, other: Point) -> float:
-    """Evidence from a touch-off, which gives the offset of the height datum to `GAUGE_M`."""
+    """Evidence from a touch-off: an offset of the datum is then known to `GAUGE_M`."""
     total = 0.0
     for effects, vector in (one, other):
         # the effect's only entry is the last of the vector

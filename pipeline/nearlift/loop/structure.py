@@ -32,8 +32,8 @@ SAME = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Hypothesis:
-    """One family, or one shape of the library effect `effect`, as columns (d, k) in a reduced space
-    with unit noise.
+    """One family, or one shape of the library effect named in `effect`, as columns (d, k) in a
+    reduced space with unit noise.
     """
 
     name: str
