@@ -1,4 +1,4 @@
-"""What safety.json holds."""
+"""Content of safety.json."""
 
 from __future__ import annotations
 
@@ -23,7 +23,9 @@ class PresetFlights:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyResult:
-    """Flights near the boundaries, and what they say."""
+    """Flights near the boundaries, by the paper's models and the fitted ones; route, claims and
+    roll.
+    """
 
     schema: str
     presets: Mapping[str, PresetFlights]
