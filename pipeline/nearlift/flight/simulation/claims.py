@@ -1,4 +1,4 @@
-"""The paper's claims on its Fig. 6 as numbers with intervals, beside those of each preset.
+"""Claims of the paper on its Fig. 6 as numbers with intervals, judged under each preset.
 
 A claim is a number computed from levels (set-points of a given risk), and a range within which it
 holds. All levels of a preset come from one bootstrap of the same flights, so the interval of a

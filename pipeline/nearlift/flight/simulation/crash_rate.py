@@ -17,6 +17,7 @@ from nearlift.results import IntArray
 RESAMPLES = 400
 #: Resamples for each draw of a model.
 PER_DRAW = 50
+#: Percentiles of a 90 % interval.
 INTERVAL = (5.0, 95.0)
 
 

@@ -53,7 +53,7 @@ def dimensionless(
     contact_z_hat: float = 0.0,
     delay_s: float = 0.0,
 ) -> Groups:
-    """Groups of a vehicle, its controller and its gusts, with f0 that of hover far away."""
+    """Groups of a vehicle, its controller and its gusts, with f0 of hover far away."""
     per_Hz = 1.0 / craft.hover_Hz
     r, t = craft.radius_m, craft.time_s
     return Groups(

@@ -111,7 +111,7 @@ def _fly(
     rate = 1.0 / motor_lag if motor_lag > 0.0 else 0.0
     whole = int(delay)
     part = delay - whole
-    # undelayed commands at the last whole + 2 steps
+    # commands without delay at the last whole + 2 steps
     ring = whole + 2
     commands = np.empty((n if lags else 0, ring))
     turn = np.empty(n)

@@ -123,8 +123,7 @@ def scan(
                 for c in alike
             ]
             crashed = few.crashed(boundary, settings, curves)
-            # the step matters in the corners, where the loop is fastest and slowest, and where the
-            # crash rate is undecided
+            # corners have the fastest and slowest loops; away from a rate of 1 / 2 no step shows
             undecided = np.flatnonzero(np.abs(crashed.mean(axis=1) - 0.5) < UNDECIDED)[::2]
             again = sorted({*(n for n, c in enumerate(alike) if c.corner), *undecided.tolist()})
             if again:

@@ -32,6 +32,7 @@ ABOVE_CONTACT: dict[Boundary, tuple[float, float]] = {"ground": (0.1, 2.0), "cei
 MODELS: dict[Boundary, str] = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon"}
 #: 90 mm between adjacent rotors, as in the paper (65 mm on a Crazyflie), over a radius of 23 mm.
 GEOMETRY = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
+#: Height below which the paper holds L / L_inf constant, in rotor radii.
 BOUND_Z_HAT = 0.5
 
 

@@ -42,6 +42,7 @@ VARIED_TARGETS: dict[Boundary, FloatArray] = {
     "ground": np.round(np.concatenate([np.arange(6, 15) * 0.05, np.arange(4, 12) * 0.2]), 10),
     "ceiling": np.round(np.arange(3, 20) * 0.2, 10),
 }
+#: Share of the flights, and least number of them, flown for each variant.
 VARIED_SHARE, LEAST_VARIED = 0.25, 50
 #: Powers of the variants whose step is tested.
 TESTED_EXPONENTS = (0.0, 1.0)

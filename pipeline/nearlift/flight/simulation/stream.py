@@ -20,6 +20,7 @@ from nearlift.compiler import compiled
 from nearlift.declare import FloatArray
 
 U = np.uint64
+#: Increment and multipliers of splitmix64.
 GOLDEN, MIX_1, MIX_2 = U(0x9E3779B97F4A7C15), U(0xBF58476D1CE4E5B9), U(0x94D049BB133111EB)
 THIRTY, TWENTY_SEVEN, THIRTY_ONE, ELEVEN, ONE, LAYER = U(30), U(27), U(31), U(11), U(1), U(255)
 #: Spacing of uniform numbers of 53 bits; an offset of half of it keeps their logarithm finite.
