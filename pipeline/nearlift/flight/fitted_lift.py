@@ -85,9 +85,7 @@ class FittedLift:
         )
 
     def ratio(self, member: int = -1, **changes: float) -> Ratio:
-        """L / L_inf as a function of z_hat for draw `member` (-1: the best estimate), with model
-        arguments replaced by `changes`.
-        """
+        """L / L_inf over z_hat of draw `member` (-1: best); `changes` replace model arguments."""
         values = {**self.arguments, **self.parameters(member), **changes}
         return lambda z_hat: np.asarray(self.model(z_hat, **values), dtype=float)
 

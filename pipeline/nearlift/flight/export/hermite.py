@@ -15,8 +15,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 
-#: Largest relative error of the table, less than three units in a float's last place; and largest
-#: number of pieces.
+#: Largest relative error, under three units in a float's last place; largest number of pieces.
 ERROR, MOST = 1.5e-7, 2048
 #: Step in w of the finite differences that give slopes.
 STEP = 1e-5

@@ -89,9 +89,7 @@ class BoundaryProximity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProximityResult:
-    """Content of proximity.json; `false_alarms_per_hour` is for the sequential tests, `averaging_s`
-    for the inferred heights.
-    """
+    """Content of proximity.json; `averaging_s` is the averaging time of the inferred heights."""
 
     schema: str
     false_alarm_rate: float

@@ -20,8 +20,7 @@ Ratio = Callable[[FloatArray], FloatArray]
 NODES = 1200
 #: Largest change of L / L_inf between nodes that counts as rounding.
 FLAT = 1e-9
-#: Probabilities below this are stated as a bound: likelihoods are not known so far into their
-#: tails.
+#: Probabilities below this are stated as a bound: the likelihood's far tails are not known.
 NONE = 1e-4
 
 
@@ -105,8 +104,7 @@ def locate(
     Raises
     ------
     InputRefused
-        `u` is not positive, or `measured` is more than ten `u` both from 1 and from the model's
-        range.
+        `u` is not positive, or `measured` is over ten `u` both from 1 and from the model's range.
     """
     if not u > 0:
         raise InputRefused(
@@ -159,8 +157,7 @@ def ratio_of_hover(
     u_lift: float,
     u_throttle: float = 0.0,
 ) -> tuple[float, float]:
-    """L / L_inf at hover, the weight over the lift far away at the same throttle; and its standard
-    uncertainty.
+    """L / L_inf at hover (weight over lift far away at that throttle) and its standard uncertainty.
 
     Parameters
     ----------
@@ -173,8 +170,7 @@ def ratio_of_hover(
     u_lift : float
         Relative standard uncertainty of lift far away: levels, supply.
     u_throttle : float
-        Standard uncertainty of the throttle, as a fraction of full; weighted by the exponent of the
-        power law at the throttle.
+        Standard uncertainty of `throttle`; weighted by the exponent of the power law there.
 
     Raises
     ------

@@ -61,8 +61,7 @@ def reach(
     ratio: Callable[[FloatArray], FloatArray], change: float, low: float, high: float
 ) -> float:
     """Largest z_hat from `low` to `high` at which |L / L_inf - 1| is at least `change`,
-    interpolated between nodes of the grid; nan where there is none. A result of `high` is a lower
-    bound.
+    interpolated on the grid; nan where there is none. A result of `high` is a lower bound.
     """
     z_hat = grid(low, high)
     effect = np.abs(np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape) - 1.0)
@@ -79,8 +78,8 @@ def reach(
 def reaches(
     ratios: Sequence[Callable[[FloatArray], FloatArray]], change: float, low: float, high: float
 ) -> tuple[float, float, float]:
-    """Detection range of the first ratio (the best estimate) and its 90 % interval over the others;
-    a draw without a range counts as zero.
+    """Detection range of the first ratio (the best estimate), and its 90 % interval over the
+    others, of which those without a range count as zero.
     """
     heights = [reach(f, change, low, high) for f in ratios]
     lo90, hi90 = (

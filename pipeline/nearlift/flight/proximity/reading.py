@@ -1,6 +1,4 @@
-"""Distance to a boundary from one reading: a lift ratio, or the throttle at which the vehicle
-hovers.
-"""
+"""Distance to a boundary from one reading: a lift ratio, or the throttle at hover."""
 
 from __future__ import annotations
 
@@ -31,8 +29,8 @@ class HeightInterval:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightReading:
     """A reading and its posterior; `beyond` is the probability of no boundary within
-    `within_z_hat`, `alike` the heights at which other boundaries give the same ratio, which one
-    reading cannot tell apart.
+    `within_z_hat`, `alike` the heights of other boundaries with the same ratio, which one reading
+    cannot exclude.
     """
 
     boundary: Boundary
@@ -103,8 +101,7 @@ def read_height(
     Raises
     ------
     InputRefused
-        The model folds, the throttle is outside those measured, or the ratio is too far from both 1
-        and the model's range.
+        The model folds, the throttle is outside those measured, or as `inverse.locate`.
     """
     refuse_folds(lift)
     exponent = supply_sensitivity(lift)

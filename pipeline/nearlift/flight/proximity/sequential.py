@@ -21,9 +21,7 @@ HOUR_S = 3600.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SequentialTest:
-    """Threshold in sigma and mean delay of the alarm in s; both infinite where the offset hides the
-    change.
-    """
+    """Threshold in sigma and mean delay in s; both infinite where the offset hides the change."""
 
     threshold: float
     delay_s: float

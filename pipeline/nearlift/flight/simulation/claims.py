@@ -44,9 +44,7 @@ class CrashLevels:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperClaim:
-    """A claim: statement, the paper's number, its computation from levels, and the range in which
-    it holds.
-    """
+    """A claim: statement, the paper's number, computation from levels, range where it holds."""
 
     name: str
     says: str

@@ -1,5 +1,4 @@
-"""PID controller of rotor frequency (Eq. 5): f = kP (z - z0) + kD z' + kI integral(z - z0) + f0,
-never below zero.
+"""PID of rotor frequency (Eq. 5): f = max(0, kP (z - z0) + kD z' + kI integral(z - z0) + f0).
 
 z is the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn its
 rotors faster, so the gains are negative; below a ceiling it is then too high and must slow them, so

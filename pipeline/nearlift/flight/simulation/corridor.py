@@ -170,9 +170,7 @@ class CorridorGrid:
     near: Mapping[Boundary, Nearness]
 
     def draws(self, nodes: IntArray, which: str) -> FloatArray:
-        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`: the sum over boundaries, whose
-        draws are independent.
-        """
+        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`, summed over boundaries."""
         total: FloatArray = np.zeros((1, len(nodes)))
         for boundary, near in self.near.items():
             at = np.maximum(self.gaps[boundary].ravel()[nodes], near.lowest_z_hat)

@@ -22,9 +22,7 @@ INTERVAL = (5.0, 95.0)
 
 
 def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]:
-    """Jeffreys' equal-tailed 90 % interval of a crash rate; its end is 0 or 1 where no flight, or
-    every flight, crashed.
-    """
+    """Jeffreys' equal-tailed 90 % interval of a crash rate, to 0 or 1 if none or all crashed."""
     from scipy.special import betaincinv
 
     k = np.asarray(crashes, dtype=float)
@@ -47,9 +45,7 @@ def upper95(crashes: IntArray, flights: int) -> FloatArray:
 
 
 def falling(rate: FloatArray) -> FloatArray:
-    """Isotonic least-squares fit of rates along the last axis, non-increasing with the set-point:
-    farther away is no riskier.
-    """
+    """Isotonic least-squares fit along the last axis, non-increasing with the set-point."""
     from scipy.optimize import isotonic_regression
 
     rows = np.atleast_2d(np.asarray(rate, dtype=float))
@@ -97,8 +93,7 @@ def rate_draws(
 
 
 def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> FloatArray:
-    """Lowest set-point above which the crash rate stays at or below `risk`, with the logit of the
-    rate linear between set-points.
+    """Lowest set-point above which the crash rate stays within `risk`; logits are interpolated.
 
     Parameters
     ----------
@@ -113,8 +108,7 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
     Returns
     -------
     array (...)
-        nan where even the highest set-point is riskier; the lowest set-point itself (an upper
-        bound) where all are safer.
+        nan where the highest set-point is riskier; the lowest, an upper bound, where all are safer.
     """
     safe = np.clip(np.asarray(rate, dtype=float), least, 1 - least)
     above, n = safe > risk, len(target_z_hat)
@@ -150,9 +144,7 @@ def refuse_few(risk: float, flights: int) -> None:
 
 
 def resamples(flights: int, rng: np.random.Generator, number: int = RESAMPLES) -> FloatArray:
-    """Bootstrap weights of the flights, (number, flights), the first row as flown; one table serves
-    all levels that are compared.
-    """
+    """Bootstrap weights of the flights (number, flights), the first row as flown."""
     drawn = rng.multinomial(flights, np.full(flights, 1 / flights), size=number - 1)
     return np.concatenate([np.ones((1, flights)), drawn]) / flights
 
@@ -172,12 +164,11 @@ FINEST = 0.005
 
 
 def wide_gaps(target_z_hat: FloatArray, levels_by_curve: Sequence[FloatArray]) -> set[float]:
-    """Set-points to add so that no level is interpolated across a gap wider than half of its stated
-    interval, or FINEST.
+    """Set-points to add so that no level is interpolated over a gap wider than half its interval.
 
     `levels_by_curve` are levels under resampling, the first as flown, of one curve or of several
     whose spread is stated together. Empty where every level and the ends of the interval lie in
-    narrow enough gaps.
+    narrow gaps; a gap of FINEST is always narrow.
     """
     low, high = spread90(np.concatenate(levels_by_curve))
     width = high - low
@@ -200,9 +191,7 @@ def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
 
 
 def spread90(values: FloatArray) -> tuple[float, float]:
-    """5 % and 95 % points, with nan (no set-point was safe enough) ranked above every level; an end
-    that falls on one is nan.
-    """
+    """5 % and 95 % points; nan (no set-point was safe enough) ranks above every level."""
     filled = np.sort(np.where(np.isfinite(values), values, np.inf))
     low, high = (float(filled[min(int(q / 100 * len(filled)), len(filled) - 1)]) for q in INTERVAL)
     return (low if np.isfinite(low) else float("nan")), (

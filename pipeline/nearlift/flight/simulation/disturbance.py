@@ -14,9 +14,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Disturbance:
-    """Random vertical force: standard deviation in N, hold and correlation time in s (0: white from
-    hold to hold).
-    """
+    """Random vertical force: standard deviation in N, hold and correlation time in s (0: white)."""
 
     sd_N: float
     hold_s: float

@@ -49,9 +49,7 @@ def paper_cost(ratio: Any) -> Any:
 
 
 def cost(ratio: Any, held: Held) -> tuple[Any, Any, Any]:
-    """Relative cost by what was held, (lowest, best, highest) over the uncertainty of the exponent,
-    each shaped as `ratio`.
-    """
+    """Relative cost (lowest, best, highest) over the uncertainty of the exponent for `held`."""
     values = np.stack([np.power(ratio, -e) for e in EXPONENTS[held]])
     return values.min(axis=0), values[1], values.max(axis=0)
 

@@ -329,9 +329,7 @@ def _again(
     how: MonteCarlo,
     droop: float,
 ) -> IntArray:
-    """Crashes of other flights, (curves, set-points), at the best set-point for each price by
-    either extrapolation; 0 elsewhere.
-    """
+    """Crashes (curves, set-points) of other flights at each price's best set-point; 0 elsewhere."""
     at = sorted(
         {
             energy.best_set_point(

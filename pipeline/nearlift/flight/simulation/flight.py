@@ -1,6 +1,4 @@
-"""Flights by setting and gusts, integrated in blocks that may be flown in any order with the same
-result.
-"""
+"""Flights by setting and gusts, in blocks that give the same result in any order."""
 
 from __future__ import annotations
 
@@ -23,8 +21,7 @@ from nearlift.results import IntArray
 Scheme = Literal["euler", "semi-implicit", "rk4"]
 #: An executor's map.
 Spread = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
-#: Largest number of flights in a block: enough that compiled work outweighs the call, few enough to
-#: share among threads.
+#: Largest block of flights: long compared with a call, short enough to share among threads.
 BLOCK = 50
 #: Number of blocks into which few flights are divided.
 LEAST_BLOCKS = 4
@@ -173,8 +170,8 @@ def fly(plan: FlightPlan, flights: int, key: int, spread: Spread = map) -> NDArr
 
 
 def trace(plan: FlightPlan, flight: int, key: int) -> FloatArray:
-    """Heights of one flight at the start and after every hold, in each setting: (settings, holds +
-    1); nan after a crash.
+    """Heights of one flight at the start and after every hold, (settings, holds + 1); nan once
+    crashed.
     """
     track = np.full((len(plan.settings), plan.holds + 1), np.nan)
     _integrated(plan, flight, 1, key, track)

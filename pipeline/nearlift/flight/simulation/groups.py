@@ -1,8 +1,7 @@
-"""Dimensionless groups of a flight, on which alone crash rates depend: those of the paper's Eq. 6,
-and those that it leaves out.
+"""Dimensionless groups of a flight, which alone decide crash rates: the paper's Eq. 6 and more.
 
-Scales: length r, time sqrt(r/g), force m g, frequency hover_Hz. With K = rotors C_L rho r^4, as in
-the paper:
+Scales: length r, time sqrt(r/g), force m g, frequency hover_Hz. With K = rotors C_L rho r^4,
+the paper's are
 
     alpha = kP r sqrt(K / (m g))             beta = kD sqrt(r g) sqrt(K / (m g))
     gamma = kI r sqrt(r/g) sqrt(K / (m g))   delta = f0 sqrt(K / (m g))
@@ -73,9 +72,7 @@ def dimensionless(
 
 
 def gains_for(groups: Groups, craft: Craft) -> Gains:
-    """Gains that give another vehicle the same alpha, beta and gamma: how a controller is scaled to
-    another payload or size.
-    """
+    """Gains that give another vehicle (payload, size) the same alpha, beta and gamma."""
     r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
     return Gains(kP=groups.alpha * f / r, kD=groups.beta * f * t / r, kI=groups.gamma * f / (r * t))
 

@@ -1,5 +1,4 @@
-"""Compiled integration of flights in dimensionless form (Eq. 6 of the paper, with what it leaves
-out), many settings at once.
+"""Compiled integration of flights in dimensionless form (the paper's Eq. 6, extended).
 
     z'' = s [ max(0, u)^2 R(z) (1 + droop t/T) + noise w - 1 ]
     u = alpha (z - z0) + beta z' + gamma I + delta,     I' = z - z0
@@ -39,8 +38,7 @@ def _push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
 
     `x` is height in table steps from the table's lower end, `lag` is z - z0. `law` holds alpha,
     beta, gamma and delta, the largest u, lift and load with the boundary's sign, and where the
-    table begins. The table holds value and change of each step; beyond either end L / L_inf is
-    constant.
+    table begins. The table holds value and change of each step, and is constant beyond its ends.
     """
     alpha, beta, gamma, delta, most, lift, load, base = law
     u = min(max(alpha * lag + beta * v + gamma * total + delta, 0.0), most)
@@ -57,8 +55,7 @@ def _behind(
     x: Any, w: Any, i: Any, f: Any, here: Any, seen: Any, late: Any, rate: Any,
     dt: Any, low: Any, per: Any, law: Any, curve: Any,
 ) -> Any:  # fmt: skip
-    """Runge-Kutta step with motor lag and estimator delay: height, speed, integral and rotor
-    frequency.
+    """Height, speed, integral and rotor frequency after a Runge-Kutta step with lag and delay.
 
     `seen` is the delayed controller's command at the step's beginning and end (used if `late`),
     `rate` 1 / lag, 0 where the motors follow at once.

@@ -26,9 +26,7 @@ TARGETS: dict[Boundary, float] = {"ground": 1.0, "ceiling": 2.0}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupAxis:
-    """Axis of a map: name of the group, and range of its values over the flown one (of correlation:
-    over the hold).
-    """
+    """A group and its range relative to the flown value (of correlation: to the hold)."""
 
     name: str
     low: float
@@ -94,8 +92,7 @@ def scan(
     groups: Groups,
     how: MonteCarlo,
 ) -> tuple[list[dict[str, object]], StepTest]:
-    """Rows of crash_map.parquet for every pair of groups that this boundary's model has, and the
-    test of the time step.
+    """Rows of crash_map.parquet for every pair of groups that the model has; step test.
 
     Parameters
     ----------

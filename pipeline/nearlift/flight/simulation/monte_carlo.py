@@ -125,9 +125,7 @@ class MonteCarlo:
         curves: Curves,
         crashed: NDArray[np.bool_],
     ) -> StepTest:
-        """Step test: a share of the flights that `crashed` (settings, flights) describes, at half
-        the step.
-        """
+        """Step test on a share of the flights; `crashed` (settings, flights) is at full step."""
         few = self.at_most(max(round(CHECKED * self.flights), LEAST_CHECKED))
         coarse = crashed[:, : few.flights].sum(axis=1)
         fine = few.finer(2).crashed(boundary, settings, curves).sum(axis=1)
@@ -237,12 +235,10 @@ def sweep(
     droops: Sequence[float] = (),
     stated: Statements | None = None,
 ) -> Sweep:
-    """Monte Carlo sweep of every curve over set-points, refined until levels are resolved, with a
-    test of the step.
+    """Sweep of every curve over set-points, refined until levels are resolved, with its step test.
 
     `droops` gives each curve's relative change of lift by the end of a flight (0 by default),
-    `stated` the levels wanted (by default none: no set-points are added, and every curve's step is
-    tested).
+    `stated` the levels wanted (by default none: no refinement, and every curve's step is tested).
     """
     n = len(curves.values)
     stated = stated or Statements(curves=[[c] for c in range(n)])

@@ -36,8 +36,7 @@ VARIANTS = (
 )
 #: Powers that the claims on variants compare.
 VARIED_EXPONENTS = (0.0, 0.6, 1.0, 1.4)
-#: Set-points that hold the 50 % level of every variant, closely spaced where the converged ground's
-#: curves are steep.
+#: Set-points that hold every variant's 50 % level, close where converged ground curves are steep.
 VARIED_TARGETS: dict[Boundary, FloatArray] = {
     "ground": np.round(np.concatenate([np.arange(6, 15) * 0.05, np.arange(4, 12) * 0.2]), 10),
     "ceiling": np.round(np.arange(3, 20) * 0.2, 10),
@@ -159,8 +158,7 @@ def varied_levels(
 
 
 def histories(preset: presets.FlightPreset, boundary: Boundary, key: int) -> Rows:
-    """Rows of flights.parquet: the first flights that end differently with and without the model,
-    each flown both ways.
+    """Rows of flights.parquet: the first flights that end differently with and without the model.
 
     Above a ground those that crash only without the model, below a ceiling only with it, as in the
     paper's own illustration; the crash rates count all flights.

@@ -23,8 +23,7 @@ from nearlift.results.serial import optional
 
 #: Roll inertia of a Crazyflie, kg m^2: lowest and highest of its system identifications.
 MEASURED_INERTIA = (1.4e-5, 1.7e-5)
-#: Relative standard uncertainty of an inertia declared without one: a uniform distribution over
-#: that range.
+#: Relative standard uncertainty of an inertia declared without one: uniform over that range.
 INERTIA_SPREAD = (
     (MEASURED_INERTIA[1] - MEASURED_INERTIA[0])
     / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0])
@@ -33,9 +32,7 @@ INERTIA_SPREAD = (
 
 
 def torque_N_m(difference: float, mass_kg: float, gravity_m_s2: float, arm_m: float) -> float:
-    """Torque when the near pair, which carries half the weight, loses the fraction `difference` of
-    its lift.
-    """
+    """Torque when the near pair (half the weight) loses the fraction `difference` of its lift."""
     return difference * mass_kg * gravity_m_s2 / 2 * arm_m
 
 
@@ -144,8 +141,7 @@ def fitted_roll(
     u_inertia: float | None,
     rng: np.random.Generator,
 ) -> FittedRoll:
-    """Roll torque over the gap from fitted sidewall models, best estimate first and draws after it,
-    with 90 % intervals.
+    """Roll torque over the gap with 90 % intervals, from best estimate and draws of L / L_inf.
 
     The measured ratio is that of the whole vehicle over the gap of its nearest tip. If the near
     pair alone loses lift, it loses twice the vehicle's fraction: the upper value. The lower has

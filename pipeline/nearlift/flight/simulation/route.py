@@ -182,8 +182,7 @@ def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:
     Raises
     ------
     InputRefused
-        There is none; says the lowest upper end, and how many flights would lower it to the bound
-        if as few of them crashed.
+        There is none; says the lowest upper end, and how many flights might lower it to the bound.
     """
     safe = [w for w in front if w.hi90 <= risk]
     if safe:

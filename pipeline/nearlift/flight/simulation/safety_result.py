@@ -23,9 +23,7 @@ class PresetFlights:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyResult:
-    """Flights near the boundaries, by the paper's models and the fitted ones; route, claims and
-    roll.
-    """
+    """Flights of the paper's and the fitted models near the boundaries; route, claims and roll."""
 
     schema: str
     presets: Mapping[str, PresetFlights]

@@ -1,5 +1,4 @@
-"""Counter-based random numbers: the n-th normal of a (key, flight) is a function of its address
-alone.
+"""Counter-based random numbers: the n-th normal is a function of key, flight and n alone.
 
 splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``; the ziggurat of 256 layers
 (Marsaglia and Tsang 2000, with Doornik's separate bits for layer and position) makes an exact
@@ -113,9 +112,7 @@ fill = compiled(_fill)
 
 
 def normals(key: int, flight: int, n: int, salt: int = 0) -> FloatArray:
-    """First `n` standard normals of a flight: shape (n,), reproducible on every machine to the last
-    digits of log and exp.
-    """
+    """First `n` standard normals of a flight, reproducible to the last digits of log and exp."""
     out = np.empty(n)
     fill(U(begin(U(key), U(flight), U(salt))), out)
     return out
