@@ -1,1 +1,1 @@
-"""Flight near a boundary: crash rates, detection, models that a vehicle can carry."""
+"""Flight near a boundary: crash rates, boundary detection, lift models for on-board software."""

@@ -1,6 +1,4 @@
-"""Lift near one boundary as it is quoted: the model that the loop ended with, its best estimate,
-and draws of its uncertainty. Simulation, detection and export fly, invert and write this.
-"""
+"""Fitted lift near one boundary: the quoted model, best estimate and draws of its parameters."""
 
 from __future__ import annotations
 
@@ -14,14 +12,14 @@ from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel, Parameter
 from nearlift.results.quotation import Correlation
 
-#: The 95 % point of a standard normal: half of its 90 % interval.
+#: 95 % point of the standard normal: half of a 90 % interval, in standard deviations.
 HALF_90 = 1.6448536269514722
 Ratio = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)
 class QuotedInterval:
-    """An estimate and its 90 % interval; `bounded` is whether the data bound it at all."""
+    """An estimate and its 90 % interval; `bounded` is False where the data do not determine it."""
 
     value: float
     lo90: float
@@ -31,31 +29,31 @@ class QuotedInterval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedLift:
-    """Lift near one boundary, with its uncertainty.
+    """Fitted lift model of one boundary, with best estimate and draws of its parameters.
 
     Attributes
     ----------
     boundary : Boundary
     model : LiftModel
-        With the vehicle's effects.
+        The base model composed with the vehicle's effects.
     arguments : mapping
-        What the model needs besides its parameters.
+        Keyword arguments of the model other than its parameters.
     best : mapping of str to float
-        Parameters at their best estimate.
-    number : int
-        How many draws there are.
+        Best estimates of the parameters.
     intervals : mapping of str to QuotedInterval
-        The same with their 90 % intervals, as quoted.
+        Quoted 90 % intervals of the parameters that have one.
+    number : int
+        Number of draws.
     draws : mapping of str to array (number,)
-        Draws of the same; empty, and one draw, where the model leaves nothing free.
+        Draws of the parameters; empty, with `number` 1, where the model has no parameters.
     source : str
-        The product that the draws come from.
+        Product that the draws come from.
     effects, left : tuple of str
-        Named effects that fly, and those that stay on the bench.
+        Named effects composed with the model, and those left out (of the bench, say).
     measured_z_hat : (float, float)
-        Nearest and farthest station; nothing was measured beyond.
+        Nearest and farthest station.
     supply_V : (float, float)
-        Median and lowest supply on record; nan where none was.
+        Median and lowest supply voltage on record; nan where none was recorded.
     """
 
     boundary: Boundary
@@ -73,13 +71,13 @@ class FittedLift:
 
     @property
     def title(self) -> str:
-        """The model in words, with the effects that fly."""
+        """Title of the base model and of the effects composed with it."""
         return self.model.title.partition(" + ")[0] + "".join(
             f" with {titled(e)}" for e in self.effects
         )
 
     def parameters(self, member: int) -> dict[str, float]:
-        """Parameters of one draw; -1 is the best estimate."""
+        """Parameters of draw `member`; -1 is the best estimate."""
         return (
             dict(self.best)
             if member < 0
@@ -87,39 +85,35 @@ class FittedLift:
         )
 
     def ratio(self, member: int = -1, **changes: float) -> Ratio:
-        """L / L_inf as a function of z_hat for one draw; -1 is the best estimate. `changes` replace
-        arguments of the model.
-        """
+        """L / L_inf over z_hat of draw `member` (-1: best); `changes` replace model arguments."""
         values = {**self.arguments, **self.parameters(member), **changes}
         return lambda z_hat: np.asarray(self.model(z_hat, **values), dtype=float)
 
     @property
     def largest_change(self) -> float:
-        """Change of lift at the nearest station, as a fraction."""
+        """L / L_inf - 1 at the nearest station, best estimate."""
         return float(self.ratio()(np.array(self.measured_z_hat[:1]))[0] - 1.0)
 
     @property
     def ratios(self) -> list[Ratio]:
-        """The best estimate and every draw after it."""
+        """L / L_inf as functions of z_hat: the best estimate, then every draw."""
         return [self.ratio(m) for m in range(-1, self.number)]
 
     def drawn(self, z_hat: FloatArray) -> FloatArray:
-        """L / L_inf of every draw, (number, n)."""
+        """L / L_inf of every draw at heights (n,): shape (number, n)."""
         columns = {name: values[:, None] for name, values in self.draws.items()}
         ratio = np.asarray(self.model(z_hat, **{**self.arguments, **columns}), dtype=float)
         return np.broadcast_to(ratio, (self.number, np.size(z_hat)))
 
     def spaced(self, factor: float) -> Ratio:
-        """The best estimate of L / L_inf for a vehicle whose rotors are so many times as
-        far apart.
-        """
+        """Best estimate of L / L_inf with the rotor spacing multiplied by `factor`."""
         spacings = ("spacing_hat", "diagonal_hat")
         changes = {n: factor * float(v) for n, v in self.arguments.items() if n in spacings}
         return self.ratio(-1, **changes)
 
     def droop(self, supply_end_V: float | None, member: int = -1) -> float:
-        """Change of lift, as a fraction, that the supply has brought at the end of a flight: 0
-        unless the loop found that it matters.
+        """Relative change of lift once the supply has fallen to `supply_end_V` (None: the lowest on
+        record); 0 without a sag exponent or a known supply.
         """
         exponent = self.parameters(member).get("sag_exponent", 0.0)
         end = self.supply_V[1] if supply_end_V is None else supply_end_V
@@ -137,12 +131,12 @@ def drawn_parameters(
     number: int,
     rng: np.random.Generator,
 ) -> tuple[dict[str, float], dict[str, FloatArray]]:
-    """Best estimate and draws of parameters by their intervals, normal on either side of the
-    estimate, with the correlation that is known.
+    """Best estimates and draws of parameters: a split normal on each quoted 90 % interval,
+    correlated as quoted (Gaussian copula).
 
-    Draws have the interval's ends at 5 and 95 %, whatever its shape, and keep to the bounds. What
-    the data do not bound has its declared prior. A parameter without an interval stays at its
-    declared value.
+    The 5 and 95 % points are the interval's ends, however asymmetric; draws are clipped to the
+    parameter's bounds. A parameter that the data do not bound is drawn from its declared prior
+    within the bounds; one without an interval keeps its declared value.
     """
     from scipy.special import ndtr
 

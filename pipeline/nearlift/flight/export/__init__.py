@@ -1,3 +1,1 @@
-"""A fitted lift model in forms that other programs run: C, Python, JSON, CasADi. Text in, text out:
-opens no file.
-"""
+"""A fitted lift model as source text: C, Python, CasADi and JSON. Opens no file."""

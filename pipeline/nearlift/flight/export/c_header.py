@@ -1,5 +1,5 @@
-"""A C99 header for firmware: metres in, floats (or doubles) only, no heap, no state; the table form
-calls no library, the closed form wants math.h.
+"""C99 header of a fitted lift model for firmware: distances in metres, single or double precision,
+no heap, no state. Tables call no library, closed forms need math.h.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ from nearlift.flight.export.closed_form import write
 from nearlift.flight.export.hermite import HermiteTable, UncertaintyTable
 from nearlift.flight.export.model_export import ExportedLift, ModelExport
 
-#: What every header holds, once in a file. A NaN, and what lies out of range, is told by bits that
-#: were read through `volatile`: under -ffast-math compilers assume that no argument is a NaN.
+#: Types and functions common to all headers, guarded so that one file may include several. NaN and
+#: range are tested on bits read through `volatile`: under -ffast-math compilers assume that no
+#: argument is a NaN.
 COMMON = """
 #ifndef NEARLIFT_TYPES
 #define NEARLIFT_TYPES
@@ -228,13 +229,13 @@ Numbers are floats; doubles where NEARLIFT_DOUBLE is defined before the first he
 
 
 def number(value: float) -> str:
-    """A constant in the header's type; its digits name every double exactly."""
+    """A constant of the header's type, with the digits that identify a double exactly."""
     text = repr(float(value))
     return f"NEARLIFT_REAL({text if set(text) & set('.en') else text + '.0'})"
 
 
 def header(export: ModelExport) -> str:
-    """The whole header."""
+    """Source text of the header."""
     campaign = "".join(c.lower() if c.isalnum() else "_" for c in export.campaign)
     guard = f"NEARLIFT_{campaign.upper()}_H"
     lines = (*export.about(), *USE.format(campaign=campaign).splitlines())

@@ -1,8 +1,8 @@
-"""Closed forms in one small language, for programs that know nothing of numpy.
+"""Closed forms of lift models: parsing, constant folding, evaluation, and source text.
 
-Each is the `closed_form` of a declaration: an expression in `z` (z_hat), the model's parameters and
-geometry. Nothing is taken on trust: whoever exports one compares it with the declaration over the
-whole range first. A model without one is exported as a table alone.
+A closed form is the `closed_form` of a declaration: an expression in `z` (z_hat), the model's
+parameters and geometry. Before an export it is compared with the declaration over the whole range;
+a model without one is exported as a table alone.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from nearlift.declare import FloatArray, LiftModel
 
 
 def closed_form(model: LiftModel) -> ast.expr | None:
-    """The expression of a model; None where it or one of its effects declares none."""
+    """Parsed closed form of a model; None where it or one of its effects declares none."""
     return ast.parse(model.closed_form, mode="eval").body if model.closed_form else None
 
 
 def fold(node: ast.expr, values: Mapping[str, float]) -> ast.expr:
-    """The expression with every part that does not contain `z` worked out, in double precision."""
+    """Constant folding in double precision: `values` replace every name but `z`."""
     if isinstance(node, ast.Name):
         return node if node.id == "z" else ast.Constant(float(values[node.id]))
     if isinstance(node, ast.Constant):
@@ -61,7 +61,7 @@ def _evaluate(node: ast.expr) -> float:
 
 
 def evaluate(node: ast.expr, z: FloatArray) -> FloatArray:
-    """The value of a folded expression at heights `z`, in double precision."""
+    """Value of a folded expression at heights `z`, in double precision."""
     if isinstance(node, ast.Name):
         return z
     if isinstance(node, ast.Constant):
@@ -86,10 +86,10 @@ def evaluate(node: ast.expr, z: FloatArray) -> FloatArray:
 
 
 def write(node: ast.expr, *, number: str, call: str) -> str:
-    """The expression as source text, fully bracketed; `number` formats a constant (``"{}f"`` for
-    C), `call` a function (``"{}f"``).
+    """Source text of a folded expression, fully bracketed; `number` formats a constant, `call` a
+    function's name (``"{}f"`` for C).
 
-    Powers become calls of `pow`, since not every language has an operator; a square is a product.
+    Powers become calls of `pow`, since not every language has an operator.
     """
 
     def text(n: ast.expr) -> str:

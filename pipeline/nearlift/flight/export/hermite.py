@@ -1,8 +1,8 @@
-"""A table that needs no library: cubic pieces in w = 1 / (1 + z_hat), equally spaced.
+"""Cubic Hermite table of L / L_inf on nodes equally spaced in w = 1 / (1 + z_hat).
 
-w takes any gap to a number between 0 and 1 with one division, and lift, steep near a boundary and
-flat far from it, is even in it. A piece is value and slope at either end (Hermite), so the table is
-smooth; it is made fine enough for float precision.
+w maps any gap to a number between 0 and 1 with one division, and lift, steep near a boundary and
+flat far from it, varies evenly in w. A piece has value and slope at either end, so the table is
+continuously differentiable; it is refined to single precision.
 """
 
 from __future__ import annotations
@@ -15,17 +15,16 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 
-#: Largest relative error of the table against the model, less than three units in a float's last
-#: place; and most pieces.
+#: Largest relative error, under three units in a float's last place; largest number of pieces.
 ERROR, MOST = 1.5e-7, 2048
-#: Step of the central difference that gives slopes, in w.
+#: Step in w of the finite differences that give slopes.
 STEP = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HermiteTable:
-    """Values and slopes (per piece) at `pieces + 1` nodes from w_low to w_high, valid for low <=
-    z_hat <= high.
+    """Values and slopes (per piece) of L / L_inf at `pieces + 1` nodes from `w_low` on, `per_w`
+    pieces per unit of w; valid for low <= z_hat <= high. `error` is the largest relative error.
     """
 
     low: float
@@ -43,17 +42,17 @@ class HermiteTable:
 
     @property
     def power(self) -> float:
-        """Of z_hat, with which L / L_inf - 1 falls at `high`, at least -1.
+        """Power of z_hat with which L / L_inf - 1 falls at `high`, at least -1.
 
-        Farther, it falls as 1 / (1 + power s + s^2) with s = z_hat / high - 1: smooth at `high`,
-        of one sign, and as the inverse square of distance in the end.
+        Farther, it falls as 1 / (1 + power s + s^2) with s = z_hat / high - 1: smoothly from `high`
+        on, without a change of sign, and in the end as the inverse square of distance.
         """
         above = float(self.value[0]) - 1.0
         fall = self.high * float(self.slope[0]) * self.per_w * self.w_low**2
         return max(fall / above, -1.0) if above else 0.0
 
     def __call__(self, z_hat: FloatArray) -> FloatArray:
-        """L / L_inf by the table; clamped to its range."""
+        """L / L_inf by the table; z_hat is clamped to its range."""
         z = np.clip(np.asarray(z_hat, dtype=float), self.low, self.high)
         x = np.clip((1 / (1 + z) - self.w_low) * self.per_w, 0, self.pieces)
         i = np.minimum(x.astype(int), self.pieces - 1)
@@ -67,12 +66,12 @@ class HermiteTable:
 def hermite_table(
     ratio: Callable[[FloatArray], FloatArray], low: float, high: float
 ) -> HermiteTable:
-    """The coarsest table that is as good as a float.
+    """Coarsest table, of 16, 32, ... pieces, with a relative error of at most ERROR.
 
     Raises
     ------
     InputRefused
-        The model has no value somewhere in the range, or is too steep for MOST pieces.
+        The model has no finite value somewhere in the range, or MOST pieces are too few.
     """
     w_low, w_high = 1 / (1 + high), 1 / (1 + low)
 
@@ -92,7 +91,7 @@ def hermite_table(
     pieces = 16
     while pieces <= MOST:
         w = np.linspace(w_low, w_high, pieces + 1)
-        # one-sided at the ends, where the model may have no value beyond
+        # one-sided at the ends, beyond which the model may have no value
         up, down = np.minimum(w + STEP, w_high), np.maximum(w - STEP, w_low)
         slope = (at(up) - at(down)) / (up - down) * (w_high - w_low) / pieces
         for end, step in ((0, STEP), (-1, -STEP)):
@@ -121,8 +120,8 @@ def hermite_table(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyTable:
-    """Standard uncertainty of L / L_inf and of its slope in z_hat, at nodes of w equally spaced as
-    those of a `HermiteTable`, `per_w` to a unit; straight between them.
+    """Standard uncertainty of L / L_inf and of its slope in z_hat at nodes equally spaced in w from
+    a `HermiteTable`'s `w_low` on, `per_w` pieces per unit; linear between nodes.
     """
 
     per_w: float
@@ -133,8 +132,11 @@ class UncertaintyTable:
 def uncertainty_table(
     drawn: Callable[[FloatArray], FloatArray], low: float, high: float
 ) -> UncertaintyTable:
-    """Standard deviations over the rows of `drawn`, one to a draw of the model; between nodes
-    within 5 % of their own value or 1 % of the largest.
+    """Standard deviations of L / L_inf and its slope over the draws, the rows of `drawn`; any draw
+    that is not finite somewhere is left out.
+
+    The number of pieces doubles, up to MOST, until midpoints are interpolated within 5 % of their
+    value or 1 % of the largest.
     """
     w_low, w_high = 1 / (1 + high), 1 / (1 + low)
 

@@ -1,4 +1,4 @@
-"""The model as JSON, and the schema of that JSON."""
+"""JSON document of a fitted lift model, and its JSON Schema."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _table(table: HermiteTable) -> dict[str, object]:
 
 
 def document(export: ModelExport) -> dict[str, object]:
-    """The JSON's content."""
+    """Content of the JSON document."""
     return {
         "schema": SCHEMA_NAME,
         "campaign": export.campaign,

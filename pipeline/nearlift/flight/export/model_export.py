@@ -1,4 +1,4 @@
-"""What an exported model says of itself, whatever the language."""
+"""Exported lift models of a campaign: parameters, tables, closed forms and provenance."""
 
 from __future__ import annotations
 
@@ -21,12 +21,11 @@ from nearlift.flight.export.hermite import (
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.proximity.inverse import refuse_folds
 
-#: Number of heights at which the ratio's interval is told.
+#: Number of heights at which L / L_inf is stated with its interval.
 TOLD = 5
-#: A closed form that strays further than this from the declaration, relatively, is a defect and is
-#: not exported.
+#: Largest relative difference of a closed form from its declaration; more is a defect.
 AGREE = 1e-12
-#: Why an effect is left out, by what it belongs to, where that is not the bench.
+#: Why an effect is left out, by what it belongs to; anything else belongs to the bench.
 OMITTED = {
     "vehicle": "acts in time, and this ratio holds at its reference",
     "flight": "belongs to the flights in which it was found",
@@ -45,7 +44,7 @@ class ExportedNumber:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedLift:
-    """One boundary's model.
+    """Exported lift model of one boundary.
 
     Attributes
     ----------
@@ -53,25 +52,25 @@ class ExportedLift:
     formula : str
         LaTeX of the base model.
     effects, omitted : tuple of str
-        Effects that are in it; and those that the loop named and it leaves out, as they act in
-        time or belong to the bench or to the flights in which they were found.
+        Named effects within the ratio; and those left out, because they act in time or belong to
+        the bench or to the flights in which they were found.
     parameters : mapping of str to ExportedNumber
     covariance : mapping of str to tuple of float
-        Covariance matrix of the parameters, a row to each, over the draws.
+        Rows of the parameters' covariance matrix over the draws.
     known : mapping of str to float
         Geometry that the model needs.
     at : mapping of float to ExportedNumber
-        L / L_inf with its interval at some heights.
+        L / L_inf and its interval by z_hat.
     table : HermiteTable
     uncertainty : UncertaintyTable
     rotors : tuple of HermiteTable
-        Ratio of each rotor at the tilt of the trials, where the model has it.
+        Ratio of each rotor at the tilt of the trials, where the model gives it.
     inverse : str or None
         Why no inverse is exported; None where one is.
     closed : ast.expr or None
-        Expression in `z` with numbers put in; None where the model has no closed form.
+        Folded expression in `z`; None where the model has no closed form.
     closed_error : float
-        Its largest relative error against the model, in double precision.
+        Its largest relative difference from the model, in double precision.
     """
 
     boundary: str
@@ -93,12 +92,12 @@ class ExportedLift:
 
 
 def exported(lift: FittedLift) -> ExportedLift:
-    """What is exported of one boundary, between its stations and within the model's validity.
+    """Exported lift model of one boundary, over its stations within the model's validity.
 
     Raises
     ------
     InputRefused
-        The closed form strays from the declaration, or no table is fine enough.
+        The closed form differs from the declaration, or no table is accurate enough.
     """
     low = max(lift.measured_z_hat[0], lift.model.valid_z_hat[0])
     high = min(lift.measured_z_hat[1], lift.model.valid_z_hat[1])
@@ -122,7 +121,7 @@ def exported(lift: FittedLift) -> ExportedLift:
     except InputRefused as refusal:
         inverse = refusal.what
     within = tuple(e for e in lift.effects if catalogue.effect(e).closed_form != "r")
-    # what acts in time stands at its reference, and none of its numbers is in the ratio
+    # an effect that acts in time stays at its reference: none of its parameters is in the ratio
     outside = {
         p.name for e in lift.effects if e not in within for p in catalogue.effect(e).parameters
     }
@@ -177,7 +176,9 @@ def _ratios(lift: FittedLift, z_hat: FloatArray) -> dict[float, ExportedNumber]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelExport:
-    """All boundaries of one campaign, and where they come from."""
+    """Exported lift models of one campaign, with their provenance: `digest` is the SHA-256 of
+    trials.parquet, `date` that of the newest raw file, `held` what each trial held constant.
+    """
 
     campaign: str
     nearlift: str
@@ -189,7 +190,7 @@ class ModelExport:
     lifts: tuple[ExportedLift, ...]
 
     def about(self) -> list[str]:
-        """The comment at the head of a file, line by line."""
+        """Header comment of an exported file, by lines."""
         lines = [
             (
                 f"Lift near boundaries, campaign {self.campaign}: L / L_inf as a function of z_hat"

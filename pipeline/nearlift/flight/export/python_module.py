@@ -1,4 +1,4 @@
-"""A Python module that needs nothing but Python, and one that builds CasADi expressions."""
+"""Python source of a fitted lift model: a module without dependencies, and CasADi expressions."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _formulas(export: ModelExport) -> str:
 
 
 def _about(export: ModelExport) -> str:
-    # a docstring: nothing in it may end it
+    # it becomes a docstring, which quotes or backslashes could end
     return "\n".join(export.about()).replace("\\", "/").replace('"', "'")
 
 
@@ -112,9 +112,7 @@ def module(export: ModelExport) -> str:
 
 
 def casadi(export: ModelExport) -> str:
-    """Source of the module of expressions; boundaries whose model has no closed form are
-    left out.
-    """
+    """Source of the CasADi module; boundaries whose model has no closed form are left out."""
     ranges = "\n".join(
         f"    {lift.boundary!r}: ({lift.table.low!r}, {lift.table.high!r}, {lift.table.power!r}),"
         for lift in export.lifts

@@ -1,3 +1,1 @@
-"""Where is the boundary? What a lift ratio, or the throttle needed to hover, says of it. Opens no
-file, draws nothing.
-"""
+"""Boundary proximity from a lift ratio or a hover throttle. Opens no file, draws nothing."""

@@ -1,6 +1,4 @@
-"""How far away each boundary shows in lift, and where it is: the content of proximity.json and
-detection.parquet.
-"""
+"""Detection range and inferred height of each boundary: proximity.json and detection.parquet."""
 
 from __future__ import annotations
 
@@ -26,14 +24,14 @@ from nearlift.flight.proximity.sequential import HOUR_S, sequential_test
 from nearlift.manifest.flight import Detect
 from nearlift.results.serial import Unbounded, optional
 
-#: Distances at which the inversion is tried, and the time averaged then, s.
+#: Number of heights for detection delay and inversion; averaging time of the inversion, s.
 TRIED = 25
 INVERTED_S = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightTrial:
-    """What a reading without error at `z_hat` would say of the height."""
+    """Posterior of the height for a reading of exactly the best estimate at `z_hat`."""
 
     z_hat: float
     ratio: float
@@ -45,8 +43,8 @@ class HeightTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignificantHeight:
-    """From how near the boundary changes lift by more than `change` (a fraction), with its 90 %
-    interval over the model; null where it does so nowhere that was measured.
+    """Largest z_hat at which the boundary changes lift by at least `change` (a fraction), with its
+    90 % interval over draws of the model; nan where no measured height has such a change.
     """
 
     change: float
@@ -57,8 +55,8 @@ class SignificantHeight:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Noticed:
-    """Mean time until the sequential test notices the boundary at a height, and its threshold in
-    standard deviations of a reading; both null where what averaging does not take away hides it.
+    """Mean delay of the sequential test at one height, and its threshold in standard deviations of
+    a reading; both infinite where the constant offset hides the change.
     """
 
     z_hat: float
@@ -69,8 +67,8 @@ class Noticed:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryProximity:
-    """One boundary: its model and sensor, from how near it matters, when it is noticed, and heights
-    told from lift, or why none are.
+    """One boundary: model, sensor, range of significant change, detection delays, and inferred
+    heights or why none are; `lift_per_voltage` is |d ln L / d ln V|.
     """
 
     model: str
@@ -91,9 +89,7 @@ class BoundaryProximity:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ProximityResult:
-    """What proximity.json holds; `false_alarms_per_hour` are those of the sequential tests,
-    `averaging_s` is the time averaged where heights are told.
-    """
+    """Content of proximity.json; `averaging_s` is the averaging time of the inferred heights."""
 
     schema: str
     false_alarm_rate: float
@@ -105,7 +101,7 @@ class ProximityResult:
 
 
 def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> BoundaryProximity:
-    """Heights told from lift at several distances, unless the model folds."""
+    """Significant range, detection delays and inferred heights (none where the model folds)."""
     sensitivity = supply_sensitivity(lift)
     sigma = device.sigma(INVERTED_S, chosen.payload[0], sensitivity * chosen.supply[0])
     located, refused = None, None
@@ -138,7 +134,7 @@ def _significant(lift: FittedLift, change: float) -> SignificantHeight:
 
 
 def _noticed(lift: FittedLift, device: Sensor, chosen: Detect) -> tuple[Noticed, ...]:
-    """The sequential test at several heights, weight and supply known best."""
+    """Sequential tests at TRIED heights, with the first of the payload and supply uncertainties."""
     heights = np.geomspace(*lift.measured_z_hat, TRIED)
     stays = (device.floor, chosen.payload[0], supply_sensitivity(lift) * chosen.supply[0])
     sigma = max(device.short_per_sqrt_Hz / math.sqrt(device.every_s), 1e-9)
@@ -176,7 +172,7 @@ def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:
 def range_rows(
     lift: FittedLift, device: Sensor, chosen: Detect, radius_m: float
 ) -> list[dict[str, object]]:
-    """Rows of detection.parquet: ranges over averaging times, payloads and supplies."""
+    """Rows of detection.parquet: detection ranges over supplies, payloads and averaging times."""
     rows = []
     for voltage, payload, averaging_s in itertools.product(
         chosen.supply, chosen.payload, chosen.averaging

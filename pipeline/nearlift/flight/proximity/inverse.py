@@ -1,12 +1,8 @@
-"""Height from lift: the posterior of z_hat given a lift ratio, or the throttle at which a vehicle
-hovers.
+"""Posterior of z_hat given a lift ratio, or the throttle at which a vehicle hovers.
 
-The ratio of lift near a boundary to lift far from it falls with distance, so it can be turned
-round, as far as it falls: where a model has the same ratio at two heights, no measurement of lift
-can tell them apart, and the inversion is refused.
-
-The posterior is on a grid: prior times the likelihood of the measured ratio, averaged over draws of
-the model. "Beyond" is the possibility that there is no boundary within reach.
+On a grid, the prior is multiplied by the likelihood of the measured ratio, averaged over draws of
+the model; "beyond" is the hypothesis of no boundary within the range. Where a model has the same
+ratio at two heights, lift cannot tell them apart, and the inversion is refused.
 """
 
 from __future__ import annotations
@@ -22,27 +18,26 @@ from nearlift.errors import InputRefused
 Ratio = Callable[[FloatArray], FloatArray]
 #: Nodes of the grid, geometrically spaced.
 NODES = 1200
-#: A change of ratio against the trend that is smaller than this is rounding.
+#: Largest change of L / L_inf between nodes that counts as rounding.
 FLAT = 1e-9
-#: A probability below this is told as being below it: likelihoods are not known so far into their
-#: tails.
+#: Probabilities below this are stated as a bound: the likelihood's far tails are not known.
 NONE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Located:
-    """Where the boundary may be.
+    """Posterior of the height of a boundary.
 
     Attributes
     ----------
     z_hat : array (n,)
         Grid of heights.
     density : array (n,)
-        Posterior probability density of z_hat, given that there is a boundary within the grid.
+        Posterior density of z_hat, given a boundary within the grid.
     beyond : float
         Posterior probability that there is none.
     median, lo90, hi90 : float
-        Of z_hat, given that there is one.
+        Of z_hat, given a boundary within the grid.
     """
 
     z_hat: FloatArray
@@ -54,18 +49,17 @@ class Located:
 
 
 def grid(low: float, high: float) -> FloatArray:
-    """Heights between the nearest and the farthest, geometrically spaced: shape (NODES,)."""
+    """Geometrically spaced heights from `low` (at least 0.001) to `high`: shape (NODES,)."""
     return np.geomspace(max(low, 1e-3), high, NODES)
 
 
 def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
-    """Refuse a model that does not rise or fall all the way.
+    """Refuse a model whose L / L_inf is not monotonic from `low` to `high`.
 
     Raises
     ------
     InputRefused
-        It turns round between `low` and `high`; says where, and from which height upwards it may be
-        inverted.
+        It folds (says above which height it does not), has no value somewhere, or is constant.
     """
     z_hat = grid(low, high)
     values = np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape)
@@ -94,25 +88,23 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
 def locate(
     measured: float, u: float, ratios: Sequence[Ratio], low: float, high: float, beyond: float = 0.5
 ) -> Located:
-    """Posterior of z_hat from a measured ratio.
+    """Posterior of z_hat from a measured L / L_inf.
 
     Parameters
     ----------
     measured, u : float
-        L / L_inf and its standard uncertainty, sensor, payload and supply included.
+        L / L_inf and its standard uncertainty, including sensor, payload and supply.
     ratios : sequence of callables
-        Draws of the model; none of them may fold (`refuse_folds` tells).
+        Draws of the model, each monotonic (see `refuse_folds`).
     low, high : float
-        Range within which the boundary may be, log-uniformly; nothing outside the range measured is
-        believed.
+        Range of the prior, uniform in ln z_hat.
     beyond : float
         Prior probability that there is no boundary within the range.
 
     Raises
     ------
     InputRefused
-        The uncertainty is not positive, or the ratio is further from all that the model can give
-        than ten uncertainties.
+        `u` is not positive, or `measured` is over ten `u` both from 1 and from the model's range.
     """
     if not u > 0:
         raise InputRefused(
@@ -131,9 +123,8 @@ def locate(
             f" {values.min():.4g} and {values.max():.4g}",
             "lift has another cause, or its uncertainty is larger than said",
         )
-    # per log z, in which the prior is flat; the evidence of a boundary is the likelihood's mean
-    # over it relative to the likeliest height, and to no boundary, which may be far likelier than
-    # any
+    # integrals over ln z, in which the prior is flat; both evidences are relative to the larger of
+    # the likelihoods at the best height and without a boundary, so that they cannot both underflow
     nearest, alone = float((deviation**2).min()), ((measured - 1.0) / u) ** 2
     likelihood = np.exp(-0.5 * (deviation**2 - nearest)).mean(axis=0)
     log_z = np.log(z_hat)
@@ -166,23 +157,20 @@ def ratio_of_hover(
     u_lift: float,
     u_throttle: float = 0.0,
 ) -> tuple[float, float]:
-    """L / L_inf of a vehicle that hovers at a throttle: weight over the lift that this throttle
-    gives far away; and its uncertainty.
+    """L / L_inf at hover (weight over lift far away at that throttle) and its standard uncertainty.
 
     Parameters
     ----------
     throttle : float
-        Fraction.
+        Fraction of full.
     weight_N, u_weight : float
         Weight, payload included, in N, and its relative standard uncertainty.
     levels, lift_inf_N : sequence of float
-        The throttles measured, ascending, and lift far away at each; between them lift goes as a
-        power of throttle.
+        Throttles measured, ascending, and lift far away at each; a power law between them.
     u_lift : float
         Relative standard uncertainty of lift far away: levels, supply.
     u_throttle : float
-        Standard uncertainty of the throttle, as a fraction of full; it counts with the power
-        between the levels beside it.
+        Standard uncertainty of `throttle`; weighted by the exponent of the power law there.
 
     Raises
     ------

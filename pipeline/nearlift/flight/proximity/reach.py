@@ -1,15 +1,13 @@
-"""From how far a boundary can be noticed, at given rates of false alarms and misses.
+"""Detection range of a boundary at given rates of false alarms and misses.
 
-Without a boundary the ratio's estimate scatters about 1 with standard deviation sigma(T). An alarm
-is raised when it departs, in the boundary's direction, by more than k_fa sigma, with k_fa the
-normal quantile of the false-alarm rate; a boundary that changes lift by D is missed with the given
-rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L/L_inf - 1| is that
-much.
+Without a boundary the estimate of L / L_inf scatters about 1 with standard deviation sigma(T). An
+alarm is raised when it departs, in the boundary's direction, by more than k_fa sigma, with k_fa the
+normal quantile of the false-alarm rate; a boundary that changes lift by D is missed at the given
+rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L / L_inf - 1| is D.
 
     sigma(T)^2 = short^2 / T + floor^2 + payload^2 + supply^2
 
-short^2 is the noise's density (relative, per second), what averaging takes away; the others it does
-not touch.
+Averaging over T reduces only `short`, the standard deviation of a one-second average.
 """
 
 from __future__ import annotations
@@ -32,9 +30,9 @@ class Sensor:
     short_per_sqrt_Hz : float
         Standard deviation of the average over one second, relative to lift.
     floor : float
-        What averaging does not take away.
+        Standard deviation that averaging does not reduce.
     every_s : float
-        Time between readings that are independent.
+        Time between independent readings.
     """
 
     short_per_sqrt_Hz: float
@@ -42,8 +40,8 @@ class Sensor:
     every_s: float = 0.01
 
     def sigma(self, averaging_s: float, payload: float = 0.0, supply: float = 0.0) -> float:
-        """Standard deviation of the ratio's estimate; `payload` and `supply` are relative standard
-        uncertainties of weight and lift.
+        """Standard deviation of the estimated L / L_inf; `payload` and `supply` are relative
+        standard uncertainties of weight and of lift by the supply.
         """
         return float(
             np.sqrt(
@@ -53,7 +51,7 @@ class Sensor:
 
 
 def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
-    """Change of lift, as a fraction, that is noticed at these rates."""
+    """Relative change of lift that is detected at these rates."""
     from scipy.special import ndtri
 
     return float(sigma * (-ndtri(false_alarm_rate) - ndtri(miss_rate)))
@@ -62,10 +60,8 @@ def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
 def reach(
     ratio: Callable[[FloatArray], FloatArray], change: float, low: float, high: float
 ) -> float:
-    """The largest z_hat at which lift differs from L_inf by `change`; nan where it does so nowhere,
-    `high` where it does so everywhere.
-
-    Nothing is said beyond `high`, the farthest station measured, nor below `low`, the nearest.
+    """Largest z_hat from `low` to `high` at which |L / L_inf - 1| is at least `change`,
+    interpolated on the grid; nan where there is none. A result of `high` is a lower bound.
     """
     z_hat = grid(low, high)
     effect = np.abs(np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape) - 1.0)
@@ -82,8 +78,8 @@ def reach(
 def reaches(
     ratios: Sequence[Callable[[FloatArray], FloatArray]], change: float, low: float, high: float
 ) -> tuple[float, float, float]:
-    """Range of the first (the best estimate), and its 90 % interval over the others; an
-    undetectable draw counts as zero.
+    """Detection range of the first ratio (the best estimate), and its 90 % interval over the
+    others, of which those without a range count as zero.
     """
     heights = [reach(f, change, low, high) for f in ratios]
     lo90, hi90 = (

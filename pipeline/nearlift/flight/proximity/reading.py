@@ -1,6 +1,4 @@
-"""One measurement read as a distance: a lift ratio, or the throttle at which the vehicle hovers,
-against the fitted lift.
-"""
+"""Distance to a boundary from one reading: a lift ratio, or the throttle at hover."""
 
 from __future__ import annotations
 
@@ -15,7 +13,7 @@ from nearlift.flight.proximity import inverse
 from nearlift.flight.proximity.reach import reach
 from nearlift.manifest.flight import Detect, LiftReading
 
-#: Lift goes so with the supply where the loop did not find its own exponent: a motor at fixed duty.
+#: Exponent of lift over supply voltage where the loop found none: a motor at fixed duty.
 SAG_EXPONENT = 2.0
 
 
@@ -30,9 +28,9 @@ class HeightInterval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightReading:
-    """A reading and what it says; `beyond` is the probability of no boundary within
-    `within_z_hat`. `alike` are heights at which other boundaries give the same ratio: one reading
-    cannot tell them apart.
+    """A reading and its posterior; `beyond` is the probability of no boundary within
+    `within_z_hat`, `alike` the heights of other boundaries with the same ratio, which one reading
+    cannot exclude.
     """
 
     boundary: Boundary
@@ -48,7 +46,7 @@ class HeightReading:
 
     @property
     def text(self) -> str:
-        """The answer for the terminal."""
+        """Summary for the terminal."""
         low, high = self.within_z_hat
         z, m = self.z_hat, self.z_m
         share = "below 0.01" if self.beyond < inverse.NONE else f"{100 * self.beyond:.2g}"
@@ -68,19 +66,19 @@ class HeightReading:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RefusedReading:
-    """A reading that says nothing, and why."""
+    """A reading without a posterior, and why."""
 
     boundary: Boundary
     refused: str
 
 
 def supply_sensitivity(lift: FittedLift) -> float:
-    """Relative change of lift per relative change of supply voltage."""
+    """Magnitude of d ln lift / d ln supply voltage."""
     return abs(lift.best.get("sag_exponent", SAG_EXPONENT))
 
 
 def refuse_folds(lift: FittedLift) -> None:
-    """Refuse a model of which the best estimate or any draw has one ratio at two heights."""
+    """Refuse a fitted lift whose best estimate or any draw has the same ratio at two heights."""
     low, high = lift.measured_z_hat
     for ratio in lift.ratios:
         inverse.refuse_folds(ratio, low, high, f"{lift.boundary} {lift.model.name}")
@@ -95,21 +93,20 @@ def read_height(
     weight_N: float,
     others: Sequence[FittedLift] = (),
 ) -> HeightReading:
-    """The posterior of z_hat from one reading.
+    """Posterior of z_hat from one reading.
 
-    `lift_inf_N` has lift far away and its standard uncertainty by throttle, `weight_N` is that of
-    the vehicle with the reading's payload, `others` lift near the other boundaries.
+    `lift_inf_N` gives lift far away and its standard uncertainty by throttle, `weight_N` includes
+    the reading's payload, `others` are the lifts near the other boundaries.
 
     Raises
     ------
     InputRefused
-        The model folds, the throttle is outside those measured, or the reading is far from
-        everything that the model can give.
+        The model folds, the throttle is outside those measured, or as `inverse.locate`.
     """
     refuse_folds(lift)
     exponent = supply_sensitivity(lift)
     if reading.ratio is not None:
-        # a ratio's `u` is all of it unless weight or supply are given too; hover always has both
+        # a ratio's `u` includes weight and supply unless they are given; a throttle's never does
         further = np.hypot(reading.weight or 0.0, exponent * (reading.supply or 0.0))
         ratio, u = reading.ratio, float(np.hypot(reading.u, reading.ratio * further))
     else:

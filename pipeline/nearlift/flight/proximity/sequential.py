@@ -1,11 +1,10 @@
-"""A sequential test of the lift ratio: how many false alarms it raises in an hour, and how long it
-takes to notice a boundary that changes lift by so much.
+"""Page's cumulative sum test of the lift ratio: rate of false alarms and mean detection delay.
 
-Page's cumulative sum S = max(0, S + x - D / 2) adds up readings x = |L / L_inf - 1| of standard
-deviation sigma, one every `every_s`; the alarm is S > h sigma. Without a boundary x has mean 0,
-with one D. What averaging does not take away is an offset that stays: either mean is taken at its
-worse end (95 %, one-sided). Mean times to an alarm are Siegmund's (1985),
-(exp(-2 m b) + 2 m b - 1) / (2 m^2) readings for a drift of m sigma and b = h + 1.166.
+S = max(0, S + x - D / 2) adds readings x = |L / L_inf - 1| of standard deviation sigma, one every
+`every_s`; the alarm is S > h sigma. The mean of x is 0 without a boundary, D with one; a constant
+offset, which averaging does not reduce, is taken at the worse end (95 %, one-sided) of either. Mean
+times to an alarm are Siegmund's (1985): (exp(-2 m b) + 2 m b - 1) / (2 m^2) readings for a drift of
+m sigma and b = h + 1.166.
 """
 
 from __future__ import annotations
@@ -13,18 +12,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-#: What Siegmund adds for the overshoot at either barrier.
+#: Siegmund's correction for the overshoot at the barriers, in standard deviations.
 OVERSHOOT = 1.166
-#: The 95 % point of a standard normal.
+#: 95 % point of the standard normal.
 ONE_SIDED = 1.6448536269514722
 HOUR_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SequentialTest:
-    """Threshold in sigma, and mean delay of the alarm in s (infinite where what averaging does not
-    take away hides the change).
-    """
+    """Threshold in sigma and mean delay in s; both infinite where the offset hides the change."""
 
     threshold: float
     delay_s: float
@@ -42,18 +39,18 @@ def run_length(drift: float, threshold: float) -> float:
 def sequential_test(
     change: float, sigma: float, offset_u: float, every_s: float, alarms_per_hour: float
 ) -> SequentialTest:
-    """The test for one change of lift (a fraction).
+    """Threshold and mean delay for a relative change of lift.
 
     Parameters
     ----------
     sigma : float
-        Standard deviation of one reading, without what stays.
+        Standard deviation of one reading, without the constant offset.
     offset_u : float
-        Standard uncertainty of what stays: floor, payload and supply.
+        Standard uncertainty of that offset: floor, payload and supply.
     every_s : float
         Time between readings.
     alarms_per_hour : float
-        False alarms allowed, where the offset is at its 95 % end.
+        Mean rate of false alarms allowed, with the offset at its 95 % end.
     """
     drift = (0.5 * abs(change) - ONE_SIDED * offset_u) / sigma
     if drift <= 0:

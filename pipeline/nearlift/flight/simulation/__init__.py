@@ -1,3 +1,1 @@
-"""Vertical flight near a boundary: what the fitted lift models mean for safety and energy. Opens no
-file, draws nothing.
-"""
+"""Vertical flight near a boundary: crash rates, energy and routes. Opens no file, draws nothing."""

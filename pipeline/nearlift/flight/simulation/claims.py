@@ -1,9 +1,9 @@
-"""What the paper says of its Fig. 6, as numbers with intervals, beside what each preset gives.
+"""Claims of the paper on its Fig. 6 as numbers with intervals, judged under each preset.
 
-Every claim is a number made of levels (set-points of a given risk) and a range of that number
-within which it holds. All levels of a preset come from one resampling of the same flights, so the
-interval of a difference is that of paired flights. A claim holds where the whole 90 % interval lies
-within its range, fails where all of it lies outside, and is undecided between.
+A claim is a number computed from levels (set-points of a given risk), and a range within which it
+holds. All levels of a preset come from one bootstrap of the same flights, so the interval of a
+difference is that of paired flights. A claim holds where its 90 % interval lies within the range,
+fails where it lies outside, and is undecided otherwise.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ INF = math.inf
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrashLevels:
-    """Levels of one preset under resampling, the first as flown: arrays (m,); nan where the
-    set-points flown do not hold it.
+    """Levels of one preset under resampling: arrays (m,), the first as flown; nan where the
+    set-points flown do not hold the level.
 
     Attributes
     ----------
     flown : mapping of (boundary, exponent, risk)
         With the preset's own gains and noise.
     varied : mapping of (boundary, exponent, variant)
-        Of half of the flights crashing, with other gains or noise.
+        At a risk of 50 %, with other gains or noise.
     """
 
     flown: dict[tuple[str, float, float], FloatArray] = field(default_factory=dict)
@@ -38,15 +38,13 @@ class CrashLevels:
 
     @property
     def variants(self) -> list[str]:
-        """Their names, in the order flown."""
+        """Names of the variants, in the order flown."""
         return list(dict.fromkeys(name for _, _, name in self.varied))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperClaim:
-    """A statement: the paper's words, the number in them, how it is computed from levels, and
-    between which values it holds.
-    """
+    """A claim: statement, the paper's number, computation from levels, range where it holds."""
 
     name: str
     says: str
@@ -64,17 +62,17 @@ class PaperClaim:
 
 
 def _shift(levels: CrashLevels, boundary: str, risk: float) -> FloatArray:
-    """How much lower one may fly with the model than without."""
+    """Lowering of the level by the model."""
     return levels.flown[boundary, 0.0, risk] - levels.flown[boundary, 1.0, risk]
 
 
 def _scaling(levels: CrashLevels, boundary: str, risk: float) -> FloatArray:
-    """How far the level moves from the power 0.6 to 1.4, with its sign."""
+    """Change of the level from the power 0.6 to 1.4."""
     return levels.flown[boundary, 1.4, risk] - levels.flown[boundary, 0.6, risk]
 
 
 def _worst(levels: CrashLevels, boundary: str, one: float, other: float, sign: float) -> FloatArray:
-    """The least of sign * (level of one power - level of the other) over all gains and noises
+    """Least of sign * (level of one power - level of the other) at 50 % over all gains and noises
     flown, the preset's own included.
     """
     if not levels.varied:
@@ -84,7 +82,7 @@ def _worst(levels: CrashLevels, boundary: str, one: float, other: float, sign: f
         (levels.varied[boundary, one, v], levels.varied[boundary, other, v])
         for v in levels.variants
     ]
-    # variants are flown fewer times: their resamples pair among themselves
+    # variants have fewer resamples, paired among themselves
     n = min(len(pairs[0][0]), *(len(v) for v in levels.varied.values()))
     worst: FloatArray = np.min([sign * (a[:n] - b[:n]) for a, b in pairs], axis=0)
     return worst
@@ -183,9 +181,7 @@ CLAIMS = (
 
 
 def verdict(low: float, high: float, holds: tuple[float, float]) -> str:
-    """What an interval says of a claim: holds, fails, or undecided (also where the interval has no
-    end).
-    """
+    """Holds, fails or undecided by an interval; undecided where the interval has no end."""
     if not (math.isfinite(low) and math.isfinite(high)):
         return "undecided"
     if holds[0] <= low and high <= holds[1]:
@@ -195,7 +191,7 @@ def verdict(low: float, high: float, holds: tuple[float, float]) -> str:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedNumber:
-    """A claim's number under one preset, and whether it holds."""
+    """A claim's number under one preset, and its verdict."""
 
     value: float
     lo90: float
@@ -205,7 +201,7 @@ class JudgedNumber:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedClaim:
-    """A claim beside what each preset gives."""
+    """A claim with its number and verdict under each preset."""
 
     name: str
     says: str
@@ -215,7 +211,7 @@ class JudgedClaim:
 
 
 def judge(presets: Mapping[str, CrashLevels]) -> tuple[JudgedClaim, ...]:
-    """Each claim that the risks flown allow to be computed."""
+    """Verdicts on the claims that the risks flown allow to be computed."""
     judged = []
     for claim in CLAIMS:
         try:
@@ -235,7 +231,7 @@ def judge(presets: Mapping[str, CrashLevels]) -> tuple[JudgedClaim, ...]:
 
 
 def _judged(values: FloatArray, holds: tuple[float, float]) -> JudgedNumber:
-    # a level that the set-points do not hold leaves its end of the interval open
+    # nan, where the set-points do not hold the level, leaves that end of the interval open
     low, high = -spread90(-values)[1], spread90(values)[1]
     return JudgedNumber(
         value=float(values[0]), lo90=low, hi90=high, verdict=verdict(low, high, holds)

@@ -1,10 +1,9 @@
-"""PID on rotor frequency (Eq. 5): f = kP (z - z0) + kD z' + kI integral(z - z0) + f0, never below
-zero.
+"""PID of rotor frequency (Eq. 5): f = max(0, kP (z - z0) + kD z' + kI integral(z - z0) + f0).
 
-Sign: z is the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn
-its rotors faster, so the gains are negative; below a ceiling it is then too high and must slow
-them, so they are positive. The paper prints positive gains for both, with which the loop above a
-ground runs away. A set of gains whose loop is unstable is refused.
+z is the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn its
+rotors faster, so the gains are negative; below a ceiling it is then too high and must slow them, so
+they are positive. The paper prints positive gains for both, with which the loop above a ground is
+unstable; unstable gains are refused.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ class Gains:
     kI: float
 
     def times(self, factor: float) -> Gains:
-        """All three so many times as large."""
+        """All three gains multiplied by `factor`."""
         return Gains(kP=factor * self.kP, kD=factor * self.kD, kI=factor * self.kI)
 
     def mirrored(self) -> Gains:
@@ -44,9 +43,7 @@ PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.mirrored(), "ceili
 
 
 def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
-    """Poles in 1/s of the loop linearised about hover, far enough that the lift's slope does not
-    matter: complex, shape (3,).
-    """
+    """Complex poles (3,), in 1/s, of the loop linearised about hover far from the boundary."""
     # s^3 = away * 2 g / f0 * (kD s^2 + kP s + kI)
     stiffness = AWAY[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
     return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
@@ -58,9 +55,9 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary) -> Gains:
     Raises
     ------
     ManifestError
-        A pole has no negative real part; says which sign would do. Or kP or kD is zero.
+        A pole has a positive real part (says which signs would do), or kP or kD is zero.
     """
-    # a pole of exactly zero is an integrator that is not used, no instability
+    # a pole at zero is that of an unused integrator
     worst = float(poles(gains, craft, boundary).real.max())
     if worst <= 1e-9 and gains.kP and gains.kD:
         return gains

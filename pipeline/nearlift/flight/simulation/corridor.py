@@ -1,11 +1,10 @@
-"""A corridor seen from the side, on a grid: power, hazard, and where one may fly.
+"""Grid of a corridor seen from the side: relative power, hazard, and where one may fly.
 
 The corridor has a floor, a ceiling and boxes. Hazard is crashes per second of a hover at that
-height, from the crash rates. Risk is counted where it was flown and nowhere else. Above the highest
-set-point whose flights crashed it is a bound that the number of flights sets (half a crash among
-them); above the highest set-point flown that bound is kept, since farther away is no riskier:
-nothing falls on towards zero because a curve would. A box's sides are kept clear of by half the
-vehicle; what they do to lift is left out.
+height, from the crash rates. Above the highest set-point whose flights crashed it is limited by the
+number of flights (half a crash among them); above the highest set-point flown it is kept constant,
+since farther away is no riskier and no curve is trusted to fall towards zero. The sides of boxes
+are kept clear of by half the vehicle; their effect on lift is left out.
 """
 
 from __future__ import annotations
@@ -24,11 +23,11 @@ from nearlift.results import IntArray
 
 #: Nodes per rotor radius.
 FINENESS = 2
-#: Most nodes: every price of a crash is a search over all of them.
+#: Largest number of nodes: every price of a crash is a search over all of them.
 MOST_NODES = 500_000
-#: A boundary of which no model was fitted is left alone by so many radii.
+#: Clearance, in rotor radii, from a boundary without a fitted model.
 BERTH = 4.0
-#: What the risk at a point rests on, by how far it reaches beyond what was flown.
+#: Basis of the risk at a point, from flown to extrapolated.
 BASES = (
     "flights that crashed",
     "flights of which none crashed",
@@ -47,12 +46,12 @@ class Corridor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pilot:
-    """The vehicle on its way.
+    """Size and speed of the vehicle on its way.
 
     Attributes
     ----------
     radius_m, half_width_m : float
-        Rotor radius, and half the vehicle's width, by which the sides of boxes are kept clear of.
+        Rotor radius, and half the vehicle's width, the clearance from the sides of boxes.
     speed_m_s : float
     induced_m_s : float
         Induced velocity in hover far away; climbing by h costs as much as hovering for h / (2 v_i),
@@ -67,7 +66,7 @@ class Pilot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nearness:
-    """What being near one boundary means, as functions of z_hat.
+    """Effects of one boundary as functions of z_hat.
 
     Attributes
     ----------
@@ -76,11 +75,11 @@ class Nearness:
     hazard : callable
         Crashes per second.
     low, high : callable
-        Draws of the hazard, (m, n) for n heights: the 5 % point of the one and the 95 % point of
-        the other bound it.
+        Draws of the hazard, (m, n) for n heights; the 5 % point of `low` and the 95 % point of
+        `high` bound it.
     lowest_z_hat : float
-        The lowest height flown: no set-point below was flown, nothing below was measured, or the
-        readings of what lift does there lead to different crash rates.
+        Lowest height allowed: below it nothing was flown or measured, or the two extrapolations of
+        lift give different crash rates.
     seen_z_hat, flown_z_hat : float
         Highest set-point at which a flight crashed, and highest flown.
     """
@@ -98,9 +97,7 @@ def hazard_between(
     target_z_hat: FloatArray, rate: FloatArray, duration_s: float
 ) -> Callable[[FloatArray], FloatArray]:
     """Crashes per second as a function of z_hat, from crash rates (t,) or draws of them (m, t) at
-    set-points.
-
-    Log-linear between set-points, constant below the lowest and above the highest.
+    set-points: log-linear between them, constant below the lowest and above the highest.
 
     Returns
     -------
@@ -127,10 +124,10 @@ def nearness(
     lowest_z_hat: float,
     rng: np.random.Generator,
 ) -> Nearness:
-    """Power and hazard near one boundary, from what was flown with the best estimate (row 1 of the
-    sweep), with lift held below the nearest station (row 2) and with the model's draws.
+    """Power and hazard near one boundary, from a sweep's best estimate (row 1), the same with lift
+    held below the nearest station (row 2), and the model's draws.
 
-    `lowest_z_hat` is the lowest height measured at which both readings of what is nearer agree.
+    `lowest_z_hat` is the lowest height measured at which both extrapolations agree.
     """
     z_hat = flown.target_z_hat
     cost = energy.cost(flown.ratio[1], held)[1]
@@ -141,7 +138,7 @@ def nearness(
         )
         for crash in (0.0, 1.0)
     )
-    # beyond the highest set-point the saving falls as the square of distance, as an image's does
+    # beyond the highest set-point the saving falls as 1 / z^2, as an image's does
     last = 1 - cost[-1]
     return Nearness(
         power=lambda z: np.where(
@@ -173,9 +170,7 @@ class CorridorGrid:
     near: Mapping[Boundary, Nearness]
 
     def draws(self, nodes: IntArray, which: str) -> FloatArray:
-        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`: those of the boundaries are
-        independent, and add.
-        """
+        """Draws (m, n) of the hazard at nodes (n,), `low` or `high`, summed over boundaries."""
         total: FloatArray = np.zeros((1, len(nodes)))
         for boundary, near in self.near.items():
             at = np.maximum(self.gaps[boundary].ravel()[nodes], near.lowest_z_hat)
@@ -185,7 +180,7 @@ class CorridorGrid:
         return total
 
     def basis(self, nodes: IntArray) -> IntArray:
-        """What the risk at nodes rests on: the boundary that carries more of it decides."""
+        """Basis of the risk at nodes: that of the boundary with the larger hazard."""
         basis, most = np.full(len(nodes), 2), np.full(len(nodes), -1.0)
         for boundary, near in self.near.items():
             gap = self.gaps[boundary].ravel()[nodes]
@@ -198,13 +193,12 @@ class CorridorGrid:
 def corridor_grid(
     corridor: Corridor, pilot: Pilot, near: Mapping[Boundary, Nearness]
 ) -> CorridorGrid:
-    """Power and hazard everywhere. The effects of floor and ceiling multiply, and their hazards
-    add.
+    """Power and hazard on the grid: powers of floor and ceiling multiply, their hazards add.
 
     Raises
     ------
     InputRefused
-        The corridor has more nodes than can be searched; says how long it may be.
+        The corridor has more than MOST_NODES nodes; says how long it may be.
     """
     step = pilot.radius_m / FINENESS
     columns, rows = (

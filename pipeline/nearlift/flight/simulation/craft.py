@@ -1,6 +1,4 @@
-"""The vehicle as the simulation knows it: blade-element lift, weight, and what scales the paper's
-Eq. 6.
-"""
+"""Rotorcraft in vertical flight: blade-element lift, weight, and scales of the paper's Eq. 6."""
 
 from __future__ import annotations
 
@@ -13,10 +11,10 @@ class Craft:
     """A rotorcraft that only goes up and down: L = rotors C_L rho f^2 r^4 far from every boundary,
     f in revolutions per second.
 
-    The paper's C_L = 1.6 makes a Crazyflie hover at 351 Hz, where it is measured to hover at 278 Hz
-    (C_L = 2.55). No crash depends on it: C_L enters Eq. 6 only through the groups, and the gains
-    were chosen with it. Thrust follows the command with `motor_lag_s`, and lift far away never
-    exceeds `most_lift_N`; the paper's vehicle has neither.
+    The paper's C_L = 1.6 makes a Crazyflie hover at 351 Hz; its measured hover is at 278 Hz (C_L =
+    2.55). No crash depends on it: C_L enters Eq. 6 only through the groups, and the gains were
+    chosen with it. Thrust follows the command with time constant `motor_lag_s`, and lift far away
+    never exceeds `most_lift_N`; the paper's vehicle has neither.
     """
 
     radius_m: float
@@ -30,7 +28,7 @@ class Craft:
 
     @property
     def weight_N(self) -> float:
-        """M g."""
+        """Weight."""
         return self.mass_kg * self.gravity_m_s2
 
     @property
@@ -45,11 +43,11 @@ class Craft:
 
     @property
     def time_s(self) -> float:
-        """The time that scales Eq. 6, sqrt(r / g)."""
+        """Time scale of Eq. 6, sqrt(r / g)."""
         return math.sqrt(self.radius_m / self.gravity_m_s2)
 
 
-#: As the paper simulates it.
+#: The vehicle of the paper's simulation.
 CRAZYFLIE_AS_PRINTED = Craft(
     radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6
 )

@@ -13,17 +13,16 @@ from nearlift.declare import FloatArray
 from nearlift.errors import UsageError
 from nearlift.results import IntArray
 
-#: Resamples of the flights behind the interval of a level.
+#: Bootstrap resamples of the flights for the interval of a level.
 RESAMPLES = 400
-#: And so many for each draw of a model.
+#: Resamples for each draw of a model.
 PER_DRAW = 50
+#: Percentiles of a 90 % interval.
 INTERVAL = (5.0, 95.0)
 
 
 def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]:
-    """Equal-tailed 90 % interval of a crash rate (Jeffreys; the end at 0 or 1 where no flight, or
-    every flight, crashed).
-    """
+    """Jeffreys' equal-tailed 90 % interval of a crash rate, to 0 or 1 if none or all crashed."""
     from scipy.special import betaincinv
 
     k = np.asarray(crashes, dtype=float)
@@ -33,8 +32,8 @@ def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]
 
 
 def upper95(crashes: IntArray, flights: int) -> FloatArray:
-    """One-sided 95 % upper bound of a crash rate (Clopper and Pearson): where no flight crashed
-    nearly 3 / flights, the rule of three.
+    """Clopper and Pearson's one-sided 95 % upper bound of a crash rate: nearly 3 / flights where no
+    flight crashed (the rule of three).
     """
     from scipy.special import betaincinv
 
@@ -46,9 +45,7 @@ def upper95(crashes: IntArray, flights: int) -> FloatArray:
 
 
 def falling(rate: FloatArray) -> FloatArray:
-    """The nearest rates that nowhere rise with the set-point (isotonic least squares), along the
-    last axis: farther away is no riskier.
-    """
+    """Isotonic least-squares fit along the last axis, non-increasing with the set-point."""
     from scipy.optimize import isotonic_regression
 
     rows = np.atleast_2d(np.asarray(rate, dtype=float))
@@ -59,8 +56,8 @@ def falling(rate: FloatArray) -> FloatArray:
 
 
 def estimate(crashes: IntArray, flights: int) -> FloatArray:
-    """Crash rates (n,) over ascending set-points: (k + 1/2) / (flights + 1), the mean under
-    Jeffreys' prior, made to fall.
+    """Crash rates (n,) over ascending set-points: (k + 1/2) / (flights + 1), the posterior mean
+    under Jeffreys' prior, made non-increasing.
     """
     return falling((np.asarray(crashes, dtype=float) + 0.5) / (flights + 1))
 
@@ -72,14 +69,14 @@ def rate_draws(
     crash: float = 0.5,
     safe: float = 0.5,
 ) -> FloatArray:
-    """Crash rates under resampling of the flights, with what none of them may have shown: shape
-    (number, set-points), each row falling.
+    """Posterior draws of crash rates from the Bayesian bootstrap of flights: shape (number,
+    set-points), each row non-increasing.
 
-    The Bayesian bootstrap (Rubin 1981) weighs whole flights, which common gusts tie together over
-    all set-points; a pseudo-crash and a pseudo-return of weights `crash` and `safe` (gamma shapes)
-    at each set-point keep a rate that was never seen from being zero for certain. At one set-point
-    the draws are Beta(k + crash, flights - k + safe): halves are Jeffreys' posterior, (1, 0) and
-    (0, 1) have Clopper and Pearson's upper and lower bounds as percentiles.
+    The bootstrap (Rubin 1981) weights whole flights, since common gusts correlate the crashes of
+    one flight over all set-points; a pseudo-crash and a pseudo-return with gamma weights (shapes
+    `crash` and `safe`) at each set-point allow for events not seen. At one set-point the draws are
+    Beta(k + crash, flights - k + safe): halves give Jeffreys' posterior, (1, 0) and (0, 1) have
+    Clopper and Pearson's upper and lower bounds as percentiles.
 
     Parameters
     ----------
@@ -96,8 +93,7 @@ def rate_draws(
 
 
 def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> FloatArray:
-    """The lowest set-point from which upwards the crash rate stays at or below `risk`; between
-    set-points the logit of the rate is linear.
+    """Lowest set-point above which the crash rate stays within `risk`; logits are interpolated.
 
     Parameters
     ----------
@@ -107,18 +103,16 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
         Crash rates.
     risk : float
     least : float
-        What a rate of zero is taken for, half a crash among the flights (and a rate of one for all
-        but half a flight).
+        Rates are clipped to [least, 1 - least], for their logit: half a crash among the flights.
 
     Returns
     -------
     array (...)
-        nan where even the highest set-point is riskier; the lowest set-point itself (an upper
-        bound) where all are safer.
+        nan where the highest set-point is riskier; the lowest, an upper bound, where all are safer.
     """
     safe = np.clip(np.asarray(rate, dtype=float), least, 1 - least)
     above, n = safe > risk, len(target_z_hat)
-    # the highest that is riskier; -1 where none is
+    # index of the highest set-point that is riskier; -1 where none is
     last = np.where(above.any(axis=-1), n - 1 - above[..., ::-1].argmax(axis=-1), -1)
     i = np.clip(last, 0, n - 2)
     a, b = (
@@ -134,7 +128,7 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
 
 
 def refuse_few(risk: float, flights: int) -> None:
-    """A risk that so few flights cannot show is refused.
+    """Refuse a risk too small for the number of flights.
 
     Raises
     ------
@@ -150,9 +144,7 @@ def refuse_few(risk: float, flights: int) -> None:
 
 
 def resamples(flights: int, rng: np.random.Generator, number: int = RESAMPLES) -> FloatArray:
-    """Weights of the flights under resampling, (number, flights), the first row as flown: one table
-    serves all that is compared.
-    """
+    """Bootstrap weights of the flights (number, flights), the first row as flown."""
     drawn = rng.multinomial(flights, np.full(flights, 1 / flights), size=number - 1)
     return np.concatenate([np.ones((1, flights)), drawn]) / flights
 
@@ -160,24 +152,23 @@ def resamples(flights: int, rng: np.random.Generator, number: int = RESAMPLES) -
 def levels(
     target_z_hat: FloatArray, crashed: NDArray[np.bool_], risk: float, weights: FloatArray
 ) -> FloatArray:
-    """Levels under `resamples` of the flights, which common gusts tie together over all set-points:
-    shape (number,), the first as flown.
+    """Levels under the bootstrap weights of `resamples`, (number,), the first as flown; each weight
+    is common to all set-points, as the gusts are.
     """
     least = 0.5 / crashed.shape[1]
     return level(target_z_hat, weights @ crashed.T, risk, least)
 
 
-#: Set-points nearer to each other than this, in radii, are told apart by no vehicle.
+#: Gap between set-points, in rotor radii, that needs no refinement: no vehicle tells them apart.
 FINEST = 0.005
 
 
 def wide_gaps(target_z_hat: FloatArray, levels_by_curve: Sequence[FloatArray]) -> set[float]:
-    """Set-points to fly next, so that a level is not read across a gap wider than half of its
-    stated interval.
+    """Set-points to add so that no level is interpolated over a gap wider than half its interval.
 
-    `levels_by_curve` are one curve's levels under resampling, the first as flown, or those of
-    several whose spread is stated together. Empty where every level, and the ends of the interval,
-    lie between set-points near enough.
+    `levels_by_curve` are levels under resampling, the first as flown, of one curve or of several
+    whose spread is stated together. Empty where every level and the ends of the interval lie in
+    narrow gaps; a gap of FINEST is always narrow.
     """
     low, high = spread90(np.concatenate(levels_by_curve))
     width = high - low
@@ -194,17 +185,13 @@ def wide_gaps(target_z_hat: FloatArray, levels_by_curve: Sequence[FloatArray]) -
 
 
 def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
-    """Levels that the set-points hold; those at the lowest set-point, which are only upper bounds,
-    become nan.
-    """
+    """Levels above the lowest set-point; at it they are only upper bounds, and become nan."""
     result: FloatArray = np.where(values > target_z_hat[0], values, np.nan)
     return result
 
 
 def spread90(values: FloatArray) -> tuple[float, float]:
-    """5 % and 95 % points; where some are nan (no set-point was safe enough) those count as beyond
-    the highest.
-    """
+    """5 % and 95 % points; nan (no set-point was safe enough) ranks above every level."""
     filled = np.sort(np.where(np.isfinite(values), values, np.inf))
     low, high = (float(filled[min(int(q / 100 * len(filled)), len(filled) - 1)]) for q in INTERVAL)
     return (low if np.isfinite(low) else float("nan")), (
@@ -214,8 +201,8 @@ def spread90(values: FloatArray) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrashLevel:
-    """The lowest set-point for a risk, with the flights' own 90 % interval; at `lowest_flown` it is
-    only an upper bound.
+    """Lowest set-point at a risk, with its 90 % bootstrap interval over the flights; an upper bound
+    where it is `lowest_flown`.
     """
 
     risk: float
@@ -226,7 +213,7 @@ class CrashLevel:
 
     @classmethod
     def resampled(cls, target_z_hat: FloatArray, values: FloatArray, risk: float) -> CrashLevel:
-        """From the levels under resampling, the first as flown."""
+        """From levels under resampling, the first as flown."""
         lo90, hi90 = spread90(values)
         return cls(
             risk=risk,

@@ -1,4 +1,4 @@
-"""L / L_inf as a table: equally spaced, bounded below a height, as the compiled loop reads it."""
+"""Tables of L / L_inf, equally spaced and constant below a bound, for the compiled loop."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 
-#: Above this height every table is constant; lift there is within 0.3 % of L_inf for every model
-#: declared.
+#: Height above which every table is constant; lift there is within 0.5 % of L_inf for the declared
+#: models at their declared parameters.
 TOP = 16.0
-#: Nodes of every table, equally spaced in z.
+#: Nodes of every table.
 NODES = 2049
 
 
@@ -24,7 +24,7 @@ class Curves:
     Attributes
     ----------
     low : float
-        Where the range begins, which ends at `TOP`; beyond its ends the ratio is constant, so that
+        Lower end of the range, whose upper end is `TOP`; beyond both the ratio is constant, so that
         `low` is the bound that the paper puts at 0.5.
     values : array (m, NODES)
     """
@@ -39,22 +39,22 @@ class Curves:
 
     @property
     def per_radius(self) -> float:
-        """Steps of the table per rotor radius."""
+        """Table steps per rotor radius."""
         return (NODES - 1) / (TOP - self.low)
 
     def packed(self) -> FloatArray:
-        """Value and slope of each step, tables one behind the other, as the loop wants them."""
+        """Value at and change over each step, tables one behind the other, for the kernel."""
         slope = np.zeros_like(self.values)
         slope[:, :-1] = np.diff(self.values, axis=1)
         return np.ascontiguousarray(np.stack([self.values, slope], axis=-1).reshape(-1))
 
     def at(self, z_hat: FloatArray) -> FloatArray:
-        """Every table at those heights: shape (m, n)."""
+        """Every table at heights (n,): shape (m, n)."""
         return np.stack([np.interp(z_hat, self.z_hat, row) for row in self.values])
 
 
 def tabulate(ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float) -> Curves:
-    """Tables of several functions of z_hat, each bounded to its value at `low`.
+    """Tables of several functions of z_hat, each constant below `low`.
 
     Raises
     ------

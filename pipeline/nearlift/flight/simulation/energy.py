@@ -1,20 +1,19 @@
-"""What hovering near a boundary costs, and where to hover when a crash has a price.
+"""Hover power near a boundary, and the set-point of least expected cost at a price of a crash.
 
-Relative cost is power to hover near the boundary over power far away, always at the same thrust
-(the weight). What L / L_inf says of it depends on what was held while L / L_inf was measured or
-derived:
+Relative cost is power to hover near the boundary over power far away, at the same thrust (the
+weight). Its relation to L / L_inf depends on what was held while L / L_inf was measured or derived:
 
 power              thrusts at the same power: T goes as P^(2/3) at a fixed inflow factor, so
                    cost = ratio^(-3/2), as the paper takes it for all.
-thrust             the ratio is P_inf / P at the same thrust, as the theories' factor is
-                   (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s) read through momentum
-                   theory): cost = 1 / ratio.
+thrust             the ratio is P_inf / P at the same thrust, as in the theories
+                   (Hsiao-Chirarattananon's gamma; an image's 1/(1 - s) by momentum theory):
+                   cost = 1 / ratio.
 rpm                thrusts at the same frequency: ratio = (P_inf/P)^n with n between 0.60 and 0.82
                    for a small rotor, so cost = ratio^(-1/n).
 throttle, voltage  between constant rpm and constant power; the exponent is known only between 1
                    and 1/0.60.
 
-Mechanical power; motors and electronics are not in it.
+Mechanical power, without the losses of motors and electronics.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ from nearlift.flight.simulation.crash_rate import estimate, upper95
 from nearlift.results import IntArray
 
 Held = Literal["power", "thrust", "rpm", "throttle", "voltage"]
-#: Exponent e of cost = ratio^(-e) as (lowest, best, highest).
+#: Exponent e of cost = ratio^(-e): (lowest, best, highest).
 EXPONENTS: dict[Held, tuple[float, float, float]] = {
     "power": (1.5, 1.5, 1.5),
     "thrust": (1.0, 1.0, 1.0),
@@ -38,9 +37,9 @@ EXPONENTS: dict[Held, tuple[float, float, float]] = {
     "voltage": (1.0, 1.5, 1 / 0.60),
 }
 
-#: Crash rate beyond which no set-point is advised.
+#: Crash rate above which no set-point is advised.
 MOST_CRASHES = 0.5
-#: Nobody is told to fly more than this.
+#: Number of flights at which the search for a sufficient number ends.
 MOST_FLIGHTS = 10_000_000
 
 
@@ -50,19 +49,16 @@ def paper_cost(ratio: Any) -> Any:
 
 
 def cost(ratio: Any, held: Held) -> tuple[Any, Any, Any]:
-    """Relative cost by what was held: (lowest, best, highest) over what is not known of the
-    exponent. Shapes as `ratio`.
-    """
+    """Relative cost (lowest, best, highest) over the uncertainty of the exponent for `held`."""
     values = np.stack([np.power(ratio, -e) for e in EXPONENTS[held]])
     return values.min(axis=0), values[1], values.max(axis=0)
 
 
 def best_set_point(relative_cost: FloatArray, rate: FloatArray, price: float) -> tuple[int, float]:
-    """Index of the set-point of least expected cost (the highest of equals), and that cost: in
-    energies of a hover far away of the same duration, with `price` for each crash.
+    """Index and expected cost of the cheapest set-point (the highest of equals); costs and the
+    `price` of a crash are in energies of a hover far away of the same duration.
 
-    Where more than half of the flights crash none is advised, however cheap a crash, unless the
-    highest set-point is such a one.
+    Set-points where more than half of the flights crash are excluded, except the highest.
     """
     total = np.where(rate > MOST_CRASHES, np.inf, relative_cost + price * rate)
     total[-1] = relative_cost[-1] + price * rate[-1]
@@ -72,30 +68,29 @@ def best_set_point(relative_cost: FloatArray, rate: FloatArray, price: float) ->
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BestSetPoint:
-    """The set-point of least expected cost at a price of a crash, and whether the flights can tell.
+    """Set-point of least expected cost at a price of a crash, and whether the flights resolve it.
 
     Attributes
     ----------
     price : float
         Of a crash, in energies of a hover far away of the same duration.
     target_z_hat, lo90, hi90 : float or None
-        None where there is no advice; the interval is over draws of the model and the flights.
+        None where none is advised; the interval is over draws of the model and the flights.
     farthest : bool
-        It is the farthest set-point flown.
+        Whether it is the farthest set-point flown.
     expected_cost, relative_cost : float
     crashes : int
-        Of flights that had no part in the choice.
+        In flights that had no part in the choice.
     rate, rate_hi95 : float
-        Estimate, and one-sided upper bound, of the crash rate there, from the same flights.
+        Estimate and one-sided upper bound of the crash rate, from the same flights.
     resolved : bool
-        Even at the upper bound of its risk it costs less than the farthest set-point flown would
-        without any. (The farthest itself counts as resolved: it says that the best is there or
-        beyond.)
+        Whether it costs less, even at the upper bound of its crash rate, than the farthest
+        set-point would without crashes. True of the farthest itself: the best is there or beyond.
     flights_needed : int or None
-        So many would resolve it if as few of them crashed as of those that it was chosen by; None
-        where it is resolved, or where no number would do.
+        Flights that would resolve it at the crash rate of the flights that chose it; None where it
+        is resolved or no number would do.
     agrees : bool
-        The two readings of lift below the nearest station lead to the same; where they do not,
+        Whether both extrapolations of lift below the nearest station lead to it; if not,
         `target_z_hat` is None and the interval is that of the model's own form.
     """
 
@@ -122,11 +117,10 @@ def choose(
     flights: int,
     price: float,
 ) -> BestSetPoint:
-    """The set-point of least expected cost by the estimated rates of n set-points, with the test of
-    whether so many flights can tell.
+    """Set-point of least expected cost among n, and whether this number of flights resolves it.
 
-    The best of many was flown luckier than it is: what is said of it is from `again`, the crashes
-    in as many other flights.
+    Choosing the best of many selects for luck: the crash rate stated is that of `again`, the
+    crashes in as many other flights.
     """
     best, _ = best_set_point(relative_cost, estimate(crashes, flights), price)
     farthest = best == len(crashes) - 1
@@ -138,7 +132,7 @@ def choose(
     needed = None
     first = int(crashes[best])
     if not resolved and saving > price * first / flights:
-        # the first flights may have shown it, and the others not: then twice as many
+        # the first flights may resolve it where the others do not: then at least twice as many
         shown = price * float(upper95(np.array([first]), flights)[0]) <= saving
         needed = 2 * flights if shown else flights
         while (
@@ -161,7 +155,7 @@ def choose(
 
 
 def front(relative_cost: FloatArray, rate: FloatArray) -> IntArray:
-    """Set-points that no other beats in both energy and risk, by ascending risk."""
+    """Pareto front of energy and risk: indices of set-points, by ascending risk."""
     order = np.lexsort((relative_cost, rate))
     kept, least = [], np.inf
     for i in order:

@@ -1,8 +1,8 @@
-"""The campaign's own vehicle in flight: its fitted lift, best estimate and draws, under the
-manifest's controller and gusts or the paper's carried over to it.
+"""Monte Carlo flights of the campaign's vehicle: fitted lift, best estimate and draws, under the
+manifest's controller and gusts or the paper's scaled to it.
 
-Below the nearest station nothing was measured. The model's own form is one reading of what lift
-does there, its value at the station the other; advice is given where both lead to the same.
+Below the nearest station nothing was measured. Lift there is extrapolated in two ways, by the
+model's own form and by its value at the station; advice is given where both lead to the same.
 """
 
 from __future__ import annotations
@@ -43,18 +43,20 @@ from nearlift.results import IntArray
 from nearlift.results.serial import Unbounded, optional
 
 Rows = list[dict[str, object]]
-#: Two readings whose set-points differ by less than this many radii lead to the same.
+#: Tolerance, in rotor radii, on the agreement of the set-points of both extrapolations.
 ALIKE = 0.05
-#: Curves of the sweep: without a boundary, the best estimate by its own form and held below the
-#: nearest station, and from then on the draws.
+#: Curves of the sweep: no boundary, the best estimate by its own form, the best estimate held
+#: constant below the nearest station, and from then on the draws.
 NONE, FORM, HELD, FIRST_DRAW = range(4)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedLevel(CrashLevel):
-    """By the model's own form, with its uncertainty and the flights' together; the model's alone;
-    by lift held below the nearest station, and whether that leads to the same (the interval then
-    holds both); and the level without a model.
+    """Level by the model's own form, with the 90 % interval of model and flights together.
+
+    `model_only` is the interval of the model alone, `held` the level with lift held below the
+    nearest station, `agrees` whether both extrapolations agree (the interval then includes both),
+    `without_model` the level without a boundary.
     """
 
     model_only: tuple[float, float]
@@ -65,7 +67,7 @@ class FittedLevel(CrashLevel):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedFlights:
-    """What flew at one boundary, and what follows.
+    """Flights at one boundary and their results.
 
     Attributes
     ----------
@@ -73,32 +75,32 @@ class FittedFlights:
     parameters : mapping of str to float
     effects, left_on_the_bench : tuple of str
     draws_from : str
-        The product that the draws come from.
+        Product that the draws come from.
     draws : int
     contact_z_hat, contact_m : float
-        What counts as a crash: the rotor plane this near to the boundary.
+        Height of the rotor plane at contact, which counts as a crash.
     bound_z_hat : float
-        The model's own form is carried down to it; below L / L_inf is constant.
+        Lower end of the model's own form; below it L / L_inf is constant.
     measured_z_hat : (float, float)
-        Nearest and farthest station. The second reading holds L / L_inf below the nearest.
+        Nearest and farthest station.
     agreed_z_hat : float
-        The two readings' crash rates agree within their intervals at this set-point and above.
+        Lowest set-point from which upwards both extrapolations' crash rates agree.
     droop : float
-        Change of lift by the end of a flight.
+        Relative change of lift by the end of a flight.
     held : str
-        What a trial held constant.
+        Quantity that each trial held constant.
     flights : int
     groups : Groups
     spacing_hat : float or None
     convergence : StepTest
     levels : tuple of FittedLevel
     front_z_hat : array
-        Set-points that no other beats in both energy and risk.
+        Set-points on the Pareto front of energy and risk.
     best_set_points : tuple of BestSetPoint
     maps : StepTest or None
         Of the maps, where they were flown.
     gains : Gains or None
-        Those of `groups` in SI units, for whoever sets a controller.
+        Those of `groups` in SI units, to set a controller by.
     """
 
     model: str
@@ -135,14 +137,15 @@ def conditions(
     spread: Spread,
     bare_kg: float | None = None,
 ) -> tuple[Groups, MonteCarlo]:
-    """Groups, scheme and step of a campaign's flights: the manifest's, else the paper's carried
-    over to the vehicle. `contact_m` is how near its rotor plane comes before it touches, `bare_kg`
-    the mass that gains and gusts are for: the craft's own if not given.
+    """Groups, scheme and step of a campaign's flights: the manifest's, else the paper's scaled to
+    the vehicle. `contact_m` is the height of the rotor plane at contact, `bare_kg` the mass that
+    gains and gusts are for (by default the craft's).
 
     Raises
     ------
     ManifestError
-        The gains make an unstable loop, or the step is no whole part of the gusts' hold.
+        The gains make an unstable loop, the step is no whole part of the gusts' hold, a flight is
+        shorter than a gust, or the rotors cannot lift the manifest's mass.
     """
     like = presets.preset("converged")
     carried = like.groups(boundary)
@@ -154,7 +157,7 @@ def conditions(
         else gains_for(carried, bare)
     )
     if chosen.scale_gains:
-        # the loop's poles go by gain over the frequency of hover
+        # the loop's poles depend on gain over hover frequency
         gains = gains.times(craft.hover_Hz / bare.hover_Hz)
     stable(gains, craft, boundary)
     gusts = (
@@ -169,7 +172,7 @@ def conditions(
             f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s",
             "fly at least so long",
         )
-    # two steps within what is quickest
+    # at least two steps within the shortest lag or delay
     delays = [t for t in (craft.motor_lag_s, chosen.estimator_delay) if t > 0]
     parts = max([like.steps_per_hold, *(math.ceil(2 * gusts.hold_s / t) for t in delays)])
     step_s = chosen.step or gusts.hold_s / parts
@@ -201,14 +204,13 @@ def fitted_flights(
     radius_m: float,
     seed: int,
 ) -> tuple[FittedFlights, Sweep, Rows]:
-    """The campaign's model: its best estimate by its own form and held below the nearest station,
-    and every draw of it; and no model at all for comparison. The sweep (none, form, held, draws)
-    and the rows of crash_rates.parquet.
+    """Sweep without a boundary, with the best estimate by its own form and held below the nearest
+    station, and with every draw; its entry in safety.json, and its rows of crash_rates.parquet.
 
     Raises
     ------
     ManifestError
-        A set-point lies where the vehicle touches.
+        A set-point is not above the height of contact.
     """
     boundary, nearest = lift.boundary, lift.measured_z_hat[0]
     usual = presets.set_points(boundary, groups.contact)
@@ -221,7 +223,7 @@ def fitted_flights(
         )
     form, *drawn = lift.ratios
     held_below = lambda z_hat: form(np.maximum(z_hat, nearest))  # noqa: E731
-    # the own form is carried to where the vehicle touches, or to the nearest station
+    # the own form is carried down to contact, or to the nearest station if that is lower
     bound = chosen.bound_z_hat.get(boundary, min(groups.contact, nearest))
     curves = tabulate([np.ones_like, form, held_below, *drawn], bound)
     droop = lift.droop(chosen.supply_end)
@@ -299,8 +301,8 @@ def _level(flown: Sweep, risk: float, rng: np.random.Generator) -> FittedLevel:
 
 
 def _both(held: float, lo90: float, hi90: float) -> tuple[bool, float, float]:
-    """Whether lift held below the nearest station leads to what the interval by the model's own
-    form holds, or nearly; and the interval, which then holds both.
+    """Whether the level with lift `held` below the nearest station is within ALIKE of the interval
+    by the model's own form; and the interval, extended to it if so.
     """
     if lo90 - ALIKE <= held <= hi90 + ALIKE:
         return True, min(lo90, held), max(hi90, held)
@@ -308,8 +310,8 @@ def _both(held: float, lo90: float, hi90: float) -> tuple[bool, float, float]:
 
 
 def agreed_z_hat(flown: Sweep) -> float:
-    """The lowest set-point from which upwards the two readings' crash rates have intervals (90 %)
-    that meet; infinite where they part at the highest.
+    """Lowest set-point from which upwards the two extrapolations' 90 % intervals of the crash rate
+    overlap; infinite where they do not at the highest.
     """
     low, high = crash_rate.binomial90(flown.crashes[[FORM, HELD]], flown.flights)
     apart = np.flatnonzero(low.max(axis=0) > high.min(axis=0))
@@ -327,9 +329,7 @@ def _again(
     how: MonteCarlo,
     droop: float,
 ) -> IntArray:
-    """Crashes of other flights, (curves, set-points), at what is best for a price by either reading
-    of lift below the nearest station; 0 elsewhere.
-    """
+    """Crashes (curves, set-points) of other flights at each price's best set-point; 0 elsewhere."""
     at = sorted(
         {
             energy.best_set_point(
@@ -360,8 +360,8 @@ def _best(
     prices: Sequence[float],
     rng: np.random.Generator,
 ) -> tuple[BestSetPoint, ...]:
-    """For each price of a crash the set-point of least expected cost, over draws of the model and
-    resamples of the flights; none where lift held below the nearest station leads elsewhere.
+    """Set-point of least expected cost for each price, with its interval over draws of the model
+    and resamples of the flights; none where the two extrapolations disagree.
     """
     z_hat = flown.target_z_hat
     drawn = [

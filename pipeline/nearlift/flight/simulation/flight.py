@@ -1,6 +1,4 @@
-"""Flights: settings times gusts, in blocks that any executor may fly in any order with the same
-result.
-"""
+"""Flights by setting and gusts, in blocks that give the same result in any order."""
 
 from __future__ import annotations
 
@@ -23,19 +21,17 @@ from nearlift.results import IntArray
 Scheme = Literal["euler", "semi-implicit", "rk4"]
 #: An executor's map.
 Spread = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
-#: Flights in one block: enough that compiled work outweighs the call, few enough to share among
-#: threads.
+#: Largest block of flights: long compared with a call, short enough to share among threads.
 BLOCK = 50
-#: Blocks that a plan has at least.
+#: Number of blocks into which few flights are divided.
 LEAST_BLOCKS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSetting:
-    """One set-point with one lift curve and one controller. `curve` is a row of the tables, `droop`
-    the change of lift at the same frequency that a sagging supply has brought by the end of the
-    flight, as a fraction (linear in time), `adjusted` whether f0 allows for the boundary at the
-    set-point, as in the paper.
+    """A set-point with its lift curve and controller: `curve` is a row of the tables, `droop` the
+    relative change of lift by the end of the flight as the supply sags (linear in time), `adjusted`
+    whether f0 allows for the boundary at the set-point, as in the paper.
     """
 
     target_z_hat: float
@@ -47,12 +43,11 @@ class FlightSetting:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPlan:
-    """What is flown: `settings` at one boundary through the lift `curves`, with one time step. All
-    settings share the weather's times.
+    """Settings to be flown at one boundary with one time step; all share hold, correlation,
+    duration, motor lag and estimator delay.
 
     With `common` gusts, flight f meets the same ones in every setting, which makes differences far
-    better known than rates; without, each setting meets its own, so that rates are independent of
-    one another.
+    better known than rates; without, each setting meets its own, so that rates are independent.
     """
 
     boundary: Boundary
@@ -64,7 +59,7 @@ class FlightPlan:
 
     @property
     def weather(self) -> Groups:
-        """Whose hold, correlation, duration, lag and delay all settings share."""
+        """Groups whose hold, correlation, duration, lag and delay all settings share."""
         return self.settings[0].groups
 
     @property
@@ -79,11 +74,13 @@ class FlightPlan:
 
     @property
     def salts(self) -> NDArray[np.uint64]:
-        """What tells the settings' gusts apart: empty where they are common."""
+        """Salt of each setting's gusts: empty where they are common."""
         return np.arange(1, len(self.settings) + 1 if not self.common else 1, dtype=np.uint64)
 
     def columns(self) -> tuple[FloatArray, IntArray]:
-        """Settings as the loop reads them: (WIDTH, n), and where each one's table begins."""
+        """Settings as the compiled loop reads them, (WIDTH, n), and the start of each one's table;
+        raises ManifestError if they differ in hold, correlation, duration, lag or delay.
+        """
         times = {
             (g.hold, g.correlation, g.duration, g.motor_lag, g.delay)
             for g in (s.groups for s in self.settings)
@@ -108,7 +105,7 @@ class FlightPlan:
 
 
 def steps_per_hold(hold_s: float, step_s: float) -> int:
-    """How many steps make a hold.
+    """Number of steps in a hold.
 
     Raises
     ------
@@ -161,20 +158,20 @@ def _integrated(
 
 
 def fly(plan: FlightPlan, flights: int, key: int, spread: Spread = map) -> NDArray[np.int32]:
-    """In which hold each flight crashed, or -1: shape (settings, flights).
+    """Hold in which each flight crashed, or -1: shape (settings, flights).
 
     With common gusts, flight f meets the same ones in every setting and every plan with this key.
-    `spread` is an executor's map; what comes out does not depend on it.
+    `spread` is an executor's map; the result does not depend on it.
     """
-    # few flights in blocks alike, or one worker would fly nearly all of them
+    # blocks of equal size, or one worker would fly nearly all of few flights
     size = min(BLOCK, math.ceil(flights / LEAST_BLOCKS))
     block = functools.partial(_block, plan=plan, flights=flights, size=size, key=key)
     return np.concatenate(list(spread(block, range(0, flights, size))), axis=1)
 
 
 def trace(plan: FlightPlan, flight: int, key: int) -> FloatArray:
-    """Heights of one flight at every hold, in each setting: (settings, holds + 1); nan after a
-    crash.
+    """Heights of one flight at the start and after every hold, (settings, holds + 1); nan once
+    crashed.
     """
     track = np.full((len(plan.settings), plan.holds + 1), np.nan)
     _integrated(plan, flight, 1, key, track)

@@ -1,13 +1,14 @@
-"""The dimensionless groups of Eq. 6, and those that the paper leaves out: crashes depend on these
-and on nothing else.
+"""Dimensionless groups of a flight, which alone decide crash rates: the paper's Eq. 6 and more.
 
-Scales: length r, time sqrt(r/g), force m g, frequency hover_Hz. With K = rotors C_L rho r^4:
-    alpha = kP r sqrt(K / (m g)), beta = kD sqrt(r g) sqrt(K / (m g)) , gamma = kI r sqrt(r/g)
-    sqrt(K / (m g)), delta = f0 sqrt(K / (m g)),
-which are the paper's expressions. Left out there: the disturbance over weight, its hold and
-correlation time, step and duration, the height at which the vehicle touches, the lag of its motors,
-the delay of its estimator and its largest thrust, and (in L / L_inf) spacing over radius and the
-bound on the ratio.
+Scales: length r, time sqrt(r/g), force m g, frequency hover_Hz. With K = rotors C_L rho r^4,
+the paper's are
+
+    alpha = kP r sqrt(K / (m g))             beta = kD sqrt(r g) sqrt(K / (m g))
+    gamma = kI r sqrt(r/g) sqrt(K / (m g))   delta = f0 sqrt(K / (m g))
+
+Left out there: the disturbance over weight, its hold and correlation time, step and duration, the
+height of contact, motor lag, estimator delay, largest thrust, and (in L / L_inf) spacing over
+radius and the bound on the ratio.
 """
 
 from __future__ import annotations
@@ -23,9 +24,10 @@ from nearlift.results.serial import Unbounded
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Groups:
-    """A flight without units. Gains carry the sign of Eq. 5; `delta` is 1 where f0 balances the
-    weight far from the boundary; the controller sees the state of `delay` ago, rotor frequency
-    follows its command with `motor_lag`, and `most_lift` is the largest lift far away over weight.
+    """Dimensionless groups of a flight. Gains carry the sign of Eq. 5; `delta` is 1 where f0
+    balances the weight far from the boundary; the controller sees the state of `delay` ago, rotor
+    frequency follows its command with time constant `motor_lag`, and `most_lift` is the largest
+    lift far away over weight.
     """
 
     alpha: float
@@ -50,7 +52,7 @@ def dimensionless(
     contact_z_hat: float = 0.0,
     delay_s: float = 0.0,
 ) -> Groups:
-    """The groups of a vehicle, its controller and its weather; f0 is that of hover far away."""
+    """Groups of a vehicle, its controller and its gusts, with f0 of hover far away."""
     per_Hz = 1.0 / craft.hover_Hz
     r, t = craft.radius_m, craft.time_s
     return Groups(
@@ -70,15 +72,13 @@ def dimensionless(
 
 
 def gains_for(groups: Groups, craft: Craft) -> Gains:
-    """Gains with which another vehicle has the same alpha, beta and gamma: how a controller is
-    carried over to another payload or size.
-    """
+    """Gains that give another vehicle (payload, size) the same alpha, beta and gamma."""
     r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
     return Gains(kP=groups.alpha * f / r, kD=groups.beta * f * t / r, kI=groups.gamma * f / (r * t))
 
 
 def disturbance_for(groups: Groups, craft: Craft) -> Disturbance:
-    """The disturbance that is to another vehicle what the groups' is to theirs."""
+    """Disturbance that gives another vehicle the same noise, hold and correlation."""
     return Disturbance(
         sd_N=groups.noise * craft.weight_N,
         hold_s=groups.hold * craft.time_s,

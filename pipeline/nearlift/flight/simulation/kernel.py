@@ -1,19 +1,18 @@
-"""The compiled loop: flights in dimensionless form (Eq. 6 of the paper, with what it leaves out),
-many settings at once.
+"""Compiled integration of flights in dimensionless form (the paper's Eq. 6, extended).
 
-    z'' = s [ max(0, u)^2 R(z) (1 + droop t/T) + noise w - 1 ],     u = alpha (z - z0) + beta z' +
-    gamma I + delta,     I' = z - z0
+    z'' = s [ max(0, u)^2 R(z) (1 + droop t/T) + noise w - 1 ]
+    u = alpha (z - z0) + beta z' + gamma I + delta,     I' = z - z0
 
 Lengths in rotor radii, times in sqrt(r/g), forces in weights. s is +1 above a ground and -1 below a
 ceiling, where z is measured downwards; R(z) is L / L_inf by table; w is held for `hold`, of which
 the step is a whole part. A flight ends when z <= contact, by Runge-Kutta also between steps. u is
-bounded by what the motors can; with a lag they follow it, f' = (u - f) / lag in place of u, and
-with a delay the controller sees z, z' and I of that long ago (linear between steps).
+limited to what the motors can do; with a lag the motors follow u, f' = (u - f) / lag, and f
+replaces u in lift; with a delay the controller's command arrives late (linear between steps).
 
-One flight's gusts are made once and serve every setting, unless each is to have its own; the
-settings are advanced side by side, so that the processor works on several while each waits for its
-own table. A setting that has crashed leaves the list. Arrays are flat and every part of the state
-is a number of its own: a slice of an array in the loop costs four times what the step does.
+A flight's gusts are made once for all settings, unless each is to have its own; settings are
+advanced side by side, so that the processor works on several while each waits for its table. A
+crashed setting leaves the list. Arrays are flat and every part of the state is a scalar: a slice of
+an array in the loop costs four times what the step does.
 """
 
 from __future__ import annotations
@@ -26,10 +25,10 @@ from nearlift.compiler import compiled
 from nearlift.flight.simulation.curve import NODES
 from nearlift.flight.simulation.stream import GOLDEN, U, begin, fill, normal
 
-#: Columns of a setting.
+#: Rows of the array of settings.
 Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT, MOST = range(10)
 WIDTH = 10
-#: Explicit Euler (position takes the old velocity, as the paper does), semi-implicit Euler (the new
+#: Explicit Euler (position takes the old velocity, as in the paper), semi-implicit Euler (the new
 #: one), Runge-Kutta of order 4.
 SCHEMES = {"euler": 0, "semi-implicit": 1, "rk4": 2}
 
@@ -37,10 +36,9 @@ SCHEMES = {"euler": 0, "semi-implicit": 1, "rk4": 2}
 def _push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
     """Acceleration away from the boundary, in g.
 
-    `x` is height in steps of the table from its lower end, `lag` is z - z0. `law` holds alpha,
+    `x` is height in table steps from the table's lower end, `lag` is z - z0. `law` holds alpha,
     beta, gamma and delta, the largest u, lift and load with the boundary's sign, and where the
-    table begins. The table holds value and slope of each step; beyond either end L / L_inf is
-    constant.
+    table begins. The table holds value and change of each step, and is constant beyond its ends.
     """
     alpha, beta, gamma, delta, most, lift, load, base = law
     u = min(max(alpha * lag + beta * v + gamma * total + delta, 0.0), most)
@@ -57,11 +55,10 @@ def _behind(
     x: Any, w: Any, i: Any, f: Any, here: Any, seen: Any, late: Any, rate: Any,
     dt: Any, low: Any, per: Any, law: Any, curve: Any,
 ) -> Any:  # fmt: skip
-    """A step of Runge-Kutta for motors and an estimator that lag behind: height, speed, integral
-    and rotor frequency.
+    """Height, speed, integral and rotor frequency after a Runge-Kutta step with lag and delay.
 
-    `seen` is what the delayed controller commands at the step's beginning and end (read where
-    `late`), `rate` 1 / lag, 0 where the motors follow at once.
+    `seen` is the delayed controller's command at the step's beginning and end (used if `late`),
+    `rate` 1 / lag, 0 where the motors follow at once.
     """
     alpha, beta, gamma, delta, most, lift, load, base = law
     dx = dw = di = df = 0.0
@@ -96,10 +93,10 @@ def _fly(
     """Fly a block of flights, the first of them number `first`, through all settings.
 
     `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the
-    gusts' correlation from hold to hold (0: white). `settings` is (WIDTH, n), `which` the table of
-    each, `salts` what tells its gusts from the others' (empty: all meet the same), `curves` all
+    gusts' correlation from hold to hold (0: white). `settings` is (WIDTH, n), `which` the start of
+    each one's table, `salts` the address salts of their gusts (empty: common gusts), `curves` all
     tables in one row, `delay` in steps. Where `track` (n, holds + 1) is not empty, it takes the
-    heights of the last flight flown, at the end of every hold. Lag and delay are flown by
+    heights of the last flight flown, at the end of every hold. Lag and delay are integrated by
     Runge-Kutta whatever the scheme.
     """
     n = settings.shape[1]
@@ -111,7 +108,7 @@ def _fly(
     rate = 1.0 / motor_lag if motor_lag > 0.0 else 0.0
     whole = int(delay)
     part = delay - whole
-    # what the controller would command at the last whole + 2 steps, were it not late
+    # commands without delay at the last whole + 2 steps
     ring = whole + 2
     commands = np.empty((n if lags else 0, ring))
     turn = np.empty(n)
@@ -199,7 +196,7 @@ def _fly(
                         else:
                             x += dt * w
                             w += dt * a1
-                    # a dip within the step, on the cubic through its ends
+                    # approximate lowest point within the step, on the cubic through its ends
                     dip = x
                     if dips and before < 0.0 < w:
                         p = before / (before - w)

@@ -1,4 +1,4 @@
-"""Crash rate over pairs of dimensionless groups, all others as flown."""
+"""Crash rates over pairs of dimensionless groups, all others as flown."""
 
 from __future__ import annotations
 
@@ -14,21 +14,19 @@ from nearlift.flight.simulation.flight import FlightSetting
 from nearlift.flight.simulation.groups import Groups
 from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, combined
 
-#: Cells along either axis; the flown value is the middle one.
+#: Cells along either axis.
 SIDE = 9
-#: Most flights a cell.
+#: Largest number of flights per cell.
 FLIGHTS = 150
-#: The step is tested in every second cell whose crash rate is so near one half.
+#: Distance of a crash rate from one half within which every second cell has its step tested.
 UNDECIDED = 0.4
-#: Set-points, above what the vehicle touches.
+#: Set-point above the height of contact, in rotor radii.
 TARGETS: dict[Boundary, float] = {"ground": 1.0, "ceiling": 2.0}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupAxis:
-    """One group of a map: its name among the groups, and the range of its values over the flown one
-    (correlation: over the hold).
-    """
+    """A group and its range relative to the flown value (of correlation: to the hold)."""
 
     name: str
     low: float
@@ -36,14 +34,14 @@ class GroupAxis:
 
     @property
     def factors(self) -> FloatArray:
-        """Equally spaced on a logarithmic axis."""
+        """Factors equally spaced on a logarithmic axis."""
         return np.round(np.geomspace(self.low, self.high, SIDE), 6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GroupPair:
-    """One map: two groups, what changes in proportion to the first, and into how many the step is
-    divided (a larger gain is a faster loop).
+    """One map: two groups, those that scale with the first, and the divisor of the time step (a
+    larger gain makes a faster loop).
     """
 
     name: str
@@ -61,7 +59,7 @@ SPACING = "spacing_hat"
 PAIRS = (
     GroupPair(name="gains", x=BETA, y=GroupAxis(name="alpha", low=0.1, high=10.0), finer=2),
     GroupPair(name="noise and gains", x=BETA, y=NOISE, along=("alpha", "gamma"), finer=2),
-    # gusts that forget at once, as flown elsewhere, are to the left of it
+    # gusts without memory, as flown elsewhere, lie to the left of this map
     GroupPair(
         name="noise and its memory", x=GroupAxis(name="correlation", low=0.3, high=30.0), y=NOISE
     ),
@@ -71,9 +69,7 @@ PAIRS = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MapCell:
-    """One cell of a map: values on both axes (sizes, without the gains' sign), the groups there,
-    and its place on either axis.
-    """
+    """One cell of a map: values (magnitudes) and indices on both axes, and the groups there."""
 
     x: float
     y: float
@@ -83,7 +79,7 @@ class MapCell:
 
     @property
     def corner(self) -> bool:
-        """Whether it is one of the map's four corners."""
+        """Whether it is a corner of the map."""
         return self.i % (SIDE - 1) == 0 and self.j % (SIDE - 1) == 0
 
 
@@ -96,13 +92,12 @@ def scan(
     groups: Groups,
     how: MonteCarlo,
 ) -> tuple[list[dict[str, object]], StepTest]:
-    """Rows of crash_map.parquet, every pair of groups whose groups this boundary's model has; and
-    what half the step changes.
+    """Rows of crash_map.parquet for every pair of groups that the model has; step test.
 
     Parameters
     ----------
     ratio : callable
-        L / L_inf with the rotors' spacing so many times the vehicle's.
+        L / L_inf with the rotor spacing multiplied by the argument.
     spacing_hat : float or None
         The vehicle's; None where the model does not depend on it.
     """
@@ -117,7 +112,7 @@ def scan(
         )
         few = how.at_most(FLIGHTS).finer(pair.finer)
         cells = list(_cells(pair, groups, spacing_hat))
-        # gusts of one plan share their memory
+        # all settings of a plan share the gusts' correlation
         for memory in dict.fromkeys(c.groups.correlation for c in cells):
             alike = [c for c in cells if c.groups.correlation == memory]
             settings = [
@@ -125,8 +120,7 @@ def scan(
                 for c in alike
             ]
             crashed = few.crashed(boundary, settings, curves)
-            # the step is tested in the corners, where the loop is fastest and slowest, and where
-            # crashing is undecided: elsewhere no step shows
+            # corners have the fastest and slowest loops; away from a rate of 1 / 2 no step shows
             undecided = np.flatnonzero(np.abs(crashed.mean(axis=1) - 0.5) < UNDECIDED)[::2]
             again = sorted({*(n for n, c in enumerate(alike) if c.corner), *undecided.tolist()})
             if again:

@@ -1,6 +1,4 @@
-"""Monte Carlo flights: crash rates over set-points for several lift curves at once, with the test
-of the time step that every run makes.
-"""
+"""Monte Carlo crash rates over set-points for several lift curves, with a test of the time step."""
 
 from __future__ import annotations
 
@@ -27,29 +25,29 @@ from nearlift.results import IntArray
 
 #: Share of the flights, and least number of them, that are flown again with half the step.
 CHECKED, LEAST_CHECKED = 0.25, 50
-#: Set-points farther than the last with a crash at which the step is tested: crashes fall with
-#: distance, by any step.
+#: Set-points beyond the last with a crash at which the step is tested too: crash rates fall with
+#: distance, whatever the step.
 BEYOND = 2
-#: What tells the key of other flights from that of the first.
+#: Bit of the key that gives other flights other gusts.
 OTHERS = 1 << 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepTest:
-    """What halving the time step changes.
+    """Change of crash rates on halving the time step.
 
     Attributes
     ----------
     converged : bool
-        No two crash rates lie outside of each other's binomial intervals.
+        Whether `beyond` is 0.
     worst : float
         Largest change of a crash rate.
     worst_target_z_hat : float
-        Set-point where that is.
+        Set-point of that change.
     beyond : int
-        Settings whose rate leaves its interval.
+        Settings whose two crash rates lie outside each other's binomial 90 % intervals.
     settings, flights : int
-        How many were compared.
+        Number of settings compared, and of flights in each.
     step_s, halved_s : float
     """
 
@@ -64,7 +62,7 @@ class StepTest:
 
     @property
     def warning(self) -> str:
-        """What to say of a step that is too long."""
+        """Message for a step that is too long."""
         return (
             f"a step of {self.step_s:g} s is too long: halving it changes the crash rate by"
             f" {self.worst:.2f} at z_hat {self.worst_target_z_hat:g} ({self.beyond} of"
@@ -73,7 +71,7 @@ class StepTest:
 
 
 def combined(parts: Sequence[StepTest]) -> StepTest:
-    """Several tests as one: with the step of that which changed most."""
+    """Several tests as one, with step and worst change of the one that changed most."""
     return replace(
         max(parts, key=lambda c: c.worst),
         converged=all(c.converged for c in parts),
@@ -84,9 +82,8 @@ def combined(parts: Sequence[StepTest]) -> StepTest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MonteCarlo:
-    """How many flights a setting has, with which gusts, scheme and step.
-
-    `key` addresses the gusts, `spread` is an executor's map, over which blocks of flights go.
+    """Flights per setting, and how they are integrated; `key` addresses the gusts, `spread` is an
+    executor's map over blocks of flights.
     """
 
     scheme: Scheme
@@ -97,21 +94,21 @@ class MonteCarlo:
     spread: Spread = map
 
     def finer(self, parts: int) -> MonteCarlo:
-        """The same flights with the step divided into `parts`."""
+        """The same flights with the step divided by `parts`."""
         return replace(self, step_s=self.step_s / parts, steps_per_hold=parts * self.steps_per_hold)
 
     def at_most(self, flights: int) -> MonteCarlo:
-        """The first so many of the same flights."""
+        """The first of the same flights, at most so many."""
         return replace(self, flights=min(flights, self.flights))
 
     def others(self) -> MonteCarlo:
-        """As many flights, none of them among these."""
+        """As many flights with other gusts."""
         return replace(self, key=self.key ^ OTHERS)
 
     def crashed(
         self, boundary: Boundary, settings: Sequence[FlightSetting], curves: Curves
     ) -> NDArray[np.bool_]:
-        """Which flights crash: (settings, flights)."""
+        """Whether each flight crashes: shape (settings, flights)."""
         plan = FlightPlan(
             boundary=boundary,
             settings=settings,
@@ -128,15 +125,13 @@ class MonteCarlo:
         curves: Curves,
         crashed: NDArray[np.bool_],
     ) -> StepTest:
-        """A share of the flights of the settings with half the step, beside how they `crashed`
-        (settings, flights).
-        """
+        """Step test on a share of the flights; `crashed` (settings, flights) is at full step."""
         few = self.at_most(max(round(CHECKED * self.flights), LEAST_CHECKED))
         coarse = crashed[:, : few.flights].sum(axis=1)
         fine = few.finer(2).crashed(boundary, settings, curves).sum(axis=1)
         rates = np.stack([coarse, fine]) / few.flights
         low, high = binomial90(np.stack([fine, coarse]), few.flights)
-        # each outside of the other's interval: one flight among few makes no difference
+        # each rate outside the other's interval: one flight among few makes no difference
         outside = ((rates < low) | (rates > high)).all(axis=0)
         change = np.abs(rates[1] - rates[0])
         worst = int(change.argmax())
@@ -154,7 +149,7 @@ class MonteCarlo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """What was flown.
+    """Crashes of every curve at every set-point.
 
     Attributes
     ----------
@@ -184,7 +179,7 @@ class Sweep:
     def rows(
         self, curve: int, held: energy.Held, labels: Mapping[str, object]
     ) -> Iterator[dict[str, object]]:
-        """Rows of crash_rates.parquet of one curve; `labels` are the columns that say which."""
+        """Rows of crash_rates.parquet of one curve; `labels` are its identifying columns."""
         low, high = binomial90(self.crashes[curve], self.flights)
         ratio = self.ratio[curve]
         cost = energy.cost(ratio, held)
@@ -206,21 +201,21 @@ class Sweep:
             }
 
 
-#: Times that set-points are added between those flown.
+#: Largest number of passes, of which all but the first add set-points between those flown.
 ROUNDS = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statements:
-    """What is to be stated of a sweep: levels for `risks`, each of the `curves` alone, or of
-    several whose spread is one interval. The first of each has its step tested.
+    """Levels to be stated of a sweep: at each of `risks` for each group of `curves`, whose spread
+    is one interval. The first curve of each group has its step tested.
     """
 
     curves: Sequence[Sequence[int]]
     risks: Sequence[float] = ()
 
     def missing(self, z_hat: FloatArray, crashed: NDArray[np.bool_], key: int) -> FloatArray:
-        """Set-points without which a level would be read across too wide a gap."""
+        """Set-points without which a level would be interpolated across too wide a gap."""
         weights = resamples(crashed.shape[2], generator(key % 2**32, "refine"))
         wanted: set[float] = set()
         for risk in self.risks:
@@ -240,11 +235,10 @@ def sweep(
     droops: Sequence[float] = (),
     stated: Statements | None = None,
 ) -> Sweep:
-    """Fly every curve at every set-point, between them until levels are known, and some of it again
-    with half the step.
+    """Sweep of every curve over set-points, refined until levels are resolved, with its step test.
 
-    `droops` gives each curve's loss of lift over the flight (none by default), `stated` which
-    levels are wanted (none: nothing is added, and the step of every curve is tested).
+    `droops` gives each curve's relative change of lift by the end of a flight (0 by default),
+    `stated` the levels wanted (by default none: no refinement, and every curve's step is tested).
     """
     n = len(curves.values)
     stated = stated or Statements(curves=[[c] for c in range(n)])
@@ -272,7 +266,7 @@ def sweep(
         new = stated.missing(z_hat, crashed, how.key)
         if not len(new):
             break
-    # the step at what was asked for: what is added stands where flights graze
+    # the step is tested at the set-points asked for: those added lie where flights graze
     tested = [members[0] for members in stated.curves]
     asked = np.isin(z_hat, target_z_hat)
     again, before = list[FlightSetting](), list[NDArray[np.bool_]]()

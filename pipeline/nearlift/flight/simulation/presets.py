@@ -1,6 +1,4 @@
-"""Whole simulations as data: the paper's as it is printed, and one whose numbers do not depend on
-its time step.
-"""
+"""Simulation presets: the paper's as printed, and one converged in its time step."""
 
 from __future__ import annotations
 
@@ -21,19 +19,20 @@ from nearlift.flight.simulation.flight import Scheme, Spread, steps_per_hold
 from nearlift.flight.simulation.groups import Groups, dimensionless
 from nearlift.flight.simulation.monte_carlo import MonteCarlo
 
-#: The paper's models, scaled by powers; 0 is no model.
+#: Powers to which the paper's models are raised; 0 is no model.
 EXPONENTS = (0.0, 0.6, 0.8, 1.0, 1.2, 1.4)
-#: Its set-points (0.5 to 2 above ground, 1 to 2.5 below the ceiling), and a little further, where
-#: its own curves end.
+#: Set-points in rotor radii: the paper's (0.5 to 2 above ground, 1 to 2.5 below the ceiling), and
+#: somewhat beyond, where its curves end.
 TARGETS: dict[Boundary, FloatArray] = {
     "ground": np.round(np.arange(4, 21) * 0.1, 10),
     "ceiling": np.round(np.arange(8, 29) * 0.1, 10),
 }
-#: Set-points of a vehicle that touches: so far above that, and every tenth of a radius.
+#: Lowest and highest default set-point above the height of contact, in rotor radii.
 ABOVE_CONTACT: dict[Boundary, tuple[float, float]] = {"ground": (0.1, 2.0), "ceiling": (0.5, 2.8)}
 MODELS: dict[Boundary, str] = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chirarattananon"}
-#: 90 mm between adjacent rotors, as the paper takes it (a Crazyflie's are 65 mm apart).
+#: 90 mm between adjacent rotors, as in the paper (65 mm on a Crazyflie), over a radius of 23 mm.
 GEOMETRY = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
+#: Height below which the paper holds L / L_inf constant, in rotor radii.
 BOUND_Z_HAT = 0.5
 
 
@@ -50,17 +49,17 @@ class FlightPreset:
     disturbance: Disturbance = PAPER_DISTURBANCE
 
     def groups(self, boundary: Boundary) -> Groups:
-        """The dimensionless flight, with the paper's gains in the sign that the boundary needs."""
+        """Dimensionless groups with the paper's gains, signed for the boundary."""
         gains = stable(PAPER_GAINS[boundary], self.craft, boundary)
         return dimensionless(self.craft, gains, self.disturbance, self.duration_s)
 
     @property
     def steps_per_hold(self) -> int:
-        """How many steps make the hold of a gust."""
+        """Number of time steps for which a gust is held."""
         return steps_per_hold(self.disturbance.hold_s, self.step_s)
 
     def monte_carlo(self, flights: int, key: int, spread: Spread = map) -> MonteCarlo:
-        """So many flights with this preset's scheme and step."""
+        """Flights with this preset's scheme and step."""
         return MonteCarlo(
             scheme=self.scheme,
             step_s=self.step_s,
@@ -71,7 +70,7 @@ class FlightPreset:
         )
 
 
-#: What counts as a crash of the paper's vehicle.
+#: Crash criterion of the paper's vehicle.
 POINT = "; a point without feet that crashes at z_hat = 0"
 
 PRESETS = (
@@ -91,7 +90,7 @@ PRESETS = (
 
 
 def preset(name: str) -> FlightPreset:
-    """The preset of that name."""
+    """Preset of that name; raises ManifestError if there is none."""
     for item in PRESETS:
         if item.name == name:
             return item
@@ -103,7 +102,7 @@ def preset(name: str) -> FlightPreset:
 
 
 def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
-    """The usual set-points of a vehicle that touches at that height, whole tenths of a radius."""
+    """Default set-points of a vehicle that touches at `contact_z_hat`: whole tenths of a radius."""
     tenths = np.arange(1000)
     low, high = (10 * (contact_z_hat + above) for above in ABOVE_CONTACT[boundary])
     targets: list[float] = np.round(
@@ -113,7 +112,7 @@ def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:
 
 
 def scaled_curves(boundary: Boundary, exponents: Sequence[float] = EXPONENTS) -> Curves:
-    """L / L_inf of the paper's model to each power, for the paper's vehicle."""
+    """L / L_inf of the paper's model for the paper's vehicle, raised to each of `exponents`."""
     model = catalogue.model(MODELS[boundary])
     geometry = {n: GEOMETRY[n] for n in model.needs}
     return tabulate(

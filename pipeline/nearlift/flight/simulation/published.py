@@ -1,5 +1,5 @@
-"""The paper's Fig. 6 flown again under a preset: crash rates and levels over set-points and powers
-of its models, the same with other gains and noise ("the relative positioning of the curves would be
+"""The paper's Fig. 6 under a preset: crash rates and levels over set-points and powers of its
+models, the same with other gains and noise ("the relative positioning of the curves would be
 unaffected", it says), and sample time histories.
 """
 
@@ -26,28 +26,28 @@ from nearlift.flight.simulation.monte_carlo import (
 from nearlift.randomness import generator
 
 Rows = list[dict[str, object]]
-#: Name, factor of all three gains, factor of the noise. The printed scheme bears no larger gains:
-#: from 1.2 on, explicit Euler at 0.1 s diverges.
+#: Name, factor of all three gains, factor of the noise. Larger gains are left out: the printed
+#: scheme, explicit Euler at 0.1 s, diverges from a factor of 1.2 on.
 VARIANTS = (
     ("gains x 0.5", 0.5, 1.0),
     ("gains x 0.8", 0.8, 1.0),
     ("noise x 0.7", 1.0, 0.7),
     ("noise x 1.4", 1.0, 1.4),
 )
-#: The powers that the claims on variants speak of.
+#: Powers that the claims on variants compare.
 VARIED_EXPONENTS = (0.0, 0.6, 1.0, 1.4)
-#: Set-points wide enough for levels of half of the flights in all variants, and close where the
-#: converged ground's curves are steep.
+#: Set-points that hold every variant's 50 % level, close where converged ground curves are steep.
 VARIED_TARGETS: dict[Boundary, FloatArray] = {
     "ground": np.round(np.concatenate([np.arange(6, 15) * 0.05, np.arange(4, 12) * 0.2]), 10),
     "ceiling": np.round(np.arange(3, 20) * 0.2, 10),
 }
+#: Share of the flights, and least number of them, flown for each variant.
 VARIED_SHARE, LEAST_VARIED = 0.25, 50
-#: Powers of the variants whose step is judged.
+#: Powers of the variants whose step is tested.
 TESTED_EXPONENTS = (0.0, 1.0)
-#: Set-points of Fig. 6a and b: near the middle of what the model changes.
+#: Set-points of Fig. 6a and b, near the middle of the model's effect.
 SHOWN: dict[Boundary, float] = {"ground": 1.0, "ceiling": 1.75}
-#: So many flights are looked through for time histories, and so many shown.
+#: Number of flights searched for time histories, and largest number shown.
 LOOKED_AT, PICKED = 60, 2
 
 
@@ -65,7 +65,9 @@ class PublishedLevel:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedFlights:
-    """The paper's models at one boundary under one preset; `variants` tests the step of those."""
+    """The paper's models at one boundary under one preset; `convergence` and `variants` are the
+    step tests of the preset's own gains and noise, and of the variants.
+    """
 
     convergence: StepTest
     groups: Groups
@@ -81,11 +83,11 @@ def published_flights(
     risks: Sequence[float],
     levels: CrashLevels,
 ) -> tuple[PublishedFlights, Rows]:
-    """All powers over all set-points, with the rows of crash_rates.parquet; `levels` takes what the
-    claims are judged by.
+    """Crash rates and levels of all powers over all set-points, with the rows of
+    crash_rates.parquet; the levels that the claims are judged by are added to `levels`.
     """
     groups, stated = preset.groups(boundary), Statements(curves=[[0]], risks=risks)
-    # one resampling for all curves: they met the same gusts
+    # one bootstrap for all curves: they met the same gusts
     rng = generator(how.key % 2**32, "levels", preset.name, boundary)
     weights = crash_rate.resamples(how.flights, rng)
     rows: Rows = []
@@ -127,11 +129,10 @@ def published_flights(
 def varied_levels(
     boundary: Boundary, groups: Groups, how: MonteCarlo, rng: np.random.Generator
 ) -> tuple[dict[tuple[str, float, str], FloatArray], StepTest]:
-    """Levels of half of the flights under one resampling, by (boundary, power, variant): arrays
-    (m,), the first as flown.
+    """50 % levels by (boundary, power, variant) under one bootstrap: arrays (m,), the first as
+    flown, nan where the set-points do not hold the level; and the step test.
 
-    A quarter of the flights are flown; a level that the set-points do not hold is nan. With them
-    comes what half the step changes.
+    A quarter of the flights are flown, but at least LEAST_VARIED.
     """
     few = how.at_most(max(round(VARIED_SHARE * how.flights), LEAST_VARIED))
     weights = crash_rate.resamples(few.flights, rng)
@@ -157,11 +158,10 @@ def varied_levels(
 
 
 def histories(preset: presets.FlightPreset, boundary: Boundary, key: int) -> Rows:
-    """Rows of flights.parquet: the first flights in which model and no model end differently, each
-    flown with both.
+    """Rows of flights.parquet: the first flights that end differently with and without the model.
 
-    Above a ground those that crash only without the model, below a ceiling those that crash only
-    with it: the rule is the paper's own illustration. All flights together are in the crash rates.
+    Above a ground those that crash only without the model, below a ceiling only with it, as in the
+    paper's own illustration; the crash rates count all flights.
     """
     groups = preset.groups(boundary)
     plan = FlightPlan(

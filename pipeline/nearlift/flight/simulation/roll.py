@@ -1,9 +1,9 @@
-"""Rolling near a sidewall: torque and angular acceleration from the difference of lift between the
+"""Roll torque and angular acceleration near a sidewall, from the difference of lift between the
 near and the far rotors.
 
-Convention: positive torque tips the vehicle towards the wall (the near rotors lose lift). Lift
-changes are fractions of each rotor's own share of the weight; the arm is the distance of a pair's
-axis from the roll axis, half the ADJACENT spacing.
+Positive torque tips the vehicle towards the wall (the near rotors lose lift). Changes of lift are
+fractions of each rotor's own share of the weight; the arm is the distance of a pair's axis from the
+roll axis, half the ADJACENT spacing.
 
 The paper's 0.2 N mm is 3 % of one pair's lift at 45 mm (0.18 N mm); 3 % of the whole weight would
 be 0.36 N mm, and with the true arm of 32.5 mm it is 0.13 N mm. Its 400 deg/s^2 holds for its
@@ -21,11 +21,9 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.results.serial import optional
 
-#: Rolling inertia of a Crazyflie, kg m^2, as system identifications of it give it: lowest and
-#: highest.
+#: Roll inertia of a Crazyflie, kg m^2: lowest and highest of its system identifications.
 MEASURED_INERTIA = (1.4e-5, 1.7e-5)
-#: Relative standard uncertainty of an inertia of which none is declared: that of a uniform spread
-#: as wide as those identifications.
+#: Relative standard uncertainty of an inertia declared without one: uniform over that range.
 INERTIA_SPREAD = (
     (MEASURED_INERTIA[1] - MEASURED_INERTIA[0])
     / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0])
@@ -34,9 +32,7 @@ INERTIA_SPREAD = (
 
 
 def torque_N_m(difference: float, mass_kg: float, gravity_m_s2: float, arm_m: float) -> float:
-    """Torque from a loss `difference` (a fraction of its own lift) of the near pair, which carries
-    half the weight.
-    """
+    """Torque when the near pair (half the weight) loses the fraction `difference` of its lift."""
     return difference * mass_kg * gravity_m_s2 / 2 * arm_m
 
 
@@ -47,7 +43,7 @@ def acceleration_deg_s2(torque: float, inertia_kg_m2: float) -> float:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RollReading:
-    """One reading of the paper's statement: its assumptions and what follows."""
+    """Torque and acceleration by one interpretation of the paper's statement."""
 
     assumption: str
     arm_m: float
@@ -105,7 +101,7 @@ class RollTorque:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedRoll:
-    """Rolling by the campaign's own sidewall, in both readings of its lift.
+    """Roll torque by the campaign's fitted sidewall model, under two assumptions on the far pair.
 
     Attributes
     ----------
@@ -115,6 +111,7 @@ class FittedRoll:
     inertia_kg_m2, u_inertia : float
         The manifest's, and its relative standard uncertainty.
     near_pair_only, same_law : RollTorque
+        Without a change of the far pair's lift; with the same law for both pairs.
     """
 
     arm_m: float
@@ -127,7 +124,7 @@ class FittedRoll:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RollResult:
-    """What a sidewall's differential lift does, by the paper's numbers and by the fit, if any."""
+    """Effect of a sidewall's differential lift, by the paper's numbers and by the fit, if any."""
 
     paper: tuple[RollReading, ...] = PAPER_READINGS
     fitted: FittedRoll | None = optional()
@@ -144,18 +141,16 @@ def fitted_roll(
     u_inertia: float | None,
     rng: np.random.Generator,
 ) -> FittedRoll:
-    """Torque over the gap from the fitted sidewall models, the best estimate first and draws after
-    it, with 90 % intervals.
+    """Roll torque over the gap with 90 % intervals, from best estimate and draws of L / L_inf.
 
     The measured ratio is that of the whole vehicle over the gap of its nearest tip. If the near
-    pair alone loses lift, it loses twice what the vehicle does; that is the upper reading. The
-    lower one takes the same law for every rotor over its own gap, the far pair's being larger by
-    the spacing; its near pair then loses less than twice. Both are given, since lift alone cannot
-    tell them apart.
+    pair alone loses lift, it loses twice the vehicle's fraction: the upper value. The lower has
+    both pairs follow one law of their own gaps, the far pair's larger by the spacing. Both are
+    given, since lift alone cannot tell them apart.
 
-    Without an inertia in the manifest, the torque alone is given: it depends on the batteries and
-    cannot be had from the mass. With one, `u_inertia` is its relative standard uncertainty
-    (log-normal; `INERTIA_SPREAD` if None); the acceleration's interval has it and the torque's.
+    Without an inertia in the manifest the torque alone is given, since inertia depends on the
+    batteries and does not follow from mass. `u_inertia` is its relative standard uncertainty
+    (log-normal; `INERTIA_SPREAD` if None), included in the interval of the acceleration.
     """
     u_inertia = INERTIA_SPREAD if u_inertia is None else u_inertia
     z_hat = np.geomspace(max(nearest_z_hat, 0.01), 2.0, 40)
@@ -163,7 +158,7 @@ def fitted_roll(
         np.stack([1.0 - np.broadcast_to(np.asarray(f(z), dtype=float), z.shape) for f in ratios])
         for z in (z_hat, z_hat + spacing_hat)
     )
-    # each pair's share by the same law, scaled so that both together lose what the vehicle does
+    # each pair's share by the same law, scaled so that together they lose what the vehicle does
     both = loss + far
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)

@@ -1,15 +1,14 @@
-"""The cheapest way through a corridor that keeps the risk of a crash below a bound.
+"""Cheapest way through a corridor whose risk of a crash stays below a bound.
 
 The vehicle flies at a constant speed along the corridor's grid, up and down at 45 degrees and
 steeper. Each leg costs energy (power to hover there over power far away, times time; and climbing)
-and hazard. Dijkstra's algorithm minimises energy + price x hazard; the price is raised until the
-way is safe enough. Each part of a way says what its risk rests on. A way is chosen by the upper end
-of its risk's 90 % interval, over the model's draws and the flights, so that few flights make a
-cautious way.
+and hazard. Dijkstra's algorithm minimises energy + price x hazard at each of a range of prices. Of
+these ways the cheapest is chosen whose risk is within the bound at the upper end of its 90 %
+interval (over the model's draws and the flights), so that few flights make a cautious way.
 
-What this is not: no trajectory (no acceleration, no tracking error beyond that in the crash rates),
-no forward-flight aerodynamics (a ground's effect fades with speed), no third dimension, no moving
-obstacle, and no way that only a non-convex part of the front offers.
+Left out: trajectories (acceleration, tracking error beyond that in the crash rates), forward-flight
+aerodynamics (a ground's effect fades with speed), the third dimension, moving obstacles, and ways
+on a non-convex part of the front.
 """
 
 from __future__ import annotations
@@ -35,9 +34,9 @@ from nearlift.flight.simulation.craft import Craft
 from nearlift.manifest.flight import Route
 from nearlift.results import IntArray
 
-#: A risk below this is none: no flight shows it.
+#: Risk below which the lower end of an interval is stated as 0: no flight shows it.
 NONE = 1e-12
-#: Prices tried for the front, in energies of the whole way flown far from boundaries.
+#: Prices of a crash for the front, in energies of the straight way flown far from boundaries.
 PRICES = np.concatenate([[0.0], np.geomspace(1e-2, 1e5, 36)])
 #: Moves: along, up and down; (columns, rows).
 MOVES = ((1, 0), (1, 1), (1, -1), (1, 2), (1, -2), (0, 1), (0, -1), (-1, 0), (-1, 1), (-1, -1))
@@ -45,16 +44,16 @@ MOVES = ((1, 0), (1, 1), (1, -1), (1, 2), (1, -2), (0, 1), (0, -1), (-1, 0), (-1
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Way:
-    """A way: its points, energy relative to the straight distance flown far from boundaries, and
-    its risk of a crash.
+    """A way through the corridor, its energy relative to the straight distance flown far from
+    boundaries, and its risk of a crash.
 
     Attributes
     ----------
     basis : int array (n,)
-        What the risk at each point rests on, an index of `BASES`.
+        Basis of the risk at each point, an index of `BASES`.
     lo90, hi90 : float
-        Of the risk, over the model's draws and the flights; the upper end of a way on which none
-        crashed is nearly 3 / flights' worth.
+        Of the risk, over the model's draws and the flights; where no flight crashed the upper end
+        corresponds to nearly 3 / flights.
     """
 
     price: float
@@ -73,7 +72,7 @@ def ways(
     start: tuple[float, float],
     goal: tuple[float, float],
 ) -> list[Way]:
-    """The best way for each price of a crash, those that repeat left out, by falling risk.
+    """Front of energy and risk: the best way for each price of a crash, by falling risk.
 
     Raises
     ------
@@ -178,14 +177,12 @@ def _sum(
 
 
 def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:
-    """The cheapest way that so many flights show to keep within the bound: the upper end of its
-    risk's interval does.
+    """Cheapest way of which the upper end of the risk's 90 % interval is within the bound.
 
     Raises
     ------
     InputRefused
-        None does; says the least that was shown, and how many flights would show more if as few of
-        them crashed.
+        There is none; says the lowest upper end, and how many flights might lower it to the bound.
     """
     safe = [w for w in front if w.hi90 <= risk]
     if safe:
@@ -204,7 +201,7 @@ def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WayResult:
-    """One way in numbers."""
+    """Energy and risk of one way."""
 
     price: float
     energy: float
@@ -216,9 +213,8 @@ class WayResult:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RouteResult:
-    """The manifest's corridor, the ways through it, and the one chosen.
-
-    `share_by_basis` is how much of the chosen way's risk rests on what (`corridor.BASES`).
+    """The manifest's corridor, the ways through it, and the one chosen; `share_by_basis` is the
+    share of the chosen way's points by the basis of their risk (`corridor.BASES`).
     """
 
     length_m: float
@@ -251,7 +247,7 @@ def planned_route(
     Raises
     ------
     InputRefused
-        Start or goal is in an obstacle, nothing joins them, or no way is shown to be safe enough.
+        As `corridor_grid`, `ways` and `cheapest`.
     """
     boxes = tuple((*box.x, *box.z) for box in asked.obstacles)
     disks = craft.rotors * math.pi * craft.radius_m**2

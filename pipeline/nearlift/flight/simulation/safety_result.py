@@ -1,4 +1,4 @@
-"""What safety.json holds."""
+"""Content of safety.json."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class PresetFlights:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyResult:
-    """Flights near the boundaries, and what they say."""
+    """Flights of the paper's and the fitted models near the boundaries; route, claims and roll."""
 
     schema: str
     presets: Mapping[str, PresetFlights]

@@ -1,13 +1,11 @@
-"""Random numbers that are addressed, not drawn: the n-th normal of a (key, flight) is a function of
-its address alone.
+"""Counter-based random numbers: the n-th normal is a function of key, flight and n alone.
 
 splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``; the ziggurat of 256 layers
-(Marsaglia and Tsang 2000, with Doornik's separate bits for layer and position) makes a normal of
-it, exactly. What it rejects, one word in eighty, is decided by a chain of words that begins at the
-rejected one, so no normal depends on how many words another took. So a flight meets the same gusts
-in whatever order, block or thread it is flown, at every set-point and with every model (common
-random numbers), and when the step of integration is halved; or, where settings are to be
-independent, each setting gusts of its own by its `salt`.
+(Marsaglia and Tsang 2000, with Doornik's separate bits for layer and position) makes an exact
+normal of it. A rejected word, one in eighty, starts a chain of its own, so no normal depends on how
+many words another took. A flight thus meets the same gusts in any order, block or thread, at every
+set-point, with every model (common random numbers) and any step of integration; for independent
+settings a `salt` gives each its own gusts.
 """
 
 from __future__ import annotations
@@ -21,18 +19,18 @@ from nearlift.compiler import compiled
 from nearlift.declare import FloatArray
 
 U = np.uint64
+#: Increment and multipliers of splitmix64.
 GOLDEN, MIX_1, MIX_2 = U(0x9E3779B97F4A7C15), U(0xBF58476D1CE4E5B9), U(0x94D049BB133111EB)
 THIRTY, TWENTY_SEVEN, THIRTY_ONE, ELEVEN, ONE, LAYER = U(30), U(27), U(31), U(11), U(1), U(255)
-#: Upper 53 bits to the open interval (0, 1): half a step off either end, so that its logarithm is
-#: finite.
+#: Spacing of uniform numbers of 53 bits; an offset of half of it keeps their logarithm finite.
 STEP = 2.0**-53
-#: Where the tail of the ziggurat begins.
+#: Where the tail of the 256-layer ziggurat begins.
 TAIL = 3.6541528853610088
 
 
 def _layers() -> tuple[FloatArray, FloatArray]:
-    """Right ends of the 256 layers of equal area under exp(-x^2 / 2) and a last zero; each layer's
-    share that lies under the curve.
+    """Right ends of the 256 layers of equal area under exp(-x^2 / 2), with a last zero; and the
+    share of each layer that lies wholly under the curve.
     """
     area = TAIL * math.exp(-0.5 * TAIL**2) + math.sqrt(math.pi / 2) * math.erfc(TAIL / math.sqrt(2))
     x = np.zeros(257)
@@ -46,7 +44,7 @@ EDGE, SURE = _layers()
 
 
 def _mix(x: Any) -> Any:
-    """splitmix64's scrambler, a bijection of 64 bits."""
+    """splitmix64's finaliser, a bijection of 64 bits."""
     x = (x ^ (x >> THIRTY)) * MIX_1
     x = (x ^ (x >> TWENTY_SEVEN)) * MIX_2
     return x ^ (x >> THIRTY_ONE)
@@ -56,7 +54,7 @@ mix = compiled(_mix, inline="always")
 
 
 def _begin(key: Any, flight: Any, salt: Any) -> Any:
-    """Address of the first normal of a flight; a salt of 0 is what all settings share."""
+    """Address of the first normal of a flight; a salt of 0 is common to all settings."""
     return mix(U(key) + mix(U(flight) * GOLDEN + ONE) + U(salt) * MIX_2)
 
 
@@ -64,7 +62,7 @@ begin = compiled(_begin)
 
 
 def _late(word: Any, layer: Any, u: Any) -> Any:
-    """The normal of a word that its layer did not decide at once."""
+    """Normal of a word that its layer did not accept at once."""
     while True:
         word = mix(word + GOLDEN)
         chance = (float(word >> ELEVEN) + 0.5) * STEP
@@ -91,7 +89,7 @@ late = compiled(_late)
 
 
 def _normal(at: Any) -> Any:
-    """The standard normal at an address."""
+    """Standard normal at an address."""
     word = mix(at)
     layer = np.int64(word & LAYER)
     # the signed upper 53 bits: position within the layer, in [-1, 1)
@@ -114,9 +112,7 @@ fill = compiled(_fill)
 
 
 def normals(key: int, flight: int, n: int, salt: int = 0) -> FloatArray:
-    """The first `n` standard normals of a flight: shape (n,), the same for ever, on every machine
-    to the last digits of log and exp.
-    """
+    """First `n` standard normals of a flight, reproducible to the last digits of log and exp."""
     out = np.empty(n)
     fill(U(begin(U(key), U(flight), U(salt))), out)
     return out
