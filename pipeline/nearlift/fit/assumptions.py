@@ -152,8 +152,7 @@ def rotor_coefficient(
     covariance: FloatArray,
     responses: tuple[held_quantity.Response, ...],
 ) -> RotorCoefficient:
-    """C_L per throttle from L_inf and the logged or mapped speed; `missing` names a lacking input.
-    """
+    """C_L per throttle from L_inf and the logged or mapped speed; `missing` names absent input."""
     data, vehicle = problem.data, campaign.vehicle
     logged = logged_speed(data, responses)
     air, how = air_density(campaign, data)

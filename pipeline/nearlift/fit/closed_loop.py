@@ -137,8 +137,7 @@ def decaying(z_hat: FloatArray, power: float) -> Ratio:
 
 
 def instruments_of(setpoint_m: FloatArray, offset_m: float, radius_m: float) -> FloatArray:
-    """Instruments (n, q): lags of the set-point (n, lags) in rotor radii, and exponentials of them.
-    """
+    """Instruments (n, q): set-point lags (n, lags) in rotor radii, and exponentials of them."""
     z_hat = np.maximum(np.nan_to_num(setpoint_m) + offset_m, 0.0) / radius_m
     shapes = [np.exp(-z_hat / decay) for decay in SHAPES]
     return np.hstack([z_hat / 10, *shapes])

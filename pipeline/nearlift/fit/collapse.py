@@ -221,8 +221,7 @@ def scale_per_throttle(
 
 
 def cells(problem: Problem, freedom: Freedom) -> CollapseTest | None:
-    """Test of an interaction between distance and throttle: no lift model, only one of the noise.
-    """
+    """Test of an interaction between distance and throttle: with a noise model, no lift model."""
     data = problem.data
     distance = np.unique(data.z_hat, return_inverse=True)[1]
     both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
@@ -272,9 +271,7 @@ def f_test(gain: float, extra: int, noise_dof: float) -> CollapseTest | None:
 def largest(
     throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float
 ) -> LargestDeparture | None:
-    """Pair of throttles with the largest simultaneous bound on their difference, relative to
-    `unit`.
-    """
+    """Pair of throttles with the largest bound on its difference, simultaneous, over `unit`."""
     i, j = np.triu_indices(len(throttles), 1)
     if not len(i) or not unit > 0:
         return None
