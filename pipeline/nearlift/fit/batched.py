@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 
-#: Most iterations.
+#: Maximum number of iterations.
 ROUNDS = 60
 #: Step, relative to a parameter's scale, below which the search ends.
 STILL = 1e-7
@@ -29,8 +29,8 @@ DAMPING_MIN, DAMPING, DAMPING_MAX = 1e-8, 1e-3, 1e10
 #: A problem has converged where an undamped step would be smaller than this, relative to every
 #: parameter's scale.
 CONVERGED = 1e-4
-#: Most Newton steps, and the relative singular value below which a Gauss-Newton step ignores a
-#: direction.
+#: Maximum number of Newton steps, and the relative singular value below which a Gauss-Newton step
+#: ignores a direction.
 LAST_STEPS, DETERMINED = 20, 1e-9
 #: Step of the differences for chi2's curvature, in units of what moves chi2 by 1, and the least
 #: curvature of a minimum, relative to that without misfit; rounding contributes 1e-11.

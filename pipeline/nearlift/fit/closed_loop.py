@@ -37,7 +37,7 @@ SHAPES = (1.0, 3.0)
 FORMS, KEPT, WORTH = (2.0, 4.0, np.inf), 4.0, 0.25
 #: Windows in a stretch that the jackknife leaves out, and the fewest stretches for a jackknife.
 STRETCH, FEWEST = 16, 6
-#: Most Gauss-Newton steps, and the step at which they have converged.
+#: Maximum number of Gauss-Newton steps, and the step at which they have converged.
 STEPS, SETTLED = 100, 1e-5
 #: Normal prior of the logarithms of gain and decay length: means and standard deviations.
 BELIEVED = (np.log([0.1, 1.5]), np.array([1.0, 0.7]))

@@ -1,13 +1,12 @@
-"""The quantity that a trial holds constant, and its effect on the exponent of the lift ratio and on
-the coefficient.
+"""The quantity that a trial holds constant, and the exponent of the lift ratio that follows from
+it.
 
 Every published ratio holds something constant: a model of the flow gives g, and lift goes as g^n.
 The paper, like Cheeseman and Bennett, takes n = 1; momentum theory at constant power gives 2/3,
 blade-element theory at constant speed 0.60 to 0.82 for a rotor of this size. Lift alone hardly
-separates n from the coefficient. Logged quantities can: a quantity q that follows the change of
-load as q ~ (L / L_inf)^s was not held, and s converts the exponent that theory gives at constant q
-into the one at constant throttle, since lift goes as speed squared and, at fixed flow, as power to
-2/3:
+separates n from the coefficient. Logged quantities can: a quantity q that follows the load as q ~
+(L / L_inf)^s was not held, and s converts the exponent that theory gives at constant q into that at
+constant throttle, since lift goes as speed squared and, at fixed flow, as power to 2/3:
 
     n = n_speed / (1 - 2 s_speed)        n = (2/3) / (1 - (2/3) s_power)
 """

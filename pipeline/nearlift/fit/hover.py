@@ -30,10 +30,9 @@ class Shifts(NamedTuple):
 
 
 def shifts(of: FloatArray, sound: FloatArray, false_alarm_rate: float) -> Shifts:
-    """Shifts of logs `of` one condition (m, S, R) from `sound` ones (n, S, R): log voltages
-    averaged over each start, nan for starts that a log lacks.
-
-    Starts are compared by number, since a battery is warm in the second.
+    """Shifts of logs `of` one condition (m, S, R) from `sound` ones (n, S, R): mean log voltages of
+    each start, nan where a log has fewer. Starts are compared by number, since a battery is warm in
+    the second.
     """
     usual = np.nanmean(sound, axis=0)
     contrast = _contrasts(of.shape[2])

@@ -1,5 +1,4 @@
-"""Adaptive importance sampling of a posterior from its peak: fast path, cross-check and evidence.
-"""
+"""Adaptive importance sampling from a posterior's peak: fast path, cross-check and evidence."""
 
 from __future__ import annotations
 
@@ -15,7 +14,7 @@ from nearlift.fit.density import Density
 from nearlift.fit.mixture import Mixture
 from nearlift.fit.pareto import LIMIT, pareto_k
 
-#: Draws per parameter in each of the first three rounds, and most rounds.
+#: Draws per parameter in each of the first three rounds; later ones are larger.
 ROUND = 1500
 ROUNDS = 10
 #: Expectation-maximisation steps after each round.
@@ -26,9 +25,9 @@ LIGHT = 0.4
 #: Rounds after which a proposal that is not good gets this many components.
 PATIENCE = 2
 COMPONENTS = 8
-#: Most adaptations to the final draws.
+#: Maximum number of adaptations to the final draws.
 AGAIN = 3
-#: Most draws per draw that is wanted.
+#: Maximum number of draws for each one that is wanted.
 GENEROUS = 40
 
 
@@ -170,8 +169,7 @@ def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted
 
 
 def _together(rounds: list[Weighted], proposals: list[Mixture]) -> tuple[FloatArray, FloatArray]:
-    """All draws so far (n, p) and their weights (n,), truncated so that no single draw dominates.
-    """
+    """All draws so far (n, p) and their weights (n,), truncated so that none dominates."""
     theta = np.concatenate([r.theta for r in rounds])
     log = np.concatenate([r.log_prob for r in rounds]) - np.logaddexp.reduce(
         [p.log_density(theta) for p in proposals], axis=0
