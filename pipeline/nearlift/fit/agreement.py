@@ -1,6 +1,4 @@
-"""Agreement of two computations of one posterior: cumulative probabilities at quantiles, compared
-in Monte Carlo standard errors.
-"""
+"""Agreement of two computations of one posterior, measured in Monte Carlo standard errors."""
 
 from __future__ import annotations
 

@@ -94,9 +94,7 @@ def throttle_collapse(tested: collapse.Collapse, quantile: float) -> ThrottleCol
 def exponents(
     campaign: Campaign, problem: Problem, examined: held_quantity.Held, quantile: float
 ) -> HeldQuantity:
-    """Range of one boundary's headline coefficient over the exponents that the logs support, else
-    over the plausible ones.
-    """
+    """One boundary's headline coefficient over the supported, else the plausible, exponents."""
     judged = examined.at_ends if examined.supported else examined.plausible
     return HeldQuantity(
         declared=campaign.rig.held,
@@ -152,7 +150,7 @@ def rotor_coefficient(
     covariance: FloatArray,
     responses: tuple[held_quantity.Response, ...],
 ) -> RotorCoefficient:
-    """C_L per throttle from L_inf and the logged or mapped speed; `missing` names absent input."""
+    """C_L per throttle from L_inf and the logged or mapped speed, or the `missing` inputs."""
     data, vehicle = problem.data, campaign.vehicle
     logged = logged_speed(data, responses)
     air, how = air_density(campaign, data)
@@ -217,9 +215,7 @@ def rotor_coefficient(
 
 
 def air_density(campaign: Campaign, data: Observations) -> tuple[float | None, str]:
-    """Air density in kg/m^3 and its source: the manifest, else the mean of the log; None where
-    neither has it.
-    """
+    """Air density in kg/m^3 and its source: manifest or mean of the log; None without either."""
     if campaign.rig.air_density is not None:
         return campaign.rig.air_density, "the manifest"
     kelvin = data.covariates.get("temperature_K")

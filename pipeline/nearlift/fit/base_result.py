@@ -16,16 +16,14 @@ from nearlift.results.quotation import BoundaryResult, Correlation, Doubt
 
 #: `reason` until `diagnose` has run.
 NOT_LOOKED_AT = "the residuals were not looked at: `nearlift diagnose` does"
-#: Distance between the ends of two intervals, in standard uncertainties, up to which they agree.
+#: Intervals agree where their ends differ by at most this many standard uncertainties.
 SAME_END = 0.25
 
 
 def base_result(
     fit: LeastSquaresFit, entry: ModelFit, reason: str = NOT_LOOKED_AT, wanted: str = ""
 ) -> BoundaryResult:
-    """A boundary's entry of results.json before or without the loop; `entry` is the model's in
-    fit.json.
-    """
+    """A boundary's result before or without the loop; `entry` is the model's in fit.json."""
     estimator = Estimator.from_fit(fit)
     noise = fit.noise.source.partition(" (")[0]
     declared = budget.and_declared((*fit.parts, *fit.plan.shared))
@@ -56,9 +54,7 @@ def base_result(
 
 
 def shape_doubts(entry: ModelFit) -> dict[str, list[Doubt]]:
-    """Profile and posterior intervals whose ends differ from the fit's by more than `SAME_END`, by
-    coefficient.
-    """
+    """Profile and posterior intervals that differ from the fit's by `SAME_END`, by coefficient."""
     doubts: dict[str, list[Doubt]] = {}
     for name, e in entry.parameters.items():
         doubts[name] = []

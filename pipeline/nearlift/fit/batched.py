@@ -284,9 +284,7 @@ def _step(
     bounds: list[FloatArray],
     damping: FloatArray,
 ) -> FloatArray:
-    """Damped Gauss-Newton step of each problem, in units of the scale; 0 for a parameter at a bound
-    that would leave it.
-    """
+    """Damped Gauss-Newton steps in units of the scale; 0 for what would leave a bound."""
     gradient = (slopes @ r[:, :, None])[..., 0]
     curved = slopes @ slopes.swapaxes(-1, -2)
     low, high = bounds

@@ -235,9 +235,7 @@ class _StretchSums:
     def solved(
         self, weight: FloatArray, towards: FloatArray, without: int | None = None
     ) -> FloatArray:
-        """Coefficients, the last ones drawn `towards` values with these weights; one stretch left
-        out.
-        """
+        """Coefficients, the last ones shrunk `towards` values with a ridge `weight`."""
         first, second = self._reduced(weight, towards, without)
         scale = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
         return np.asarray(
@@ -264,9 +262,7 @@ class _StretchSums:
 
 
 def without_each(windows: Windows, ratio: Ratio, theta: FloatArray) -> FloatArray:
-    """One-step change of theta without each window, (n, p), in closed form; the first stage is
-    held.
-    """
+    """One-step change of theta without each window, (n, p); the first stage is held."""
     level, free, fixed = windows.linear(None)
     log_ratio, slopes = ratio(theta)
     x, y = np.hstack([free, slopes]), fixed - log_ratio
@@ -285,8 +281,8 @@ def without_each(windows: Windows, ratio: Ratio, theta: FloatArray) -> FloatArra
 
 
 def gains(windows: Windows, power: float | None = None) -> list[tuple[float, Solved]]:
-    """Logarithms of gain at two radii and decay length by every form that the windows allow, least
-    squared residuals first.
+    """Solutions for log gain at two radii and log decay length by every form that the windows
+    allow, least squared residuals first.
 
     Raises
     ------

@@ -22,9 +22,9 @@ from nearlift.likelihood.subspace import framed, left_singular
 from nearlift.results import IntArray
 from nearlift.results.assumptions import CollapseTest, LargestDeparture
 
-#: Of the largest departure.
+#: Confidence level of the largest departure.
 CONFIDENCE = 0.95
-#: Probability of scatter so small that the assumed noise is suspect.
+#: Probability below which scatter is so small that the assumed noise is suspect.
 SUSPECT = 1e-3
 #: Effective degrees of freedom (m,) of linear estimators (m, n) of the trials' log lift.
 Freedom = Callable[[FloatArray], FloatArray]
@@ -178,9 +178,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
 
 
 def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> FloatArray:
-    """Orthonormal basis (n, m) of one whitened `column` (n, 1) per throttle after projecting out
-    theta and L_inf.
-    """
+    """Orthonormal basis (n, m) of one `column` (n, 1) per throttle, free of theta and L_inf."""
     k = len(problem.data.levels)
     contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
     each = ((np.eye(k)[problem.data.level] * column) @ contrast).T
@@ -221,7 +219,7 @@ def scale_per_throttle(
 
 
 def cells(problem: Problem, freedom: Freedom) -> CollapseTest | None:
-    """Test of an interaction between distance and throttle: with a noise model, no lift model."""
+    """Interaction of distance and throttle, tested with a noise model but no lift model."""
     data = problem.data
     distance = np.unique(data.z_hat, return_inverse=True)[1]
     both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
@@ -240,9 +238,7 @@ def cells(problem: Problem, freedom: Freedom) -> CollapseTest | None:
 
 
 def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
-    """Orthonormal basis (n, m) of an indicator's columns after projecting out L_inf, and the
-    residual chi2 beside both.
-    """
+    """Orthonormal basis (n, m) of an indicator's columns free of L_inf, and the residual chi2."""
     white = problem.project(indicator.T).T
     u, size = left_singular(white)
     # a column in the span of L_inf leaves only rounding
@@ -271,7 +267,7 @@ def f_test(gain: float, extra: int, noise_dof: float) -> CollapseTest | None:
 def largest(
     throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float
 ) -> LargestDeparture | None:
-    """Pair of throttles with the largest bound on its difference, simultaneous, over `unit`."""
+    """Pair of throttles with the largest simultaneous bound on its difference, over `unit`."""
     i, j = np.triu_indices(len(throttles), 1)
     if not len(i) or not unit > 0:
         return None

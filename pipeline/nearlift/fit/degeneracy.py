@@ -1,4 +1,4 @@
-"""Degenerate pairs of quantities: those that the trials determine only in combination."""
+"""Degenerate pairs of quantities: so strongly correlated that trials hardly separate them."""
 
 from __future__ import annotations
 

@@ -2,8 +2,8 @@
 the others, and the coefficients without it.
 
 No refit is needed for a model that is linear near its optimum. With P the inverse covariance after
-projecting out coefficients and L_inf, y the log lift less the model's and G the estimator (``theta
-= G y``), deleting block B moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``; the error of
+projecting out coefficients and L_inf, y the log lift less the model's and G the estimator,
+``theta = G y``, deleting block B moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``; the error of
 predicting B from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact
 for a given covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033
 (leverage, influence and residuals in generalised least squares).
@@ -83,7 +83,7 @@ def visits_of(
 ) -> tuple[Deletion, ...]:
     """`visits` of any likelihood at its optimum `theta` (p,), the coefficients `free` estimated.
 
-    `offset` in m is the height error of the linearisation, whose `slope` carries it.
+    It is linearised about the height error `offset` in m, with `slope` (n,) there.
     """
     data, covariance = problem.data, problem.covariance
     jacobian = problem.jacobian(theta, offset)[:, free] if len(free) else np.zeros((data.n, 0))

@@ -6,11 +6,11 @@ Conventions, the same as those of least squares:
 - L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form; its
   constant is part of the evidence.
 - The noise is estimated from repeats and, where these are few, from the scatter of visits about the
-  base model's curve; goodness of fit does not inform it. The scale of the coefficients' covariance
-  therefore has a scaled inverse chi-square distribution with `dof`, the fewest effective degrees of
-  freedom of any coefficient. Integrating it out turns exp(-D / 2), D = chi2 less its minimum, into
-  Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly the t intervals of least
-  squares.
+  base model's curve; how well the model fits does not otherwise inform it. The scale of the
+  coefficients' covariance therefore has a scaled inverse chi-square distribution with `dof`, the
+  fewest effective degrees of freedom of any coefficient. Integrating it out turns exp(-D / 2), D =
+  chi2 less its minimum, into Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly
+  the t intervals of least squares.
 - The covariance, budget included, is that of the least-squares fit.
 """
 

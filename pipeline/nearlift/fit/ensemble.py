@@ -51,9 +51,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class ThinnedChain:
-    """A converged ensemble after burn-in and thinning: draws (w, n, p), log_prob (w, n), and
-    sampler statistics.
-    """
+    """A converged ensemble: thinned draws (w, n, p), log_prob (w, n), sampler statistics."""
 
     theta: FloatArray
     log_prob: FloatArray
@@ -65,9 +63,7 @@ class ThinnedChain:
 
 
 def walkers(p: int, wanted: int) -> int:
-    """Number of walkers with which a chain of `LENGTHS` autocorrelation times yields `wanted`
-    independent draws.
-    """
+    """Number of walkers for `wanted` independent draws in `LENGTHS` autocorrelation times."""
     return max(2 * math.ceil(1.25 * wanted / LENGTHS / 2), 2 * (p + 1), 32)
 
 

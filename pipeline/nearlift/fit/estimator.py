@@ -105,9 +105,7 @@ class Estimator:
         )
 
     def reach(self, i: int) -> dict[int, float]:
-        """Coverage factors of coefficient i by level in percent, from Student's t; infinite without
-        degrees of freedom.
-        """
+        """Coverage factors of coefficient i by level in percent: Student's t, inf at 0 dof."""
         return {level: student.quantile(0.5 + level / 200, float(self.dof[i])) for level in LEVELS}
 
     def quoted(
@@ -191,9 +189,7 @@ class Estimator:
 
     @cached_property
     def _influence(self) -> dict[str, LargestShifts]:
-        """The trial and the visit whose deletion shifts each coefficient most, the scatter held
-        fixed.
-        """
+        """The trial and visit whose deletion shifts each coefficient most, scatter held."""
         names, free = self.problem.names, [int(i) for i in np.flatnonzero(~self.fixed)]
         blocks = deletion.visits_of(self.problem, self.theta, free, self.offset_m, self.slope)
         data = self.problem.data
@@ -207,9 +203,7 @@ class Estimator:
         }
 
     def doubts(self) -> list[list[Doubt]]:
-        """Each coefficient under alternative conditions: other exponents of the ratio, and inputs
-        without a declared uncertainty.
-        """
+        """Each coefficient at other exponents, and with undeclared inputs taken as uncertain."""
         listed: list[list[Doubt]] = [[] for _ in self.theta]
         if not len(self.theta):
             return listed
@@ -232,9 +226,7 @@ class Estimator:
         return listed
 
     def _exponents(self) -> Iterator[tuple[str, float, float]]:
-        """Condition, value and u of the first coefficient with the ratio raised to a free power and
-        to 2/3.
-        """
+        """Condition, value and u of the first coefficient at a free exponent and 2/3."""
         problem = about(self.problem, self.offset_m, self.slope)
         n, u_n, _ = held_quantity.free_exponent(problem, self.theta)
         if np.isfinite(n):

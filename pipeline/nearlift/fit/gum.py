@@ -1,10 +1,10 @@
 """Uncertainty budget of a fit after the GUM: the contribution of each source of error to the
 variance of each coefficient.
 
-The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with ``G = (J' P
-J)^-1 J' P`` and P the inverse covariance with L_inf projected out. The covariance is a sum of
-parts, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``: no part is left out or counted
-twice, and the shares add to one for the estimator that was used.
+The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with
+``G = (J' P J)^-1 J' P`` and P the inverse covariance with L_inf projected out. The covariance is a
+sum of parts, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``: no part is left out or
+counted twice, and the shares add to one for the estimator that was used.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Height errors beyond first order: where the slope of the curve does not carry them, and what
 replaces it.
 
-The covariance takes a height error e as ``e f'``, f the log ratio. This omits the even part, ``(f(z
-+ e) + f(z - e)) / 2 - f(z)``, which does not average to zero. Through the estimator's gain it
-shifts each coefficient; where a shift exceeds `LIMIT` standard uncertainties,
+The covariance takes a height error e as ``e f'``, f the log ratio. This omits the even part,
+``(f(z + e) + f(z - e)) / 2 - f(z)``, which does not average to zero. Through the estimator's gain
+it shifts each coefficient; where a shift exceeds `LIMIT` standard uncertainties,
 
 - an error that all trials share (a datum) becomes an unknown with its declared distribution, and is
   integrated over by quadrature;
@@ -130,9 +130,7 @@ def shared_by_all(data: Observations, part: Component) -> bool:
 
 
 def _even(problem: Problem, theta: FloatArray, size_m: float) -> FloatArray:
-    """Even part of the effect of a height error on the prediction, (n,); nan where the model has no
-    value so far off.
-    """
+    """Even part of a height error's effect on log ratio, (n,); nan where it has no value."""
     up, here, down = (problem.log_ratio(theta, e) for e in (size_m, 0.0, -size_m))
     return (up + down) / 2 - here
 
@@ -149,7 +147,7 @@ class Marginal:
     theta : (K, p), covariance : (K, p, p)
         The coefficients at each node.
     best : int
-        Index of the most probable node.
+        Index of the node with the highest joint density.
     chi2 : float
         Least chi2, the declared distribution's part included.
     log_integral : float
@@ -204,9 +202,7 @@ class Marginal:
 
 
 def density(parts: Sequence[Component]) -> tuple[Callable[[FloatArray], FloatArray], float]:
-    """Density of the sum of shared height errors, per metre, and the half-width beyond which it is
-    negligible.
-    """
+    """Density of the sum of shared height errors, per metre, and its effective half-width."""
     from scipy.stats import norm
 
     sd = float(np.sqrt(sum(c.standard**2 for c in parts if c.distribution == "normal")))

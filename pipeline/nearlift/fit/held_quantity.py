@@ -48,9 +48,7 @@ ENOUGH = 8
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AtExponent:
-    """The first coefficient with the ratio raised to `n`; `p_value` tests that n against the one
-    that fits best.
-    """
+    """The first coefficient with the ratio to the power `n`; `p_value` tests n against the best."""
 
     n: float
     value: float
@@ -92,8 +90,8 @@ class Response:
         return self.p_value >= NOT_HELD
 
     def exponents(self) -> tuple[float, float] | None:
-        """Least and greatest exponent at constant throttle implied by theory over 90 % of the
-        slope.
+        """Least and greatest exponent at constant throttle that theory implies over the slope's 90
+        % interval.
 
         None for other quantities, and where lift would follow the quantity's own change alone.
         """
@@ -122,7 +120,7 @@ class Held:
     responses : tuple of Response
         Of the logged quantities.
     unanswered : tuple of str
-        Logged quantities with too few trials for a response.
+        Logged quantities whose response is not estimable.
     supported : (least, most) or None
         Exponents that the logs imply; None if no logged quantity implies any.
     at_ends : tuple of AtExponent
@@ -140,9 +138,7 @@ class Held:
 
 
 def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
-    """The first coefficient at other exponents, from the optimum `theta` (p,) of the model as
-    published.
-    """
+    """The first coefficient at other exponents, from the published model's optimum (p,)."""
     n, u_n, least = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
     answers = {q: response(problem.data, log_ratio, q) for q in logged(problem.data)}
@@ -167,9 +163,7 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
 def at_exponents(
     problem: Problem, theta: FloatArray, exponents: Sequence[float]
 ) -> tuple[AtExponent, ...]:
-    """The first coefficient refitted at each exponent, in one batch, without those that do not
-    converge.
-    """
+    """The first coefficient refitted in one batch at each exponent at which that converges."""
     n = np.asarray(exponents, dtype=float)
     target = problem.project(np.log(problem.data.lift_N))
     bounds = problem.model.bounds
@@ -207,8 +201,8 @@ def at_exponents(
 
 
 def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, float]:
-    """Best-fitting exponent, its standard uncertainty with theta free, and the least chi2; nan, nan
-    and chi2 where exponent and theta are not separable.
+    """Best-fitting exponent and its standard uncertainty with theta free, both nan at a bound or
+    where theta can replace the exponent; and the least chi2.
     """
     from scipy.optimize import least_squares
 

@@ -22,7 +22,7 @@ STEPS = 6
 #: Effective fraction of draws above which, and Pareto k below which, a proposal adapts no more.
 GOOD = 0.7
 LIGHT = 0.4
-#: Rounds after which a proposal that is not good gets this many components.
+#: Index of the round after which the proposal is split, and the number of its components.
 PATIENCE = 2
 COMPONENTS = 8
 #: Maximum number of adaptations to the final draws.

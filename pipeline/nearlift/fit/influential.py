@@ -121,9 +121,7 @@ class _Search:
     def next_trial(
         self, clean: LeastSquaresFit, kept: NDArray[np.bool_]
     ) -> tuple[int, LeastSquaresFit] | None:
-        """The first candidate without which the headline shifts by `MOVES`, and the fit without it;
-        None if there is none.
-        """
+        """The first trial whose removal shifts the headline by `MOVES`, and the fit without."""
         at = np.flatnonzero(kept)
         moved = influence(clean)
         for j in _far(moved.of_trial[:, 0], moved.residual**2, clean):

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 #: Relative step of the central differences: truncation error 1e-8 of the derivative, rounding
 #: 1e-12.
 STEP = 1e-4
-#: Standard uncertainty of a calliper on a rotor of some centimetres, and of a datum set by eye.
+#: Relative uncertainty of a calliper on a small rotor, and uncertainty in m of a datum set by eye.
 PLAUSIBLE = {"rotor_radius": 0.01, "rotor_spacing": 0.01, "height": 5e-4}
 
 

@@ -80,9 +80,7 @@ class JointProblem(Problem):
         )
 
     def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """Whitened residuals of the lift, `L_inf` eliminated, then of the downwash, whose heights
-        `offset_m` does not move.
-        """
+        """Whitened residuals of lift, then of downwash; `offset_m` moves the former only."""
         return np.concatenate(
             [super().residuals(theta, offset_m), self.downwash_residuals(theta)], axis=-1
         )
@@ -94,9 +92,7 @@ class JointProblem(Problem):
         )
 
     def _downwash_derivatives(self, theta: FloatArray) -> FloatArray:
-        """Derivatives of `downwash_residuals`, (..., p, n), by central differences within the
-        bounds.
-        """
+        """Derivatives of `downwash_residuals` by central differences within the bounds."""
         rows = []
         for i, p in enumerate(self.model.parameters):
             step = 1e-4 * np.maximum(np.abs(theta[..., i]), 1e-2 * (p.bounds[1] - p.bounds[0]))

@@ -71,9 +71,7 @@ class LeastSquaresFit:
 
     @property
     def dof_of_all(self) -> float:
-        """Degrees of freedom for all coefficients at once: the fewest of any, at least
-        `gum.LEAST_DOF`.
-        """
+        """Fewest effective degrees of freedom of any coefficient, at least `gum.LEAST_DOF`."""
         return max(float(self.effective.min(initial=np.inf)), gum.LEAST_DOF)
 
 
@@ -85,9 +83,7 @@ def assemble(
     theta: FloatArray,
     slope: FloatArray | None = None,
 ) -> Problem:
-    """The likelihood with every height error carried by `slope` (n,); if None, by the model's at
-    `theta`.
-    """
+    """The likelihood, height errors carried by `slope` (n,), or else by the model's at `theta`."""
     if slope is None:
         slope = height_slope(model, data, model.named(theta))
     covariance = noise.trial_covariance(
@@ -259,7 +255,7 @@ def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
 def _levels(
     problem: Problem, log_levels: FloatArray, covariance: FloatArray, quantiles: Sequence[float]
 ) -> dict[float, Estimate]:
-    """L_inf, N, per throttle; `quantiles` are half the intervals in standard uncertainties."""
+    """L_inf, N, per throttle, with intervals of ±`quantiles` standard uncertainties."""
     values = np.exp(problem.data.shown(log_levels))
     relative = np.sqrt(np.diag(problem.shown_covariance(covariance)))
     return {
@@ -352,9 +348,7 @@ def parameter_covariance(
 def interval90(
     model: LiftModel, theta: FloatArray, sd: FloatArray, dof: FloatArray
 ) -> dict[str, Estimate]:
-    """Each parameter with its standard uncertainty and 90 % interval by Student's t at its
-    effective degrees of freedom.
-    """
+    """Each parameter with its standard uncertainty and 90 % interval by Student's t."""
     each = zip(model.parameters, theta, sd, dof, strict=True)
     return {
         q.name: _estimate(t, u, student.quantile(0.95, d), q.unit, q.bounds) for q, t, u, d in each

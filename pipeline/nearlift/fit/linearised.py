@@ -35,15 +35,13 @@ def linear_problem(fit: LeastSquaresFit) -> tuple[Problem, float, FloatArray]:
 
 
 def stand_in(fit: LeastSquaresFit) -> Problem:
-    """The fit's likelihood in its coefficients alone: an integrated height error is linearised
-    about its posterior mean.
-    """
+    """The fit's likelihood in its coefficients alone, linear in any integrated height error."""
     return about(*linear_problem(fit))
 
 
 def about(problem: Problem, offset_m: float, slope: FloatArray) -> Problem:
-    """The problem with heights shifted by `offset_m`, and the log ratio less what `slope` (n,)
-    makes of that shift.
+    """The problem with heights shifted by `offset_m`, less the first-order effect
+    ``slope * offset_m`` of the shift on the log ratio.
     """
     if not offset_m:
         return problem

@@ -81,9 +81,7 @@ class Mixture:
         return result
 
     def learn(self, theta: FloatArray, weight: FloatArray) -> Mixture:
-        """The mixture after one expectation-maximisation step towards the weighted draws (n, p),
-        (n,).
-        """
+        """One expectation-maximisation step towards the weighted draws (n, p), (n,)."""
         p = theta.shape[1]
         weight = weight / weight.sum()
         at = self.prior.coordinates(theta)
@@ -127,5 +125,5 @@ class Mixture:
 
 
 def _leave(share: FloatArray) -> FloatArray:
-    """Shares scaled to leave the prior `DEFENCE`."""
+    """Shares scaled to leave the prior at least `DEFENCE`."""
     return share * min(1.0, (1 - DEFENCE) / float(share.sum()))

@@ -16,9 +16,7 @@ LIMIT = 0.7
 
 
 def shape(excess: FloatArray) -> float:
-    """Shape k of a generalised Pareto distribution from ascending excesses (n,) over a threshold,
-    not all zero.
-    """
+    """Shape k of a generalised Pareto distribution from ascending excesses (n,), not all 0."""
     n = len(excess)
     m = 30 + int(np.sqrt(n))
     quartile = max(excess[int(n / 4 + 0.5) - 1], 1e-12 * excess[-1])
@@ -33,9 +31,7 @@ def shape(excess: FloatArray) -> float:
 
 
 def pareto_k(log_weights: FloatArray) -> float:
-    """Shape of the upper tail of importance weights, shrunk towards 0.5 where tail weights are few;
-    0 without a tail.
-    """
+    """Shape of the upper tail of importance weights, shrunk towards 0.5; 0 without a tail."""
     n = len(log_weights)
     size = int(np.ceil(min(0.2 * n, 3 * np.sqrt(n))))
     weights = np.sort(np.exp(log_weights - np.max(log_weights)))

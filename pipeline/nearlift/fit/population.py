@@ -21,6 +21,7 @@ from nearlift.results import Estimate
 GRID = 400
 #: Fewest campaigns for an estimate of the spread.
 FEWEST = 3
+#: Probability beyond each end of an interval.
 TAIL = 0.05
 
 

@@ -34,7 +34,7 @@ GRID = 2
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Sampler, effective sample size wanted, and maximum number of emcee's steps."""
+    """Sampler, effective sample size wanted, and maximum number of emcee steps."""
 
     sampler: Sampler = "auto"
     ess: int = 4000
@@ -42,9 +42,7 @@ class Settings:
 
     @property
     def draws(self) -> int:
-        """Independent draws made: a tenth more than `ess`, so that its estimate does not fall short
-        by chance.
-        """
+        """Independent draws made: a tenth above `ess`, since its estimate scatters."""
         return -(-11 * self.ess // (10 * CHAINS)) * CHAINS
 
 
@@ -63,8 +61,7 @@ class Posterior:
     sampler : str
         "importance", "emcee", or "none" where there is nothing to sample.
     ess, ess_tail, r_hat : (p,)
-        Bulk and tail effective sample size of each parameter; R-hat, nan for independent draws,
-        which are no chains.
+        Bulk and tail effective sample size; R-hat, nan for independent draws.
     tau : (p,)
         Autocorrelation time in steps; 1 for independent draws.
     acceptance, pareto_k : float
@@ -211,9 +208,7 @@ def _judged(
 
 
 def _after(chain: ensemble.ThinnedChain, twice: int, settings: Settings) -> str:
-    """Remedy for a chain that disagrees with its judges even at `twice` its length, if that was
-    allowed.
-    """
+    """Remedy for a chain that disagrees with its judges, even at `twice` its length if allowed."""
     if settings.steps < twice:
         return f"a longer chain may agree: `steps = {twice}` in [fit] (now {settings.steps})"
     return (

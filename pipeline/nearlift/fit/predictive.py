@@ -76,7 +76,7 @@ def leave_visit_out(fit: LeastSquaresFit) -> VisitScores:
 
 
 def score(scores: VisitScores, reference: VisitScores) -> ModelScore:
-    """Scores and their differences from a reference, over the visits that both predict alike."""
+    """Scores relative to a reference, over visits in which both predict the same trials."""
     _, rows, other = np.intersect1d(
         scores.visit, reference.visit, assume_unique=True, return_indices=True
     )

@@ -53,7 +53,7 @@ class TruncatedPrior:
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log of the density, -inf outside the bounds, (m,)."""
         prior, (low, high) = self.parameter.prior, self.parameter.bounds
-        # scipy's general method costs as much as the likelihood
+        # scipy's own log density costs as much as the likelihood
         if prior.distribution == "norm":
             inside = -0.5 * ((x - prior.loc) / prior.scale) ** 2 - math.log(
                 prior.scale * math.sqrt(2 * math.pi)
@@ -111,9 +111,7 @@ class JointPrior:
         )
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
-        """Theta (..., p) in coordinates in which posteriors have simpler shapes: scales as
-        logarithms.
-        """
+        """Theta (..., p) with scales replaced by their logarithms."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(
                 self._logarithmic, np.log(np.where(self._logarithmic, theta, 1.0)), theta
@@ -129,9 +127,7 @@ class JointPrior:
             )
 
     def log_stretch(self, theta: FloatArray) -> FloatArray:
-        """Log Jacobian of the coordinates with respect to theta, (...): turns a log density in
-        coordinates into one in theta.
-        """
+        """Log Jacobian, (...): added to a log density in coordinates, gives one in theta."""
         with np.errstate(divide="ignore", invalid="ignore"):
             each: FloatArray = -np.log(np.where(self._logarithmic, theta, 1.0)).sum(axis=-1)
         return each

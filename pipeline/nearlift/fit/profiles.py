@@ -41,9 +41,7 @@ SAME = 1e-6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """An interval of one level; an end is nan and named in `open` where the profile does not reach
-    the threshold.
-    """
+    """Interval of one level; an end that the profile does not reach is nan, and in `open`."""
 
     low: float
     high: float
@@ -75,16 +73,14 @@ class Profile:
 
     @property
     def skew(self) -> float:
-        """Upper over lower part of the 90 % interval about the least chi2; nan where an end is
-        open.
-        """
+        """Upper over lower part of the 90 % interval about the least chi2; nan if open."""
         best, interval = float(self.value[np.argmin(self.rise)]), self.intervals[90]
         below = best - interval.low
         return (interval.high - best) / below if below > 0 else float("nan")
 
     @property
     def ends(self) -> ProfileIntervals:
-        """The intervals by level and their skewness."""
+        """The intervals by level, and their skew."""
         numbers = {
             f"{end}{level}": x
             for level, interval in self.intervals.items()
@@ -162,7 +158,7 @@ def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
 
 
 def _vertex(value: FloatArray, chi2: FloatArray) -> float:
-    """Minimum of the parabola through the three lowest neighbours."""
+    """Minimum of the parabola through the lowest value and its two neighbours."""
     k = int(np.clip(np.argmin(chi2), 1, len(value) - 2))
     a, b, _ = np.polyfit(value[k - 1 : k + 2] - value[k], chi2[k - 1 : k + 2] - chi2[k], 2)
     return float(value[k] - b / (2 * a)) if np.isfinite(a) and a > 0 else float(value[k])
@@ -224,9 +220,7 @@ def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> F
 
 
 def _interval(value: FloatArray, rise: FloatArray, best: int, wanted: float) -> Interval:
-    """Interval whose ends are where the root of the profile's rise, nearly a straight line, crosses
-    the threshold's.
-    """
+    """Interval between the crossings of the threshold by the profile's nearly straight root."""
     root = np.sqrt(np.maximum(rise, 0.0))
     low, high = (
         _crossing(value[best::-1], root[best::-1], wanted**0.5),

@@ -56,9 +56,7 @@ class Trend:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rotor:
-    """C_L per throttle with its standard uncertainty, the speed's included, all (K,), and its
-    trend.
-    """
+    """C_L per throttle, its standard uncertainty with the speed's, all (K,), and its trend."""
 
     throttle: FloatArray
     speed_Hz: FloatArray

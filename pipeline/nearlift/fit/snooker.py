@@ -21,9 +21,7 @@ GAMMA = 1.7
 
 
 class SnookerMove(RedBlueMove):  # type: ignore[misc]
-    """A walker moves along its line to another, in proportion to the projected difference of two
-    more.
-    """
+    """A walker moves along its line to another by a projected difference of two more."""
 
     def __init__(self) -> None:
         super().__init__(nsplits=4)
