@@ -1,6 +1,4 @@
-"""Whether two ways to the same posterior agree: shares below quantiles, in units of their Monte
-Carlo error.
-"""
+"""Agreement of two computations of one posterior, measured in Monte Carlo standard errors."""
 
 from __future__ import annotations
 
@@ -15,13 +13,14 @@ from nearlift.fit.importance import Weighted
 from nearlift.fit.pareto import LIMIT
 from nearlift.results.posterior import APART, SamplerCheck
 
+#: Cumulative probabilities at which two computations are compared.
 PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judge:
-    """Another way to the same posterior: the share of it that lies below a value of a parameter,
-    worth `ess` draws, off by `error` at most.
+    """A second computation of a posterior: `below` gives the cumulative probability of a parameter
+    at a value, with an effective sample size `ess` and a numerical error of at most `error`.
     """
 
     name: str
@@ -51,7 +50,7 @@ def importance_judge(weighted: Weighted) -> Judge:
 def compare(
     names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Judge
 ) -> SamplerCheck:
-    """Quantiles `values` (p, 5) at `PROBABILITIES`, worth `ess` (p, 5) draws, before a judge."""
+    """Largest disagreement of quantiles `values` (p, 5), worth `ess` (p, 5) draws, with a judge."""
     worst, where = 0.0, ""
     for i, name in enumerate(names):
         for probability, value, worth in zip(PROBABILITIES, values[i], ess[i], strict=True):

@@ -16,13 +16,13 @@ NO_DENSITY = (
     "The density of air is not known: give air_density in [rig], or log temperature (pressure,"
     " humidity)."
 )
-#: Below this a test rejects.
+#: Significance level of every test here.
 REJECTS = 0.05
 NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
 
 
 def chance(p: float) -> str:
-    """``p = 0.31``, or its bound."""
+    """A p-value as text: ``p = 0.31``, or ``p < 0.001``."""
     return f"p = {p:.2g}" if p >= 1e-3 else "p < 0.001"
 
 
@@ -32,7 +32,7 @@ def percent(x: float) -> str:
 
 
 def throttle_collapse(tested: collapse.Collapse) -> str:
-    """Whether the curves of all throttles are one, and how far apart they may be."""
+    """Outcome of the throttle-collapse tests, and 95 % bounds on differences between throttles."""
     if len(tested.throttles) < 2:
         return "All trials ran at one throttle: whether Delta L depends on it cannot be tested."
     tests = {
@@ -80,7 +80,7 @@ def throttle_collapse(tested: collapse.Collapse) -> str:
 
 
 def held(examined: held_quantity.Held, name: str) -> str:
-    """What the exponent does to the coefficient, and what was logged of it."""
+    """Effect of the exponent on the coefficient, and the exponents that lift and logs support."""
     parts = []
     if examined.plausible:
         least, most = (

@@ -35,6 +35,7 @@ from nearlift.results.assumptions import (
 )
 from nearlift.results.serial import Nothing
 
+#: Half of a standard normal's 90 % interval.
 NORMAL90 = 1.6448536269514722
 
 
@@ -43,7 +44,7 @@ def check(
 ) -> tuple[ThrottleCollapse, HeldQuantity | Nothing, RotorCoefficient]:
     """The three checks of one boundary, from the fit of its base model."""
     problem, theta = linearised(fitted)
-    # the exponent trades places with the coefficients: it rests on what they rest on
+    # the exponent is confounded with the coefficients and takes their degrees of freedom
     quantile = student.quantile(0.95, fitted.effective[0]) if len(theta) else NORMAL90
     held = held_quantity.examine(problem, theta, fitted.dof_of_all) if len(theta) else None
     parts, slope = (*fitted.parts, *fitted.plan.shared), linear_problem(fitted)[2]
@@ -63,9 +64,9 @@ def check(
 def linearised(fitted: LeastSquaresFit) -> tuple[Problem, FloatArray]:
     """The likelihood with every error in its covariance, and its optimum.
 
-    What all trials share of height and the slope does not carry is put at its likeliest value,
-    about which the slope does carry it. The declared distribution is moved there too, which matters
-    little: only what the trials tell well is carried so.
+    A shared height error that was integrated over is linearised about its posterior mean, and its
+    declared distribution is centred there too, which matters only if the trials hardly determine
+    it.
     """
     problem, over = stand_in(fitted), fitted.marginal
     if over is None:
@@ -75,7 +76,7 @@ def linearised(fitted: LeastSquaresFit) -> tuple[Problem, FloatArray]:
 
 
 def throttle_collapse(tested: collapse.Collapse, quantile: float) -> ThrottleCollapse:
-    """One boundary's test of the collapse."""
+    """The throttle-collapse result of one boundary."""
     each = zip(tested.throttles, tested.values, tested.u, tested.u_apart, strict=True)
     return ThrottleCollapse(
         coefficient=tested.name,
@@ -93,9 +94,7 @@ def throttle_collapse(tested: collapse.Collapse, quantile: float) -> ThrottleCol
 def exponents(
     campaign: Campaign, problem: Problem, examined: held_quantity.Held, quantile: float
 ) -> HeldQuantity:
-    """One boundary's range of the headline coefficient over the exponents, and what the
-    logs say.
-    """
+    """One boundary's headline coefficient over the supported, else the plausible, exponents."""
     judged = examined.at_ends if examined.supported else examined.plausible
     return HeldQuantity(
         declared=campaign.rig.held,
@@ -151,9 +150,7 @@ def rotor_coefficient(
     covariance: FloatArray,
     responses: tuple[held_quantity.Response, ...],
 ) -> RotorCoefficient:
-    """One boundary's C_L per throttle, from L_inf and the speed that was logged or mapped;
-    `missing` says what it lacks.
-    """
+    """C_L per throttle from L_inf and the logged or mapped speed, or the `missing` inputs."""
     data, vehicle = problem.data, campaign.vehicle
     logged = logged_speed(data, responses)
     air, how = air_density(campaign, data)
@@ -218,9 +215,7 @@ def rotor_coefficient(
 
 
 def air_density(campaign: Campaign, data: Observations) -> tuple[float | None, str]:
-    """Density in kg/m^3 and where it is from: the manifest, else the mean of what was logged; None
-    where neither tells.
-    """
+    """Air density in kg/m^3 and its source: manifest or mean of the log; None without either."""
     if campaign.rig.air_density is not None:
         return campaign.rig.air_density, "the manifest"
     kelvin = data.covariates.get("temperature_K")
@@ -245,8 +240,8 @@ def logged_speed(
     """Speed per throttle far from the boundary, and the standard uncertainty of its logarithm; None
     where no rpm was logged.
 
-    Where too few visits tell how speed answers to the boundary, it is the mean at each throttle's
-    farthest station.
+    Without an estimated response of speed to the boundary it is the geometric mean at each
+    throttle's farthest station.
     """
     known = next((r for r in responses if r.quantity == "speed_Hz"), None)
     if known is not None:
@@ -273,7 +268,7 @@ class Interval90(TypedDict):
 
 
 def interval(value: float, u: float, quantile: float) -> Interval90:
-    """An estimate whose 90 % interval has so many standard uncertainties to either side."""
+    """An estimate with the 90 % interval ``value - quantile u`` to ``value + quantile u``."""
     return {
         "value": float(value),
         "u": float(u),

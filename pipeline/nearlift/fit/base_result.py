@@ -1,5 +1,5 @@
-"""What is quoted where the loop has nothing to say: the base fit at the scatter of repeats; and
-what the shape of its likelihood would say.
+"""A boundary's result without a diagnosis: the base fit with the scatter of repeats as noise, and
+doubts from the shape of its likelihood.
 """
 
 from __future__ import annotations
@@ -16,17 +16,14 @@ from nearlift.results.quotation import BoundaryResult, Correlation, Doubt
 
 #: `reason` until `diagnose` has run.
 NOT_LOOKED_AT = "the residuals were not looked at: `nearlift diagnose` does"
-#: Ends of a posterior or profile that stand off those of the fit by less than this part of its
-#: uncertainty are the same.
+#: Intervals agree where their ends differ by at most this many standard uncertainties.
 SAME_END = 0.25
 
 
 def base_result(
     fit: LeastSquaresFit, entry: ModelFit, reason: str = NOT_LOOKED_AT, wanted: str = ""
 ) -> BoundaryResult:
-    """A boundary's part of results.json before or without the loop; `entry` is the model's in
-    fit.json.
-    """
+    """A boundary's result before or without the loop; `entry` is the model's in fit.json."""
     estimator = Estimator.from_fit(fit)
     noise = fit.noise.source.partition(" (")[0]
     declared = budget.and_declared((*fit.parts, *fit.plan.shared))
@@ -57,9 +54,7 @@ def base_result(
 
 
 def shape_doubts(entry: ModelFit) -> dict[str, list[Doubt]]:
-    """What profile and posterior of a model say where their ends stand off the fit's own interval,
-    by coefficient.
-    """
+    """Profile and posterior intervals that differ from the fit's by `SAME_END`, by coefficient."""
     doubts: dict[str, list[Doubt]] = {}
     for name, e in entry.parameters.items():
         doubts[name] = []

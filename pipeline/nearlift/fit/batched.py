@@ -1,7 +1,7 @@
-"""Many small least-squares problems at once: Levenberg and Marquardt's method on a stack, with
-bounds and with some parameters held.
+"""Batched nonlinear least squares: many small problems solved at once by the Levenberg-Marquardt
+method, with bounds and fixed parameters.
 
-Profiles, integrals over an unknown height, resampled and left-out trials ask for the same minimum
+Profiles, integrals over an unknown height, and resampled or left-out trials need the same minimum
 at dozens or thousands of nearby settings; one call of the model serves them all.
 """
 
@@ -16,24 +16,24 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 
+#: Maximum number of iterations.
 ROUNDS = 60
-#: A step smaller than this part of a parameter's scale ends the search.
+#: Step, relative to a parameter's scale, below which the search ends.
 STILL = 1e-7
-#: Below this the derivatives are not taken anew: residuals do not vanish at the minimum, so older
-#: ones would put it elsewhere by as much.
+#: Relative step below which the Jacobian is reused: where residuals do not vanish at the minimum,
+#: an older Jacobian would displace it by as much.
 NEAR = 1e-6
-#: Damping relative to the diagonal: at first hardly any, this much after a step that failed, and
-#: what ends the search.
+#: Damping relative to the diagonal: at the start, at least after a failed step, and where the
+#: search gives up.
 DAMPING_MIN, DAMPING, DAMPING_MAX = 1e-8, 1e-3, 1e10
-#: A problem counts as converged where an undamped step would be smaller than this part of every
+#: A problem has converged where an undamped step would be smaller than this, relative to every
 #: parameter's scale.
 CONVERGED = 1e-4
-#: Last steps at most, and the least ratio of singular values of a direction in which they go by the
-#: slopes alone.
+#: Maximum number of Newton steps, and the relative singular value below which a Gauss-Newton step
+#: ignores a direction.
 LAST_STEPS, DETERMINED = 20, 1e-9
-#: Step of the differences that give chi2's curvature, in units of what moves chi2 by 1, and the
-#: least curvature, in units of that without misfit, that is a minimum's: rounding puts 1e-11 into
-#: it.
+#: Step of the differences for chi2's curvature, in units of what moves chi2 by 1, and the least
+#: curvature of a minimum, relative to that without misfit; rounding contributes 1e-11.
 CURVATURE_STEP, CURVED = 1e-3, 1e-6
 
 IntArray = NDArray[np.int64]
@@ -51,7 +51,7 @@ class Minima:
     chi2 : (m,)
         inf where the model has no value at the start.
     converged : (m,) bool
-        False where the search stopped short of a minimum; never take a mean over those.
+        False where the search stopped short of a minimum; leave these out of any mean.
     """
 
     theta: FloatArray
@@ -59,12 +59,12 @@ class Minima:
     converged: NDArray[np.bool_]
 
     def good(self) -> FloatArray:
-        """The rows of `theta` that are estimates.
+        """The converged rows of `theta`.
 
         Raises
         ------
         NotConverged
-            More than one in a hundred failed: the rest would be a choice of the lucky ones.
+            More than 1 % failed: the remaining rows would be a biased selection.
         """
         failed = int((~self.converged).sum())
         if failed > 0.01 * len(self.theta):
@@ -89,17 +89,17 @@ def minimise(
     Parameters
     ----------
     residuals : callable
-        Parameters (k, p) and which problems (k,) they belong to, to residuals (k, n); nan where the
-        model has no value.
+        Maps parameters (k, p) and the indices (k,) of their problems to residuals (k, n); nan where
+        the model has no value.
     start : (m, p)
     bounds : pair of (p,)
     scale : (p,)
         Typical size of each parameter's change, such as its standard uncertainty.
     free : (p,) bool
-        What is optimised; the rest is held at its start.
+        Parameters that are optimised; the others are held at their start.
     linearised : callable, optional
-        The same arguments, to residuals (k, n) and their derivatives (k, p, n); without it,
-        differences are taken.
+        Maps the same arguments to residuals (k, n) and their derivatives (k, p, n); one-sided
+        differences without it.
     """
     theta = np.clip(np.array(start, dtype=float), *bounds)
     which = np.flatnonzero(free)
@@ -139,7 +139,7 @@ def minimise(
         )
         trial = np.clip(theta[rows] + step, *bounds)
         moved = np.abs((trial - theta[rows]) / scale).max(axis=1)
-        # so near the end the derivatives stay what they are
+        # so close to the minimum the Jacobian is reused
         near = moved <= NEAR
         better = np.zeros(len(rows), dtype=bool)
         for some, anew in ((near, False), (~near, True)):
@@ -173,7 +173,7 @@ def minimise(
         [b[which] for b in bounds],
         np.zeros(int(whole.sum())),
     )
-    # what a bound stops is as good as still
+    # a step that a bound stops counts as converged
     reached = np.clip(theta[:, which] + left * scale[which], *(b[which] for b in bounds))
     return Minima(
         theta=theta,
@@ -186,18 +186,18 @@ def minimise(
 def settled(
     linearised: Linearised, theta: FloatArray, bounds: tuple[FloatArray, FloatArray]
 ) -> FloatArray:
-    """Newton's steps from each of m minima to where the gradient of chi2 vanishes, until they
-    shrink no more.
+    """Minima refined by Newton steps to a vanishing gradient of chi2, until the steps shrink no
+    more.
 
-    A search by trial stops where chi2, a large number, no longer falls: at a step of 1e-8 of its
-    root, and where exactly depends on the processor. Gauss and Newton's steps, which leave the
-    residuals' own curvature out, hardly shrink beside a large misfit, so that is taken by
-    differences; where it shows no minimum (a direction that the data do not determine), they serve.
+    A search that compares values of chi2 stops at steps of about 1e-8 sqrt(chi2), at a point that
+    depends on the processor. Gauss-Newton steps, which omit the residuals' curvature, converge
+    slowly where the misfit is large, so the Hessian is taken by differences; where it shows no
+    minimum (a direction that the data do not determine), Gauss-Newton steps are used.
 
     Parameters
     ----------
     linearised : callable
-        As `minimise` takes it.
+        As in `minimise`.
     theta : (m, p)
     bounds : pair of (p,)
 
@@ -266,8 +266,8 @@ def _differences(
     scale: FloatArray,
     which: NDArray[np.intp],
 ) -> tuple[FloatArray, FloatArray]:
-    """Residuals and their derivatives with respect to what is free, by differences in one call."""
-    # towards the middle, so that the derivative never asks beyond a bound
+    """Residuals and derivatives with respect to the free parameters, by one-sided differences."""
+    # towards the middle, so that the model is never evaluated beyond a bound
     side = np.where(theta[:, which] > np.clip(bounds, -1e12, 1e12).mean(axis=0)[which], -1.0, 1.0)
     h = 1e-4 * scale[which] * side
     shifted = theta[:, None, :] + np.zeros((1, len(which), 1))
@@ -284,9 +284,7 @@ def _step(
     bounds: list[FloatArray],
     damping: FloatArray,
 ) -> FloatArray:
-    """A damped Newton step for each problem, in units of the scale; none for what stands at a bound
-    and would leave it.
-    """
+    """Damped Gauss-Newton steps in units of the scale; 0 for what would leave a bound."""
     gradient = (slopes @ r[:, :, None])[..., 0]
     curved = slopes @ slopes.swapaxes(-1, -2)
     low, high = bounds

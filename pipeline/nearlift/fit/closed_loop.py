@@ -1,17 +1,16 @@
-"""What a flight says of a boundary: the gain at two radii and the length over which it decays, by
-estimates that feedback does not bias.
+"""Gain at two rotor radii and decay length of a boundary's effect on lift, from flights, by
+estimators that feedback does not bias.
 
-In closed loop the command answers whatever disturbs the vehicle, so that command, climb and height
-are correlated with the disturbance in the lift that they are to explain, and least squares is
-biased however many windows there are. A height set-point that was logged moves the vehicle and is
-moved by no disturbance: its history is the instrument of two-stage least squares. Without one, the
-command's power, through which the bias acts most, is taken to be anywhere in `POWERS`, and what
-that leaves of the answer is its interval.
+In closed loop the command responds to every disturbance, so command, climb and height are
+correlated with the error of the lift that they are to explain, and least squares is biased however
+many windows there are. A logged height set-point moves the vehicle but responds to no disturbance:
+its history is the instrument of two-stage least squares. Without one, the command's power, through
+which most of the bias acts, is taken to be anywhere in `POWERS`, and the interval spans the
+answers.
 
-Every start has a level of its own. Standard uncertainties are from leaving out stretches of flight
-in turn, since windows are not independent of each other. Sources: Wooldridge 2010, Econometric
-Analysis of Cross Section and Panel Data, ch. 5 (two-stage least squares); Efron & Stein 1981, Ann.
-Stat. 9, 586 (jackknife).
+Every start has a level of its own. Standard uncertainties are a jackknife over stretches of flight,
+since windows are not independent. Sources: Wooldridge 2010, Econometric Analysis of Cross Section
+and Panel Data, ch. 5 (two-stage least squares); Efron & Stein 1981, Ann. Stat. 9, 586 (jackknife).
 """
 
 from __future__ import annotations
@@ -27,22 +26,22 @@ from nearlift.errors import NotConverged
 
 #: Distance at which the gain is quoted, in rotor radii.
 REFERENCE_Z_HAT = 2.0
-#: Powers of the command that lift may follow: 2 by theory at a given voltage, less with the losses
-#: of motors, as thrust stands have it.
+#: Range of the power with which lift follows the command: 2 in theory at a given voltage, less with
+#: motor losses, as thrust stands measure it.
 POWERS = (1.5, 2.2)
-#: Decay lengths, in rotor radii, of the set-point's shapes as instruments.
+#: Decay lengths, in rotor radii, of the instruments made from the set-point.
 SHAPES = (1.0, 3.0)
-#: Powers with which a gain may fall off: images go with the square of the distance, a measured
-#: flight went exponentially. A form is kept where the windows speak against it by less than this in
-#: chi2, a window counting for a quarter of one, since neighbours are alike.
+#: Powers of distance with which a gain may decay: the square for image systems, exponential (inf)
+#: in a measured flight. A form is kept where its chi2 exceeds the least by less than KEPT, each
+#: window counting as WORTH of one, since neighbours are correlated.
 FORMS, KEPT, WORTH = (2.0, 4.0, np.inf), 4.0, 0.25
-#: Length of a stretch that is left out, in windows, and the fewest stretches that tell a scatter.
+#: Windows in a stretch that the jackknife leaves out, and the fewest stretches for a jackknife.
 STRETCH, FEWEST = 16, 6
+#: Maximum number of Gauss-Newton steps, and the step at which they have converged.
 STEPS, SETTLED = 100, 1e-5
-#: What is believed beforehand of a gain and its decay length, their logarithms: means and standard
-#: deviations.
+#: Normal prior of the logarithms of gain and decay length: means and standard deviations.
 BELIEVED = (np.log([0.1, 1.5]), np.array([1.0, 0.7]))
-#: A step of the logarithm of gain or decay length at most, and the least part of one.
+#: Largest step of the logarithm of gain or decay length, and least factor that damps a step.
 FARTHEST, SLOWEST = 0.5, 0.1
 
 Ratio = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -51,7 +50,7 @@ Ratio = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Windows:
     """Windows of flight, (n,) each; `instruments` (n, q), or None where no set-point was logged;
-    `beside` (n, k) what log lift is linear in beside the command.
+    log lift is linear in the command and in the columns `beside` (n, k).
     """
 
     log_lift: FloatArray
@@ -63,12 +62,12 @@ class Windows:
 
     @property
     def stretch(self) -> NDArray[np.int64]:
-        """Which stretch each window belongs to, from 0."""
+        """Index of each window's stretch, from 0."""
         both = np.stack([self.start, since_start(self.start) // STRETCH])
         return np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
 
     def taken(self, kept: NDArray[np.bool_]) -> Windows:
-        """Some of them."""
+        """The windows of a mask."""
         return Windows(
             log_lift=self.log_lift[kept],
             log_command=self.log_command[kept],
@@ -79,8 +78,8 @@ class Windows:
         )
 
     def linear(self, power: float | None) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The levels of starts (n, starts), all that log lift is linear in beside the ratio, and
-        log lift less what a given `power` of the command has of it.
+        """Level columns (n, starts), all columns that log lift is linear in besides the ratio, and
+        log lift less the contribution of the command at a given `power`.
         """
         level = np.eye(int(self.start.max()) + 1)[self.start]
         level = level[:, level.any(axis=0)]
@@ -93,12 +92,12 @@ class Windows:
         return level, np.hstack([level, self.beside]), self.log_lift - power * self.log_command
 
     def moved(self, log_lift: FloatArray | float = 0.0, z_hat: float = 0.0) -> Windows:
-        """The same, were log lift or every height other by so much."""
+        """The windows with log lift and every height shifted."""
         return replace(self, log_lift=self.log_lift + log_lift, z_hat=self.z_hat + z_hat)
 
 
 def since_start(start: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How many windows into its start each one is, from 0."""
+    """Index of each window within its start, from 0."""
     first = np.flatnonzero(np.diff(start, prepend=start[0] - 1))
     begun = np.repeat(first, np.diff([*first.tolist(), len(start)]))
     return np.asarray(np.arange(len(start)) - begun, dtype=np.int64)
@@ -106,8 +105,8 @@ def since_start(start: NDArray[np.int64]) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """Coefficients with their covariance by leaving out stretches, the command's power, and the
-    degrees of freedom.
+    """Coefficients with their jackknife covariance, the command's power, the degrees of freedom and
+    the sum of squared residuals.
     """
 
     theta: FloatArray
@@ -118,8 +117,8 @@ class Solved:
 
 
 def decaying(z_hat: FloatArray, power: float) -> Ratio:
-    """Log of 1 + gain (1 + (z_hat - 2) / (power decay))^-power and its derivatives, by the
-    logarithms of gain and decay; of an infinite power it is exponential.
+    """Log of 1 + gain (1 + (z_hat - 2) / (power decay))^-power and its derivatives with respect to
+    log gain and log decay; exponential for an infinite power.
     """
 
     def ratio(theta: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -128,7 +127,7 @@ def decaying(z_hat: FloatArray, power: float) -> Ratio:
         if np.isinf(power):
             part, along = gain * np.exp(-away), away
         else:
-            # a pole lies below all that flies
+            # the pole lies below every height that is flown
             base = np.maximum(1 + away / power, 0.05)
             part, along = gain * base**-power, away / base
         slope = part / (1 + part)
@@ -138,7 +137,7 @@ def decaying(z_hat: FloatArray, power: float) -> Ratio:
 
 
 def instruments_of(setpoint_m: FloatArray, offset_m: float, radius_m: float) -> FloatArray:
-    """Shapes of a set-point's history (n, lags): itself and its decays, (n, q)."""
+    """Instruments (n, q): set-point lags (n, lags) in rotor radii, and exponentials of them."""
     z_hat = np.maximum(np.nan_to_num(setpoint_m) + offset_m, 0.0) / radius_m
     shapes = [np.exp(-z_hat / decay) for decay in SHAPES]
     return np.hstack([z_hat / 10, *shapes])
@@ -151,14 +150,15 @@ def solve(
     power: float | None = None,
     believed: tuple[FloatArray, FloatArray] | None = None,
 ) -> Solved:
-    """Gauss-Newton steps of two-stage least squares, or of least squares where there are no
-    instruments; a given `power` of the command is kept. Of what is `believed` of theta (means and
-    standard deviations), the uncertainty is never less than windows and belief together leave.
+    """Two-stage least squares by Gauss-Newton steps; ordinary least squares without instruments.
+
+    A given `power` of the command is held. With a normal prior `believed` of theta (means, standard
+    deviations), variances are at least those of the posterior.
 
     Raises
     ------
     NotConverged
-        The steps do not settle, or the windows do not tell the coefficients.
+        The steps do not converge, or the windows do not determine the coefficients.
     """
     level, free, fixed = windows.linear(power)
     theta, p = theta.astype(float), len(theta)
@@ -171,7 +171,7 @@ def solve(
         sums = _StretchSums.from_columns(columns, outer, fixed - log_ratio, windows.stretch)
         weight, towards = np.zeros(p), np.zeros(p)
         if believed is not None:
-            # neighbours are alike, so that windows weigh less than they are many
+            # neighbours are correlated, so windows carry less information than their number
             weight = scatter / np.sqrt(WORTH) / believed[1]
             towards = believed[0] - theta
         coefficients = sums.solved(weight, towards)
@@ -180,7 +180,7 @@ def solve(
             break
         size, left = float(np.abs(move).max()), fixed - log_ratio - columns @ coefficients
         scatter = float(np.sqrt(np.mean(left**2)))
-        # steps that overshoot grow, or turn back
+        # a step that grows or reverses has overshot
         pace = max(0.5 * pace, SLOWEST) if size > before or move @ last < 0 else pace
         before, last = size, move
         theta = theta + move * min(pace, FARTHEST / max(size, 1e-300))
@@ -235,9 +235,7 @@ class _StretchSums:
     def solved(
         self, weight: FloatArray, towards: FloatArray, without: int | None = None
     ) -> FloatArray:
-        """Coefficients, the last ones drawn `towards` values by so much `weight`; those of one
-        stretch left out.
-        """
+        """Coefficients, the last ones shrunk `towards` values with a ridge `weight`."""
         first, second = self._reduced(weight, towards, without)
         scale = np.maximum(np.linalg.norm(first, axis=0), 1e-300)
         return np.asarray(
@@ -264,9 +262,7 @@ class _StretchSums:
 
 
 def without_each(windows: Windows, ratio: Ratio, theta: FloatArray) -> FloatArray:
-    """How far theta moves in one step without each window, (n, p): in closed form, the first of the
-    two stages left as it is.
-    """
+    """One-step change of theta without each window, (n, p); the first stage is held."""
     level, free, fixed = windows.linear(None)
     log_ratio, slopes = ratio(theta)
     x, y = np.hstack([free, slopes]), fixed - log_ratio
@@ -285,13 +281,13 @@ def without_each(windows: Windows, ratio: Ratio, theta: FloatArray) -> FloatArra
 
 
 def gains(windows: Windows, power: float | None = None) -> list[tuple[float, Solved]]:
-    """Gain at two radii and decay length (their logarithms), by every form that the windows allow,
-    the one of least squares first.
+    """Solutions for log gain at two radii and log decay length by every form that the windows
+    allow, least squared residuals first.
 
     Raises
     ------
     NotConverged
-        No form settles.
+        No form converges.
     """
     answers, last = [], None
     for form in FORMS:

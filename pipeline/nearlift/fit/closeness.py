@@ -1,4 +1,4 @@
-"""How close a fit comes to its trials: the residuals' root mean square, and R² of cell means."""
+"""Goodness of fit: root mean square of the residuals, and R² of cell means."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from nearlift.likelihood import noise
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray
 
-#: Least and greatest z_hat of the trials that `r2_near` is of.
+#: Range of z_hat, ends excluded, of the trials in `r2_near`.
 NEAR_GROUND = (1.0, 3.0)
 
 
 def closeness(
     problem: Problem, theta: FloatArray, coefficients: FloatArray, offset_m: float = 0.0
 ) -> tuple[float, float, float | None]:
-    """`rmse`, `r2` and `r2_near` of a fit, the heights moved by `offset_m`."""
+    """`rmse`, `r2`, and near the ground `r2_near`, of a fit with heights shifted by `offset_m`."""
     data = problem.data
     log_ratio = problem.log_ratio(theta, offset_m)
     log_lift = np.log(data.lift_N) - data.of_trials(coefficients)

@@ -1,10 +1,8 @@
-"""Does relative lift depend on throttle? The claim that Delta L collapses is tested, and bounded,
-never assumed.
+"""Throttle collapse: whether Delta L is the same at all throttles, tested and bounded.
 
-Three tests against the full covariance of the trials, the budget's shared errors included: one
-headline coefficient per throttle against a common one; one scale of the curve per throttle against
-a common curve; and, with no model at all, an interaction of distance and throttle between cells.
-L_inf is free per throttle in all of them.
+Three F tests with the full covariance of the trials, the budget's shared errors included: of one
+headline coefficient per throttle, of one scale of the curve per throttle, and, without a model, of
+an interaction between distance and throttle. L_inf is free per throttle in all of them.
 """
 
 from __future__ import annotations
@@ -24,8 +22,9 @@ from nearlift.likelihood.subspace import framed, left_singular
 from nearlift.results import IntArray
 from nearlift.results.assumptions import CollapseTest, LargestDeparture
 
+#: Confidence level of the largest departure.
 CONFIDENCE = 0.95
-#: Data as even as that come once in a thousand.
+#: Probability below which scatter is so small that the assumed noise is suspect.
 SUSPECT = 1e-3
 #: Effective degrees of freedom (m,) of linear estimators (m, n) of the trials' log lift.
 Freedom = Callable[[FloatArray], FloatArray]
@@ -33,24 +32,24 @@ Freedom = Callable[[FloatArray], FloatArray]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Collapse:
-    """What the trials say of the collapse; an entry that they cannot answer is None.
+    """Tests and bounds of throttle collapse; None where the trials cannot give them.
 
     Attributes
     ----------
     throttles : (K,)
-        Those that took part.
+        Those of the trials.
     name : str
         The headline coefficient.
     values, u : (K,)
         That coefficient fitted per throttle, the model's others in common.
     u_apart : (K,)
-        Standard uncertainty of what each differs from the mean over throttles: without what all of
-        them share.
+        Standard uncertainty of each value's departure from their mean, from which errors common to
+        all throttles cancel.
     coefficient, curve, cells : CollapseTest or None
         A coefficient per throttle; a scale of log ratio per throttle; no model.
     of_coefficient, of_curve : LargestDeparture or None
-        Simultaneous over all pairs of throttles (Bonferroni), relative to the common value and to
-        the common change of lift.
+        Simultaneous over all pairs of throttles (Bonferroni), relative to the common coefficient
+        and to the common log ratio.
     """
 
     throttles: FloatArray
@@ -72,9 +71,9 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
     ----------
     problem : Problem
     freedom : callable
-        How well the variance of a linear estimator is known, as `gum.freedom` gives it: contrasts
-        between throttles of one visit do not feel what the visit's trials share, so that their
-        degrees of freedom are others than the coefficient's.
+        Effective degrees of freedom of linear estimators, as by `gum.freedom`. Errors common to a
+        visit cancel from contrasts between its throttles, whose degrees of freedom therefore differ
+        from the coefficient's.
     """
     throttles, name = problem.data.levels, problem.names[0] if problem.names else ""
     collapse = Collapse(
@@ -94,7 +93,7 @@ def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
     values, covariance, chi2 = per_throttle(problem, theta)
     known = np.isfinite(np.diag(covariance))
     if not known.any():
-        # trials at one distance say nothing of any throttle's coefficient
+        # trials at one distance determine no throttle's coefficient
         return collapse
     gain = float(problem.chi2(theta)) - chi2
     inner = np.ix_(known, known)
@@ -124,7 +123,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     """The headline coefficient of each throttle (K,), their covariance (K, K) with the others free,
     and chi2.
 
-    What the trials of a throttle do not determine has an infinite variance.
+    An undetermined coefficient has infinite variance.
     """
     from scipy.optimize import least_squares
 
@@ -179,9 +178,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
 
 
 def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> FloatArray:
-    """Orthonormal whitened directions (n, m) of a column (n, 1) of its own size per throttle beside
-    theta and L_inf.
-    """
+    """Orthonormal basis (n, m) of one `column` (n, 1) per throttle, free of theta and L_inf."""
     k = len(problem.data.levels)
     contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
     each = ((np.eye(k)[problem.data.level] * column) @ contrast).T
@@ -196,8 +193,8 @@ def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> Floa
 def scale_per_throttle(
     problem: Problem, theta: FloatArray, freedom: Freedom
 ) -> tuple[CollapseTest | None, LargestDeparture | None]:
-    """Whether log ratio has another size at each throttle, theta free in common; to first order
-    about `theta`.
+    """Test of one scale of log ratio per throttle, theta free in common, to first order about
+    `theta`; and the largest difference between scales.
     """
     data, k = problem.data, len(problem.data.levels)
     common = problem.project(problem.jacobian(theta).T).T
@@ -222,9 +219,7 @@ def scale_per_throttle(
 
 
 def cells(problem: Problem, freedom: Freedom) -> CollapseTest | None:
-    """Interaction of distance and throttle between cells: no model but that of how trials
-    scatter.
-    """
+    """Interaction of distance and throttle, tested with a noise model but no lift model."""
     data = problem.data
     distance = np.unique(data.z_hat, return_inverse=True)[1]
     both = np.unique(np.stack([distance, data.level]), axis=1, return_inverse=True)[1].ravel()
@@ -243,12 +238,10 @@ def cells(problem: Problem, freedom: Freedom) -> CollapseTest | None:
 
 
 def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
-    """Orthonormal directions (n, m) that an indicator's columns span beside a free L_inf, and the
-    chi2 left beside both.
-    """
+    """Orthonormal basis (n, m) of an indicator's columns free of L_inf, and the residual chi2."""
     white = problem.project(indicator.T).T
     u, size = left_singular(white)
-    # an indicator's column that L_inf spans leaves only rounding
+    # a column in the span of L_inf leaves only rounding
     u = u[:, size > 1e-7 * np.linalg.norm(problem.covariance.whiten(indicator.T), axis=1).max()]
     target = problem.project(np.log(problem.data.lift_N))
     rest = target - u @ (u.T @ target)
@@ -256,9 +249,7 @@ def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
 
 
 def f_test(gain: float, extra: int, noise_dof: float) -> CollapseTest | None:
-    """The F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square where the noise is
-    known.
-    """
+    """F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square for known noise."""
     from scipy.stats import chi2, f
 
     if extra < 1:
@@ -276,7 +267,7 @@ def f_test(gain: float, extra: int, noise_dof: float) -> CollapseTest | None:
 def largest(
     throttles: FloatArray, values: FloatArray, covariance: FloatArray, unit: float, noise_dof: float
 ) -> LargestDeparture | None:
-    """The pair of throttles with the largest difference that the data allow, over `unit`."""
+    """Pair of throttles with the largest simultaneous bound on its difference, over `unit`."""
     i, j = np.triu_indices(len(throttles), 1)
     if not len(i) or not unit > 0:
         return None

@@ -1,9 +1,9 @@
-"""Effective sample size and R-hat of chains: rank-normalised and split, as Vehtari et al., Bayesian
-Analysis 16 (2021), define them.
+"""Effective sample size and R-hat of chains, rank-normalised and split as in Vehtari et al.,
+Bayesian Analysis 16 (2021).
 
-Those take the chains for independent. Walkers of an ensemble are not: each proposes from where the
-others stand. `worth` therefore also looks at the ensemble's mean from step to step, whose wander is
-the true error of an average.
+Both assume independent chains. Walkers of an ensemble are dependent, since each proposes from the
+positions of the others. `worth` therefore also uses the autocorrelation of the ensemble's mean,
+which determines the true error of an average.
 """
 
 from __future__ import annotations
@@ -21,16 +21,14 @@ def _split(chains: FloatArray) -> FloatArray:
 def _normal_scores(chains: FloatArray) -> FloatArray:
     from scipy.special import ndtri
 
-    # average ranks of what stands more than once; scipy.stats would take half a second to import
+    # average ranks of ties; scipy.stats would take half a second to import
     _, index, count = np.unique(chains, return_inverse=True, return_counts=True)
     rank = (np.cumsum(count) - 0.5 * (count - 1))[index].reshape(chains.shape)
     return np.asarray(ndtri((rank - 0.375) / (chains.size + 0.25)), dtype=np.float64)
 
 
 def r_hat(chains: FloatArray) -> float:
-    """Greater of the R-hats of location and of spread, chains (m, n); 1 for a parameter without
-    spread.
-    """
+    """Larger of the R-hats of location and of spread, chains (m, n); 1 for a constant parameter."""
     if np.ptp(chains) == 0:
         return 1.0
     folded = np.abs(chains - np.median(chains))
@@ -45,15 +43,15 @@ def _r_hat(z: FloatArray) -> float:
 
 
 def ess(chains: FloatArray) -> float:
-    """Bulk effective sample size of chains (m, n); all of them for a parameter without spread."""
+    """Bulk effective sample size of chains (m, n); their size for a constant or under 8 steps."""
     if np.ptp(chains) == 0 or chains.shape[1] < 8:
         return float(chains.size)
     return _ess(_normal_scores(_split(chains)))
 
 
 def worth(chains: FloatArray) -> float:
-    """Independent draws that an ensemble's steps (m, n) are worth: the lesser of `ess` and what the
-    wander of the ensemble's mean says.
+    """Effective sample size of an ensemble's steps (m, n): the lesser of `ess` and that implied by
+    the variance of the ensemble's mean.
     """
     if np.ptp(chains) == 0 or chains.shape[1] < 8:
         return float(chains.size)
@@ -63,9 +61,7 @@ def worth(chains: FloatArray) -> float:
 
 
 def tail(chains: FloatArray) -> float:
-    """What they are worth at the ends of a 90 % interval: `worth` of lying below the 5 % and 95 %
-    quantiles, the lesser.
-    """
+    """Tail effective sample size: the lesser `worth` of lying below the 5 % and 95 % quantiles."""
     return min(worth((chains <= q).astype(float)) for q in np.quantile(chains, [0.05, 0.95]))
 
 
@@ -79,13 +75,12 @@ def _ess(z: FloatArray) -> float:
     total = covariance[0] + (z.mean(axis=1).var(ddof=1) if m > 1 else 0.0)
     rho = 1 - (within - covariance * n / (n - 1)) / total
     rho[0] = 1.0
-    # sums of neighbouring pairs are positive and fall in theory (Geyer): cut and smooth what the
-    # noise adds
+    # in theory sums of adjacent pairs are positive and decrease (Geyer): truncate and make monotone
     pairs = rho[: n - n % 2].reshape(-1, 2).sum(axis=1)
     negative = np.flatnonzero(pairs < 0)
     last = int(negative[0]) if len(negative) else len(pairs)
     pairs = np.minimum.accumulate(pairs[:last])
-    # one more even lag stands for the first of the pairs that were cut
+    # of the first truncated pair the even lag is kept
     tail = max(float(rho[2 * last]), 0.0) if 2 * last < n else 0.0
     tau = max(-1 + 2 * float(pairs.sum()) + tail, 1 / np.log10(m * n))
     return float(m * n / tau)

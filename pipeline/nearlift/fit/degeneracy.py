@@ -1,4 +1,4 @@
-"""Pairs of quantities that trade places: what the trials leave between them."""
+"""Degenerate pairs of quantities: so strongly correlated that trials hardly separate them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from nearlift.nomenclature import letter
 from nearlift.results.fit import Degeneracy
 from nearlift.rounding import plain, signed
 
-#: A pair is called degenerate above this correlation.
+#: Absolute correlation above which a pair is degenerate.
 DEGENERATE = 0.95
 
 
@@ -22,8 +22,8 @@ def degeneracies(
     covariance: FloatArray,
     determined: NDArray[np.bool_],
 ) -> tuple[Degeneracy, ...]:
-    """Pairs that the data cannot part: parameters with each other and with L_inf, and, were they
-    unknown, with a height offset or the exponent.
+    """Pairs correlated beyond `DEGENERATE`: parameters with each other, with L_inf, and with a
+    height offset or exponent if it were unknown; undetermined parameters first.
     """
     data = problem.data
     pairs = [

@@ -1,12 +1,12 @@
-"""Deletion diagnostics of a fit: what a trial or a visit looks like from all the others, and what
-the coefficients would be without it.
+"""Deletion diagnostics of a generalised least-squares fit: each trial or visit predicted from all
+the others, and the coefficients without it.
 
-For a model that is linear near its optimum, no refit is needed. With P the inverse covariance freed
-of coefficients and L_inf, y the log lift less the model's and G the estimator (``theta = G y``),
-leaving block B out moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``; the error of predicting B
-from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact for a given
-covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (leverage,
-influence and residuals in generalised least squares).
+No refit is needed for a model that is linear near its optimum. With P the inverse covariance after
+projecting out coefficients and L_inf, y the log lift less the model's and G the estimator,
+``theta = G y``, deleting block B moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``; the error of
+predicting B from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact
+for a given covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033
+(leverage, influence and residuals in generalised least squares).
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ if TYPE_CHECKING:
     from nearlift.fit.least_squares import LeastSquaresFit
     from nearlift.likelihood.problem import Problem
 
-#: What keeps less than this part of its information when L_inf and coefficients are freed cannot be
-#: foretold from the rest.
+#: Fraction of its information that a block must keep after projecting out L_inf and coefficients to
+#: be predictable from the rest.
 DETERMINED = 1e-8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Deletion:
-    """The m visits of b trials each, as the other trials see them.
+    """Deletion quantities of m visits of b trials each.
 
     Attributes
     ----------
     index : (m, b) int array
-        Which trials.
+        Indices of the trials.
     information : (m, b, b)
         P_BB.
     weighed : (m, b)
@@ -49,8 +49,7 @@ class Deletion:
         Change of each coefficient per unit change of a trial's log lift; 0 for one at its bound or
         without finite uncertainty.
     whole : (m,)
-        The largest information that a combination of the visit's trials has before anything is
-        freed.
+        Largest eigenvalue of the visit's information before anything is projected out.
     """
 
     index: IntArray
@@ -61,17 +60,17 @@ class Deletion:
 
 
 def visits(fit: LeastSquaresFit) -> tuple[Deletion, ...]:
-    """Every visit of a fit as the others see it, those of one size together.
+    """Deletion quantities of every visit of a fit, grouped by visit size.
 
-    Time and memory grow with the trials, not with their square. Shared unknowns are learnt from the
-    other visits as far as those tell.
+    Time and memory grow with the trials, not with their square. Shared unknowns are estimated from
+    the other visits as far as those determine them.
     """
     problem, offset, slope = linear_problem(fit)
     return visits_of(problem, fit.theta, _free(fit), offset, slope)
 
 
 def _free(fit: LeastSquaresFit) -> list[int]:
-    """Which coefficients a trial can move: those with a finite uncertainty, and not at a bound."""
+    """Indices of the coefficients with a finite uncertainty that are not at a bound."""
     return [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
 
 
@@ -82,10 +81,9 @@ def visits_of(
     offset: float = 0.0,
     slope: FloatArray | float = 0.0,
 ) -> tuple[Deletion, ...]:
-    """The same of any likelihood at its optimum `theta` (p,), of which the coefficients `free` may
-    move.
+    """`visits` of any likelihood at its optimum `theta` (p,), the coefficients `free` estimated.
 
-    `offset` in m is the height error at which it stands, which `slope` carries.
+    It is linearised about the height error `offset` in m, with `slope` (n,) there.
     """
     data, covariance = problem.data, problem.covariance
     jacobian = problem.jacobian(theta, offset)[:, free] if len(free) else np.zeros((data.n, 0))
@@ -119,8 +117,7 @@ def visits_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DeletionDiagnostics:
-    """What each coefficient would be without one trial, or without one visit, less what it is; in
-    the coefficient's unit.
+    """Change of each coefficient, in its unit, on leaving out one trial or one visit.
 
     Attributes
     ----------
@@ -129,18 +126,18 @@ class DeletionDiagnostics:
     trial : (n,) object array of str
         Ids, as in the observations.
     of_trial : (n, p)
-        nan where the others do not determine what the trial should be, or the coefficient is at its
-        bound.
+        nan where the trial is not predictable from the others, or for a coefficient that is not
+        free.
     residual : (n,)
         Error of predicting the trial's log lift from all others, over its standard deviation; nan
-        likewise.
+        where not predictable.
     visit : (v,) int array
         Labels, ascending.
     of_visit : (v, p)
         As `of_trial`.
     chi2 : (v,)
-        Squared error of predicting the visit's trials from all others, in units of its covariance;
-        nan likewise.
+        Squared Mahalanobis length of the error of predicting the visit from all others; nan where
+        not predictable.
     """
 
     names: tuple[str, ...]
@@ -153,16 +150,14 @@ class DeletionDiagnostics:
 
 
 def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
-    """How far each trial and each visit moves each coefficient, in closed form from the fit, its
-    scatter held fixed.
-    """
+    """Deletion diagnostics of a fit in closed form, its scatter held fixed."""
     return influence_on(fit.problem.data, fit.names, _free(fit), visits(fit))
 
 
 def influence_on(
     data: Observations, names: tuple[str, ...], free: Sequence[int], blocks: Sequence[Deletion]
 ) -> DeletionDiagnostics:
-    """The same from what visits look like to the others."""
+    """`influence` from the deletion quantities of all visits, with the coefficients `free`."""
     p = len(names)
     fixed = [i for i in range(p) if i not in free]
     of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)

@@ -1,16 +1,16 @@
-"""The posterior density of a model's parameters: likelihood with L_inf and the noise's scale
-integrated out, times the priors.
+"""Posterior density of a model's parameters: likelihood with L_inf and the noise scale integrated
+out, times the priors.
 
 Conventions, the same as those of least squares:
 
 - L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form; its
   constant is part of the evidence.
-- The noise was learnt from repeats, so the scale of the coefficients' covariance is uncertain by a
-  scaled inverse chi-square of `dof`, their effective degrees of freedom: one number here, the
-  fewest of any coefficient. Integrated out, the likelihood's exp(-D / 2), D = chi2 - its least,
-  becomes Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly the t intervals of
-  least squares. How well the model fits has no say in the noise; only repeats have, and how visits
-  scatter about the base model's curve where they are few.
+- The noise is estimated from repeats and, where these are few, from the scatter of visits about the
+  base model's curve; how well the model fits does not otherwise inform it. The scale of the
+  coefficients' covariance therefore has a scaled inverse chi-square distribution with `dof`, the
+  fewest effective degrees of freedom of any coefficient. Integrating it out turns exp(-D / 2), D =
+  chi2 less its minimum, into Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly
+  the t intervals of least squares.
 - The covariance, budget included, is that of the least-squares fit.
 """
 
@@ -30,8 +30,8 @@ from nearlift.likelihood.stations import Stations
 
 @dataclass(frozen=True, kw_only=True)
 class Density:
-    """Log posterior of theta (m, p), not normalised; `centre` (p,) is the least-squares theta,
-    `dof` of the noise (inf: known).
+    """Unnormalised log posterior of theta (m, p); `centre` (p,) is the least-squares theta, `dof`
+    are those of the noise (inf: known).
     """
 
     problem: Problem
@@ -45,7 +45,7 @@ class Density:
 
     @cached_property
     def stations(self) -> Stations:
-        """What makes chi2 cheap."""
+        """The distinct stations, at which chi2 is computed."""
         return Stations.from_problem(self.problem)
 
     @cached_property
@@ -55,8 +55,8 @@ class Density:
 
     @cached_property
     def _constant(self) -> float:
-        """Log of the likelihood at the centre, L_inf integrated out, and of what keeps its integral
-        that of the normal one.
+        """Log likelihood at the centre, L_inf integrated out, and the normalisation that gives
+        Student's t the integral of the normal.
         """
         levels, log_det = self.problem.levels_log_det
         at_centre = (
@@ -84,7 +84,7 @@ class Density:
         )
 
     def __call__(self, theta: FloatArray) -> FloatArray:
-        """Log prior and log likelihood together; the model is asked only within the bounds."""
+        """Log prior plus log likelihood; the model is evaluated only within the bounds."""
         log_prior = self.prior.log_density(theta)
         inside = np.isfinite(log_prior)
         result = np.full(len(theta), -np.inf)
@@ -93,8 +93,8 @@ class Density:
         return result
 
     def spread(self) -> FloatArray:
-        """Covariance (p, p) near the centre, to first order: the data's information and that of
-        priors as wide as theirs.
+        """First-order covariance (p, p) at the centre, from the data's information and normal
+        priors as wide as the declared ones.
         """
         jacobian = np.nan_to_num(self.problem.project(self.problem.jacobian(self.centre).T))
         information = jacobian @ jacobian.T

@@ -1,9 +1,8 @@
-"""emcee, called directly: an ensemble of walkers with differential-evolution and snooker moves, all
-of them evaluated at once.
+"""Ensemble Markov chain Monte Carlo by emcee, with differential-evolution and snooker moves; all
+walkers are evaluated at once.
 
-The chain grows in blocks. A block carries the state that the next one starts from, the generator's
-included, so a chain that was interrupted and goes on from its last block is bit for bit the chain
-that was not.
+The chain grows in blocks. A block carries the sampler's state at its end, the generator's included,
+so a chain resumed from its last block is bit for bit the uninterrupted one.
 """
 
 from __future__ import annotations
@@ -22,23 +21,24 @@ from nearlift.fit import convergence
 from nearlift.fit.density import Density
 from nearlift.fit.importance import peak
 
+#: Steps per block.
 BLOCK = 200
-#: Places for walkers to start from per standard deviation, about: a power of two.
+#: Approximate lattice points per standard deviation for the walkers' starts: a power of two.
 LATTICE = 4096
-#: An autocorrelation time is believed once the chain is this many times as long.
+#: Length of a chain, in autocorrelation times, from which their estimate is trusted.
 LENGTHS = 50
-#: So many autocorrelation times are left out at the start.
+#: Burn-in, in autocorrelation times.
 BURN = 10
-#: R-hat of every parameter must be below this.
+#: Upper limit of every parameter's R-hat.
 MIXED = 1.01
-#: The ends of a 90 % interval must be worth this part of the draws asked for.
+#: Tail effective sample size required, as a fraction of the bulk one.
 TAIL = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """Steps (t, w, p) with their log_prob (t, w), moves accepted per walker (w,), and the
-    generator's state after them: `keys` and `place`.
+    """Steps (t, w, p) with their log_prob (t, w), accepted moves per walker (w,), and the
+    generator's final state: `keys`, `place` and `cached`.
     """
 
     theta: FloatArray
@@ -51,9 +51,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class ThinnedChain:
-    """What is kept of a converged ensemble: thinned draws (w, n, p), log_prob (w, n), and how it
-    went.
-    """
+    """A converged ensemble: thinned draws (w, n, p), log_prob (w, n), sampler statistics."""
 
     theta: FloatArray
     log_prob: FloatArray
@@ -65,18 +63,16 @@ class ThinnedChain:
 
 
 def walkers(p: int, wanted: int) -> int:
-    """Enough that a chain just long enough for its autocorrelation time to be believed yields
-    `wanted` independent draws.
-    """
+    """Number of walkers for `wanted` independent draws in `LENGTHS` autocorrelation times."""
     return max(2 * math.ceil(1.25 * wanted / LENGTHS / 2), 2 * (p + 1), 32)
 
 
 def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
-    """Where the walkers start, (w, p): twice as widely spread about the peak as the posterior is to
-    first order.
+    """Starting points of the walkers, (w, p), twice as widely spread about the peak as the
+    first-order posterior.
 
-    On a lattice: walkers move by each other's differences, so a last bit of where they start grows
-    until it moves them all.
+    On a lattice: walkers move by each other's differences, so that rounding errors of the starts
+    would grow until they changed every walker.
     """
     spread = density.spread()
     root, step = (
@@ -109,8 +105,8 @@ def run(
     keep: Callable[[Block], None],
     least: int = 0,
 ) -> ThinnedChain:
-    """Sample until `wanted` effective draws of every parameter are there, and half as many at the
-    ends of its 90 % interval.
+    """Sample until every parameter has `wanted` effective draws in bulk, half as many in the tails,
+    and an R-hat below `MIXED`.
 
     Parameters
     ----------
@@ -121,17 +117,17 @@ def run(
     wanted, longest : int
         Bulk effective sample size, and the most steps that may be spent on it.
     stored : sequence of Block
-        What an interrupted run had kept, in order. Each is judged as if it came now, so that the
-        chain ends where it would have.
+        Blocks of an interrupted run, in order. Each is assessed as if it were new, so that the
+        chain ends at the same step.
     keep : callable
-        Given each new block as soon as it is done.
+        Called with each new block.
     least : int
-        Steps before which it does not end.
+        Fewest steps.
 
     Raises
     ------
     NotConverged
-        `longest` steps were too few; says how many would have been enough.
+        `longest` steps were too few; the message says how many would have been enough.
     """
     import emcee
 
@@ -180,7 +176,7 @@ def _state(emcee: Any, block: Block) -> Any:
 
 
 def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> ThinnedChain | tuple[str, str]:
-    """The chain if it is long enough; else what is wrong and what would be enough."""
+    """The thinned chain if it has converged; else the shortfall and its remedy."""
     from emcee.autocorr import integrated_time
 
     theta = np.concatenate([b.theta for b in blocks])
@@ -194,7 +190,7 @@ def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> ThinnedChain 
     if not math.isfinite(slowest):
         slowest = float(steps)
     burn = min(math.ceil(BURN * slowest), steps - 1)
-    # thinning by half of tau loses hardly any effective draws and most of the file
+    # thinning by tau / 2 costs few effective draws and saves most of the file
     thin = max(int(slowest / 2), 1)
     kept = theta[burn::thin].transpose(1, 0, 2)
     need = math.ceil(max(LENGTHS * slowest, 1.1 * wanted * slowest / count) + BURN * slowest)

@@ -1,9 +1,9 @@
-"""A fit linearised about the values that are quoted: from it come budget, influence and the
-conditions of other answers.
+"""A fit linearised about the quoted values, from which uncertainty budget, influence and doubts
+follow.
 
-A base fit and the loop's answer differ in what their covariance holds and in nothing else: effects,
-the uncertainty of their form and structure without a name are columns of unit-variance unknowns in
-it, beside the noise of trials and the declared errors.
+The base fit and the loop's result differ only in their covariance: effects, the uncertainty of
+their form and unexplained structure are columns of unit-variance unknowns in it, beside the noise
+of trials and the declared errors.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ from nearlift.results.quotation import (
     ends,
 )
 
-#: A source that adds less than this part of an uncertainty, and whose knowledge would lessen it by
-#: less, is no line.
+#: A source whose contribution and whose removal change an uncertainty by less than this fraction
+#: has no line.
 NO_LINE = 1e-6
-#: An undeclared input that moves a coefficient by less than this part of its uncertainty is no
-#: doubt.
+#: Shift by an undeclared input, in standard uncertainties, up to which it is no doubt.
 WORTH_TELLING = 0.3
 #: Step of the exponent in the derivative of a coefficient.
 EXPONENT_STEP = 0.01
+#: Undeclared inputs: name, factor to the unit shown, and that unit.
 INPUTS = {
     "rotor_radius": ("rotor radius", 1e2, "%"),
     "rotor_spacing": ("rotor spacing", 1e2, "%"),
@@ -59,20 +59,20 @@ class Estimator:
     theta : (p,)
         The values quoted.
     u, dof : (p,)
-        Standard uncertainty by this covariance, and degrees of freedom behind it; infinite u where
-        nothing determines the coefficient.
+        Standard uncertainty and its degrees of freedom; u is infinite for an undetermined
+        coefficient.
     lines : tuple of Line
         The budget.
     without : mapping of str to (p,)
-        What u would be if a source were known exactly, by its name.
+        u if one source of error were known exactly, by its name.
     parts : tuple of Component
         Declared errors.
     offset_m : float
-        The height error at which the problem stands.
+        Height error about which the problem is linearised.
     slope : (n,)
         d log ratio / dz there.
     fixed : (p,) mask
-        At a bound, or not determined.
+        At a bound, or undetermined.
     """
 
     problem: Problem
@@ -88,7 +88,7 @@ class Estimator:
 
     @classmethod
     def from_fit(cls, fit: LeastSquaresFit) -> Estimator:
-        """A base fit's."""
+        """The estimator of a base fit."""
         problem, offset, slope = linear_problem(fit)
         estimates = fit.estimates.values()
         return cls(
@@ -105,9 +105,7 @@ class Estimator:
         )
 
     def reach(self, i: int) -> dict[int, float]:
-        """Standard uncertainties to either side of coefficient i, by level: Student's t; infinite
-        without degrees of freedom.
-        """
+        """Coverage factors of coefficient i by level in percent: Student's t, inf at 0 dof."""
         return {level: student.quantile(0.5 + level / 200, float(self.dof[i])) for level in LEVELS}
 
     def quoted(
@@ -119,13 +117,13 @@ class Estimator:
         which: str = "",
         answers: int = 1,
     ) -> CoefficientResult:
-        """Coefficient i over `spans` of value and u, the first of which is this estimator's;
-        `which` is the source that several answers are, `answers` their number.
+        """Result of coefficient i over `spans` of (value, u), this estimator's first; `which` is
+        the budget source by which several answers differ, `answers` their number.
         """
         parameter, reach = self.problem.model.parameters[i], self.reach(i)
         low, high = parameter.bounds
         unbounded = ends(spans, reach, (-np.inf, np.inf))
-        # over several answers u is what the interval is worth
+        # with several answers u follows from the width of the interval over all
         several = len(spans) > 1 and np.isfinite(unbounded["hi90"] - unbounded["lo90"])
         u = (unbounded["hi90"] - unbounded["lo90"]) / (2 * reach[90]) if several else spans[0][1]
         cut = [
@@ -154,17 +152,17 @@ class Estimator:
         )
 
     def doubt(self, i: int, condition: str, value: float, u: float) -> Doubt:
-        """Another answer of this many degrees of freedom."""
+        """An alternative answer with the degrees of freedom of coefficient i."""
         e = ends([(value, u)], self.reach(i), self.problem.model.parameters[i].bounds)
         return Doubt(condition=condition, value=value, lo90=e["lo90"], hi90=e["hi90"])
 
     def _budget(self, i: int, u: float, which: str) -> tuple[BudgetLine, ...]:
-        """Sources of error of coefficient i, what adds most first; `u` less this estimator's is
-        what answers differ by.
+        """Budget lines of coefficient i, largest first; the excess of `u` over this estimator's is
+        the difference between answers.
         """
         apart = float(np.sqrt(max(u**2 - self.u[i] ** 2, 0.0))) if np.isfinite(u) else 0.0
         budget = []
-        # lines are those of the linearised estimator, u may be of the curve itself
+        # lines come from the linearised estimator, u may come from the nonlinear model
         linear = float(np.sqrt(sum(line.covariance[i, i] for line in self.lines)))
         scale = float(self.u[i]) / linear if linear > 0 and np.isfinite(self.u[i]) else 1.0
         for line in self.lines:
@@ -191,9 +189,7 @@ class Estimator:
 
     @cached_property
     def _influence(self) -> dict[str, LargestShifts]:
-        """The single trial and visit that move each coefficient most, in closed form, the scatter
-        held fixed.
-        """
+        """The trial and visit whose deletion shifts each coefficient most, scatter held."""
         names, free = self.problem.names, [int(i) for i in np.flatnonzero(~self.fixed)]
         blocks = deletion.visits_of(self.problem, self.theta, free, self.offset_m, self.slope)
         data = self.problem.data
@@ -207,9 +203,7 @@ class Estimator:
         }
 
     def doubts(self) -> list[list[Doubt]]:
-        """What each coefficient would be under conditions that the bench can look into: other
-        exponents, inputs that nobody declared.
-        """
+        """Each coefficient at other exponents, and with undeclared inputs taken as uncertain."""
         listed: list[list[Doubt]] = [[] for _ in self.theta]
         if not len(self.theta):
             return listed
@@ -232,9 +226,7 @@ class Estimator:
         return listed
 
     def _exponents(self) -> Iterator[tuple[str, float, float]]:
-        """Condition, value and u of the first coefficient with the ratio raised to a power other
-        than 1.
-        """
+        """Condition, value and u of the first coefficient at a free exponent and 2/3."""
         problem = about(self.problem, self.offset_m, self.slope)
         n, u_n, _ = held_quantity.free_exponent(problem, self.theta)
         if np.isfinite(n):
@@ -259,8 +251,8 @@ class Estimator:
 def largest(
     ids: NDArray[np.generic], shift: FloatArray, of: NDArray[np.generic], z_hat: FloatArray
 ) -> Shift | None:
-    """The largest of the shifts (m,) that are known, of trials or visits `ids` (m,); `of` (n,) says
-    to which each trial belongs, `z_hat` (n,) where it stood.
+    """The largest finite shift (m,) among trials or visits `ids` (m,); `of` (n,) is the id of each
+    trial, `z_hat` (n,) its distance.
     """
     if not np.isfinite(shift).any():
         return None

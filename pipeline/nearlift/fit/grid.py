@@ -1,6 +1,4 @@
-"""The posterior of one or two parameters on a grid: no randomness, and its own resolution
-checked.
-"""
+"""Posterior of one or two parameters on a grid: deterministic, with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -11,17 +9,18 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit.density import Density
 
+#: Points along each axis, by number of parameters.
 POINTS = {1: 1025, 2: 193}
-#: The grid ends where the density has fallen by this much in log.
+#: Fall of the log density at which the grid ends.
 DEEP = 16.0
-#: Halving the resolution may change a cumulative probability by this much.
+#: Limit on the change of a cumulative probability when the resolution is halved.
 COARSE = 0.005
 
 
 @dataclass(frozen=True, kw_only=True)
 class PosteriorGrid:
-    """Points (n, p), their probabilities (n,), the width of their cells (p,); `error` is how far
-    half the resolution moves any marginal share.
+    """Points (n, p), their probabilities (n,) and cell widths (p,); `error` is the largest change
+    of a marginal cumulative probability when the resolution is halved.
     """
 
     theta: FloatArray
@@ -35,7 +34,7 @@ class PosteriorGrid:
         return self.error < COARSE
 
     def below(self, parameter: int, value: float) -> float:
-        """Share of the posterior in which a parameter lies below `value`."""
+        """Marginal cumulative probability of a parameter at `value`."""
         return _below(self.theta[:, parameter], self.mass, self.width[parameter], value)
 
     def moments(self, parameter: int) -> tuple[float, float]:
@@ -45,7 +44,7 @@ class PosteriorGrid:
         return mean, float(np.sqrt(self.mass @ (x - mean) ** 2))
 
     def quantiles(self, probability: FloatArray) -> FloatArray:
-        """Quantiles of the only parameter; its points' cells lie side by side."""
+        """Quantiles of the only parameter, interpolated over adjacent cells."""
         order = np.argsort(self.theta[:, 0])
         ends = np.append(
             self.theta[order, 0] - self.width[0] / 2, self.theta[order[-1], 0] + self.width[0] / 2
@@ -57,15 +56,13 @@ class PosteriorGrid:
 
 
 def _below(x: FloatArray, mass: FloatArray, width: float, value: float) -> float:
-    """Cumulative probability; each point stands for its cell, which is `width` wide along this
-    parameter.
-    """
+    """Cumulative probability, each point's mass spread over its cell of this width."""
     return float(mass @ np.clip(0.5 + (value - x) / width, 0.0, 1.0))
 
 
 def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> PosteriorGrid:
-    """Cover the posterior by a lattice along the principal axes of `covariance`, widened until its
-    edges hold nothing.
+    """The posterior on a lattice along the principal axes of `covariance`, widened until its edges
+    are negligible.
 
     `mean` (p,) and `covariance` (p, p) only place the lattice; p is 1 or 2.
     """
@@ -82,7 +79,7 @@ def grid(density: Density, mean: FloatArray, covariance: FloatArray) -> Posterio
             held = np.flatnonzero(along > log.max() - DEEP)
             nodes = np.linspace(float(reach[axis, 0]), float(reach[axis, 1]), lattice[axis])
             step = nodes[1] - nodes[0]
-            # widen a side that still holds something, draw in one that holds nothing
+            # widen a side that still holds mass, shrink one that does not
             grown[axis, 0] = (
                 nodes[0] - (nodes[-1] - nodes[0]) if held[0] == 0 else nodes[held[0]] - step
             )

@@ -1,10 +1,10 @@
-"""The budget of one fit, as the GUM wants it: what each source of error adds to the variance of
-each coefficient.
+"""Uncertainty budget of a fit after the GUM: the contribution of each source of error to the
+variance of each coefficient.
 
-The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with ``G = (J' P
-J)^-1 J' P`` and P the inverse covariance freed of L_inf. The covariance is a sum of parts, ``C =
-sum C_i``, so the variance is the sum of ``G C_i G'``: no part is left out and none counted twice,
-and the shares add to one for the very estimator that was used.
+The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with
+``G = (J' P J)^-1 J' P`` and P the inverse covariance with L_inf projected out. The covariance is a
+sum of parts, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``: no part is left out or
+counted twice, and the shares add to one for the estimator that was used.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from nearlift.results import Noise, Observations
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import LeastSquaresFit
 
-#: An uncertainty known worse than one degree of freedom would say is given that one: 90 % are then
-#: 6.3 standard uncertainties.
+#: Least effective degrees of freedom: a 90 % interval then has 6.3 standard uncertainties to either
+#: side.
 LEAST_DOF = 1.0
 #: Unit of a component's standard uncertainty, by what it is on.
 UNITS = {
@@ -54,10 +54,9 @@ class Line:
     kind : str
         ``"A"`` from repeats, ``"B"`` declared.
     standard : float
-        Standard uncertainty of the input; of one trial's or one record's, where they differ their
-        root mean square.
+        Standard uncertainty of the input; the root mean square where trials or records differ.
     covariance : (p, p)
-        What it adds to the covariance of the coefficients.
+        Contribution to the covariance of the coefficients.
     sensitivity : (p,)
         Change of each coefficient per unit of the input, signed where the input is one number; else
         the root of the sum of squares over its elements, so that ``|sensitivity| standard`` is the
@@ -65,7 +64,7 @@ class Line:
     dof : (p,)
         Effective degrees of freedom of the contribution; inf for a declared one.
     sizes : dict of (p,)
-        Of what the scatter of trials adds: the variance by each size of `Noise`.
+        Variance by each component of `Noise`, for lines of the scatter of trials.
     """
 
     component: str
@@ -116,9 +115,9 @@ def inverse_information(white: FloatArray) -> FloatArray:
 def uncertainty_budget(fit: LeastSquaresFit) -> tuple[tuple[Line, ...], Total]:
     """The budget of a fit, and its total.
 
-    Where a shared height error was integrated over, the split is that of the linear estimator at
-    the height and the coefficients found, and each coefficient's lines are scaled by one factor to
-    the variance that the integral gave.
+    Where a shared height error was integrated over, the shares are those of the linear estimator at
+    its posterior mean, and each coefficient's lines are scaled by one factor to the variance of the
+    integral.
     """
     p, over, shared = len(fit.theta), fit.marginal, fit.plan.shared
     if over is None:
@@ -146,7 +145,7 @@ def uncertainty_budget(fit: LeastSquaresFit) -> tuple[tuple[Line, ...], Total]:
 def lines(
     problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray
 ) -> tuple[Line, ...]:
-    """Every part of the problem's covariance with its share.
+    """Budget lines of all parts of the problem's covariance.
 
     Parameters
     ----------
@@ -161,7 +160,7 @@ def lines(
         *_repeats(data, g, scatter, slope),
         *(_declared(data, g, part, slope) for part in parts),
     ]
-    # the floor under a variance of zero, where nothing scatters at all
+    # the variance floor, where nothing scatters at all
     assumed = problem.covariance.variance - sum(
         (independent_variance(data, part, slope) for part in parts), trial_variance(data, scatter)
     )
@@ -239,9 +238,7 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
 def _scatter_variance(
     scatter: Noise, sizes: dict[str, FloatArray], p: int
 ) -> tuple[FloatArray, FloatArray]:
-    """The variance that some sizes of the scatter add, and the variance of that variance, as far as
-    the trials tell; (p,) each.
-    """
+    """Variance due to some components of the scatter, and that of its estimate; (p,) each."""
     names = [name for name in scatter.sizes if name in sizes]
     index = [scatter.sizes.index(name) for name in names]
     variances = np.array([sizes[name] for name in names]).reshape(len(names), p)
@@ -286,8 +283,8 @@ def _line(
 
 
 def further(name: str, kind: Literal["A", "B"], moved: FloatArray) -> Line:
-    """A source that is several unknowns of unit variance by itself: `moved` (p, k) is what each
-    does to each coefficient.
+    """Line of a source that consists of several unit-variance unknowns; `moved` (p, k) is the
+    effect of each on each coefficient.
     """
     return _line(name, kind, "", "", 1.0, "", moved @ moved.T, np.full(len(moved), np.inf))
 
@@ -315,8 +312,8 @@ def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatAr
 
 
 def levels_gain(problem: Problem, theta: FloatArray, g: FloatArray) -> FloatArray:
-    """Change of log L_inf of each throttle per unit change of each trial's log lift, (K, n), beside
-    the coefficients' `g` (p, n).
+    """Change of log L_inf of each throttle per unit change of each trial's log lift, (K, n), given
+    the coefficients' gain `g` (p, n).
     """
     direct = problem.level_gain
     return direct + problem.level_sensitivity(problem.jacobian(theta)) @ g if len(theta) else direct
@@ -325,18 +322,16 @@ def levels_gain(problem: Problem, theta: FloatArray, g: FloatArray) -> FloatArra
 def freedom(
     problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray
 ) -> FloatArray:
-    """Effective degrees of freedom of any linear estimators g (m, n) of the trials' log
-    lift, (m,).
-    """
+    """Effective degrees of freedom (m,) of linear estimators g (m, n) of the trials' log lift."""
     return total(lines(problem, g, parts, scatter, slope), scatter, len(g)).dof
 
 
 def total(budget: Sequence[Line], scatter: Noise, p: int) -> Total:
-    """Combined uncertainty with Welch and Satterthwaite's degrees of freedom, at least `LEAST_DOF`.
+    """Combined uncertainty with Welch-Satterthwaite degrees of freedom, at least `LEAST_DOF`.
 
-    Their formula takes the variances of repeats as estimated apart from one another; the parts of
-    one scatter are not, and theirs are combined with the covariance that the fit of the noise
-    gives. Where they are independent the two formulas are one.
+    Their formula assumes independent variance estimates. The components of the scatter are
+    estimated together, so they are combined with their covariance from the fit of the noise; for
+    independent components this is the same formula.
     """
     variance: FloatArray = sum((np.diag(line.covariance) for line in budget), np.zeros(p))
     sizes = {name: size for line in budget for name, size in line.sizes.items()}
@@ -353,9 +348,9 @@ def total(budget: Sequence[Line], scatter: Noise, p: int) -> Total:
     return Total(u=np.sqrt(variance), dof=dof, k=k, U95=k * np.sqrt(variance))
 
 
-#: The line of what a trial's own record shows.
+#: Line of the noise within each trial's own record.
 RECORD_NOISE = "noise within a record"
-#: The lines that the sizes of `Noise` stand behind.
+#: Lines of the components of `Noise`.
 NAMES = {
     "relative": "scatter in proportion to lift",
     "force_N": "scatter of force",

@@ -1,10 +1,9 @@
-"""Height errors where the slope of the curve does not carry them: how to tell, and what to do
-instead.
+"""Height errors beyond first order: where the slope of the curve does not carry them, and what
+replaces it.
 
-The covariance takes a height error e as ``e f'``, f the log ratio. What that leaves out is the even
-part, ``(f(z + e) + f(z - e)) / 2 - f(z)``: it does not average to zero. Sent through the
-estimator's gain it is a shift of each coefficient, and where that shift exceeds `LIMIT` of the
-coefficient's uncertainty the slope is not good enough. Then
+The covariance takes a height error e as ``e f'``, f the log ratio. This omits the even part,
+``(f(z + e) + f(z - e)) / 2 - f(z)``, which does not average to zero. Through the estimator's gain
+it shifts each coefficient; where a shift exceeds `LIMIT` standard uncertainties,
 
 - an error that all trials share (a datum) becomes an unknown with its declared distribution, and is
   integrated over by quadrature;
@@ -27,21 +26,22 @@ from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise, Observations
 from nearlift.results.fit import HeightTreatment
 
-#: A shift beyond this part of a coefficient's standard uncertainty calls for more than the slope;
-#: it costs a 90 % interval 0.2 % of coverage.
+#: Shift of a coefficient, in standard uncertainties, above which the slope does not suffice; it
+#: costs a 90 % interval 0.2 % of coverage.
 LIMIT = 0.1
-#: A scatter of heights whose logarithm has a larger standard deviation than this is not known well
-#: enough to correct for.
+#: Standard deviation of the logarithm of a height scatter above which it is too uncertain to
+#: correct for.
 VAGUE = 0.5
+#: Quadrature nodes.
 NODES = 41
-#: Nodes less likely than the best by this much (natural logarithm) count for nothing.
+#: Fall of the log density beyond which a node is ignored.
 NEGLIGIBLE = 16.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightPlan:
-    """What is carried otherwise than by the slope: shared unknowns to integrate over, and the
-    spread to average the prediction over.
+    """Height errors that the slope does not carry: shared errors to integrate over, the standard
+    deviation to average the prediction over, and the assessment of every height error.
     """
 
     shared: tuple[Component, ...] = ()
@@ -56,7 +56,7 @@ def measure(
     scatter: Noise,
     slope: FloatArray,
 ) -> HeightPlan:
-    """Judge every height error of a fit, and plan for those that the slope does not carry."""
+    """Assess every height error of a fit, and plan for those that the slope does not carry."""
     data = problem.data
     heights = [c for c in parts if c.on == "height" and c.standard > 0]
     if not len(theta) or not (heights or scatter.height_m):
@@ -73,19 +73,19 @@ def measure(
     if scatter.height_m:
         several.append((gum.NAMES["height_m"], scatter.height_m))
     index = scatter.sizes.index("height_m") if "height_m" in scatter.sizes else None
-    # to correct for a scatter of heights whose size repeats do not tell would be to make things up
+    # a scatter of heights that repeats do not determine cannot be corrected for
     guessed = index is not None and scatter.log_covariance[index][index] > VAGUE**2
     treatments: list[HeightTreatment] = []
 
     def judge(
         name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float
     ) -> HeightTreatment:
-        """Both orders in the coefficient that suffers most; errors of one kind are judged
-        together.
+        """First- and second-order effect on the most affected coefficient; errors of one kind are
+        judged together.
         """
         moved = np.abs(where_finite(lambda x: g @ x, _even(problem, theta, size_of_all)))
-        # what the trials do not determine has nothing to lose; where the model has no value so far
-        # off, the rest have everything
+        # an undetermined coefficient does not shift; any other shifts without limit where the model
+        # has no value so far off
         shift = np.where(u > 0, np.nan_to_num(moved, nan=np.inf) / np.where(u > 0, u, 1.0), 0.0)
         worst = int(np.argmax(shift))
         part = float(shift[worst]) * (standard / size_of_all) ** 2
@@ -105,8 +105,8 @@ def measure(
         judge(c.name, c.standard, first.get(c.name, nothing), "exact", together) for c in alone
     ]
     spread = float(np.sqrt(sum(s**2 for _, s in several)))
-    # nor is there a mean over heights at which the model has no value; a single lift that is wrong
-    # can make the scatter so large
+    # nor is there a mean over heights at which the model has no value; a single wrong lift can make
+    # the scatter so large
     mean = (
         bool(several)
         and not guessed
@@ -125,21 +125,19 @@ def measure(
 
 
 def shared_by_all(data: Observations, part: Component) -> bool:
-    """Whether one unknown stands behind the component at all of these trials."""
+    """Whether the component is one unknown common to all of these trials."""
     return part.scope in GROUPED and bool(groups(data, part.scope).max(initial=0) == 0)
 
 
 def _even(problem: Problem, theta: FloatArray, size_m: float) -> FloatArray:
-    """What an error of this size does to the prediction whatever its sign, (n,); nan where the
-    model has no value so far off.
-    """
+    """Even part of a height error's effect on log ratio, (n,); nan where it has no value."""
     up, here, down = (problem.log_ratio(theta, e) for e in (size_m, 0.0, -size_m))
     return (up + down) / 2 - here
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Marginal:
-    """A fit with a shared height error integrated over: a mixture with one normal distribution per
+    """A fit with a shared height error integrated over: a mixture of normal distributions, one per
     node.
 
     Attributes
@@ -149,7 +147,7 @@ class Marginal:
     theta : (K, p), covariance : (K, p, p)
         The coefficients at each node.
     best : int
-        The likeliest node.
+        Index of the node with the highest joint density.
     chi2 : float
         Least chi2, the declared distribution's part included.
     log_integral : float
@@ -172,22 +170,22 @@ class Marginal:
 
     @property
     def between(self) -> FloatArray:
-        """Covariance of the coefficients that the height error makes, (p, p)."""
+        """Covariance (p, p) of the coefficients due to the height error."""
         off = self.theta - self.mean
         return np.asarray((self.weight[:, None] * off).T @ off, dtype=np.float64)
 
     @property
     def within(self) -> FloatArray:
-        """Covariance of the coefficients for a known height, (p, p), its mean."""
+        """Mean covariance (p, p) of the coefficients at a known height."""
         return np.asarray(np.einsum("k,kpq->pq", self.weight, self.covariance), dtype=np.float64)
 
     def offset(self) -> tuple[float, float]:
-        """Mean and standard deviation of the height error, m."""
+        """Posterior mean and standard deviation of the height error, m."""
         mean = float(self.weight @ self.offset_m)
         return mean, float(np.sqrt(self.weight @ (self.offset_m - mean) ** 2))
 
     def quantile(self, i: int, probability: float, dof: float) -> float:
-        """Quantile of coefficient i, each node with Student's t."""
+        """Quantile of coefficient i, with Student's t at each node."""
         from scipy.optimize import brentq
         from scipy.stats import norm, t
 
@@ -204,9 +202,7 @@ class Marginal:
 
 
 def density(parts: Sequence[Component]) -> tuple[Callable[[FloatArray], FloatArray], float]:
-    """Density of the sum of shared height errors, per metre, and the half-width beyond which it is
-    nothing.
-    """
+    """Density of the sum of shared height errors, per metre, and its effective half-width."""
     from scipy.stats import norm
 
     sd = float(np.sqrt(sum(c.standard**2 for c in parts if c.distribution == "normal")))
@@ -241,8 +237,8 @@ def integrate(
 ) -> Marginal:
     """Integrate over a height error that all trials share; `problem` must not carry it already.
 
-    The range is narrowed to where the posterior is, since the trials may know the error far better
-    than it was declared.
+    The range is narrowed to that of the posterior, which may be far narrower than the declared
+    distribution.
     """
     from scipy.integrate import trapezoid
 

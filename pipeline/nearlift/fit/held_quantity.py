@@ -1,12 +1,12 @@
-"""What a trial holds constant, and what that does to the coefficient.
+"""The quantity that a trial holds constant, and the exponent of the lift ratio that follows from
+it.
 
-Every published ratio is at constant something: a model of the flow gives g, and lift goes as g^n. n
-= 1 is how the paper and Cheeseman and Bennett use it; momentum theory at constant power gives 2/3,
+Every published ratio holds something constant: a model of the flow gives g, and lift goes as g^n.
+The paper, like Cheeseman and Bennett, takes n = 1; momentum theory at constant power gives 2/3,
 blade-element theory at constant speed 0.60 to 0.82 for a rotor of this size. Lift alone hardly
-tells n from the coefficient. What was logged beside it can: a quantity q that follows the change of
-load as q ~ (L / L_inf)^s was not held, and s turns the exponent that theory gives at constant q
-into the one at constant throttle, since lift goes as speed squared and, at fixed flow, as power to
-2/3:
+separates n from the coefficient. Logged quantities can: a quantity q that follows the load as q ~
+(L / L_inf)^s was not held, and s converts the exponent that theory gives at constant q into that at
+constant throttle, since lift goes as speed squared and, at fixed flow, as power to 2/3:
 
     n = n_speed / (1 - 2 s_speed)        n = (2/3) / (1 - (2/3) s_power)
 """
@@ -26,30 +26,29 @@ from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray, Observations
 
-#: Exponent -> what it supposes.
+#: Plausible exponents, each with its assumption.
 PLAUSIBLE = {
     1.0: "the ratio as published",
     0.82: "constant speed, at most",
     2 / 3: "constant power",
     0.6: "constant speed, at least",
 }
+#: Exponents at constant speed (range of blade-element theory) and at constant power.
 SPEED = (0.6, 0.82)
 POWER = 2 / 3
-#: Where the curve of the coefficient against the exponent is drawn.
+#: Exponents at which the curve of the coefficient is drawn.
 CURVE = np.round(np.arange(0.5, 1.2001, 0.05), 2)
-#: A logged quantity whose response to load has a smaller p-value was not held.
+#: Significance level of the test that a logged quantity was held.
 NOT_HELD = 0.01
-#: Part of the change of lift that must be left at constant speed or power.
+#: Least denominator of the formulas above: part of the change of lift at constant speed or power.
 LEAST_LEFT = 0.1
-#: Fewest visits that can show a response.
+#: Fewest visits, in one session, for a response.
 ENOUGH = 8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AtExponent:
-    """The headline coefficient with the ratio raised to `n`; `p_value` of that n against the one
-    that fits best.
-    """
+    """The first coefficient with the ratio to the power `n`; `p_value` tests n against the best."""
 
     n: float
     value: float
@@ -60,19 +59,19 @@ class AtExponent:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
-    """How a logged quantity answers to the boundary, at a throttle.
+    """Response of a logged quantity to the boundary at fixed throttle.
 
     Attributes
     ----------
     quantity : str
         Column, such as `speed_Hz`.
     slope, u : float
-        d log quantity / d log (L / L_inf), with an uncertainty that lets the trials of a visit err
-        together.
+        d log quantity / d log (L / L_inf), with an uncertainty that allows for errors common to a
+        visit.
     p_value : float
-        Of slope 0: the quantity was held.
+        Of zero slope: the quantity was held.
     spread : float
-        Standard deviation of its logarithm within a throttle, for whatever reason.
+        Standard deviation of its logarithm within a throttle, from any cause.
     log_far : (K,)
         Its logarithm far from the boundary, per throttle, with standard uncertainty `u_log_far`.
     """
@@ -87,15 +86,14 @@ class Response:
 
     @property
     def held(self) -> bool:
-        """Whether nothing says that it followed the load."""
+        """Whether a slope of zero is not rejected."""
         return self.p_value >= NOT_HELD
 
     def exponents(self) -> tuple[float, float] | None:
-        """The exponent at constant throttle that theory at constant speed or power implies, least
-        and most over 90 % of the slope.
+        """Least and greatest exponent at constant throttle that theory implies over the slope's 90
+        % interval.
 
-        None for other quantities, and where lift would follow the quantity's own change alone:
-        theory then says nothing.
+        None for other quantities, and where lift would follow the quantity's own change alone.
         """
         ends = self.slope + np.array([-1.0, 1.0]) * student.NORMAL_90 * self.u
         at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(
@@ -109,7 +107,7 @@ class Response:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Held:
-    """The headline coefficient over the exponents that may be right.
+    """The headline coefficient at other exponents, and what lift and logs say of the exponent.
 
     Attributes
     ----------
@@ -118,14 +116,13 @@ class Held:
     curve : tuple of AtExponent
         At those of `CURVE`.
     n, u_n : float
-        Exponent that fits best with the coefficient free, from lift alone; nan where it cannot be
-        estimated.
+        Best-fitting exponent from lift alone, the coefficients free; nan where not identifiable.
     responses : tuple of Response
-        Of what was logged.
+        Of the logged quantities.
     unanswered : tuple of str
-        What was logged, and the trials are too few to say how it answers.
+        Logged quantities whose response is not estimable.
     supported : (least, most) or None
-        Exponents that the logs leave, by theory; None where nothing logged decides.
+        Exponents that the logs imply; None if no logged quantity implies any.
     at_ends : tuple of AtExponent
         At those two.
     """
@@ -141,9 +138,7 @@ class Held:
 
 
 def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
-    """Ask at the optimum `theta` (p,) of the model as published what other exponents would make of
-    its first coefficient.
-    """
+    """The first coefficient at other exponents, from the published model's optimum (p,)."""
     n, u_n, least = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
     answers = {q: response(problem.data, log_ratio, q) for q in logged(problem.data)}
@@ -168,9 +163,7 @@ def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
 def at_exponents(
     problem: Problem, theta: FloatArray, exponents: Sequence[float]
 ) -> tuple[AtExponent, ...]:
-    """The first coefficient refitted at each exponent, all at once; exponents at which no fit
-    converges are left out.
-    """
+    """The first coefficient refitted in one batch at each exponent at which that converges."""
     n = np.asarray(exponents, dtype=float)
     target = problem.project(np.log(problem.data.lift_N))
     bounds = problem.model.bounds
@@ -208,8 +201,8 @@ def at_exponents(
 
 
 def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, float]:
-    """Exponent that fits best, its standard uncertainty with theta free, and chi2 there; nan, nan,
-    chi2 at 1 where the two cannot be told apart.
+    """Best-fitting exponent and its standard uncertainty with theta free, both nan at a bound or
+    where theta can replace the exponent; and the least chi2.
     """
     from scipy.optimize import least_squares
 
@@ -251,7 +244,7 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
 
 
 def logged(data: Observations) -> dict[str, FloatArray]:
-    """What was logged of speed, power and supply, positive in every trial; power from supply and
+    """Logged speed, power and supply that are positive in every trial; power from supply and
     current where it was not logged itself.
     """
     known = dict(data.covariates)
@@ -262,12 +255,12 @@ def logged(data: Observations) -> dict[str, FloatArray]:
 
 
 def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Response | None:
-    """How `quantity` answers to the change of lift, at a throttle and in a session; None where
-    these trials cannot say.
+    """Response of `quantity` to the change of lift at fixed throttle within a session; None where
+    not estimable.
 
     Least squares of its logarithm on `log_ratio` (n,), a level per throttle and one per session;
-    the covariance is the sandwich over visits, since what drifts (a battery) is common to a visit's
-    trials.
+    the covariance is the sandwich clustered by visit, since drift (of a battery) is common to a
+    visit's trials.
     """
     from scipy.stats import t
 
@@ -278,7 +271,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     alone = log_ratio - q @ (q.T @ log_ratio)
     visits = np.unique(data.visit, return_inverse=True)[1]
     dof = visits.max() + 1 - sessions - 1
-    # distance and session changed together: nothing of the change is left within a session
+    # distance and session changed together: the ratio does not vary within a session
     if dof < ENOUGH - 2 or not alone @ alone > 1e-4 * (log_ratio - log_ratio.mean()) @ (
         log_ratio - log_ratio.mean()
     ):
@@ -308,9 +301,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
 
 
 def _supported(responses: tuple[Response, ...]) -> tuple[float, float] | None:
-    """Exponents that speed leaves, else power: speed is what lift follows, power adds the motor's
-    efficiency.
-    """
+    """Exponents implied by speed, else by power, which also depends on the motor's efficiency."""
     by_name = {r.quantity: r.exponents() for r in responses}
     return by_name.get("speed_Hz") or by_name.get("power_W")
 

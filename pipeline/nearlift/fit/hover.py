@@ -1,10 +1,10 @@
-"""What hover asks of the motors: by how much flights of one condition differ from sound ones.
+"""Hover voltages of flights in one condition compared with those of sound flights.
 
-Averaged over a start, motors in hover carry the vehicle's weight and balance its moments, whatever
-gusts the controller answered on the way; no set-point is needed to read that. Voltages are compared
-by their logarithms: of all rotors together, and of each one against the others. What sound flights
-differ by among themselves, from log to log, is the noise; its size is known as well as there are
-sound logs (Student's t), and every contrast shares the stated false-alarm rate (Bonferroni).
+Averaged over a start, motors in hover balance the vehicle's weight and moments, whatever gusts the
+controller countered; no set-point is needed. Log voltages are compared: of all rotors together, and
+of each against the others. The scatter from one sound log to another is the noise, known as well as
+there are sound logs (Student's t), and every contrast shares the stated false-alarm rate
+(Bonferroni).
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood import student
 
-#: Sound logs that tell what sound flights differ by.
+#: Fewest sound logs from which their scatter is estimated.
 FEWEST_SOUND = 3
 
 
 class Shifts(NamedTuple):
-    """Relative differences of voltage, of all rotors and then of each against the others
-    (R + 1,), and how large the difference has to be to be one; a single rotor has no others.
+    """Relative differences of voltage, of all rotors and then of each against the others (R + 1,),
+    and their limits at the false-alarm rate; a single rotor has no others.
     """
 
     value: FloatArray
@@ -30,9 +30,9 @@ class Shifts(NamedTuple):
 
 
 def shifts(of: FloatArray, sound: FloatArray, false_alarm_rate: float) -> Shifts:
-    """Logs `of` one condition (m, S, R) against `sound` ones (n, S, R): log voltages, means of each
-    start; nan where a log has fewer starts. Starts are compared with those of the same number,
-    since a battery is warm in the second.
+    """Shifts of logs `of` one condition (m, S, R) from `sound` ones (n, S, R): mean log voltages of
+    each start, nan where a log has fewer. Starts are compared by number, since a battery is warm in
+    the second.
     """
     usual = np.nanmean(sound, axis=0)
     contrast = _contrasts(of.shape[2])

@@ -1,6 +1,4 @@
-"""Adaptive importance sampling from the posterior's peak: the fast path, the cross-check and the
-evidence.
-"""
+"""Adaptive importance sampling from a posterior's peak: fast path, cross-check and evidence."""
 
 from __future__ import annotations
 
@@ -16,19 +14,20 @@ from nearlift.fit.density import Density
 from nearlift.fit.mixture import Mixture
 from nearlift.fit.pareto import LIMIT, pareto_k
 
+#: Draws per parameter in each of the first three rounds; later ones are larger.
 ROUND = 1500
 ROUNDS = 10
-#: Steps of learning after each round.
+#: Expectation-maximisation steps after each round.
 STEPS = 6
-#: A proposal this efficient need learn no more.
+#: Effective fraction of draws above which, and Pareto k below which, a proposal adapts no more.
 GOOD = 0.7
 LIGHT = 0.4
-#: Rounds after which a shape that one component cannot follow gets more.
+#: Index of the round after which the proposal is split, and the number of its components.
 PATIENCE = 2
 COMPONENTS = 8
-#: Times that the final draws may serve to learn from.
+#: Maximum number of adaptations to the final draws.
 AGAIN = 3
-#: At most so many draws for each one that is wanted.
+#: Maximum number of draws for each one that is wanted.
 GENEROUS = 40
 
 
@@ -50,17 +49,17 @@ class Weighted:
 
     @property
     def ess(self) -> float:
-        """Independent draws that the weighted ones are worth (Kish)."""
+        """Effective sample size (Kish)."""
         return float(1 / (self.weight @ self.weight))
 
     @cached_property
     def pareto_k(self) -> float:
-        """Tail of the weights; see `fit.pareto`."""
+        """Shape of the weights' tail; see `fit.pareto`."""
         return pareto_k(self.log_weight)
 
     @property
     def good(self) -> bool:
-        """Whether the proposal that these came from need learn no more."""
+        """Whether the proposal of these draws needs no further adaptation."""
         return self.ess > GOOD * len(self.theta) and self.pareto_k < LIGHT
 
     @property
@@ -78,11 +77,11 @@ class Weighted:
         )
 
     def below(self, parameter: int, value: float) -> float:
-        """Share of the posterior in which a parameter lies below `value`."""
+        """Marginal cumulative probability of a parameter at `value`."""
         return float(self.weight[self.theta[:, parameter] <= value].sum())
 
     def quantile(self, parameter: int, probabilities: Any) -> FloatArray:
-        """Values that so much of the posterior lies below."""
+        """Marginal quantiles of a parameter."""
         order = np.argsort(self.theta[:, parameter])
         cumulative = np.cumsum(self.weight[order]) - 0.5 * self.weight[order]
         return np.asarray(
@@ -90,18 +89,18 @@ class Weighted:
         )
 
     def picked(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Indices of `n` draws of equal weight, (n,): systematic resampling, so that none stands
-        twice unless its weight exceeds 1 / n.
+        """Indices of `n` draws of equal weight, (n,): systematic resampling, so that none repeats
+        unless its weight exceeds 1 / n.
         """
         places = (np.arange(n) + rng.random()) / n
         return np.minimum(np.searchsorted(np.cumsum(self.weight), places), len(self.weight) - 1)
 
 
 def peak(density: Density) -> FloatArray:
-    """About where the posterior is highest, (p,), from the least-squares theta on.
+    """Approximate mode of the posterior, (p,), searched from the least-squares theta.
 
-    To a sixteenth of the spread: proposals need no more, and a search ends a little elsewhere on
-    another processor, with all its draws.
+    Rounded to a sixteenth of the spread: proposals need no more, and the last digits of a search,
+    which depend on the processor, would change all draws.
     """
     from scipy.optimize import minimize
 
@@ -132,10 +131,10 @@ def weigh(density: Density, proposal: Mixture, rng: np.random.Generator, n: int)
 
 
 def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted]:
-    """A proposal that has learnt the posterior's shape, and its last round of draws.
+    """A proposal adapted to the posterior's shape, and the draws from it.
 
-    Every round is learnt from together with all before it, weighed against the average of their
-    proposals (adaptive multiple importance sampling), so that a region found once is not forgotten.
+    Each round adapts to all draws so far, weighted against the average of their proposals (adaptive
+    multiple importance sampling), so that a region once found is not forgotten.
     """
     top = peak(density)
     stretch = np.where(np.isclose(top, density.prior.coordinates(top)), 1.0, top)
@@ -150,12 +149,12 @@ def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted
     ]
     rounds: list[Weighted] = []
     for i in range(ROUNDS):
-        # a rare draw of great weight shows only among many: later rounds are larger
+        # rare draws of large weight show only in large samples: later rounds are larger
         rounds.append(weigh(density, proposals[-1], rng, ROUND * len(mean) * (1 + i // 3)))
         if rounds[-1].good:
             return proposals[-1], rounds[-1]
         theta, weight = _together(rounds, proposals)
-        # one peak that is no ellipse, or several: more components, placed where the weights are
+        # one peak that is no ellipse, or several: more components, at draws picked by weight
         learnt = (
             proposals[-1].split(rng, theta, weight, COMPONENTS) if i == PATIENCE else proposals[-1]
         )
@@ -170,9 +169,7 @@ def adapt(density: Density, rng: np.random.Generator) -> tuple[Mixture, Weighted
 
 
 def _together(rounds: list[Weighted], proposals: list[Mixture]) -> tuple[FloatArray, FloatArray]:
-    """All draws so far (n, p) and their weights (n,), the largest cut off so that no single draw
-    teaches alone.
-    """
+    """All draws so far (n, p) and their weights (n,), truncated so that none dominates."""
     theta = np.concatenate([r.theta for r in rounds])
     log = np.concatenate([r.log_prob for r in rounds]) - np.logaddexp.reduce(
         [p.log_density(theta) for p in proposals], axis=0
@@ -182,19 +179,18 @@ def _together(rounds: list[Weighted], proposals: list[Mixture]) -> tuple[FloatAr
 
 
 def sample(density: Density, rng: np.random.Generator, wanted: int) -> Weighted:
-    """Weighted draws, enough for `wanted` of equal weight that hardly repeat."""
+    """Weighted draws, enough for `wanted` of equal weight with few repeats."""
     proposal, trial = adapt(density, rng)
     n = len(trial.weight)
-    # resampling repeats no draw whose weight is below 1 / wanted
-    # in whole quarters: a number of draws that hung on the last bit would draw all of them anew
+    # resampling repeats no draw whose weight is below 1 / wanted; whole quarters, since a number
+    # that depended on the last bit would change all draws
     quarters = math.ceil(4 * min(1.2 * n * float(trial.weight.max()), GENEROUS))
     size = max(quarters, 5) * wanted // 4
     drawn = weigh(density, proposal, rng, size)
     for _ in range(AGAIN):
         if drawn.pareto_k < LIMIT:
             break
-        # so many draws have found what the rounds before had missed: learn from them and draw
-        # afresh
+        # so many draws have reached what the rounds missed: adapt to them and draw afresh
         for _ in range(STEPS):
             proposal = proposal.learn(
                 drawn.theta, np.minimum(drawn.weight, len(drawn.weight) ** -0.5)

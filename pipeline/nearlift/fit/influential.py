@@ -1,9 +1,9 @@
-"""Influential trials and visits: those without which the headline coefficient would be another, and
-what it would be.
+"""Influential trials and visits: those whose removal shifts the headline coefficient, and its value
+without them.
 
-The closed form (`fit.deletion`) says where to look; a fit without the trial, scatter and all,
-decides. Outliers widen the scatter that they are judged by, and two can hide each other, so the
-search goes forward: what stands out is left aside, and the rest looked at again.
+The closed form (`fit.deletion`) selects candidates; a fit without the trial, scatter included,
+decides. Outliers inflate the scatter that they are judged by, and two can mask each other, so the
+search goes forward: what stands out is left out, and the rest examined again.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from nearlift.likelihood.budget import Component
 from nearlift.results import Estimate
 from nearlift.results.influence import Influence, Suspect
 
-#: Relative variance of a trial that is no scatter but the floor under none.
+#: Median relative variance up to which trials repeat exactly: just above the variance floor.
 EXACT = 1.1e-12
-#: A trial is fitted without if the closed form says that the headline would move by this part of
-#: its standard uncertainty.
+#: Shift of the headline in closed form, in its standard uncertainties, from which a trial is fitted
+#: without.
 LOOK = 0.6
-#: The part of its standard uncertainty by which a trial must move the headline to be named. Below
-#: one, since a glitch moves the headline by more than leaving the trial out does: what the trial
-#: would have said is lost too.
+#: Shift of the headline between fits, in its standard uncertainties, from which a trial is named.
+#: Below one, since leaving out a glitch shifts it by less than the glitch did: the information of
+#: the trial is lost too.
 MOVES = 0.8
-#: The same for a visit that stands off as a whole.
+#: `LOOK` for a visit that stands off as a whole.
 LOOK_AT_ODD = 0.25
-#: Most trials, and most visits, that are named; and most that are fitted without for each name.
+#: Maximum number of trials named, and of fits for each name.
 MOST, TRIES = 10, 4
 
 
@@ -56,17 +56,16 @@ def screen(
     outlying : collection of str
         Trials that repeats and neighbours contradict (`reduction.outliers`).
     odd : collection of str
-        Trials that stand far off, if not farther than noise allows. Together they may hide each
-        other, so they are left out together, too.
-
+        Trials far from the rest, though no farther than noise allows. They may mask each other, so
+        they are also left out together.
     odd_visits : collection of int
-        Visits that stand far off: as a visit's scatter is learnt from few visits, the closed form
-        says too little of them.
+        Visits far from the rest: since few visits determine the scatter of visits, the closed form
+        understates their influence.
 
     Returns
     -------
     Influence
-        Without such trials, and without one near the limit, it costs no fit.
+        No fit is made where none of these stands out and none is near the limit.
     """
     data = whole.problem.data
     if not whole.names:
@@ -106,7 +105,7 @@ class _Search:
     made: dict[bytes, LeastSquaresFit | None] = field(default_factory=dict)
 
     def without(self, out: NDArray[np.bool_]) -> LeastSquaresFit | None:
-        """The model fitted anew, scatter and all; None where that fails."""
+        """The model fitted without the trials `out`, scatter included; None where that fails."""
         if not out.any():
             return self.whole
         key = out.tobytes()
@@ -122,9 +121,7 @@ class _Search:
     def next_trial(
         self, clean: LeastSquaresFit, kept: NDArray[np.bool_]
     ) -> tuple[int, LeastSquaresFit] | None:
-        """The trial that moves the headline most, by more than its standard uncertainty, and the
-        fit without it; None if there is none.
-        """
+        """The first trial whose removal shifts the headline by `MOVES`, and the fit without."""
         at = np.flatnonzero(kept)
         moved = influence(clean)
         for j in _far(moved.of_trial[:, 0], moved.residual**2, clean):
@@ -138,8 +135,8 @@ class _Search:
     def together(
         self, clean: LeastSquaresFit, kept: NDArray[np.bool_], odd: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Those odd trials that move the headline by more than its standard uncertainty where the
-        others are left out; all, if only all do.
+        """Odd trials that shift the headline by `MOVES` with the other odd ones left out; all of
+        them, if only all do.
         """
         odd = odd & kept
         base = self.without(~kept | odd) if odd.any() else None
@@ -159,9 +156,7 @@ class _Search:
         kept: NDArray[np.bool_],
         odd: Collection[int] | NDArray[np.int64],
     ) -> list[Suspect]:
-        """The visits of several trials that move the headline by more than its standard
-        uncertainty, the trials named left aside.
-        """
+        """Visits of several trials that shift the headline by `MOVES`, named trials left out."""
         data, moved, suspects = self.whole.problem.data, influence(clean), []
         look = np.where(np.isin(moved.visit, list(odd)), LOOK_AT_ODD, LOOK)
         for j in _far(moved.of_visit[:, 0], moved.chi2, clean, look):
@@ -183,7 +178,7 @@ class _Search:
         return suspects
 
     def alone(self, i: int, outlying: bool) -> Suspect:
-        """One trial, and the headline without it alone."""
+        """One trial, and the headline of a fit without it alone."""
         data = self.whole.problem.data
         again = self.without(np.arange(data.n) == i)
         return Suspect(
@@ -205,8 +200,8 @@ def _far(
 ) -> list[int]:
     """The few largest shifts of the headline that are worth a fit, the largest first.
 
-    What an outlier adds to the scatter widens the uncertainty that it is held against; its part of
-    chi2 says by how much.
+    An outlier inflates the scatter and with it the uncertainty that its shift is compared with; its
+    share of chi2 corrects for that.
     """
     narrower = np.sqrt(np.clip(1 - chi2 / max(clean.chi2, clean.dof), 0.0, 1.0))
     ratio = np.abs(shift) / (look * _headline(clean).u * np.maximum(narrower, 1e-3))
@@ -215,9 +210,7 @@ def _far(
 
 
 def _moves(clean: LeastSquaresFit, again: LeastSquaresFit) -> bool:
-    """Whether the headline differs by more than `MOVES` of the smaller of its standard
-    uncertainties.
-    """
+    """Whether the headlines differ by more than `MOVES` of the smaller standard uncertainty."""
     return bool(
         abs(again.theta[0] - clean.theta[0]) > MOVES * min(_headline(clean).u, _headline(again).u)
     )

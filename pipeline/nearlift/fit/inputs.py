@@ -7,8 +7,7 @@ the exponent, whose nominal value is 1).
 
 - `rotor_radius` scales every distance and spacing at once, since a model sees them as multiples of
   it.
-- `rotor_spacing` scales the layout; a diagonal or positions that the manifest gives by themselves
-  stay.
+- `rotor_spacing` scales the layout, except a diagonal or positions that the manifest gives.
 - `exponent` is that of ``(L / L_inf)^n``, which says what a trial held constant.
 - `air_density` scales lift: an L_inf per throttle absorbs it unless it differs by session.
 - `mass` does not act on a tethered vehicle's lift.
@@ -33,21 +32,21 @@ from nearlift.results.fit import UndeclaredInput
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import LeastSquaresFit
 
-#: Relative step of the central differences: an error of 1e-8 of the derivative, and rounding of
+#: Relative step of the central differences: truncation error 1e-8 of the derivative, rounding
 #: 1e-12.
 STEP = 1e-4
-#: What a calliper leaves of a rotor of some centimetres, and a datum set by eye.
+#: Relative uncertainty of a calliper on a small rotor, and uncertainty in m of a datum set by eye.
 PLAUSIBLE = {"rotor_radius": 0.01, "rotor_spacing": 0.01, "height": 5e-4}
 
 
 def acting(
     parts: Iterable[Component], model: LiftModel, theta: FloatArray
 ) -> tuple[Component, ...]:
-    """The components, each input among them with its derivative at these coefficients; one that has
-    a derivative keeps it.
+    """The components, each input with its derivative at these coefficients; an existing derivative
+    is kept.
 
-    Give every rival those of the base model, as with the slope of heights, or their likelihoods
-    could not be compared.
+    Give every rival model those of the base model, as with the slope of heights, or their
+    likelihoods are not comparable.
     """
     coefficients = {p.name: float(t) for p, t in zip(model.parameters, theta, strict=True)}
     return tuple(
@@ -89,7 +88,7 @@ def _log_ratio(model: LiftModel, data: Observations, coefficients: dict[str, flo
 
 
 def _scaled(data: Observations, part: Component, factor: float) -> Observations:
-    """The trials as they would be with an input so many times its nominal value."""
+    """The trials with an input scaled by `factor`."""
     if part.on == "rotor_spacing":
         return replace(
             data,
@@ -120,8 +119,8 @@ def undeclared_in(
     parts: Iterable[Component],
     slope: FloatArray,
 ) -> tuple[UndeclaredInput, ...]:
-    """Geometry and datum without a declared uncertainty, each with what an error of plausible size
-    would do to the coefficients.
+    """Geometry and datum without a declared uncertainty, each with the shift of the coefficients
+    that an error of plausible size would cause.
 
     Parameters
     ----------

@@ -1,9 +1,9 @@
-"""Lift and downwash informing the same coefficients.
+"""Joint fit of lift and downwash with common coefficients.
 
-To the likelihood of the trials comes that of measured downwash near the boundary over its value far
-away, in the logarithm: ``log(V / V_control) = log downwash(z_hat; theta) + error``. All cases share
-the control's error, so the errors hang together. The model's `downwash` is the inflow at the disk:
-give only cuts that stand for it.
+The likelihood of the trials is multiplied by that of measured downwash near the boundary over its
+value far away, in the logarithm: ``log(V / V_control) = log downwash(z_hat; theta) + error``. All
+cases share the control's error, so their errors are correlated. The model's `downwash` is the
+inflow at the disk: give only cuts that represent it.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class DownwashRatio:
 
 @dataclass(frozen=True, kw_only=True)
 class JointProblem(Problem):
-    """A `Problem` whose residuals go on with those of the downwash."""
+    """A `Problem` with the residuals of the downwash appended."""
 
     downwash: DownwashRatio
     geometry: Mapping[str, object]
@@ -80,23 +80,19 @@ class JointProblem(Problem):
         )
 
     def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """Whitened residuals of the lift, `L_inf` eliminated, then of the downwash, whose heights
-        `offset_m` does not move.
-        """
+        """Whitened residuals of lift, then of downwash; `offset_m` moves the former only."""
         return np.concatenate(
             [super().residuals(theta, offset_m), self.downwash_residuals(theta)], axis=-1
         )
 
     def derivatives(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """Of both, (..., p, n)."""
+        """Derivatives of `residuals` with respect to each parameter, (..., p, n)."""
         return np.concatenate(
             [super().derivatives(theta, offset_m), self._downwash_derivatives(theta)], axis=-1
         )
 
     def _downwash_derivatives(self, theta: FloatArray) -> FloatArray:
-        """Derivatives of the downwash's residuals, (..., p, n), by central differences within the
-        bounds.
-        """
+        """Derivatives of `downwash_residuals` by central differences within the bounds."""
         rows = []
         for i, p in enumerate(self.model.parameters):
             step = 1e-4 * np.maximum(np.abs(theta[..., i]), 1e-2 * (p.bounds[1] - p.bounds[0]))
@@ -112,11 +108,11 @@ class JointProblem(Problem):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointFit:
-    """What lift and downwash say together.
+    """A model fitted to lift and downwash together.
 
-    `chi2_lift` and `chi2_downwash` are their parts of chi2 at the common optimum. `p_value` is the
-    chance of a chi2 that rises as much over that of the lift alone when the downwash is added:
-    small where the two contradict each other.
+    `chi2_lift` and `chi2_downwash` are their parts of chi2 at the common optimum. `p_value` is that
+    of the rise of chi2 over its minimum for lift alone when the downwash is added: small where the
+    two contradict each other.
     """
 
     model: LiftModel

@@ -1,4 +1,4 @@
-"""What the uncertainty of a fit's coefficients would be were a source of error known exactly."""
+"""Uncertainty of a fit's coefficients if one source of error were known exactly."""
 
 from __future__ import annotations
 
@@ -44,12 +44,12 @@ def without_each(
     u: FloatArray,
     further: Mapping[str, slice] | None = None,
 ) -> dict[str, FloatArray]:
-    """Standard uncertainty of each coefficient, (p,), were one source of error known exactly; by
-    the budget's names of sources.
+    """Standard uncertainty of each coefficient, (p,), if one source of error were known exactly, by
+    the source's name in the budget.
 
-    What is known exactly leaves the covariance, and the trials are weighted anew. Sources are
-    correlated through the fit, so this is not what a source's part of the variance suggests: a
-    datum that adds little may set how much another source can do.
+    The source is removed from the covariance, and the trials are weighted anew. Sources are
+    correlated through the fit, so the result is not the variance less the source's contribution: a
+    datum that adds little may limit how much knowing another source helps.
 
     Parameters
     ----------
@@ -58,12 +58,12 @@ def without_each(
         Of its log ratio.
     scatter : Noise
     parts : sequence of (Component, (n,))
-        Declared errors in the order in which they stand in the covariance, each with the slope that
+        Declared errors in the order of their columns in the covariance, each with the slope that
         carries heights.
     u : (p,)
-        What it all comes to: the answers are in its scale.
+        Standard uncertainties of the full fit, to which the results are scaled.
     further : mapping of str to slice
-        Sources that are columns of the covariance's shared unknowns, beyond those of `parts`.
+        Further sources, as columns of the covariance's shared unknowns.
     """
 
     def spread(covariance: Covariance) -> FloatArray:

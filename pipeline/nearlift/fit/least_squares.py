@@ -1,4 +1,4 @@
-"""Generalised least squares of one lift model, by lmfit, at the level of trials."""
+"""Generalised least squares of one lift model to trials, by lmfit."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.results import Estimate, Noise, Observations
 from nearlift.results.fit import Degeneracy
 
-#: A standard uncertainty of this many times all that a parameter may be is rounding: the trials say
-#: nothing of it.
+#: Standard uncertainty over a parameter's range from which it is rounding: the parameter is
+#: undetermined.
 VAGUE = 1e6
 
 
@@ -29,14 +29,13 @@ class LeastSquaresFit:
     """A model fitted to the trials of one boundary.
 
     `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle;
-    `level_coefficients` multiply the trials' `level_columns`. `rmse` is
-    the root mean square of relative lift residuals over trials; `r2` is of cell means of Delta L,
-    `r2_near` the same over 1 < z_hat < 3. `chi2` uses the scatter of repeats, so chi2 well above
-    `dof` means that the model, not the noise, is at fault. `problem` is the likelihood, `slope` and
-    `parts` what its covariance was assembled from; `plan` says which height errors are not in it,
-    and `marginal` is the integral over those. `effective` (p,) are each coefficient's effective
-    degrees of freedom (`gum`), which its interval, its profile and U95 share; 0 where visits are
-    too few to tell what their trials share, and the interval has no end.
+    `level_coefficients` multiply the trials' `level_columns`. `rmse` is the root mean square of
+    residuals of log lift over trials; `r2` is of cell means of Delta L, `r2_near` the same over 1 <
+    z_hat < 3. `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model,
+    not the noise, is at fault. The covariance of the likelihood `problem` was assembled from
+    `slope` and `parts`; `plan` says which height errors are not in it, and `marginal` is the
+    integral over those. `effective` (p,) are each coefficient's effective degrees of freedom
+    (`gum`), used by its interval, its profile and U95.
     """
 
     model: LiftModel
@@ -72,9 +71,7 @@ class LeastSquaresFit:
 
     @property
     def dof_of_all(self) -> float:
-        """Degrees of freedom for all coefficients at once: the fewest of any, 1 where one
-        has none.
-        """
+        """Fewest effective degrees of freedom of any coefficient, at least `gum.LEAST_DOF`."""
         return max(float(self.effective.min(initial=np.inf)), gum.LEAST_DOF)
 
 
@@ -86,9 +83,7 @@ def assemble(
     theta: FloatArray,
     slope: FloatArray | None = None,
 ) -> Problem:
-    """The likelihood with every height error carried by `slope` (n,), or by the model's own at
-    `theta`.
-    """
+    """The likelihood, height errors carried by `slope` (n,), or else by the model's at `theta`."""
     if slope is None:
         slope = height_slope(model, data, model.named(theta))
     covariance = noise.trial_covariance(
@@ -109,7 +104,7 @@ def fit(
     slope: FloatArray | None = None,
     plan: heights.HeightPlan | None = None,
 ) -> LeastSquaresFit:
-    """Fit `model` to the trials that it can speak about.
+    """Fit `model` to the trials in its range of validity.
 
     Parameters
     ----------
@@ -117,15 +112,15 @@ def fit(
     data : Observations
         Accepted trials of one boundary, free-air trials included.
     parts : tuple of Component
-        The budget; see `likelihood.budget`.
+        Declared errors; see `likelihood.budget`.
     scatter : Noise or None
         Variance components of trials; estimated from the repeats if None.
     slope : (n,) or None
-        d log ratio / dz that carries height errors. Give every rival the base model's: with its
-        own, a flat curve would claim less noise, and their likelihoods could not be compared.
+        d log ratio / dz that carries height errors. Give every rival model the base model's: with
+        its own, a flat curve would claim less noise, and likelihoods would not be comparable.
     plan : HeightPlan or None
-        Which height errors the slope does not carry; judged anew if None. Give every rival the base
-        model's, for the same reason; ``HeightPlan()`` leaves all to the slope.
+        Height errors that the slope does not carry; assessed anew if None. Give every rival the
+        base model's, for the same reason; ``HeightPlan()`` leaves all to the slope.
 
     Raises
     ------
@@ -230,7 +225,7 @@ def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
         spread += over.weight[node] * (given + toll @ over.covariance[node] @ toll.T)
     log_levels = over.weight @ logs
     spread += (logs - log_levels).T @ (over.weight[:, None] * (logs - log_levels))
-    # the quantiles of the linear fit serve: what its levels rest on is the same
+    # the linear fit's quantiles serve: its levels have the same degrees of freedom
     quantiles = [(e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for e in fitted.levels.values()]
     levels = _levels(problem, log_levels, spread, quantiles)
     rmse, r2, r2_near = closeness(problem, theta, log_levels, over.offset()[0])
@@ -260,7 +255,7 @@ def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
 def _levels(
     problem: Problem, log_levels: FloatArray, covariance: FloatArray, quantiles: Sequence[float]
 ) -> dict[float, Estimate]:
-    """L_inf, N, per throttle; intervals have so many standard uncertainties to either side."""
+    """L_inf, N, per throttle, with intervals of ±`quantiles` standard uncertainties."""
     values = np.exp(problem.data.shown(log_levels))
     relative = np.sqrt(np.diag(problem.shown_covariance(covariance)))
     return {
@@ -332,11 +327,11 @@ def parameter_covariance(
     white: FloatArray, whole: FloatArray | None = None
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
     """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and which of them
-    the trials determine at all.
+    the trials determine.
 
-    What they do not determine takes no part: its variance is 0 here, and its uncertainty is
-    infinite. `whole` (p,) is each parameter's size before L_inf took its share: what keeps nothing
-    of that, as all of it does where every trial is at one distance, is not determined.
+    Undetermined directions are left out of the inverse; an undetermined parameter has infinite
+    uncertainty. `whole` (p,) is the length of each row before L_inf was projected out: a parameter
+    that keeps none of it, as where all trials are at one distance, is undetermined.
     """
     seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)
     white = np.where(seen[:, None], white, 0.0)
@@ -353,9 +348,7 @@ def parameter_covariance(
 def interval90(
     model: LiftModel, theta: FloatArray, sd: FloatArray, dof: FloatArray
 ) -> dict[str, Estimate]:
-    """Each parameter with its standard uncertainty and 90 % interval by Student's t at its
-    effective degrees of freedom.
-    """
+    """Each parameter with its standard uncertainty and 90 % interval by Student's t."""
     each = zip(model.parameters, theta, sd, dof, strict=True)
     return {
         q.name: _estimate(t, u, student.quantile(0.95, d), q.unit, q.bounds) for q, t, u, d in each

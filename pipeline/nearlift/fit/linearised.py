@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 
 def linear_problem(fit: LeastSquaresFit) -> tuple[Problem, float, FloatArray]:
-    """The fit's likelihood with every height error in its covariance, the height at which it
-    stands, and the slope there, (n,).
+    """The fit's likelihood with every height error in its covariance, the height error in m about
+    which it is linearised, and the slope there, (n,).
 
-    The same as the fit's own unless a shared height error was integrated over.
+    The fit's own unless a shared height error was integrated over.
     """
     if fit.marginal is None:
         return fit.problem, 0.0, fit.slope
@@ -35,15 +35,13 @@ def linear_problem(fit: LeastSquaresFit) -> tuple[Problem, float, FloatArray]:
 
 
 def stand_in(fit: LeastSquaresFit) -> Problem:
-    """The fit's likelihood in its coefficients alone: an integrated height error is carried by the
-    slope about the height found.
-    """
+    """The fit's likelihood in its coefficients alone, linear in any integrated height error."""
     return about(*linear_problem(fit))
 
 
 def about(problem: Problem, offset_m: float, slope: FloatArray) -> Problem:
-    """A likelihood moved to the height `offset_m` at which it stands, about which `slope` (n,)
-    carries the height error.
+    """The problem with heights shifted by `offset_m`, less the first-order effect
+    ``slope * offset_m`` of the shift on the log ratio.
     """
     if not offset_m:
         return problem

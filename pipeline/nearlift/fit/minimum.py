@@ -1,4 +1,4 @@
-"""The least chi2 of one problem within its parameters' bounds, by lmfit."""
+"""Minimum of chi2 of one problem within its parameters' bounds, by lmfit."""
 
 from __future__ import annotations
 
@@ -19,8 +19,7 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
     Raises
     ------
     NotConverged
-        lmfit stopped for another reason than convergence, or the model has no value for some trial
-        wherever it may start.
+        lmfit stopped without convergence, or the model has no value for some trial at any start.
     """
     # it imports matplotlib
     lmfit = isolation.library("lmfit")
@@ -77,13 +76,13 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
 
 
 def _first(problem: Problem, start: FloatArray | None) -> FloatArray:
-    """Where to start: as given if the model has a value there for all trials, else at its declared
-    values, else at what the bounds hold.
+    """Starting values at which the model has a value for all trials: those given, else those
+    declared, else others within the bounds.
 
     Raises
     ------
     NotConverged
-        It has none at any of these; the remedy depends on which trials are to blame.
+        There are none; the remedy depends on which trials are to blame.
     """
     low, high = problem.model.bounds
     usual: FloatArray = np.array([p.value for p in problem.model.parameters], dtype=np.float64)

@@ -1,6 +1,4 @@
-"""A mixture of Student's t distributions and the prior: what importance sampling draws from, and
-how it learns.
-"""
+"""Mixture of Student's t distributions and the prior: importance sampling's adaptive proposal."""
 
 from __future__ import annotations
 
@@ -13,11 +11,10 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit.prior import JointPrior
 
-#: Of the t components: tails far heavier than a posterior's cost little, and find what lies off its
-#: main body.
+#: Degrees of freedom of the t components: heavier tails than a posterior's cost little, and reach
+#: what lies off its main body.
 DOF = 2.5
-#: Least share of draws that come from the prior: with it no weight can exceed the greatest
-#: likelihood over this, so the tail is bounded.
+#: Least share of the prior: with it no weight can exceed the greatest likelihood over this.
 DEFENCE = 0.05
 
 
@@ -57,8 +54,8 @@ class Mixture:
         return theta
 
     def _parts(self, at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Log density in coordinates of each t component, share included, (k, n), and the squared
-        distances from its mean.
+        """Log density in coordinates of each t component, share included, (k, n), and squared
+        Mahalanobis distances from its mean.
         """
         p = at.shape[1]
         constant = (
@@ -76,7 +73,7 @@ class Mixture:
         return log, square
 
     def log_density(self, theta: FloatArray) -> FloatArray:
-        """Of the whole mixture, (n,)."""
+        """Log density of the whole mixture, (n,)."""
         parts = self._parts(self.prior.coordinates(theta))[0] + self.prior.log_stretch(theta)
         log = np.vstack([parts, self.prior.log_density(theta) + math.log(self.defence)])
         top = log.max(axis=0)
@@ -84,9 +81,7 @@ class Mixture:
         return result
 
     def learn(self, theta: FloatArray, weight: FloatArray) -> Mixture:
-        """One step of weighted expectation and maximisation: nearer to what the weighted draws (n,
-        p), (n,) stand for.
-        """
+        """One expectation-maximisation step towards the weighted draws (n, p), (n,)."""
         p = theta.shape[1]
         weight = weight / weight.sum()
         at = self.prior.coordinates(theta)
@@ -94,7 +89,7 @@ class Mixture:
         duty = weight * np.exp(log + self.prior.log_stretch(theta) - self.log_density(theta))
         near = duty * (DOF + p) / (DOF + square)
         share = np.minimum(duty.sum(axis=1), 1.0)
-        # a component that a handful of draws holds up would collapse onto them
+        # a component supported by a handful of draws would collapse onto them
         alive = share**2 > 5 * p * np.einsum("kn,kn->k", duty, duty)
         if not alive.any():
             return self
@@ -112,8 +107,8 @@ class Mixture:
     def split(
         self, rng: np.random.Generator, theta: FloatArray, weight: FloatArray, k: int
     ) -> Mixture:
-        """K components at draws picked by weight, as wide as their share of the whole: a start for
-        shapes that one cannot follow.
+        """A mixture of `k` components at draws picked by weight, each with 1 / k of the whole's
+        volume: a start for shapes that one component cannot follow.
         """
         p = theta.shape[1]
         at = self.prior.coordinates(theta[weight > 0])
@@ -130,5 +125,5 @@ class Mixture:
 
 
 def _leave(share: FloatArray) -> FloatArray:
-    """Shares that leave the prior its least."""
+    """Shares scaled to leave the prior at least `DEFENCE`."""
     return share * min(1.0, (1 - DEFENCE) / float(share.sum()))

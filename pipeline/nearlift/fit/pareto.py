@@ -1,4 +1,4 @@
-"""How heavy the tail of importance weights is: the shape k of a generalised Pareto distribution.
+"""Tail of importance weights: the shape k of a generalised Pareto distribution.
 
 Below 0.5 the weights have a finite variance; up to 0.7 their averages can be used; beyond, they
 cannot be trusted however many there are. Fit: Zhang and Stephens, Technometrics 51 (2009); what to
@@ -11,14 +11,12 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: Weights with a heavier tail than this are not used.
+#: Shape k from which weights are not used.
 LIMIT = 0.7
 
 
 def shape(excess: FloatArray) -> float:
-    """Shape k of a generalised Pareto distribution from excesses over a threshold, ascending and
-    not all zero; (n,).
-    """
+    """Shape k of a generalised Pareto distribution from ascending excesses (n,), not all 0."""
     n = len(excess)
     m = 30 + int(np.sqrt(n))
     quartile = max(excess[int(n / 4 + 0.5) - 1], 1e-12 * excess[-1])
@@ -33,9 +31,7 @@ def shape(excess: FloatArray) -> float:
 
 
 def pareto_k(log_weights: FloatArray) -> float:
-    """Shape of the upper tail of importance weights, drawn a little towards 0.5 as few tail weights
-    tell little; 0 without a tail.
-    """
+    """Shape of the upper tail of importance weights, shrunk towards 0.5; 0 without a tail."""
     n = len(log_weights)
     size = int(np.ceil(min(0.2 * n, 3 * np.sqrt(n))))
     weights = np.sort(np.exp(log_weights - np.max(log_weights)))
@@ -46,5 +42,5 @@ def pareto_k(log_weights: FloatArray) -> float:
 
 
 def enough(k: float) -> float:
-    """How many draws weights of that tail would need, inf from 1 on."""
+    """Number of draws that weights with tail k need; inf from k = 1 on."""
     return 10 ** (1 / (1 - max(k, 0.0))) if k < 1 else np.inf

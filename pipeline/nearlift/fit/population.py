@@ -1,9 +1,10 @@
-"""Many campaigns' values of one coefficient: their mean, how much vehicles and labs differ, and
-what to expect of the next.
+"""Random-effects analysis of one coefficient over campaigns: mean, spread between campaigns,
+prediction.
 
 ``y = mu + spread * e + error``: the errors have each campaign's own uncertainty, and what campaigns
-share (one load cell, say) is common to them. The spread is not known from a few campaigns, so it is
-integrated over and never set to its best value, which is zero far too often; `mu` has a flat prior.
+share (one load cell, say) is common to them. The spread is hardly known from a few campaigns, so it
+is integrated over and never set to its most likely value, which is zero far too often; `mu` has a
+flat prior.
 """
 
 from __future__ import annotations
@@ -16,16 +17,17 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.results import Estimate
 
-#: Values of the spread over which is integrated.
+#: Grid points of the integral over the spread.
 GRID = 400
-#: Fewest campaigns of which a spread can be told.
+#: Fewest campaigns for an estimate of the spread.
 FEWEST = 3
+#: Probability beyond each end of an interval.
 TAIL = 0.05
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Population:
-    """What many campaigns say together.
+    """Random-effects estimates from many campaigns.
 
     Attributes
     ----------
@@ -34,15 +36,15 @@ class Population:
     spread : Estimate
         Standard deviation between campaigns beyond their uncertainties; value is the median.
     next_value : Estimate
-        What another campaign of the same population would find if it measured without error.
+        Prediction for another campaign of the same population, measured without error.
     campaigns : tuple of Estimate
-        Each campaign's value, drawn towards the mean as far as its uncertainty allows.
+        Each campaign's value, shrunk towards the mean.
     q, dof, p : float
-        Cochran's statistic against no spread at all, its degrees of freedom, and its chance.
+        Cochran's statistic of zero spread, its degrees of freedom, and its p-value.
     prior_scale : float
         Scale of the half-Cauchy prior of the spread.
     if_doubled : Estimate
-        The mean were that scale twice as large.
+        The mean with that scale doubled.
     """
 
     mean: Estimate
@@ -74,7 +76,7 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
     Notes
     -----
     The spread's prior is half-Cauchy (Gelman 2006) with the typical uncertainty or the values' own
-    spread as its scale, whichever is larger: it lets zero through and never forbids a large one.
+    spread as its scale, whichever is larger: it allows zero and never excludes a large spread.
     """
     from scipy.stats import chi2
 
@@ -133,12 +135,12 @@ def _campaigns(
     mean: FloatArray,
     u_mean: FloatArray,
 ) -> tuple[FloatArray, FloatArray]:
-    """Each campaign's true value and its standard deviation at every spread, (g, n); `y`, `ones`
-    along the principal axes.
+    """Mean and standard deviation of each campaign's true value at every spread, (g, n); `y`,
+    `ones` are along the principal axes.
     """
     kept = spread[:, None] ** 2 * weight
     at = mean[:, None] + (kept * (y - mean[:, None] * ones)) @ axes.T
-    # what is not pulled out of the data comes from the mean, with the mean's own uncertainty
+    # the part that is shrunk to the mean carries the mean's uncertainty
     left = 1.0 - (kept * ones) @ axes.T
     variance = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
     return at, np.sqrt(np.maximum(variance, 0.0) + (left * u_mean[:, None]) ** 2)

@@ -1,8 +1,8 @@
-"""The posterior of one model at one boundary: sampled, cross-checked, and what it says.
+"""Posterior of one model at one boundary, sampled and cross-checked.
 
-The fast path is importance sampling (`fit.importance`); emcee (`fit.ensemble`) serves where
-its weights cannot be trusted, and whenever it is asked for. Whichever answers, the other judges
-where it can, and for one or two parameters so does a grid.
+The default is importance sampling (`fit.importance`); emcee (`fit.ensemble`) serves where its
+weights cannot be trusted, and on request. Each judges the other where it can, and for one or two
+parameters so does a grid.
 """
 
 from __future__ import annotations
@@ -26,18 +26,15 @@ from nearlift.fit.importance import Weighted
 from nearlift.results.posterior import SamplerCheck
 
 Sampler = Literal["auto", "emcee", "importance"]
-#: Chains that independent draws are dealt to, so that the usual diagnostics can be computed from
-#: them.
+#: Chains into which independent draws are divided, for the usual diagnostics.
 CHAINS = 4
-#: A grid is laid over so many parameters at most.
+#: Maximum number of parameters for a grid.
 GRID = 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """What is asked for: which sampler, how many effective draws, and the most steps that emcee may
-    take.
-    """
+    """Sampler, effective sample size wanted, and maximum number of emcee steps."""
 
     sampler: Sampler = "auto"
     ess: int = 4000
@@ -45,9 +42,7 @@ class Settings:
 
     @property
     def draws(self) -> int:
-        """Independent draws made: a tenth more than asked for, so that an estimate of their number
-        does not fall short by chance.
-        """
+        """Independent draws made: a tenth above `ess`, since its estimate scatters."""
         return -(-11 * self.ess // (10 * CHAINS)) * CHAINS
 
 
@@ -60,23 +55,22 @@ class Posterior:
     names : tuple of str
         Of the parameters.
     theta, log_prob : (c, n, p), (c, n)
-        Draws by chain, and the log of their density, not normalised.
+        Draws by chain, and their unnormalised log density.
     levels_N : (c, n, k)
-        L_inf per throttle that goes with each draw, N.
+        L_inf per throttle for each draw, N.
     sampler : str
         "importance", "emcee", or "none" where there is nothing to sample.
     ess, ess_tail, r_hat : (p,)
-        Effective sample size of each parameter in bulk and at the ends of its 90 % interval; R-hat,
-        nan for independent draws: it asks whether chains agree, and there are none.
+        Bulk and tail effective sample size; R-hat, nan for independent draws.
     tau : (p,)
-        Steps from one independent draw to the next; 1 for independent draws.
+        Autocorrelation time in steps; 1 for independent draws.
     acceptance, pareto_k : float
         nan where they do not apply.
     log_evidence, u_log_evidence : float
         Log of the marginal likelihood, L_inf's prior flat in the logarithm, and its Monte Carlo
         standard error.
     steps : int
-        That emcee took.
+        Steps of emcee.
     checks : tuple of SamplerCheck
     """
 
@@ -105,7 +99,7 @@ Stream = Callable[[str], np.random.Generator]
 
 
 def forget(_: Block) -> None:
-    """Keep no block."""
+    """Discard a block."""
 
 
 def sample(
@@ -116,7 +110,7 @@ def sample(
     stored: Sequence[Block] = (),
     keep: Callable[[Block], None] = forget,
 ) -> Posterior:
-    """Sample a posterior until the effective sample size asked for is there, and have it checked.
+    """Sample a posterior to the effective sample size asked for, and cross-check it.
 
     Parameters
     ----------
@@ -125,13 +119,13 @@ def sample(
     seed, purpose
         Key of the random streams; see `randomness.generator`.
     stored, keep
-        Blocks of an interrupted emcee chain, and what takes each new one; see `ensemble.run`.
+        Blocks of an interrupted emcee chain, and the callback for new ones; see `ensemble.run`.
 
     Raises
     ------
     NotConverged
-        The sampler did not reach what was asked, with the number that would have been enough; or
-        two ways to the same posterior disagree.
+        The sampler fell short, with the number that would have been enough; or two computations
+        of the posterior disagree.
     """
     names, model = density.problem.names, density.problem.model.name
 
@@ -181,7 +175,7 @@ def sample(
         twice = 2 * chain.steps
         longer = min(twice, settings.steps)
         if any(c.failed for c in checks) and longer > chain.steps:
-            # a chain that has missed something slow looks better than it is: only more steps tell
+            # a chain that missed a slow mode looks better than it is: only more steps tell
             so_far = [*stored, *blocks]
             chain = ensemble.run(
                 density, stream("emcee"), settings.ess, settings.steps, so_far, keep, least=longer
@@ -199,8 +193,8 @@ def _judged(
     judges: Sequence[agreement.Judge],
     stream: Stream,
 ) -> tuple[Posterior, list[SamplerCheck]]:
-    """A chain's posterior before its judges; a quantile in the tail is worth fewer draws than the
-    mean, and has its own number.
+    """A chain's posterior and its comparison with each judge; every quantile has its own effective
+    sample size, smaller in the tails.
     """
     drawn = _from_chain(density, chain, weighted, stream)
     quantiles = np.quantile(drawn.flat(), PROBABILITIES, axis=0).T
@@ -214,9 +208,7 @@ def _judged(
 
 
 def _after(chain: ensemble.ThinnedChain, twice: int, settings: Settings) -> str:
-    """What to do about a chain that disagrees with its judges although it was made `twice` as long,
-    if that was allowed.
-    """
+    """Remedy for a chain that disagrees with its judges, even at `twice` its length if allowed."""
     if settings.steps < twice:
         return f"a longer chain may agree: `steps = {twice}` in [fit] (now {settings.steps})"
     return (
@@ -287,8 +279,8 @@ def _without_parameters(density: Density, settings: Settings, stream: Stream) ->
 
 
 def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """L_inf in N that goes with draws (c, n, p): (c, n, k). Given theta its logarithm is Student's
-    t, as the noise's scale is uncertain.
+    """L_inf in N for draws (c, n, p): (c, n, k). Its logarithm given theta has Student's t
+    distribution, since the noise scale is uncertain.
     """
     flat = theta.reshape(theta.shape[0] * theta.shape[1], theta.shape[2])
     triangle = np.linalg.cholesky(density.problem.level_covariance)

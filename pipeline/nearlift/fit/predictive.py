@@ -1,8 +1,8 @@
-"""Leave-one-visit-out prediction: how well a model foretells a stop of the traverse from all the
+"""Leave-one-visit-out prediction: how well a model predicts each visit of the traverse from all the
 others, by `fit.deletion`.
 
-Shared unknowns are learnt from the other visits as far as those tell, so the score asks nothing of
-a model that the errors alone decide.
+Shared unknowns are estimated from the other visits as far as those determine them, so a model is
+not scored on what the errors alone decide.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VisitScores:
-    """Scores of each visit, predicted from all others; arrays (v,).
+    """Predictive scores of each visit given all others; arrays (v,).
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class VisitScores:
     n : int array
         Trials of the visit.
     skipped : int
-        Visits that the others say nothing about, such as the only one at some throttle.
+        Visits that the others do not determine, such as the only one at some throttle.
     """
 
     visit: IntArray
@@ -76,7 +76,7 @@ def leave_visit_out(fit: LeastSquaresFit) -> VisitScores:
 
 
 def score(scores: VisitScores, reference: VisitScores) -> ModelScore:
-    """Compare over the visits of which both predict every trial that either does."""
+    """Scores relative to a reference, over visits in which both predict the same trials."""
     _, rows, other = np.intersect1d(
         scores.visit, reference.visit, assume_unique=True, return_indices=True
     )

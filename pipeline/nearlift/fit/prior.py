@@ -1,4 +1,4 @@
-"""The prior of a model's parameters: the declared distributions, cut off at the declared bounds."""
+"""Prior of a model's parameters: the declared distributions, truncated at the declared bounds."""
 
 from __future__ import annotations
 
@@ -22,11 +22,10 @@ class TruncatedPrior:
 
     @cached_property
     def _whole(self) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
-        """Cumulative probability and its inverse, before cutting off."""
+        """Cumulative distribution and its inverse, before truncation."""
         prior = self.parameter.prior
         if prior.distribution == "norm":
-            # scipy.stats takes half a second to import, more than everything else that a posterior
-            # takes
+            # scipy.stats takes half a second to import, more than all else in a posterior
             from scipy.special import ndtr, ndtri
 
             return lambda x: ndtr(
@@ -41,7 +40,7 @@ class TruncatedPrior:
 
     @cached_property
     def _ends(self) -> tuple[float, float]:
-        """Cumulative probability at the bounds, before cutting off."""
+        """Cumulative probability at the bounds, before truncation."""
         low, high = self.parameter.bounds
         cumulative, _ = self._whole
         return float(cumulative(low)), float(cumulative(high))
@@ -54,8 +53,7 @@ class TruncatedPrior:
     def log_density(self, x: FloatArray) -> FloatArray:
         """Log of the density, -inf outside the bounds, (m,)."""
         prior, (low, high) = self.parameter.prior, self.parameter.bounds
-        # scipy's general machinery costs as much as the likelihood; the two common families are a
-        # line each
+        # scipy's own log density costs as much as the likelihood
         if prior.distribution == "norm":
             inside = -0.5 * ((x - prior.loc) / prior.scale) ** 2 - math.log(
                 prior.scale * math.sqrt(2 * math.pi)
@@ -69,7 +67,7 @@ class TruncatedPrior:
         return np.where((x >= low) & (x <= high), inside - self._log_mass, -np.inf)
 
     def quantile(self, probability: Any) -> FloatArray:
-        """The value that so much of the prior lies below."""
+        """Quantile of the truncated distribution."""
         below, above = self._ends
         _, inverse = self._whole
         x = inverse(below + np.asarray(probability, dtype=float) * (above - below))
@@ -107,17 +105,13 @@ class JointPrior:
 
     @cached_property
     def _logarithmic(self) -> NDArray[np.bool_]:
-        """Which parameters are scales, believed in to within factors: those with a log-normal
-        prior.
-        """
+        """Which parameters are scales: those with a log-normal prior."""
         return np.array(
             [b.parameter.prior.distribution == "lognorm" for b in self.each], dtype=bool
         )
 
     def coordinates(self, theta: FloatArray) -> FloatArray:
-        """Theta (..., p) in coordinates in which shapes are plainer: logarithms of scales, the rest
-        as it is.
-        """
+        """Theta (..., p) with scales replaced by their logarithms."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.where(
                 self._logarithmic, np.log(np.where(self._logarithmic, theta, 1.0)), theta
@@ -133,9 +127,7 @@ class JointPrior:
             )
 
     def log_stretch(self, theta: FloatArray) -> FloatArray:
-        """Log of how much longer coordinates are than theta, (...): what a density in coordinates
-        is multiplied by to be one in theta.
-        """
+        """Log Jacobian, (...): added to a log density in coordinates, gives one in theta."""
         with np.errstate(divide="ignore", invalid="ignore"):
             each: FloatArray = -np.log(np.where(self._logarithmic, theta, 1.0)).sum(axis=-1)
         return each

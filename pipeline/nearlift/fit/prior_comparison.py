@@ -1,4 +1,4 @@
-"""How far a posterior departs from its prior, its bounds and the interval of least squares."""
+"""A posterior compared with its prior, its bounds and the interval of least squares."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit.prior import TruncatedPrior
 
-#: A 90 % interval that keeps this much of the prior's width is the prior's; above the second, the
-#: prior still has a say.
+#: Ratio of 90 % widths, posterior over prior, above which the data say nothing, and above which the
+#: prior still matters.
 SAME, SHAPED = 0.8, 0.3
-#: Share of the bounded range that counts as lying at a bound, and how much of the posterior must
-#: lie there to be mentioned.
+#: Fraction of the bounded range that counts as at a bound, and the least share of draws there to be
+#: reported.
 EDGE, CROWD = 0.005, 0.02
-#: Outside these, a 90 % interval over that of least squares wants a reason; a prior less than this
-#: many times as wide as the latter is one.
+#: Ratio of 90 % widths, posterior over least squares, outside which a reason is given; and ratio of
+#: prior to least squares below which the prior is one.
 NARROW, WIDE, CLOSE = 0.7, 1.4, 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PriorComparison:
-    """One parameter after the data: `ratio` of the 90 % widths after and before, share of draws at
-    either bound, and words where they matter.
+    """One parameter's posterior compared with its prior: `ratio` of 90 % widths, shares of draws at
+    either bound, and remarks.
     """
 
     prior: str
@@ -74,8 +74,8 @@ def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> PriorCompari
 def compare_with_fit(
     prior: TruncatedPrior, draws: FloatArray, lo90: float, hi90: float
 ) -> tuple[float, str]:
-    """The posterior's 90 % width over that of least squares from `lo90` to `hi90`, and why where
-    they are far apart; nan where that has none.
+    """Ratio of the posterior's 90 % width to that of least squares, `lo90` to `hi90`, with a reason
+    where far from 1; nan where the latter has none.
     """
     wide = hi90 - lo90
     if not (np.isfinite(wide) and wide > 0):

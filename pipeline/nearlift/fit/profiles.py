@@ -1,10 +1,10 @@
-"""Profile likelihoods: each coefficient held at a row of values, everything else at its best there.
+"""Profile likelihoods: each coefficient held at a row of values, all others optimised.
 
 The quadratic approximation behind ``value ± u`` is right where the profile is a parabola; the
-profile says where it is not, and its interval stands where a model's curve saturates, at a bound,
-or where two coefficients trade places. L_inf is eliminated, the other coefficients are optimised
-again from where the quadratic approximation puts them, all values in one stack; a shared height
-error that the slope does not carry is optimised too, under its declared distribution.
+profile shows where it is not, and its interval also holds where a curve saturates, at a bound, or
+for degenerate coefficients. L_inf is eliminated; the other coefficients are optimised from the
+quadratic approximation, all values in one batch; so is a shared height error that the slope does
+not carry, under its declared distribution.
 """
 
 from __future__ import annotations
@@ -24,24 +24,24 @@ from nearlift.results.fit import ProfileIntervals
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import LeastSquaresFit
 
+#: Levels of the intervals, in percent.
 LEVELS = (68, 90, 95)
+#: Points of the first grid.
 POINTS = 33
-#: Within this many standard uncertainties of the optimum the grid is finer, so that a drawn profile
-#: has no corners where it is most bent.
+#: The grid is finer, with so many points, within this many standard uncertainties of the optimum,
+#: where a profile is most curved.
 NEAR, NEAR_POINTS = 1.5, 31
-#: First reach in standard uncertainties; widened while the profile stays below what the widest
-#: interval wants.
+#: First reach in standard uncertainties; widened while the profile stays below the highest
+#: threshold.
 REACH = 4.0
 WIDENINGS = 5
-#: Values nearer than this part of a standard uncertainty are one.
+#: Values closer than this, in standard uncertainties, count as one.
 SAME = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
-    """An interval of one level; an end is nan and named in `open` where the profile does not rise
-    enough before it stops.
-    """
+    """Interval of one level; an end that the profile does not reach is nan, and in `open`."""
 
     low: float
     high: float
@@ -58,13 +58,11 @@ class Profile:
     value : (k,)
         Ascending.
     rise : (k,)
-        chi2 above its least, everything else optimised.
+        chi2 above its least, all else optimised.
     quadratic : (k,)
-        What the standard uncertainty would make of it.
+        The same by the standard uncertainty alone.
     intervals : mapping of int to Interval
         By level in percent.
-    skew : float
-        Upper over lower half of the 90 % interval; nan where an end is open.
     """
 
     parameter: str
@@ -75,16 +73,14 @@ class Profile:
 
     @property
     def skew(self) -> float:
-        """Upper over lower part of the 90 % interval about the least chi2; nan where an end is
-        open.
-        """
+        """Upper over lower part of the 90 % interval about the least chi2; nan if open."""
         best, interval = float(self.value[np.argmin(self.rise)]), self.intervals[90]
         below = best - interval.low
         return (interval.high - best) / below if below > 0 else float("nan")
 
     @property
     def ends(self) -> ProfileIntervals:
-        """Its intervals."""
+        """The intervals by level, and their skew."""
         numbers = {
             f"{end}{level}": x
             for level, interval in self.intervals.items()
@@ -153,8 +149,8 @@ def _with(
 
 
 def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
-    """Values in ascending order and their indices; of those that only rounding parts, between which
-    a parabola would be noise, one.
+    """Distinct values in ascending order and their indices; values that differ only by rounding,
+    between which a parabola would be noise, count once.
     """
     order = np.argsort(value, kind="stable")
     kept = order[np.diff(value[order], prepend=-np.inf) > SAME * sd]
@@ -162,14 +158,14 @@ def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
 
 
 def _vertex(value: FloatArray, chi2: FloatArray) -> float:
-    """Where the parabola through the three lowest neighbours is lowest."""
+    """Minimum of the parabola through the lowest value and its two neighbours."""
     k = int(np.clip(np.argmin(chi2), 1, len(value) - 2))
     a, b, _ = np.polyfit(value[k - 1 : k + 2] - value[k], chi2[k - 1 : k + 2] - chi2[k], 2)
     return float(value[k] - b / (2 * a)) if np.isfinite(a) and a > 0 else float(value[k])
 
 
 def _threshold(level: int, dof: float) -> float:
-    """Rise of chi2 at the ends of an interval, Student's t in place of the normal's."""
+    """Rise of chi2 at the ends of an interval: squared quantile of Student's t."""
     return student.quantile(0.5 + level / 200, dof) ** 2
 
 
@@ -177,7 +173,7 @@ def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> F
     """Least chi2 at each value of coefficient i."""
     problem, p = fit.problem, len(fit.theta)
     shared = fit.plan.shared
-    # the height error, in units of its declared uncertainty, stands behind the coefficients
+    # the height error, in units of its declared uncertainty, follows the coefficients
     unit = float(np.sqrt(sum(c.standard**2 for c in shared)))
     prior, reach = heights.density(shared) if shared else (np.ones_like, 0.0)
     line = fit.covariance[i] / fit.covariance[i, i]
@@ -212,7 +208,7 @@ def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> F
         offset_m = theta[:, p:] * unit
         with np.errstate(divide="ignore"):
             penalty = np.sqrt(np.maximum(-2 * np.log(prior(offset_m) / top), 0.0))
-        # signed, or its derivative would break at zero
+        # signed, so that its derivative is continuous at zero
         return np.hstack([problem.residuals(theta[:, :p], offset_m), np.sign(offset_m) * penalty])
 
     def linearised(theta: FloatArray, rows: np.ndarray) -> tuple[FloatArray, FloatArray]:
@@ -224,9 +220,7 @@ def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> F
 
 
 def _interval(value: FloatArray, rise: FloatArray, best: int, wanted: float) -> Interval:
-    """Where the signed root of the profile, which is nearly a straight line, passes the
-    threshold's.
-    """
+    """Interval between the crossings of the threshold by the profile's nearly straight root."""
     root = np.sqrt(np.maximum(rise, 0.0))
     low, high = (
         _crossing(value[best::-1], root[best::-1], wanted**0.5),
@@ -240,7 +234,7 @@ def _interval(value: FloatArray, rise: FloatArray, best: int, wanted: float) -> 
 
 
 def _crossing(value: FloatArray, root: FloatArray, wanted: float) -> float:
-    """First crossing on the way out, by a cubic through its neighbours."""
+    """First crossing on the way out, by a monotone cubic through its neighbours."""
     from scipy.interpolate import PchipInterpolator
 
     beyond = np.flatnonzero(root >= wanted)

@@ -1,8 +1,8 @@
-"""The same problem fitted again and again, to resampled lifts.
+"""Refits of one problem to many resampled lifts.
 
-All refits advance together (`fit.batched`), with the model's own derivatives, on residuals
-whitened once. The trials stay, so the prediction takes one value per station, and a triangle of the
-stations' size stands for all trials.
+All refits advance together (`fit.batched`), with the model's own derivatives, on residuals whitened
+once. The trials stay, so the model is evaluated once per station, and a triangle of the stations'
+size replaces all trials.
 """
 
 from __future__ import annotations
@@ -17,18 +17,16 @@ from nearlift.likelihood.problem import Problem
 from nearlift.likelihood.stations import distinct
 from nearlift.results import IntArray
 
-#: Numbers that one batch of residuals and derivatives may hold: what stays in a processor's own
-#: cache.
+#: Size of one batch of residuals and derivatives: what stays in a processor's own cache.
 BATCH = 200_000
-#: More stations than this part of the trials are not worth a triangle.
+#: Ratio of stations to trials above which a triangle is not used.
 WORTH = 0.5
 
 
 def refit(
     problem: Problem, start: FloatArray, scale: FloatArray, *, log_lift: FloatArray
 ) -> Minima:
-    """Fit each row of `log_lift` as if it had been measured in the trials' place, the covariance as
-    it is.
+    """Fit each row of `log_lift` in place of the measured lifts, the covariance unchanged.
 
     Parameters
     ----------
@@ -36,8 +34,7 @@ def refit(
     start : (p,)
         Such as the fit to the measured lifts.
     scale : (p,)
-        Standard uncertainties, or whatever else a coefficient may be expected to change by;
-        positive.
+        Standard uncertainties, or other expected changes of the coefficients; positive.
     log_lift : (m, n)
         Natural logarithm of lift in N.
     """
@@ -67,7 +64,6 @@ def refit(
         free = np.ones(len(start), dtype=bool)
         return batched.minimise(residuals, first, problem.model.bounds, scale, free, linearised)
 
-    # batches that fit into a cache
     size = max(BATCH // (target.shape[1] * (len(start) + 1)), 1)
     parts = [fitted(target[first : first + size]) for first in range(0, len(target), size)]
     return Minima(

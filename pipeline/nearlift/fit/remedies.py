@@ -1,10 +1,10 @@
-"""What would halve a coefficient's uncertainty: knowing which other quantity how well, or how many
+"""What would halve a coefficient's uncertainty: an independent measurement of another quantity, or
 more trials.
 
-All unknowns stand side by side - coefficients, log L_inf, the budget's shared unknowns with their
-declared uncertainty - and the inverse of their information is what the trials leave. To measure a
-quantity independently adds to its own diagonal; to repeat the whole campaign N times multiplies
-what the trials say, and leaves the declared part as it is.
+All unknowns are estimated together - coefficients, log L_inf, the budget's shared unknowns with
+their declared uncertainty - and the inverse of their information is their covariance. An
+independent measurement of a quantity adds to its diagonal element; N repeats of the whole campaign
+multiply the trials' information and leave the declared part as it is.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ from nearlift.rounding import plain, signed
 if TYPE_CHECKING:
     from nearlift.fit.least_squares import LeastSquaresFit
 
-#: A remedy that takes off less than this part of the uncertainty is not worth a word.
+#: Least relative reduction of an uncertainty for which a remedy is listed.
 WORTH = 0.05
 #: Above this correlation two quantities are said to trade places.
 TRADES = 0.9
+#: Factor and unit in which the error of an input is shown.
 SCALES = {
     "height": (1e3, "mm"),
     "force": (1e3, "mN"),
@@ -39,8 +40,8 @@ SCALES = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Unknowns:
-    """Information (q, q) that the trials hold on all unknowns, the declared part's diagonal, and
-    who is who.
+    """Information (q, q) of the trials on all unknowns, the diagonal of the declared part, and the
+    groups of unknowns: name, scale, unit, indices.
     """
 
     trials: FloatArray
@@ -57,8 +58,8 @@ class _Unknowns:
 
 
 def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
-    """For every coefficient that the trials determine: what would halve its uncertainty, the
-    easiest first.
+    """What would halve the uncertainty of every determined coefficient; sufficient remedies first,
+    then by the uncertainty that they leave.
     """
     known = [
         i

@@ -1,4 +1,4 @@
-"""The rotor's own coefficient far from every boundary, and whether it is constant.
+"""Lift coefficient C_L of the rotors far from every boundary, and whether it is constant.
 
     L_inf = rotors C_L rho f^2 r^4        f in turns per second
 
@@ -16,31 +16,30 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: What the paper holds it at.
+#: C_L in Carter, Bouchard and Quinn 2021.
 PAPER = 1.6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Trend:
-    """A constant and a power law through C_L.
+    """Constant and power-law fits to C_L.
 
     Attributes
     ----------
     mean, u_mean : float
         Of a constant C_L.
     middle_Hz, C_middle : float
-        A speed, and the power law's C_L there.
+        Geometric mean speed, and the power law's C_L there.
     p_constant : float or None
-        Of one C_L for all throttles; None for one throttle.
+        p-value of one C_L for all throttles; None for one throttle.
     exponent, u_exponent : float
         m of C_L ~ f^m; nan for one throttle.
     dof : float
         Of the exponent's interval; infinite where the uncertainties alone give it.
     p_trend : float or None
-        Of m = 0.
+        p-value of m = 0.
     excess : float
-        Root of chi2 over its degrees of freedom about the power law where above 1, when it has
-        widened `u_exponent`; else 1.
+        Birge ratio about the power law where above 1, when it has widened `u_exponent`; else 1.
     """
 
     mean: float
@@ -57,9 +56,7 @@ class Trend:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rotor:
-    """C_L per throttle with one standard uncertainty, that of the speed in it (all of shape (K,)),
-    and its trend.
-    """
+    """C_L per throttle, its standard uncertainty with the speed's, all (K,), and its trend."""
 
     throttle: FloatArray
     speed_Hz: FloatArray
@@ -76,8 +73,8 @@ def coefficient(
     radius_m: float,
     rotors: int,
 ) -> FloatArray:
-    """C_L of the whole vehicle's lift, all rotors at one speed in turns per second (their root mean
-    square where they differ). Shapes broadcast.
+    """C_L from the whole vehicle's lift, all rotors at one speed in turns per second (their root
+    mean square where they differ). Shapes broadcast.
     """
     return np.asarray(lift_N / (rotors * air_density * speed_Hz**2 * radius_m**4), dtype=np.float64)
 
@@ -100,7 +97,8 @@ def examine(
     lift_N, log_covariance : (K,), (K, K)
         L_inf, and the covariance of its logarithm.
     speed_Hz, u_log_speed : (K,)
-        Speed far from the boundary, and the standard uncertainty of its logarithm, each on its own.
+        Speed far from the boundary, and the standard uncertainty of its logarithm, independent
+        between throttles.
     air_density : float
         In kg/m^3; taken as exact, an error of it scales all C_L alike.
     """
@@ -134,8 +132,8 @@ def trend(log_C: FloatArray, covariance: FloatArray, log_f: FloatArray) -> Trend
     inverse = np.linalg.inv(x.T @ x)
     beta = inverse @ (x.T @ y)
     residual = y - x @ beta
-    # scatter about the power law beyond what the uncertainties grant widens the interval, and costs
-    # its degrees of freedom
+    # scatter about the power law beyond the uncertainties widens the interval, at the scatter's
+    # degrees of freedom
     excess = float(np.sqrt(residual @ residual / (k - 2))) if k > 2 else 1.0
     wide = excess > 1
     dof = float(k - 2) if wide else np.inf

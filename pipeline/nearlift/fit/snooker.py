@@ -1,10 +1,10 @@
 """The snooker move of ter Braak and Vrugt (Statistics and Computing 18, 2008) for emcee's
 ensembles.
 
-emcee has one, but up to and including 3.1.6 it leaves another distribution than the one asked for:
-its direction is not of unit length, so the size of a step depends on where it starts, and the
-acceptance takes the wrong power of the distance (mended in dfm/emcee#531, not yet released). Alone
-it makes the variance of a standard normal 1.08 and leaves a tail of 5 % with 5.6 %.
+emcee's own, up to and including 3.1.6, does not leave the target distribution invariant: its
+direction is not of unit length, so the size of a step depends on where it starts, and the
+acceptance takes the wrong power of the distance (fixed in dfm/emcee#531, not yet released). Alone
+it gives a standard normal a variance of 1.08, and its 5 % tail 5.6 %.
 """
 
 from __future__ import annotations
@@ -16,15 +16,12 @@ from emcee.moves import RedBlueMove
 
 from nearlift.declare import FloatArray
 
-#: Length of a step in units of the difference of two walkers along the line, as the paper
-#: recommends.
+#: Step length, in units of the projected difference of two walkers, as the paper recommends.
 GAMMA = 1.7
 
 
 class SnookerMove(RedBlueMove):  # type: ignore[misc]
-    """A walker moves along its line to another, by as far as two more lie apart in that
-    direction.
-    """
+    """A walker moves along its line to another by a projected difference of two more."""
 
     def __init__(self) -> None:
         super().__init__(nsplits=4)
@@ -36,7 +33,7 @@ class SnookerMove(RedBlueMove):  # type: ignore[misc]
         of the ratio of volumes, (n,).
         """
         n, p = s.shape
-        # which part is aimed at changes from step to step, so that none has a role of its own
+        # the parts exchange roles at random from step to step
         centre, first, second = (
             c[i][random.randint(len(c[i]), size=n)] for i in random.permutation(3)
         )

@@ -1,4 +1,4 @@
-"""A fit as fit.json keeps it: estimates, profiles, what would halve each uncertainty."""
+"""A fit's entry in fit.json: estimates, profiles, and what would halve each uncertainty."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from nearlift.results.fit import (
 )
 from nearlift.results.levels import LevelFit
 
-#: An uncertainty known with fewer degrees of freedom than this is flagged.
+#: Degrees of freedom below which an uncertainty is flagged.
 FEW_DOF = 5.0
 
 
@@ -58,7 +58,7 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
 
 
 def _levels(fit: LeastSquaresFit) -> LevelFit | None:
-    """The curve of L_inf, where it is one."""
+    """The fitted curve of L_inf; None where L_inf is free per throttle."""
     data = fit.problem.data
     if data.curve is None:
         return None
@@ -71,7 +71,7 @@ def _levels(fit: LeastSquaresFit) -> LevelFit | None:
 
 
 def _warning(dof: float) -> str | None:
-    """What to say of a coefficient whose uncertainty is itself hardly known."""
+    """Warning for a coefficient whose uncertainty is itself hardly known."""
     if dof >= FEW_DOF:
         return None
     return (
