@@ -87,8 +87,17 @@ def findings(data, base, parts=(), *, confirm=True, effects=None, **options):
 
 
 def restated(explanation, **fields):
-    """The explanation with other fields, those of its evidence among them."""
-    names = {"log_evidence": "log", "over_none": "over_none", "plausibility": "plausibility"}
-    told = {new: fields.pop(old) for old, new in names.items() if old in fields}
-    evidence = dataclasses.replace(explanation.evidence, **told)
+    """The explanation with other fields, those of its evidence among them: `log_evidence` by both
+    readings of its form.
+    """
+    evidence = explanation.evidence
+    if "log_evidence" in fields:
+        log = fields.pop("log_evidence")
+        over = evidence.over_none
+        evidence = dataclasses.replace(evidence, as_printed=log, uncertain=log, unnamed=log - over)
+    if "over_none" in fields:
+        unnamed = evidence.log - fields.pop("over_none")
+        evidence = dataclasses.replace(evidence, unnamed=unnamed)
+    own = {n: fields.pop(n) for n in ("as_printed", "uncertain", "plausibility") if n in fields}
+    evidence = dataclasses.replace(evidence, **own)
     return dataclasses.replace(explanation, evidence=evidence, **fields)

@@ -22,10 +22,11 @@ from nearlift.loop import (
     structure,
 )
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.explanation import MARGINAL
+from nearlift.loop.explanation import LEAST_SHARE, MARGINAL
 from nearlift.loop.families import STEP, families
 from nearlift.loop.search_problem import Options
 from nearlift.loop.visibility import visibility
+from nearlift.loop.wander import waves
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB, LoopCoefficients, LoopEstimate
 
 from .simulated import campaign, restated
@@ -105,45 +106,83 @@ def linearised(stage, fitted):
     )
 
 
+def readings(stage, e):
+    """Columns of the nuisances beside an explanation's form as printed, and uncertain."""
+    none, bent = (e.fitted.candidate.tube(e.fitted.vector, sd) for sd in (0.0, e.form_sd))
+    for reading, tube in zip(stage.readings(e.fitted, e.form_sd), (none, bent), strict=True):
+        wave = reading.wander * waves(stage.data) if reading.wander else none
+        yield reading, np.hstack([tube, wave])
+
+
 def test_plausibility_is_the_evidence_with_every_size_integrated_over_its_prior(stage, tried):
     for e in tried.values():
         rest, slopes, mean, sd, own, session, held = linearised(stage, e.fitted)
         free = np.r_[own, session]
         none = slopes[:, :0]
-        chi2_, _ = integrated(
-            stage,
-            rest + slopes[:, free] @ (e.fitted.vector - mean)[free],
-            slopes[:, : len(stage.theta)],
-            np.hstack([slopes[:, free] * sd[free], e.tube]),
-        )
-        # what stands at a bound could have been anywhere
-        anywhere = np.r_[free, held]
-        random = np.hstack([slopes[:, anywhere] * sd[anywhere], e.tube])
-        _, volume = integrated(stage, rest, none, random)
-        assert e.evidence.plausibility == pytest.approx(-0.5 * (chi2_ + volume), rel=1e-6), e.name
+        logs = []
+        for _, tube in readings(stage, e):
+            chi2_, _ = integrated(
+                stage,
+                rest + slopes[:, free] @ (e.fitted.vector - mean)[free],
+                slopes[:, : len(stage.theta)],
+                np.hstack([slopes[:, free] * sd[free], tube]),
+            )
+            # what stands at a bound could have been anywhere
+            anywhere = np.r_[free, held]
+            random = np.hstack([slopes[:, anywhere] * sd[anywhere], tube])
+            _, volume = integrated(stage, rest, none, random)
+            logs.append(-0.5 * (chi2_ + volume))
+        expected = np.logaddexp(*logs) - np.log(2)
+        assert e.evidence.plausibility == pytest.approx(expected, rel=1e-6), e.name
 
 
 def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tried):
+    """Of what the trials tell less of than n times its prior does, the prior is what is asked."""
     p = len(stage.theta)
     rest, slopes, *_ = linearised(stage, stage.base_fit)
     nothing = -0.5 * integrated(stage, rest, slopes, np.zeros((stage.data.n, 0)))[0]
     assert stage.nothing_added[1] == pytest.approx(nothing, rel=1e-9)
+    asked_by_priors = set()
     for e in tried.values():
         rest, slopes, mean, sd, own, session, held = linearised(stage, e.fitted)
-        chi2_, volume = integrated(
-            stage,
-            rest + slopes[:, session] @ (e.fitted.vector - mean)[session],
-            np.hstack([slopes[:, :p], slopes[:, own]]),
-            np.hstack([slopes[:, session] * sd[session], e.tube]),
-        )
-        asked = np.r_[own, held]
-        prior = np.sum(((e.fitted.vector - mean)[asked] / sd[asked]) ** 2)
-        # one unknown more each: how much sessions differ, and how far the gain wanders
-        unknowns = len(asked) + bool(len(session)) + bool(e.wander)
-        expected = -0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n))
+        logs = []
+        for reading, tube in readings(stage, e):
+            known, c = precision(stage, tube), slopes[:, :p]
+            known = known - known @ c @ np.linalg.solve(c.T @ known @ c, c.T @ known)
+            told = np.einsum("ij,ik,kj->j", slopes, known, slopes) * np.square(sd)
+            vague = own[told[own] > stage.data.n]
+            narrow = np.setdiff1d(own, vague)
+            asked_by_priors |= {(e.name, i) for i in narrow.tolist()}
+            random = np.r_[narrow, session]
+            chi2_, volume = integrated(
+                stage,
+                rest + slopes[:, random] @ (e.fitted.vector - mean)[random],
+                np.hstack([c, slopes[:, vague]]),
+                np.hstack([slopes[:, random] * sd[random], tube]),
+            )
+            paying = np.r_[vague, held]
+            prior = np.sum(((e.fitted.vector - mean)[paying] / sd[paying]) ** 2)
+            # one unknown more each: how much sessions differ, and how far the gain wanders
+            unknowns = len(paying) + bool(len(session)) + bool(reading.wander)
+            logs.append(-0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n)))
+        assert [e.evidence.as_printed, e.evidence.uncertain] == pytest.approx(logs, rel=1e-6)
+        expected = np.logaddexp(*logs) - np.log(2)
         assert e.evidence.log == pytest.approx(expected, rel=1e-6), e.name
         assert e.evidence.over_none == pytest.approx(expected - stage.unnamed, rel=1e-6, abs=1e-5)
         assert e.gain == pytest.approx(stage.base_fit.chi2 - e.fitted.chi2)
+    # both kinds of price are tried
+    assert asked_by_priors
+
+
+def test_without_rivals_a_form_is_as_uncertain_as_the_trials_say(tried):
+    """Its variance is the mean over both readings, and never nothing."""
+    e = tried["supply_sag"]
+    bent = e.fitted.candidate.tube(e.fitted.vector, e.form_sd)
+    for odds in (1e-3, 1.0, 50.0):
+        known = restated(e, as_printed=0.0, uncertain=np.log(odds))
+        columns = known.without_rivals().nuisances["form of supply_sag"]
+        expected = max(odds / (1 + odds), LEAST_SHARE) * bent @ bent.T
+        np.testing.assert_allclose(columns @ columns.T, expected, atol=1e-12 * expected.max())
 
 
 def precision(stage, nuisance):
@@ -635,12 +674,12 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
     """
     d = stage.hypotheses[1].shape[1]
     pair = next(e for e in tried.values() if len(e.effects) == 2)
-    half = RIVAL_MAX_2LNB / 2
+    single, half = tried["supply_sag"], RIVAL_MAX_2LNB / 2
 
-    def listed(log_evidence, dispersion=1.0, more=search.SECOND + 0.1, p_value=1.0):
+    def listed(log_evidence, dispersion=1.0, more=search.SECOND + 0.1, p_value=1.0, tried=1):
         gain = stage.excess - (dispersion - 1) * d
         one = restated(
-            of_left(tried["supply_sag"], False),
+            of_left(single, False),
             over_none=50.0,
             needed=True,
             confirmed=None,
@@ -657,47 +696,21 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
             gain=gain,
         )
         both = dataclasses.replace(both, left=dataclasses.replace(both.left, p_value=p_value))
-        return [len(e.effects) for e in search.contenders(stage, (one,), (both,))]
+        # of the others nothing speaks
+        others = (restated(one, log_evidence=-99.0, over_none=-49.0),) * (tried - 1)
+        return [len(e.effects) for e in search.contenders(stage, (one, *others), (both,))]
 
     for dispersion, price in ((1.0, 0.0), (1.0 + 10 / d, half * 10 / d)):
         assert listed(price + half - 0.1, dispersion) == [1, 2]
         assert listed(price + half + 0.1, dispersion) == [2]
+    # nine pairs to each of nineteen single effects
+    assert listed(half + np.log(9) - 0.1, tried=19) == [1, 2]
+    assert listed(half + np.log(9) + 0.1, tried=19) == [2]
     assert listed(-half + 0.1) == [1, 2]
     assert listed(-half - 0.1) == [1]
     # what one would do as well needs no second, and what is refuted stands beside nothing
     assert listed(0.0, more=search.SECOND - 0.1) == [1]
     assert listed(0.0, p_value=0.9 * MARGINAL) == [1]
-
-
-def test_two_straight_forms_stand_before_one_that_is_bent(stage, tried):
-    """One whose declared form leaves more than noise gives way to two that leave less and are no
-    more than a rival's distance behind.
-    """
-    pair = next(e for e in tried.values() if len(e.effects) == 2)
-
-    def listed(one_leaves, two_leave, behind):
-        one, two = (
-            restated(
-                of_left(e, False),
-                over_none=50.0,
-                needed=True,
-                confirmed=None,
-                log_evidence=-by,
-                gain=stage.excess - leaves * stage.chance,
-                wander=0.0,
-            )
-            for e, by, leaves in ((tried["supply_sag"], 0.0, one_leaves), (pair, behind, two_leave))
-        )
-        return [len(e.effects) for e in search.contenders(stage, (one,), (two,))]
-
-    straight, bent, near = search.LEAVES - 0.1, search.LEAVES + 0.1, RIVAL_MAX_2LNB / 2 - 0.1
-    assert listed(bent, straight, near) == [2]
-    assert (
-        listed(straight, straight, near)
-        == listed(bent, bent, near)
-        == listed(bent, straight, near + 0.2)
-        == [1]
-    )
 
 
 def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tried):
@@ -739,6 +752,29 @@ def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tr
         3.0,
         1.0,
     ]
+
+
+def test_one_that_leaves_what_chance_may_comes_first_where_it_is_likelier(stage, tried):
+    def standing(present, plausibility, p_value=0.01):
+        e = restated(
+            of_left(tried["supply_sag"], present),
+            over_none=50.0,
+            needed=True,
+            confirmed=None,
+            log_evidence=0.0,
+            plausibility=plausibility,
+        )
+        return dataclasses.replace(e, left=dataclasses.replace(e.left, p_value=p_value))
+
+    def first(*singles):
+        listed = search.contenders(stage, singles, ())
+        return listed[0].evidence.plausibility if listed else None
+
+    clean = standing(False, 1.0)
+    assert first(clean, standing(True, 2.0)) == 2.0
+    assert first(clean, standing(True, 2.0, p_value=0.9 * MARGINAL)) == 1.0
+    # where nothing is accepted, it is for `forgiven` to say
+    assert first(standing(True, 2.0)) is None
 
 
 def test_folds_take_turns_by_station():

@@ -6,9 +6,9 @@
 Mechanism: a rotor is no point source of uniform inflow and the ground no perfect mirror (roughness,
 boundary layer, load distribution); the images cancel more or less of the inflow than theory says.
 
-Convention: strength > 1 gains more (loses more, near a sidewall), 1 is the model. Where a model has
-a free fountain K_b beside its images, K_b takes up the fountain's part of the scaling, so that what
-is left is a coefficient on the images alone.
+Convention: strength > 1 gains more, 1 is the model. Where a model has a free fountain K_b beside
+its images, K_b takes up the fountain's part of the scaling, so that what is left is a coefficient
+on the images alone. Above ground only: models of a ceiling and a sidewall rest on no images.
 
 Refusal: nan where nothing of the inflow would be left.
 
@@ -59,6 +59,7 @@ EFFECT = Effect(
             ),
         ),
     ),
+    boundaries=("ground",),
     source=Source(
         citation=(
             "Coefficient on Cheeseman and Bennett's image as in Danjun and Li 2015, and as fitted"

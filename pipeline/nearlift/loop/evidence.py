@@ -4,6 +4,9 @@ In an orthonormal basis of whitened log lift, entries of the fit's vector are ei
 projected out, or integrated over their priors, as columns of prior size in the covariance with the
 residual taken at the priors' centres. The uncertainty of an effect's form is integrated over in the
 same way. The search asks for one residual, the planning of a campaign for many drawn ones.
+
+A true effect may scale just as its formula is printed, or only about so: an explanation is judged
+by both readings, each as likely as the other beforehand.
 """
 
 from __future__ import annotations
@@ -22,26 +25,52 @@ from nearlift.results import IntArray
 CREDIT = 2.0
 
 
+def mean_evidence(as_printed: FloatArray | float, uncertain: FloatArray | float) -> FloatArray:
+    """Log of the mean of two readings' evidence, which are given as logarithms."""
+    return np.asarray(np.logaddexp(as_printed, uncertain) - np.log(2.0))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExplanationEvidence:
     """How far the trials speak for an explanation, in natural logarithms.
 
-    `log` is by unit information, so that no effect gains or loses by how wide its prior happens to
-    be declared: it decides who belongs. `over_none` is how far that exceeds that of what has
-    no name: the base model's, or with a wander beside it (`wander`) if that is likelier.
-    `plausibility` is by the priors: it ranks those that belong.
+    `as_printed` and `uncertain` read its form as certain and as uncertain. Both are by unit
+    information, so that no effect gains or loses by how vague its prior happens to be declared:
+    they decide who belongs. `unnamed` is that of what has no name: the base model's, or with a
+    wander beside it (`wander`) if that is likelier. `plausibility` is by the priors, the mean over
+    both readings: it ranks those that belong.
     """
 
-    log: float
-    over_none: float
+    as_printed: float
+    uncertain: float
+    unnamed: float
     plausibility: float
 
     @classmethod
     def of_score(cls, score: float) -> ExplanationEvidence:
-        """A log score on visits left out, relative to the base model's, in the place of all three:
-        it knows of no prior.
+        """A log score on visits left out, relative to the base model's, in the place of all: it
+        knows of no prior and no form.
         """
-        return cls(log=score, over_none=score, plausibility=score)
+        return cls(as_printed=score, uncertain=score, unnamed=0.0, plausibility=score)
+
+    @property
+    def log(self) -> float:
+        """Of the mean over both readings."""
+        return float(mean_evidence(self.as_printed, self.uncertain))
+
+    @property
+    def over_none(self) -> float:
+        """How far that exceeds the evidence of what has no name."""
+        return self.log - self.unnamed
+
+    @property
+    def form_share(self) -> float:
+        """How likely it is that the form is uncertain rather than as printed."""
+        return float(np.exp(self.uncertain - np.logaddexp(self.as_printed, self.uncertain)))
+
+    def leads(self, other: ExplanationEvidence) -> float:
+        """By how much it exceeds another's by either reading: the smaller lead."""
+        return min(self.as_printed - other.as_printed, self.uncertain - other.uncertain)
 
 
 class Deformation:
@@ -106,10 +135,19 @@ class Linearised:
         return self.entries[inside[self.entries]]
 
     @cached_property
-    def single_and_session(self) -> tuple[IntArray, IntArray]:
-        """Free entries that all trials share, and those that differ by session."""
-        by_session = self.fitted.candidate.by_session[self.free]
-        return self.free[~by_session], self.free[by_session]
+    def vague(self) -> IntArray:
+        """The effects' entries that all trials share whose prior tells less than a single trial
+        does: each pays for unit information, and so does what is held at a bound, for only the
+        trials could push it there. The rest is integrated over its prior.
+        """
+        candidate, deform = self.fitted.candidate, Deformation(self.tube)
+        absorbed = orthonormal(deform(self.jacobian[:, self.coefficients]))
+        left = deform(self.jacobian[:, self.entries])
+        left = left - absorbed @ (absorbed.T @ left)
+        information = np.sum(left**2, axis=0) * candidate.prior[1][self.entries] ** 2
+        asked = (information > candidate.data.n) | ~np.isin(self.entries, self.free)
+        vague: IntArray = self.entries[asked & ~candidate.by_session[self.entries]]
+        return vague
 
     def integrated(self, scores: FloatArray, fixed: IntArray, random: IntArray) -> Integrated:
         """The scores (d, m) with the entries `fixed` projected out and those `random` integrated
@@ -140,21 +178,45 @@ class Linearised:
         return replace(integrated, log_det=log_det) if len(held) else integrated
 
     def by_unit_information(self, scores: FloatArray) -> Integrated:
-        """The scores with all projected out but what differs by session, which is one population,
-        integrated over.
+        """The scores with the coefficients and all that is `vague` projected out, and the rest
+        integrated over: what differs by session is one population.
         """
-        single, session = self.single_and_session
-        return self.integrated(scores, np.r_[self.coefficients, single], session)
+        vague = np.intersect1d(self.vague, self.free)
+        rest = np.setdiff1d(self.free, vague)
+        return self.integrated(scores, np.r_[self.coefficients, vague], rest)
 
     def log(self, scores: FloatArray) -> FloatArray:
         """Log evidence by unit information, (m,): it decides who belongs."""
-        candidate = self.fitted.candidate
+        candidate, vague = self.fitted.candidate, self.vague
         mean, sd = candidate.prior
-        by_session = candidate.by_session[self.entries]
-        # at a bound, too, an entry was fitted: only so could the trials push it there
-        single, session = self.entries[~by_session], self.entries[by_session]
         left = self.by_unit_information(scores)
-        penalty = float(np.sum(((self.fitted.vector - mean)[single] / sd[single]) ** 2))
-        unknowns = len(single) + (1 if len(session) else 0)
+        penalty = float(np.sum(((self.fitted.vector - mean)[vague] / sd[vague]) ** 2))
+        unknowns = len(vague) + bool(candidate.by_session[self.entries].any())
         price = penalty + unknowns * float(np.log(candidate.data.n))
         return np.asarray(left.log_likelihood - 0.5 * price)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FormReading:
+    """A fit, linearised with its form certain or not and a `wander` beside it, and its residual as
+    `scores` (d, 1).
+    """
+
+    here: Linearised
+    scores: FloatArray
+    wander: float
+
+    @cached_property
+    def left(self) -> Integrated:
+        """What it leaves with all but the coefficients integrated over."""
+        return self.here.by_priors(self.scores)
+
+    @property
+    def plausibility(self) -> float:
+        """Log evidence by the priors."""
+        return float(self.left.log_likelihood[0]) + self.outside
+
+    @property
+    def outside(self) -> float:
+        """Log likelihood of the part of the residual outside the basis: no unknown changes it."""
+        return -0.5 * (self.here.fitted.chi2 - float(np.sum(self.scores**2)))

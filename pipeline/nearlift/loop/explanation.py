@@ -4,7 +4,7 @@ they may be named.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from nearlift.loop.wander import waves
 #: Where nothing else would do, what an explanation leaves refutes it below this chance only: one
 #: test in twenty finds what is not there.
 MARGINAL = 0.005
+#: Least share of the variance of a form's uncertainty that is kept: the evidence for a form as
+#: printed is against smooth deformations, and knows nothing of others.
+LEAST_SHARE = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +69,14 @@ class Explanation:
         return self.left is None or self.left.p_value <= MARGINAL
 
     @property
+    def tenable(self) -> bool:
+        """Whether it may be named where something is: accepted, or refused by nothing but a test
+        that finds what is not there once in twenty.
+        """
+        plain = self.eligible and self.evidence.over_none > CREDIT
+        return self.accepted or (plain and self.by_chance)
+
+    @property
     def eligible(self) -> bool:
         """Whether nothing forbids to name it: each effect is `needed`, and of a possible size."""
         return self.needed and not self.fitted.at_bound
@@ -82,6 +93,13 @@ class Explanation:
             and not self.fitted.at_bound
             and (self.needed or len(self.effects) == 1)
         )
+
+    def without_rivals(self) -> Explanation:
+        """The same where nothing stands beside it. The trials then tell of its form, too: the
+        variance of that is the mean over both readings, or what no evidence takes away.
+        """
+        share = max(self.evidence.form_share, LEAST_SHARE)
+        return replace(self, form_sd=self.form_sd * float(np.sqrt(share)))
 
     @property
     def nuisances(self) -> dict[str, FloatArray]:

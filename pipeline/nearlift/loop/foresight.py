@@ -21,7 +21,7 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate import SESSION_SPREADS, Candidate
 from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.evidence import CREDIT, Linearised
+from nearlift.loop.evidence import CREDIT, Linearised, mean_evidence
 from nearlift.loop.handle import Contest, Handle, Power
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
@@ -219,34 +219,36 @@ class Foresight:
         elsewhere = self._elsewhere(handle, size)
         seen = self.seen(self.visible(handle, size) + elsewhere)
         base = fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector)
-        none, _ = self._evidence(base, elsewhere)
+        none = mean_evidence(*self._evidence(base, elsewhere)[:2])
         structure = self._left(base, elsewhere)
-        by_name: dict[str, tuple[FloatArray, FloatArray, FloatArray]] = {}
+        by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
         for effect in self.candidates:
             fits = [
                 search(c, stage.space, log_lift, stage.base_fit.vector)
                 for c in self._variants(effect)
             ]
-            tried = [
-                (*self._evidence(f, elsewhere), self._left(f, elsewhere))
-                for f in fits
-                if not f.at_bound
-            ]
-            if tried:
-                each = [np.stack(x) for x in zip(*tried, strict=True)]
-                pick = each[0].argmax(axis=0)[None]
-                table, order, left = (np.take_along_axis(x, pick, 0)[0] for x in each)
-                by_name[effect.name] = table, order, left
+            fits = [f for f in fits if not f.at_bound]
+            if fits:
+                each = np.stack([self._evidence(f, elsewhere) for f in fits])
+                left = np.stack([self._left(f, elsewhere) for f in fits])
+                pick = mean_evidence(each[:, 0], each[:, 1]).argmax(axis=0)[None]
+                by_name[effect.name] = (
+                    np.take_along_axis(each, pick[:, None], 0)[0],
+                    np.take_along_axis(left, pick, 0)[0],
+                )
         names = list(by_name)
-        table = np.stack([by_name[n][0] for n in names]) - none
-        order = np.stack([by_name[n][1] for n in names])
-        gain = structure - np.stack([by_name[n][2] for n in names])
+        # (effects, 2, draws) by both readings, and (effects, draws) by the priors
+        every = np.stack([by_name[n][0] for n in names])
+        readings, order = every[:, :2], every[:, 2]
+        table = mean_evidence(readings[:, 0], readings[:, 1]) - none
+        gain = structure - np.stack([by_name[n][1] for n in names])
         accepted = (
             (table > CREDIT) & seen & stage.greater_part(gain, structure - self._space[0].shape[1])
         )
-        best = np.where(accepted, table, -np.inf).max(axis=0, initial=-1e300)
+        best = np.where(accepted, table, -np.inf).argmax(axis=0)
+        leads = np.take_along_axis(readings, best[None, None], 0) - readings
         # once one may be named, others stand beside it by their evidence alone
-        member = accepted.any(axis=0) & (table > 0) & (2 * (best - table) <= RIVAL_MAX_2LNB)
+        member = accepted.any(axis=0) & (table > 0) & (2 * leads.min(axis=1) <= RIVAL_MAX_2LNB)
         leader = np.where(accepted & member, order, -np.inf).argmax(axis=0)
         total = max(int(seen.sum()), 1)
         rivals = {
@@ -272,18 +274,24 @@ class Foresight:
             return [candidate]
         return [dataclasses.replace(candidate, session_spread=s) for s in SESSION_SPREADS]
 
-    def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Of every draw of the noise, a fit's log evidence by unit information, which decides who
-        belongs, and by its priors, which ranks, each with a wander beside it where that is
-        likelier; (m,).
+    def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
+        """Of every draw of the noise a fit's log evidence by unit information, its form as printed
+        and uncertain, and its plausibility by the priors, each with a wander beside it where that
+        is likelier; (3, m).
         """
         basis = self._space[0]
-        tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
-        here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
         scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
-        left = here.by_unit_information(scores)
-        wander = worth(left.scores, self.stage.waves_beside(left), self.stage.data.n)
-        return here.log(scores) + wander, here.by_priors(scores).log_likelihood + wander
+        tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
+        jacobian = basis.T @ fitted.jacobian
+
+        def reading(tube: FloatArray) -> tuple[FloatArray, FloatArray]:
+            here = Linearised(fitted=fitted, jacobian=jacobian, tube=basis.T @ tube)
+            left = here.by_unit_information(scores)
+            wander = worth(left.scores, self.stage.waves_beside(left), self.stage.data.n)
+            return here.log(scores) + wander, here.by_priors(scores).log_likelihood + wander
+
+        printed, uncertain = reading(tube[:, :0]), reading(tube)
+        return np.stack([printed[0], uncertain[0], mean_evidence(printed[1], uncertain[1])])
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
         """Of every draw of the noise, the chi2 that a fit in its declared form leaves in the

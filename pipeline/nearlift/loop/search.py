@@ -15,7 +15,6 @@ from nearlift.declare import Effect
 from nearlift.loop import structure
 from nearlift.loop.candidate import bends_along
 from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import SearchProblem
@@ -31,17 +30,13 @@ PAIRS = 40
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
 LARGE = 0.3
 #: An explanation that leaves something may still be named if it accounts for this share of the
-#: structure, and plainly (log evidence).
+#: structure, and plainly (log evidence), its form granted this many times the usual uncertainty.
 NEARLY_ALL = 0.8
 PLAIN = 15.0
-#: One effect whose declared form leaves more than so many standard deviations of noise gives way to
-#: two that are as likely.
-LEAVES = 2.3
-#: Its form is then granted this many times the usual uncertainty.
 LOOSER = 2.0
 #: Drop of chi2 beyond the first that keeps a second effect beside it: of twenty that are not there,
-#: one brings so much in a hundred campaigns.
-SECOND = 12.0
+#: one brings so much in a thousand campaigns.
+SECOND = 16.0
 #: What else a covariate is called where it has families of its own.
 ALSO = {"previous_lift_N": ("previous_throttle", "previous_distance")}
 
@@ -115,8 +110,8 @@ class Answer:
 def run(stage: SearchProblem) -> Answer:
     """Test, then single effects, then pairs if no single one will do.
 
-    An effect that would do, but whose covariate's straight line in gain or force is plainly
-    likelier, is what happens along that covariate, and not that effect.
+    An effect that would do, but whose covariate's straight line in gain or force leads by more than
+    a rival may trail, is what happens along that covariate, and not that effect.
     """
     first, _ = stage.nothing_added
     if not first.present:
@@ -134,7 +129,7 @@ def run(stage: SearchProblem) -> Answer:
     disowned = {
         s.name
         for s in singles
-        if s.accepted and stage.as_declared(s) < stage.straight_line(s) - PLAIN
+        if s.accepted and s.evidence.over_none < stage.straight_line(s) - RIVAL_MAX_2LNB
     }
     if disowned:
         singles = tuple(
@@ -153,13 +148,10 @@ def run(stage: SearchProblem) -> Answer:
     if stage.options.pairs:
         # so few trials leave little for any test to find
         singles, pairs = forgiven(singles, pairs)
-    return Answer(
-        stage=stage,
-        first=first,
-        singles=singles,
-        pairs=pairs,
-        accepted=contenders(stage, singles, pairs),
-    )
+    accepted = contenders(stage, singles, pairs)
+    if len(accepted) == 1:
+        accepted = (accepted[0].without_rivals(),)
+    return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=accepted)
 
 
 def contenders(
@@ -169,48 +161,32 @@ def contenders(
     was accepted.
 
     Two effects take the place of one that would do alone only where the second earns it: one effect
-    of uncertain form can imitate two, and two one of strange form. What both leave is noise to that
+    of uncertain form can imitate two, and two one of strange form, so the two must lead by both
+    readings of the forms, and pay for how many pairs there are. What both leave is noise to that
     judgement, so the price grows with it.
     """
-    alone, together = [e for e in singles if e.accepted], [e for e in pairs if e.accepted]
-    if together and not alone:
-        # one effect that leaves what chance may is not worse than two for that
-        alone = [e for e in singles if e.eligible and e.by_chance and e.evidence.over_none > CREDIT]
-    alone.sort(key=lambda e: -e.evidence.log)
-    most = alone[0].evidence.log if alone else -np.inf
+    if not any(e.accepted for e in (*singles, *pairs)):
+        return ()
+    together = [e for e in pairs if e.accepted]
+    # one effect that leaves what chance may is not worse than one that leaves less, or two
+    alone = sorted((e for e in singles if e.tenable), key=lambda e: -e.evidence.log)
+    # of so many pairs to each single effect chance takes the likeliest
+    price = RIVAL_MAX_2LNB / 2 + float(np.log(max(len(singles) - 1, 2) / 2))
     earned = not alone or any(
-        p.evidence.log - most > RIVAL_MAX_2LNB / 2 * stage.dispersion(p)
+        p.evidence.leads(alone[0].evidence) > price * stage.dispersion(p)
         and p.gain > alone[0].gain + SECOND
         for p in together
     )
-    near = [e for e in alone if 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB]
-    if alone and min(map(stage.leaves, near)) > LEAVES:
-        # so much of its form would have to be wrong that two effects, of which neither is, need not
-        # be likelier
-        earned = earned or any(
-            stage.leaves(p) <= LEAVES and 2 * (most - p.evidence.log) <= RIVAL_MAX_2LNB
-            for p in together
-        )
     tried, accepted = (pairs, together) if earned else (singles, alone)
-    if not accepted:
-        return ()
     # who belongs is for the evidence to say; who comes first among those also for how large such an
     # effect may plausibly be
     first = max(accepted, key=lambda e: e.evidence.log)
-    most, declared = first.evidence.log, stage.as_declared(first)
-    # an effect pays for what its uncertain form could do where the coefficients absorb it; as
-    # declared it may yet be as likely
-    rivals = [
-        e
-        for e in tried
-        if e.possible
-        if 2 * min(most - e.evidence.log, declared - stage.as_declared(e)) <= RIVAL_MAX_2LNB
-    ]
+    rivals = [e for e in tried if e.possible and reaches(e, first)]
     if not stage.options.pairs:
         # beside few trials the form of a large effect that the coefficients absorb can explain
         # anything
         rivals = [e for e in rivals if e.needed]
-    rivals.sort(key=lambda e: (not e.accepted, -e.evidence.plausibility))
+    rivals.sort(key=lambda e: (not e.tenable, -e.evidence.plausibility))
     if not earned:
         # what a second effect would account for, an error of the first one's form may: both stand
         least = rivals[0].gain + SECOND
@@ -218,10 +194,17 @@ def contenders(
             p
             for p in pairs
             if p.possible and p.eligible and not p.refuted and p.gain > least
-            if 2 * (most - p.evidence.log) <= RIVAL_MAX_2LNB
+            if reaches(p, first)
         ]
         rivals += sorted(second, key=lambda e: -e.evidence.plausibility)
     return tuple(rivals)
+
+
+def reaches(rival: Explanation, best: Explanation) -> bool:
+    """Whether a rival is within reach of the best by either reading of their forms: an effect pays
+    for what its uncertain form could do where the coefficients absorb it.
+    """
+    return 2 * best.evidence.leads(rival.evidence) <= RIVAL_MAX_2LNB
 
 
 def forgiven(

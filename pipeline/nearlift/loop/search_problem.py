@@ -20,7 +20,14 @@ from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
 from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.evidence import CREDIT, ExplanationEvidence, Integrated, Linearised
+from nearlift.loop.evidence import (
+    CREDIT,
+    ExplanationEvidence,
+    FormReading,
+    Integrated,
+    Linearised,
+    mean_evidence,
+)
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import STEP, families
 from nearlift.loop.instruments import instruments
@@ -174,12 +181,9 @@ class SearchProblem:
         """The same in the basis of the hypotheses, (d, k)."""
         return self.hypotheses[1].T @ self.waves
 
-    def linearised(
-        self, fitted: Fitted, form_sd: float, wander: float = 0.0
-    ) -> tuple[Linearised, FloatArray]:
-        """A fit with its form uncertain by `form_sd` and a `wander` beside it, and its residual as
-        scores (d, 1), in a basis that begins with that of the hypotheses and spans all that the fit
-        moves along.
+    def linearised(self, fitted: Fitted, form_sd: float, wander: float = 0.0) -> FormReading:
+        """A fit with its form uncertain by `form_sd` and a `wander` beside it, in a basis that
+        begins with that of the hypotheses and spans all that the fit moves along.
         """
         _, basis = self.hypotheses
         tube = self.space.project(fitted.candidate.tube(fitted.vector, form_sd).T).T
@@ -192,8 +196,11 @@ class SearchProblem:
             np.linalg.norm(both, axis=0), 1e-300
         )
         whole = np.hstack([basis, framed(orthonormal(outside[:, beyond]))])
-        here = Linearised(fitted=fitted, jacobian=whole.T @ jacobian, tube=whole.T @ tube)
-        return here, (whole.T @ fitted.residual)[:, None]
+        return FormReading(
+            here=Linearised(fitted=fitted, jacobian=whole.T @ jacobian, tube=whole.T @ tube),
+            scores=(whole.T @ fitted.residual)[:, None],
+            wander=wander,
+        )
 
     def remaining(self, left: Integrated) -> Structure:
         """The whole test on what an explanation leaves."""
@@ -214,19 +221,13 @@ class SearchProblem:
         """The whole test on what an explanation leaves, made now if nobody asked before."""
         if e.left is not None:
             return e.left
-        here, scores = self.linearised(e.fitted, e.form_sd, e.wander)
-        return self.remaining(here.by_priors(scores))
+        return self.remaining(self.linearised(e.fitted, e.form_sd, e.wander).left)
 
     def waves_beside(self, left: Integrated) -> FloatArray:
         """The columns of a wander where these scores are, (d, k)."""
         known = self.waves_in_basis
         columns = left.deform(np.pad(known, ((0, len(left.scores) - len(known)), (0, 0))))
         return np.asarray(columns - left.removed @ (left.removed.T @ columns))
-
-    def wander_beside(self, here: Linearised, scores: FloatArray) -> float:
-        """The likeliest wander beside a fit with these scores (d, 1); 0 where none is worth it."""
-        left = here.by_unit_information(scores)
-        return likeliest(left.scores[:, 0], self.waves_beside(left), self.data.n)
 
     def explain(
         self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)
@@ -248,31 +249,43 @@ class SearchProblem:
             key=lambda e: e.evidence.log,
         )
 
+    def readings(self, fitted: Fitted, form_sd: float) -> tuple[FormReading, FormReading]:
+        """A fit with its form as printed, and uncertain by `form_sd`; each with the likeliest
+        wander beside it.
+        """
+        uncertain = self.linearised(fitted, form_sd)
+        certain = dataclasses.replace(uncertain.here, tube=uncertain.here.tube[:, :0])
+        printed = dataclasses.replace(uncertain, here=certain)
+        return self.with_wander(printed, 0.0), self.with_wander(uncertain, form_sd)
+
+    def with_wander(self, reading: FormReading, form_sd: float) -> FormReading:
+        """A reading, or where a wander beside it is worth its price, that."""
+        left = reading.here.by_unit_information(reading.scores)
+        wander = likeliest(left.scores[:, 0], self.waves_beside(left), self.data.n)
+        return self.linearised(reading.here.fitted, form_sd, wander) if wander else reading
+
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
         """A fit whose form is uncertain by `form_sd`; what it leaves is tested where the effects
         could then be named.
         """
-        here, scores = self.linearised(fitted, form_sd)
-        if wander := self.wander_beside(here, scores):
-            here, scores = self.linearised(fitted, form_sd, wander)
-        left = here.by_priors(scores)
-        log = self.log_evidence(here, scores, wander)
+        printed, uncertain = self.readings(fitted, form_sd)
         gain = self.base_fit.chi2 - fitted.chi2
         explanation = Explanation(
             fitted=fitted,
             form_sd=form_sd,
-            wander=wander,
+            wander=uncertain.wander,
             left=None,
             gain=gain,
             needed=all(bool(self.greater_part(gain - g, self.excess - g)) for g in without),
             evidence=ExplanationEvidence(
-                log=log,
-                over_none=log - self.unnamed,
-                plausibility=float(left.log_likelihood[0]) + outside(fitted, scores),
+                as_printed=self.log_evidence(printed),
+                uncertain=self.log_evidence(uncertain),
+                unnamed=self.unnamed,
+                plausibility=float(mean_evidence(printed.plausibility, uncertain.plausibility)),
             ),
         )
         if explanation.eligible and explanation.evidence.over_none > CREDIT:
-            return dataclasses.replace(explanation, left=self.remaining(left))
+            return dataclasses.replace(explanation, left=self.remaining(uncertain.left))
         return explanation
 
     def greater_part(
@@ -294,12 +307,6 @@ class SearchProblem:
         """Chi2 of the structure beyond what noise would have."""
         _, basis = self.hypotheses
         return float(max(np.sum((basis.T @ self.base_fit.residual) ** 2) - basis.shape[1], 1e-12))
-
-    def leaves(self, e: Explanation) -> float:
-        """Chi2 that an explanation leaves in its declared form beyond what noise has, in standard
-        deviations of the latter.
-        """
-        return (self.excess - e.gain) * BY_CHANCE / self.chance
 
     def straight_line(self, e: Explanation) -> float:
         """Log evidence of a straight line along the covariates of an explanation's effects, in gain
@@ -324,16 +331,6 @@ class SearchProblem:
                 best = max(best, 0.5 * (float(gain.max()) - float(np.log(data.n))))
         return best - (self.unnamed - self.nothing_added[1])
 
-    def as_declared(self, e: Explanation) -> float:
-        """Log evidence for an explanation over that of what has no name, its form certain where
-        that is likelier: so that of a straight line is worked out too.
-        """
-        unknowns = int(np.sum(~e.fitted.candidate.by_session)) - self.base_fit.candidate.size
-        price = e.fitted.penalty + unknowns * float(np.log(self.data.n))
-        certain = 0.5 * (e.gain - price) - (self.unnamed - self.nothing_added[1])
-        of_one_size = not e.fitted.candidate.by_session.any()
-        return max(e.evidence.over_none, certain) if of_one_size else e.evidence.over_none
-
     def dispersion(self, e: Explanation) -> float:
         """Variance along the families and effects that an explanation leaves, in units of the noise
         floor's; 1 where it leaves nothing.
@@ -355,36 +352,31 @@ class SearchProblem:
         return float(np.max(along**2 / np.maximum(np.sum(columns**2, axis=0), 1e-12)))
 
     @cached_property
-    def base_scores(self) -> tuple[Linearised, FloatArray]:
-        """The base model alone, and its residual as scores."""
+    def base_reading(self) -> FormReading:
+        """The base model alone."""
         return self.linearised(self.base_fit, 0.0)
 
     @cached_property
+    def _unnamed(self) -> FormReading:
+        """What has no name: the base model, with a wander beside it if that is likelier."""
+        return self.with_wander(self.base_reading, 0.0)
+
+    @property
     def base_wander(self) -> float:
         """The likeliest wander beside the base model alone."""
-        return self.wander_beside(*self.base_scores)
+        return self._unnamed.wander
 
     @cached_property
     def unnamed(self) -> float:
-        """Log evidence of what has no name: the base model, with a wander beside it if that is
-        likelier.
-        """
-        if not (wander := self.base_wander):
-            return self.nothing_added[1]
-        return self.log_evidence(*self.linearised(self.base_fit, 0.0, wander), wander)
+        """Log evidence of what has no name."""
+        return self.log_evidence(self._unnamed)
 
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:
         """The test on what the base model alone leaves, and its log evidence."""
-        here, scores = self.base_scores
-        return self.remaining(here.by_priors(scores)), self.log_evidence(here, scores)
+        return self.remaining(self.base_reading.left), self.log_evidence(self.base_reading)
 
-    def log_evidence(self, here: Linearised, scores: FloatArray, wander: float = 0.0) -> float:
-        """Of a fit with a wander beside it, by unit information."""
-        log = float(here.log(scores)[0])
-        return log + outside(here.fitted, scores) - price(wander, self.data.n)
-
-
-def outside(fitted: Fitted, scores: FloatArray) -> float:
-    """Log likelihood of the part of a residual outside its scores' basis: no unknown changes it."""
-    return -0.5 * (fitted.chi2 - float(np.sum(scores**2)))
+    def log_evidence(self, reading: FormReading) -> float:
+        """By unit information, a wander paid for."""
+        log = float(reading.here.log(reading.scores)[0])
+        return log + reading.outside - price(reading.wander, self.data.n)
