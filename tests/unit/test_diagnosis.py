@@ -31,6 +31,7 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.findings import partial
 from nearlift.loop.search import pair_gains, run
 from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 from .simulated import L_INF, STATIONS, campaign, findings, hsiao, restated
 
@@ -520,6 +521,15 @@ def test_a_cause_that_predicts_visits_left_out_is_found():
     assert found["error"]["after"]["held_out_rmse"] < found["error"]["before"]["held_out_rmse"] / 3
 
 
+def test_a_throttle_that_one_visit_alone_has_hides_no_cause():
+    # without that visit the trial has no L_inf and cannot be predicted, whatever the cause
+    data = sweeps(4, spread=0.004, supply_falls=True)
+    throttle = data.throttle.copy()
+    throttle[7] = 0.99
+    found = findings(dataclasses.replace(data, throttle=throttle), GROUND)
+    assert [e["name"] for e in found["effects"]] == ["supply_sag"]
+
+
 def test_few_visits_want_more_than_chance_and_the_greater_part():
     before = np.array([4.0, 5.0, 6.0, 5.0, 4.0, 6.0, 5.0, 5.0, 5.0])
     assert few_visits.convinces(before, before - 4.0, 1.0)
@@ -663,7 +673,6 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
             sag,
             fitted=fitted,
             left=left,
-            # as likely as declared as with its form uncertain
             gain=1e9 + 2 * log_evidence,
             needed=needed,
             log_evidence=log_evidence,
@@ -681,9 +690,10 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         standing(["air_density"], -6.0),
     )
     assert listed(singles) == [("warm_up",), ("supply_sag",)]
-    # an uncertain form may cost what the effect as declared does not
-    costly = restated(singles[2], gain=1e9)
-    assert listed((singles[0], costly)) == [("supply_sag",), ("air_density",)]
+    # an uncertain form may cost what the effect as printed does not, or the other way
+    for reading in ("as_printed", "uncertain"):
+        either = restated(singles[2], **{reading: 0.0})
+        assert set(listed((singles[0], either))) == {("supply_sag",), ("air_density",)}
     # what is likelier than nothing, if not by enough to be named, is a rival and never the name;
     # without one that is, it is nothing
     shy = standing(["warm_up"], -1.0, over_none=1.0, plausibility=1.0)
@@ -729,38 +739,6 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         assert listed(*search.forgiven((faint,), ())) == []
         # by itself; two effects that do are no likelier for what it may leave by chance
         assert listed(*search.forgiven((faint,), (pair,))) == expected
-
-
-def test_two_effects_do_not_displace_one_for_what_its_rival_leaves(null_stage):
-    """Of two single effects as likely, one leaves much in its declared form, the other nothing."""
-    effects = {e.name: e for e, _ in null_stage.library}
-    stage = dataclasses.replace(null_stage)
-    nothing = dataclasses.replace(
-        stage.left_by(stage.explain((effects["supply_sag"],))),
-        log10_p=np.zeros(1),
-        threshold=-4.0,
-    )
-
-    def standing(names, log_evidence):
-        explanation = stage.explain(tuple(effects[n] for n in names), (0.0,) * len(names))
-        size = explanation.fitted.candidate.null + 1e-9
-        return restated(
-            explanation,
-            fitted=dataclasses.replace(explanation.fitted, vector=size),
-            left=nothing,
-            gain=1e9,
-            needed=True,
-            log_evidence=log_evidence,
-            over_none=20.0,
-        )
-
-    likelier, cleaner = standing(["warm_up"], 0.1), standing(["supply_sag"], 0.0)
-    pair = restated(standing(["supply_sag", "tilt"], -1.0), gain=2e9)
-    left = {("warm_up",): search.LEAVES + 1, ("supply_sag",): 0.0, ("supply_sag", "tilt"): 0.0}
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(SearchProblem, "leaves", lambda _, e: left[e.effects])
-        assert search.contenders(stage, (likelier,), (pair,))[0] is pair
-        assert search.contenders(stage, (likelier, cleaner), (pair,))[0] is not pair
 
 
 def test_an_effect_that_no_fold_found_still_predicts():
@@ -866,7 +844,7 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
     )
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
-    assert answer.stage.straight_line(own) > answer.stage.as_declared(own) + search.PLAIN
+    assert answer.stage.straight_line(own) > own.evidence.over_none + RIVAL_MAX_2LNB
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
     assert answer.verdict == "unexplained"
 
@@ -883,9 +861,10 @@ def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
         set_up(dataclasses.replace(data, lift_N=data.lift_N + drift), GROUND, (), Options())[0]
     )
     own = next(e for e in answer.singles if e.name == "zero_drift")
-    assert answer.stage.as_declared(own) > own.evidence.over_none
-    assert answer.stage.as_declared(own) > answer.stage.straight_line(own)
-    assert own in answer.accepted
+    assert own.evidence.as_printed > own.evidence.uncertain
+    assert own.evidence.over_none > answer.stage.straight_line(own)
+    # alone, so that the trials tell of its form
+    assert answer.accepted == (own.without_rivals(),)
 
 
 def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage):

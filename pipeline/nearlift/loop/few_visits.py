@@ -16,6 +16,7 @@ import dataclasses
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import batched
@@ -63,7 +64,7 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
     log_inf = _levels(stage, _weights(stage, visit_of))(rest[:, None], np.arange(len(rest)))[:, 0]
     trial = np.arange(stage.data.n)
     result: FloatArray = rest[visit_of, trial] - log_inf[visit_of, trial]
-    foretold = [stage.data.foretold_by(visit_of != visit) for visit in range(len(rest))]
+    foretold = [stage.data.level_known_from(visit_of != visit) for visit in range(len(rest))]
     return np.where(np.array(foretold)[visit_of, trial], result, np.nan)
 
 
@@ -128,13 +129,15 @@ def _weights(stage: SearchProblem, visit: IntArray) -> FloatArray:
     return weight
 
 
-def by_visit(stage: SearchProblem, residual: FloatArray) -> FloatArray:
-    """Sum of squared residuals of each visit, infinite where a trial could not be predicted."""
+def by_visit(
+    stage: SearchProblem, residual: FloatArray, predictable: NDArray[np.bool_]
+) -> FloatArray:
+    """Sum of squared residuals of each visit over the trials that other visits predict, infinite
+    where one of these has none.
+    """
     _, label = np.unique(stage.data.visit, return_inverse=True)
-    result: FloatArray = np.bincount(
-        label, np.where(np.isfinite(residual), residual, np.inf) ** 2
-    ).astype(float)
-    return result
+    counted = np.where(predictable, np.where(np.isfinite(residual), residual, np.inf), 0.0)
+    return np.bincount(label, counted**2).astype(float)
 
 
 def convinces(before: FloatArray, after: FloatArray, noise: float) -> bool:
@@ -161,15 +164,18 @@ def run(stage: SearchProblem) -> Answer:
     visible = list(
         {e.name: e for e, _ in working.library if visibility(working, e) > SILENT}.values()
     )
-    scatter = stage.data.n * noise.floor(stage.data, stage.noise, stage.slope) ** 2
-    none = by_visit(working, left_out(working, ()))
+    alone = left_out(working, ())
+    # without its visit a trial may have no L_inf, whatever the effect
+    predictable = np.isfinite(alone)
+    scatter = predictable.sum() * noise.floor(stage.data, stage.noise, stage.slope) ** 2
+    none = by_visit(working, alone, predictable)
     best: tuple[Effect, ...] = ()
     to_beat = none
     rounds: list[tuple[Explanation, ...]] = []
     while len(best) < MOST_EFFECTS:
         tried, errors = [], {}
         for effect in (e for e in visible if e not in best):
-            squares = by_visit(working, left_out(working, (*best, effect)))
+            squares = by_visit(working, left_out(working, (*best, effect)), predictable)
             explanation = _explanation(
                 working,
                 (*best, effect),
