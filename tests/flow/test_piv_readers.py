@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.piv.sniff import DIALECTS, dialect_of, read, told_apart
+from nearlift.readers.piv.sniff import DIALECTS, claimed_by, dialect_of, read
 from nearlift.readers.piv.vectors import Setting
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "piv-samples"
@@ -107,7 +107,7 @@ def dantec(columns: str = NAMES, status: np.ndarray = 0 * ONE, tab: bool = False
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_every_text_dialect_gives_the_same_field(tmp_path, name, text, setting, ending):
     path = put(tmp_path, text.replace("\n", ending))
-    assert told_apart(path).name == name
+    assert claimed_by(path).name == name
     field = one(path, setting)
     np.testing.assert_allclose(field.x_m, 1e-3 * X[0])
     np.testing.assert_allclose(field.y_m, 1e-3 * Y[:, 0])

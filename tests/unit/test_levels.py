@@ -183,11 +183,11 @@ def test_a_curve_is_told_with_its_uncertainty_and_not_beyond_its_trials() -> Non
 def test_visits_left_out_beyond_the_others_are_not_predicted() -> None:
     data = with_curve(scattered(9), ["throttle"], 1)
     highest = data.visit == data.visit[np.argmax(data.throttle)]
-    known = data.foretold_by(~highest)
+    known = data.level_known_from(~highest)
     assert not known[np.argmax(data.throttle)]
     assert known[~highest].all()
     masks = confirmation.folds(data)
-    assert all(data.foretold_by(~m)[m].mean() > 0.9 for m in masks)
+    assert all(data.level_known_from(~m)[m].mean() > 0.9 for m in masks)
 
 
 # ---- refused

@@ -129,9 +129,9 @@ def test_a_chain_that_takes_long_is_told_once_by_its_first_blocks(monkeypatch):
     chain = expense.Chain(say=told.append, what="posterior of x", blocks=245)
     short = expense.Chain(say=pytest.fail, what="posterior of y", blocks=20)
     for count in range(1, 9):
-        chain.heard(count)
+        chain.done(count)
     for count in range(1, 9):
-        short.heard(count)
+        short.done(count)
     # four blocks in half a second: 240 more take thirty
     assert told == ["posterior of x: by a chain, about 30 s more if it takes all its steps"]
 

@@ -12,7 +12,14 @@ from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
-from nearlift.loop.stability import LOOK, Without, tipping, told, told_of_visits, visits_to_try
+from nearlift.loop.stability import (
+    LOOK,
+    Without,
+    most_in_favour,
+    visits_to_try,
+    with_decisive_trial,
+    with_decisive_visits,
+)
 from nearlift.results.quotation import RestsOn, Shift
 
 from .simulated import campaign
@@ -68,7 +75,7 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(
             verdict=verdict, effects=effects, intervals={"K_b": (value, value - 1.0, value + 1.0)}
         )
 
-    found = told(quoted, without)
+    found = with_decisive_trial(quoted, without)
     (trial,) = asked
     assert found.coefficients["K_b"].influence.trial.id == trial
     assert found.coefficients["K_b"].influence.trial.shift == pytest.approx(by * headline.u)
@@ -91,9 +98,9 @@ def test_where_no_trial_matters_nothing_is_made_again(quoted):
     trial = replace(headline.influence.trial, shift=0.5 * LOOK * headline.u)
     small = replace(headline.influence, trial=trial)
     quiet = replace(quoted, coefficients={"K_b": replace(headline, influence=small)})
-    assert told(quiet, pytest.fail) is quiet
+    assert with_decisive_trial(quiet, pytest.fail) is quiet
     unknown = replace(quoted, coefficients={"K_b": replace(headline, u=np.inf)})
-    assert told(unknown, pytest.fail) is unknown
+    assert with_decisive_trial(unknown, pytest.fail) is unknown
 
 
 def test_the_trials_that_speak_most_for_a_hardly_earned_name_are_tried():
@@ -101,13 +108,13 @@ def test_the_trials_that_speak_most_for_a_hardly_earned_name_are_tried():
     before = after.copy()
     before[7], before[9] = 0.02, 0.012
     ids, z_hat = np.array([f"t{i}" for i in range(400)]), np.full(400, 1.5)
-    assert [s.id for s in tipping(4.0, before, after, ids, z_hat)] == ["t7", "t9"]
-    assert [s.id for s in tipping(12.0, before, after, ids, z_hat)] == ["t7"]
-    assert tipping(40.0, before, after, ids, z_hat) == ()
+    assert [s.id for s in most_in_favour(4.0, before, after, ids, z_hat)] == ["t7", "t9"]
+    assert [s.id for s in most_in_favour(12.0, before, after, ids, z_hat)] == ["t7"]
+    assert most_in_favour(40.0, before, after, ids, z_hat) == ()
     # a visit speaks with the voice of all its trials
     visits = np.arange(400) // 10
-    assert [s.id for s in tipping(12.0, before, after, visits, z_hat)] == ["0"]
-    assert [s.id for s in tipping(4.0, before, after, visits + 7, z_hat)] == ["7"]
+    assert [s.id for s in most_in_favour(12.0, before, after, visits, z_hat)] == ["0"]
+    assert [s.id for s in most_in_favour(4.0, before, after, visits + 7, z_hat)] == ["7"]
 
 
 def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
@@ -120,10 +127,10 @@ def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
         verdict = quoted.verdict if trial == first else "effect"
         return Without(verdict=verdict, effects=(), intervals=intervals)
 
-    found = told(quoted, without, (Shift(id="t9", shift=0.0, z_hat=1.5),))
+    found = with_decisive_trial(quoted, without, (Shift(id="t9", shift=0.0, z_hat=1.5),))
     assert found.rests_on.trial == "t9"
     assert found.leaning.startswith("it rests on trial t9 (z_hat = 1.5): without it the verdict is")
-    assert told(quoted, without).rests_on is None
+    assert with_decisive_trial(quoted, without).rests_on is None
 
 
 def test_no_single_trial_decides_at_which_throttle_coefficients_hold():
@@ -160,8 +167,8 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
         verdict = quoted.verdict if visit == "0" else "effect"
         return Without(verdict=verdict, effects=("tilt",), intervals=intervals)
 
-    assert told_of_visits(quoted, without, visits[:1]) == quoted
-    found = told_of_visits(quoted, without, visits)
+    assert with_decisive_visits(quoted, without, visits[:1]) == quoted
+    found = with_decisive_visits(quoted, without, visits)
     assert found.rests_on_visit.visit == "2"
     assert found.rests_on_visit.effects == ("tilt",)
     assert found.leaning == (

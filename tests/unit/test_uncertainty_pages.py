@@ -195,7 +195,7 @@ def test_what_was_declared_keeps_its_line_however_small(evidence):
     assert first["source"] + tables.FOOTMARK in text
     assert text.rstrip().endswith("no finding.}")
     assert tables.FOOTMARK not in tables.budget_table(evidence) or any(
-        uncertainty.untold(c)
+        uncertainty.badly_known(c)
         for b in evidence.boundaries
         for c in evidence.quoted(b).coefficients.values()
     )
@@ -204,7 +204,7 @@ def test_what_was_declared_keeps_its_line_however_small(evidence):
         next(r["u_without"].value for r in ground["rows"] if r["source"] == declared["source"])
         == own["u"]
     )
-    assert first["source"] in ground["untold"]
+    assert first["source"] in ground["badly_known"]
     assert declared["source"] in budget.summarise(known)["component"]
 
 

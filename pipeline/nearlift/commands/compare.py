@@ -207,7 +207,7 @@ def run(
 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     groups = grouped(listed, shared)
-    encoded = [_told(group) for group in groups]
+    encoded = [_document(group) for group in groups]
     content: dict[str, object] = {
         "schema": "nearlift.comparison/1",
         "shared": list(shared),
@@ -297,7 +297,7 @@ def _chance(p: float) -> str:
     return f"p = {plain(p, 2)}" if p > LEAST_CHANCE else f"p < {LEAST_CHANCE:g}"
 
 
-def _told(group: Group) -> dict[str, Any]:
+def _document(group: Group) -> dict[str, Any]:
     campaigns = [
         {
             "campaign": e.campaign,

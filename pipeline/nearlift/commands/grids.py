@@ -9,7 +9,7 @@ from pathlib import Path
 from nearlift.errors import InputRefused
 from nearlift.flow.field import on_grid
 from nearlift.readers.channel import Channel, Contents
-from nearlift.readers.piv.sniff import raws, told_apart
+from nearlift.readers.piv.sniff import claimed_by, raws
 from nearlift.readers.piv.vectors import PIXEL, Raw
 
 
@@ -43,7 +43,7 @@ class Grid:
 def grid_of(path: Path) -> Grid | None:
     """The file as a velocity grid; None where it is none."""
     try:
-        dialect = told_apart(path)
+        dialect = claimed_by(path)
         for raw in raws(path, dialect):
             across, up, _ = on_grid(raw.x, raw.y, (raw.u,), str(path))
             nodes = len(across), len(up)

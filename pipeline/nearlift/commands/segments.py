@@ -17,7 +17,7 @@ from nearlift.readers.segments import Segmented
 PICTURE = "segments.png"
 
 
-def told(record: Segmented, rate_Hz: float) -> dict[str, object]:
+def cuts_document(record: Segmented, rate_Hz: float) -> dict[str, object]:
     """What one record was cut into, for machines."""
     return {
         "record": record.record.trial,
@@ -82,7 +82,7 @@ def command(call: Call, campaign: Path) -> None:
         segments.read(given, campaign, reader, record, path)
         for record, (path, _) in per_trial(given, campaign, ids).items()
     ]
-    contents = [told(record, rate) for record in records]
+    contents = [cuts_document(record, rate) for record in records]
     place = call.out / "reports" / given.name / PICTURE
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(segments_preview.picture(records, rate))

@@ -43,10 +43,10 @@ def command(call: Call, workspace: Path, port: int) -> None:
 
     bench = ServedWorkspace(workspace)
 
-    def told(link: str) -> None:
+    def announce(link: str) -> None:
         call.answer(
             {"workspace": str(bench.root), "link": link},
             f"{bench.root}: open {link}\nthe link is good for one browser; Ctrl-C ends it",
         )
 
-    serve(bench, port, told)
+    serve(bench, port, announce)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
+from nearlift.results import IntArray
 
 #: Maximum number of iterations.
 ROUNDS = 60
@@ -36,7 +37,6 @@ LAST_STEPS, DETERMINED = 20, 1e-9
 #: curvature of a minimum, relative to that without misfit; rounding contributes 1e-11.
 CURVATURE_STEP, CURVED = 1e-3, 1e-6
 
-IntArray = NDArray[np.int64]
 Residuals = Callable[[FloatArray, IntArray], FloatArray]
 Linearised = Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
 

@@ -15,7 +15,7 @@ from nearlift.fit.closeness import closeness
 from nearlift.fit.degeneracy import degeneracies
 from nearlift.fit.minimum import minimise
 from nearlift.likelihood import budget, noise, student
-from nearlift.likelihood.problem import Problem, height_slope
+from nearlift.likelihood.problem import Problem, height_slope, usable
 from nearlift.results import Estimate, Noise, Observations
 from nearlift.results.fit import Degeneracy
 
@@ -127,8 +127,6 @@ def fit(
     NotConverged
         Too few trials, or the optimiser failed.
     """
-    from nearlift.likelihood.problem import usable
-
     keep = usable(model, data)
     low, high = model.valid_z_hat
     excluded = tuple(
@@ -209,10 +207,9 @@ def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
             q.unit,
             q.bounds,
         )
-        bounded = plain.u > 0 and dof > 0
         estimates[q.name] = (
             replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof))
-            if bounded
+            if plain.u > 0
             else plain
         )
     free = data.unknown_levels

@@ -158,13 +158,13 @@ def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
     varies with has no stand-in.
     """
 
-    def told(name: str) -> bool:
+    def known(name: str) -> bool:
         if name in STAND_INS:
             decides = name == effect.varies_with
             return not decides or (name in data.covariates and varies(data, name))
         return name == "lift_inf_N" or varies(data, name)
 
-    return tuple(name for name in effect.needs if not told(name))
+    return tuple(name for name in effect.needs if not known(name))
 
 
 def unlogged(effect: Effect, data: Observations) -> tuple[str, ...]:

@@ -92,7 +92,7 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
     inside = np.empty(data.n, dtype=bool)
     for v in range(visit.max() + 1):
         members = visit == v
-        inside[members] = data.foretold_by(~members)[members]
+        inside[members] = data.level_known_from(~members)[members]
     shapes, y = _shapes(data), np.log(data.lift_N)
     squares: dict[int, FloatArray] = {}
     for degree in range(1, MOST_DEGREE + 1):

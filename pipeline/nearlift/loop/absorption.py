@@ -15,7 +15,6 @@ from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.few_visits import applies
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.visibility import SILENT
 from nearlift.nomenclature import letter
 from nearlift.results.diagnosis import CoefficientLimit, CoefficientShift, LoopCoefficients, Station
 from nearlift.rounding import signed
@@ -24,6 +23,9 @@ from nearlift.rounding import signed
 RESTS = 0.5
 #: Absolute correlation from which an effect and a coefficient count as confounded.
 CONFOUNDED = 0.5
+#: Share of a coefficient's information left beside a gain for each session or visit below which the
+#: gain absorbs the coefficient.
+ABSORBED = 0.01
 
 
 def shifts(
@@ -121,7 +123,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
             basis = orthonormal(levels)
             left = jacobian[:, i] - basis @ (basis.T @ jacobian[:, i])
             share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
-            if share < max(SILENT, 0.01) and len(np.unique(values)) > 1:
+            if share < ABSORBED and len(np.unique(values)) > 1:
                 text = (
                     f"A gain of its own for every {label} ({gain}) would absorb"
                     f" {parameter.name} altogether: these trials cannot tell the two apart, since"

@@ -47,10 +47,10 @@ class HeldOut:
 
 
 #: Called as a fold begins, with its index from 0 and the number of folds.
-Heard = Callable[[int, int], None]
+Progress = Callable[[int, int], None]
 
 
-def unheard(fold: int, of: int) -> None:
+def ignore_progress(fold: int, of: int) -> None:
     """Ignore the beginning of a fold."""
 
 
@@ -81,7 +81,7 @@ def held_out(
     stage: SearchProblem,
     again: Callable[[SearchProblem], Answer] = run,
     named: tuple[Effect, ...] = (),
-    heard: Heard = unheard,
+    progress: Progress = ignore_progress,
 ) -> HeldOut:
     """Held-out residuals of the search, repeated by `again` in every fold, and of the effects
     `named`, refitted in every fold.
@@ -95,11 +95,11 @@ def held_out(
     chosen = []
     masks = folds(data)
     for i, test in enumerate(masks):
-        heard(i, len(masks))
+        progress(i, len(masks))
         train = ~test
         # L_inf is unknown at a throttle that only held-out visits have, and a curve of L_inf is not
         # extrapolated
-        known = test & data.foretold_by(train)
+        known = test & data.level_known_from(train)
         part = dataclasses.replace(
             stage,
             data=data.take(train),

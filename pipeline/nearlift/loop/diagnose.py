@@ -32,7 +32,7 @@ from nearlift.loop import (
 from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
-from nearlift.loop.confirmation import Heard, unheard
+from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
@@ -71,7 +71,7 @@ def diagnose(
     effects: tuple[Effect, ...] | None = None,
     confirm: bool = True,
     look: InterimLook | None = None,
-    heard: Heard = unheard,
+    progress: Progress = ignore_progress,
 ) -> LoopDiagnosis:
     """Diagnose one boundary.
 
@@ -90,7 +90,7 @@ def diagnose(
         Whether to cross-validate by visits (most of the run time).
     look : InterimLook or None
         The progress of an unfinished campaign, whose claims need the interim boundary.
-    heard : callable
+    progress : callable
         Called as each fold begins.
 
     Raises
@@ -102,7 +102,7 @@ def diagnose(
     ground, library, untestable = set_up(data, base, parts, options, effects)
     declared = declared_sizes(parts, library)
     rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
-    decided = decide(ground, confirm, rate, heard=heard)
+    decided = decide(ground, confirm, rate, progress=progress)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
     stage = answer.stage
     residuals: dict[str, NDArray[Any]] = {
@@ -164,12 +164,12 @@ def diagnose(
         stage, answer, answers, _correlation(stage, answer, answers.unnamed), scores
     )
     if confirm:
-        quoted = stability.told(
+        quoted = stability.with_decisive_trial(
             quoted,
             lambda trial: _without(ground, ground.data.trial != trial, rate, decided, declared),
-            stability.hanging(answer, answers, quoted, residuals, stage.data.trial),
+            stability.decisive(answer, answers, quoted, residuals, stage.data.trial),
         )
-        quoted = stability.told_of_visits(
+        quoted = stability.with_decisive_visits(
             quoted,
             lambda visit: _without_visit(ground, visit, rate, decided, declared),
             stability.visits_to_try(answer, answers, quoted, residuals),
@@ -199,7 +199,7 @@ def decide(
     confirm: bool,
     rate: float,
     like: Decided | None = None,
-    heard: Heard = unheard,
+    progress: Progress = ignore_progress,
 ) -> Decided:
     """Search, and with `confirm` cross-validate by visits; where the search agrees with `like`, the
     confirmation and contradictions of the latter are taken over.
@@ -221,7 +221,7 @@ def decide(
         named = answer.best.candidate.effects
         scored = (
             confirmation.held_out(
-                stage if few else answer.stage, few_visits.run if few else run, named, heard
+                stage if few else answer.stage, few_visits.run if few else run, named, progress
             )
             if confirm
             else None

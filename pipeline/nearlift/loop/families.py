@@ -120,7 +120,7 @@ def families(data: Observations) -> tuple[Family, ...]:
         Family(name="time, slow", covariate="start", columns=slow),
         Family(name="time, slow, additive", covariate="start", columns=slow * additive),
         Family(name="time, fast", covariate="start", columns=fast),
-        Family(name="zero", covariate="throttle", columns=additive * indicators(np.ones(n))),
+        Family(name="zero", covariate="throttle", columns=additive),
         Family(
             name="order within a visit",
             covariate="order_in_visit",

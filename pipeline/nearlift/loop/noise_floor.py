@@ -82,9 +82,7 @@ def prepare(
             theta=vector[:p],
             options=options,
         )
-        if about is not None:
-            break
-        if not p:
+        if about is not None or not p:
             break
         moved, jacobian = stage.base_fit.vector - vector, stage.base_fit.jacobian
         if np.all(

@@ -143,14 +143,11 @@ def _option(change: DesignChange, gain: float, lacking: float) -> dict[str, obje
     not separate them.
     """
     needed: int | None = change.trials
-    if change.data is None:
-        enough = gain >= lacking
-    elif change.trials:
+    enough = gain >= lacking
+    if change.data is not None and change.trials:
         rate = gain / change.trials
         needed = int(np.ceil(lacking / rate)) if rate > 0 else None
         enough = needed is not None and needed <= 10 * change.trials
-    else:
-        enough = gain >= lacking
     return {
         "change": change.text,
         "trials": change.trials,

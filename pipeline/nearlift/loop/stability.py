@@ -41,7 +41,7 @@ class Without:
     intervals: Mapping[str, tuple[float, float, float]]
 
 
-def tipping(
+def most_in_favour(
     margin: float, before: FloatArray, after: FloatArray, label: NDArray[Any], z_hat: FloatArray
 ) -> tuple[Shift, ...]:
     """Trials or visits by their contribution to the log evidence for a name, the largest first: up
@@ -60,22 +60,22 @@ def tipping(
     )
 
 
-def hanging(
+def decisive(
     answer: Answer,
     answers: Answers,
     quoted: BoundaryResult,
     residuals: Mapping[str, NDArray[Any]],
     label: NDArray[Any],
 ) -> tuple[Shift, ...]:
-    """Trials or visits, by `label` (n,), that decide the name (`tipping`); empty without a name, or
-    where the base fit's headline is within one standard uncertainty.
+    """Trials or visits, by `label` (n,), that decide the name (`most_in_favour`); empty without a
+    name, or where the base fit's headline is within one standard uncertainty.
     """
     if not (answer.accepted and quoted.headline):
         return ()
     i, headline = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
     if not abs(answers.before[0][i] - headline.value) > headline.u:
         return ()
-    return tipping(
+    return most_in_favour(
         answer.accepted[0].evidence.over_none - CREDIT,
         residuals["before"],
         residuals["after"],
@@ -99,14 +99,14 @@ def visits_to_try(
             Shift.at(float(data.z_hat[data.visit == label].mean()), str(label), 0.0)
             for label in np.unique(data.visit)
         )
-    hangs = hanging(answer, answers, quoted, residuals, data.visit)
+    hangs = decisive(answer, answers, quoted, residuals, data.visit)
     hinge = quoted.hinge
     if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in hangs]:
         return (hinge[1], *hangs)
     return hangs
 
 
-def told(
+def with_decisive_trial(
     quoted: BoundaryResult, without: Callable[[str], Without], others: Sequence[Shift] = ()
 ) -> BoundaryResult:
     """The result with the exact shift of the headline without its most influential trial, and
@@ -147,7 +147,7 @@ def told(
     return replace(result, rests_on=rests).doubting({name: (doubt,)})
 
 
-def told_of_visits(
+def with_decisive_visits(
     quoted: BoundaryResult, without: Callable[[str], Without | None], visits: Sequence[Shift]
 ) -> BoundaryResult:
     """The result with a doubt for each of these visits whose omission changes the verdict, and the

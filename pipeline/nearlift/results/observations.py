@@ -155,7 +155,7 @@ class Observations:
         """1 / z_hat, (n,); 0 far from any boundary."""
         return np.where(np.isfinite(self.z_hat), 1 / np.maximum(self.z_hat, 1e-3), 0.0)
 
-    def foretold_by(self, train: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def level_known_from(self, train: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Trials whose L_inf the trials `train` tell: those at one of their throttles; of a curve,
         within their range of all that it is of.
         """

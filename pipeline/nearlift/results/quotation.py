@@ -271,7 +271,7 @@ class BoundaryResult:
         return next(iter(self.coefficients), "")
 
     @property
-    def told(self) -> str:
+    def first_quotable(self) -> str:
         """The headline; where it was refused, the first that the trials tell, if there is one."""
         return self.headline if self.headline in self.quotable else next(iter(self.quotable), "")
 
@@ -316,10 +316,10 @@ class BoundaryResult:
         """The single visit or trial that the answer rests on, whichever moves it more; None where
         it rests on none.
         """
-        c, on = self.quotable.get(self.told), self.rests_on
+        c, on = self.quotable.get(self.first_quotable), self.rests_on
         visit, trial = (c.influence.visit, c.influence.trial) if c else (None, None)
         # of flights the loop asks for no trial, and both stand as they were solved for
-        alone = trial if self.told in (self.in_flight or {}) else None
+        alone = trial if self.first_quotable in (self.in_flight or {}) else None
         least = abs(on.shift) if on else abs(alone.shift) if alone else 0.0
         if c and visit and abs(visit.shift) > max(c.u, least):
             return "visit", visit
@@ -335,7 +335,7 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
-        headline = self.every[self.told]
+        headline = self.every[self.first_quotable]
         trial = headline.influence.trial
         turns = {}
         for name, on in (("trial", self.rests_on), ("visit", self.rests_on_visit)):
@@ -351,7 +351,7 @@ class BoundaryResult:
             now = turned or self.verdict
             return f"the verdict is a near thing: without {kind} {moved.place} it is {now}{also}"
         sign = "+" if moved.shift > 0 else ""
-        moves = f"{noun(self.told)} moves by {sign}{plain(moved.shift, 2)}"
+        moves = f"{noun(self.first_quotable)} moves by {sign}{plain(moved.shift, 2)}"
         other = f"the verdict is {turned} and " if turned else ""
         to = like(headline.value + moved.shift, headline.u)
         return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"

@@ -68,7 +68,7 @@ class Chain:
     blocks: int
     began: float | None = None
 
-    def heard(self, count: int) -> None:
+    def done(self, count: int) -> None:
         """Block `count`, from 1, is done."""
         if count == 1:
             self.began = time.monotonic()

@@ -33,10 +33,10 @@ def silent(text: str, share: float | None = None, /) -> None:
 def part(say: Say, i: int, count: int) -> Say:
     """What hears the `i`-th, from 0, of so many like parts of an activity."""
 
-    def heard(text: str, share: float | None = None, /) -> None:
+    def say_part(text: str, share: float | None = None, /) -> None:
         say(text, (i + (share or 0.0)) / count)
 
-    return heard
+    return say_part
 
 
 class FileStamp(TypedDict):

@@ -89,7 +89,7 @@ def check(root: Path, text: str, schedule: str) -> DraftCheck:
     fields: list[dict[str, object]] = [
         {
             "key": key,
-            "value": _told(value),
+            "value": _typed(value),
             "choices": _choices(key),
             "remark": remark(text, where[key][1]) if key in where else "",
         }
@@ -126,7 +126,7 @@ def _without_unit(values: dict[str, object], schedule: str) -> Iterator[str]:
             yield key
 
 
-def _told(value: object) -> str:
+def _typed(value: object) -> str:
     """A value as it is typed into a field."""
     return str(value).lower() if isinstance(value, bool) else str(value)
 

@@ -89,11 +89,11 @@ class Live:
                 "scheduled": len(self._turns),
                 "far": self._far,
                 "refusal": self.refusal,
-                "trials": [self._told(i) for i in changed],
+                "trials": [self._trial(i) for i in changed],
             }
             return changes, self.epoch, self.turn
 
-    def _told(self, i: int) -> dict[str, object]:
+    def _trial(self, i: int) -> dict[str, object]:
         """One trial."""
         trial = {name: self._table[name][i] for name in SHOWN}
         codes = trial["quality"].split()

@@ -64,7 +64,7 @@ def run(job: Job) -> Outcome:
                 parts,
                 options,
                 look=interim_look(trials, job.campaign, boundary),
-                heard=functools.partial(_fold, say, boundary),
+                progress=functools.partial(_fold, say, boundary),
             )
         except NotConverged as fault:
             reason = f"{fault.what}; {fault.remedy}"

@@ -72,7 +72,7 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         trials = schedule_of_trials(job.campaign, job.root, pieces)
         rows, unlisted = rows_of(job, schedule, trials, answers, Rows(len(trials)))
         counted = _counted(list(answers.values()))
-        return trials, rows, [*unlisted, *counted, *notes, *rows.told()]
+        return trials, rows, [*unlisted, *counted, *notes, *rows.remarks()]
 
 
 def cut_logs(task: Task) -> list[Flown]:

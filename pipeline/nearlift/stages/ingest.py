@@ -243,7 +243,7 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
         job.say(f"ingest {done} of {len(schedule)} trials", done / len(schedule))
         # while others reduce
         store.ready()
-    return rows, [*notes, *rows.told()]
+    return rows, [*notes, *rows.remarks()]
 
 
 def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str]:

@@ -153,7 +153,7 @@ def _at(
         notes.append("a table of means: fill in the mean lift of each row before it is read")
     if not data.ordered:
         notes.append("the order of the trials is unknown: what drifts is not planned for")
-    return _told(
+    return _document(
         plan,
         stage,
         aim,
@@ -165,7 +165,7 @@ def _at(
     )
 
 
-def _told(
+def _document(
     plan: Plan,
     stage: SearchProblem,
     aim: tuple[str, ...],

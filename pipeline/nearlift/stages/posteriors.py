@@ -95,7 +95,7 @@ class Posteriors:
 
         def keep(block: Block) -> None:
             checkpoint.keep(block)
-            chain.heard(checkpoint.count)
+            chain.done(checkpoint.count)
             say(f"{what}, {BLOCK * checkpoint.count} steps", 0.5)
 
         say(what, 0.5)

@@ -99,7 +99,7 @@ class Rows:
             count, first = self.notes.get(note, (0, place))
             self.notes[note] = count + more, first
 
-    def told(self) -> list[str]:
+    def remarks(self) -> list[str]:
         """The remarks, each once."""
         return [
             note if count == 1 else f"{note} ({count} records, such as {first})"

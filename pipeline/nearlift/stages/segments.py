@@ -67,7 +67,7 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
     campaign = job.campaign
     trials = schedule_of_trials(campaign, job.root, {r: a.pieces for r, a in answers.items()})
     rows, notes = rows_of(job, schedule, trials, answers, Rows(len(trials), FURTHER))
-    return trials, rows, [*notes, *_counted(list(answers.values())), *rows.told()]
+    return trials, rows, [*notes, *_counted(list(answers.values())), *rows.remarks()]
 
 
 def answers_of(

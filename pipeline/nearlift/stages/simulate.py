@@ -83,10 +83,10 @@ def _counting(job: Job, chosen: Simulate) -> Say:
     of = len(chosen.presets) * len(presets.MODELS) + (1 + chosen.maps) * len(_flown(job))
     done = itertools.count()
 
-    def heard(text: str, share: float | None = None, /) -> None:
+    def say_step(text: str, share: float | None = None, /) -> None:
         part(job.say, next(done), of)(text, share)
 
-    return heard
+    return say_step
 
 
 def vehicle(job: Job, chosen: Simulate) -> Craft:

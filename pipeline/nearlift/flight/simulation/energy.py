@@ -140,6 +140,8 @@ def choose(
             and needed < MOST_FLIGHTS
         ):
             needed = int(np.ceil(1.05 * needed))
+        if needed >= MOST_FLIGHTS:
+            needed = None
     return BestSetPoint(
         price=price,
         target_z_hat=float(target_z_hat[best]) if resolved else None,

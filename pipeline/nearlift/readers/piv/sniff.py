@@ -37,7 +37,7 @@ def dialect_of(name: str) -> Dialect:
     return known[name]
 
 
-def told_apart(path: Path) -> Dialect:
+def claimed_by(path: Path) -> Dialect:
     """The one dialect that claims a file.
 
     Raises
@@ -80,7 +80,7 @@ def read(
     InputRefused
         The file cannot be read, or holds no velocities in known units.
     """
-    dialect = told_apart(path) if format_name is None else dialect_of(format_name)
+    dialect = claimed_by(path) if format_name is None else dialect_of(format_name)
     for i, raw in enumerate(raws(path, dialect, child)):
         yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
 

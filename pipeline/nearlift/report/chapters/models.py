@@ -11,7 +11,7 @@ from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
 from nearlift.products import FIT
 from nearlift.report.chapters.doubts import reduced
-from nearlift.report.chapters.uncertainty import untold
+from nearlift.report.chapters.uncertainty import badly_known
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, Quoted, headline
 from nearlift.results.fit import CoefficientEstimate, Degeneracy
@@ -183,7 +183,7 @@ def noise(evidence: Evidence) -> dict[str, object]:
                 "common": place.percent("common", digits=3),
                 "drift": place.percent("drift", digits=3),
                 "source": scatter.source,
-                "untold": sorted({source for c in quoted for source in untold(c)}),
+                "badly_known": sorted({source for c in quoted for source in badly_known(c)}),
                 "dof": place.number("dof", digits=6) if math.isfinite(scatter.dof) else None,
             }
         )

@@ -92,14 +92,14 @@ def _budget(
         "quoted": headline(evidence, boundary, name),
         "rows": rows,
         "small": small,
-        "untold": untold(coefficient),
+        "badly_known": badly_known(coefficient),
         "u": here.number("u", digits=3),
         "dof": here.degrees("dof"),
         **here.numbers("lo95", "hi95", like_u=coefficient.u),
     }
 
 
-def untold(coefficient: CoefficientResult) -> list[str]:
+def badly_known(coefficient: CoefficientResult) -> list[str]:
     """The sources of a coefficient's uncertainty of which repeats tell next to nothing."""
     return [line.source for line in coefficient.budget if line.dof < TELLING]
 
@@ -228,20 +228,20 @@ def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, s
     def listed(names: list[str]) -> str:
         return ", ".join(titles[n] for n in names)
 
-    def told(names: list[str]) -> str:
+    def apart(names: list[str]) -> str:
         return "; ".join(f"{titles[n]} ({_difference(models[n])})" for n in names)
 
     words = []
     if better:
         words.append(
-            f"Better than the base: {told(better)}. The 95 % interval of the score difference over"
+            f"Better than the base: {apart(better)}. The 95 % interval of the score difference over"
             " visits excludes zero."
         )
     if same:
-        words.append(f"Prediction does not part these from the base: {told(same)}.")
+        words.append(f"Prediction does not part these from the base: {apart(same)}.")
     if worse:
         words.append(
-            f"Worse: {told(worse)}. The 95 % interval of the score difference over visits excludes"
+            f"Worse: {apart(worse)}. The 95 % interval of the score difference over visits excludes"
             " zero."
         )
     behind = {n: models[n].aic - models[base].aic for n in same}

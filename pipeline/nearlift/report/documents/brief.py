@@ -15,7 +15,7 @@ from nearlift.likelihood.budget import components
 from nearlift.nomenclature import letter
 from nearlift.readers.columns import BY_NAME
 from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared, unseen
-from nearlift.report.chapters.uncertainty import untold
+from nearlift.report.chapters.uncertainty import badly_known
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.findings import listed, others, structure_along, to_log
@@ -160,16 +160,19 @@ def leads(c: CoefficientResult) -> list[tuple[str, float]]:
     sources = [
         (line.source, line.u_without)
         for line in sorted(c.budget, key=lambda line: line.u_without)
-        if line.u_without > 0 and fall(line, c.u) >= LEAST_FALL and line.source not in untold(c)
+        if line.u_without > 0
+        and fall(line, c.u) >= LEAST_FALL
+        and line.source not in badly_known(c)
     ]
     return sources[:SOURCES]
 
 
 def _influence(quoted: BoundaryResult) -> str:
     """The trial and the visit, or of flights the start, that move most what the trials tell."""
-    if not quoted.told:
+    name = quoted.first_quotable
+    if not name:
         return ""
-    c, flown = quoted.quotable[quoted.told], quoted.told in (quoted.in_flight or {})
+    c, flown = quoted.quotable[name], name in (quoted.in_flight or {})
     moves = [
         f"by {signed(one.shift, decimals(c.u) + 1)} without {kind}{one.place}"
         for kind, one in (
@@ -178,7 +181,7 @@ def _influence(quoted: BoundaryResult) -> str:
         )
         if one is not None
     ]
-    return f"{letter(quoted.told)} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""
+    return f"{letter(name)} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""
 
 
 def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:

@@ -17,7 +17,7 @@ from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
 from nearlift.products import DIAGNOSIS, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
-from nearlift.report.chapters.uncertainty import SCALES, untold
+from nearlift.report.chapters.uncertainty import SCALES, badly_known
 from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
@@ -280,10 +280,10 @@ def _loop(evidence: Evidence) -> str:
         if diagnosis
         for name in diagnosis.untestable
     )
-    untold = f" (of {listed([*unseen])} nothing logged can tell)" if unseen else ""
+    unlogged = f" (of {listed([*unseen])} nothing logged can tell)" if unseen else ""
     tested = (
         "Residuals of the base models were tested against run order, distance, throttle and what"
-        f" was logged, and against nearlift's library of declared effects{untold}, at a chance of"
+        f" was logged, and against nearlift's library of declared effects{unlogged}, at a chance of"
         f" {rate} % for any claim at a boundary where nothing is missing: {'; '.join(parts)}."
     )
     return " ".join([tested, *silent])
@@ -318,7 +318,7 @@ def _scatter(headline: CoefficientResult) -> str:
         for line in headline.budget
         if line.kind == "A" and line.u**2 >= LEAST_SHARE * headline.u**2 and line.u_input
     ]
-    few = untold(headline)
+    few = badly_known(headline)
     sized = [
         f"{line.source} {plain(SCALES[line.unit][0] * (line.u_input or 0.0), 2)}"
         f" {SCALES[line.unit][1]}"

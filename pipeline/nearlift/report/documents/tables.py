@@ -11,7 +11,7 @@ import numpy as np
 from nearlift.catalogue import titled
 from nearlift.nomenclature import mathematics
 from nearlift.products import FIT, RESULTS
-from nearlift.report.chapters.uncertainty import LEAST, untold
+from nearlift.report.chapters.uncertainty import LEAST, badly_known
 from nearlift.report.documents.latex import comment, escape
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.budget import fall
@@ -93,7 +93,7 @@ def budget_table(evidence: Evidence) -> str:
             lines += [] if first else [r"\addlinespace"]
             first = False
             label = f"{mathematics(name)}, {boundary}"
-            few = untold(coefficient)
+            few = badly_known(coefficient)
             marked = marked or bool(few)
             for line in sorted(coefficient.budget, key=lambda one: one.u_without):
                 if fall(line, coefficient.u) < LEAST and line.kind == "A":
