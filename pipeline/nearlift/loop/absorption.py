@@ -12,6 +12,7 @@ from nearlift import catalogue
 from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.families import indicators
 from nearlift.loop.few_visits import applies
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
@@ -117,10 +118,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
             *([("visit", stage.data.visit)] if applies(stage.data) else []),
         ]
         for label, values in levelled:
-            levels = stage.space.project(
-                np.eye(len(np.unique(values)))[np.unique(values, return_inverse=True)[1]].T
-            ).T
-            basis = orthonormal(levels)
+            basis = orthonormal(stage.space.project(indicators(values).T).T)
             left = jacobian[:, i] - basis @ (basis.T @ jacobian[:, i])
             share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
             if share < ABSORBED and len(np.unique(values)) > 1:

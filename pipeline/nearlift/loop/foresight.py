@@ -3,7 +3,7 @@ pass for, and the harm it does unseen.
 
 Nothing here needs measured lift. A stage (trials, base model, noise) is enough: noiseless data with
 one effect in them are given to every candidate, and the noise is drawn about those fits, which are
-linear in it. `loop.set_up` makes the stage of a campaign that was run, `planned` does all of it for
+linear in it. `diagnose.set_up` makes the stage of a campaign that was run, `planned` does all of it for
 one that was not.
 """
 
@@ -165,8 +165,7 @@ class Foresight:
         draws, scale = self._noise
         scores = draws + signal
         scores = (scores - (scores @ remove) @ remove.T) * scale
-        first = np.r_[0, np.cumsum(ranks)[:-1]].astype(int)
-        chi2 = np.add.reduceat((scores @ stacked) ** 2, first, axis=1)
+        chi2 = structure.chi2_of_each(scores, stacked, ranks)
         exceeds: NDArray[np.bool_] = np.any(chi2 > self._critical, axis=1)
         return exceeds
 

@@ -19,13 +19,9 @@ from nearlift.likelihood.covariates import unlogged
 from nearlift.loop.candidate_fit import search
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import Handle
-from nearlift.loop.separation import join, menu, parted, session
+from nearlift.loop.separation import APART, join, menu, parted, session
 from nearlift.results import Observations
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
-#: Non-centrality at which a rival drops out of the answer: the bound for rivals, and a margin for
-#: scatter.
-APART = RIVAL_MAX_2LNB + 4.0
 #: Trials in an addition of this module.
 FEW = 80
 #: Most pairs that are examined, changes that are checked, and options listed for a pair.

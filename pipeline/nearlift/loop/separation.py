@@ -16,9 +16,12 @@ from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
-from nearlift.results.diagnosis import CoefficientLimit
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB, CoefficientLimit
 from nearlift.results.outlook import Alternative, NextExperiment, NextSession
 
+#: Non-centrality at which a rival drops out of the answer: the bound for rivals, and a margin for
+#: scatter.
+APART = RIVAL_MAX_2LNB + 4.0
 #: Trials in a proposed session.
 SESSION = 160
 #: Weight on the evidence of a session that may not be feasible, where sessions are ranked.
@@ -194,7 +197,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
         rate, proposal = ranked[0]
         if rate < POINTLESS:
             continue
-        wanted = max(9.0 + 4.0 - now, 0.0)
+        wanted = max(APART - now, 0.0)
         experiments.append(
             NextSession(
                 separates=(best.name, rival.name),

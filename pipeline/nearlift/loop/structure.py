@@ -135,7 +135,7 @@ def bases(
 
 def log10_p(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
     """Log10 p-value of each hypothesis for score vectors (..., d); (..., number of hypotheses)."""
-    return log10_tail(_chi2(scores, stacked, ranks), ranks)
+    return log10_tail(chi2_of_each(scores, stacked, ranks), ranks)
 
 
 def log10_tail(chi2: FloatArray, ranks: FloatArray) -> FloatArray:
@@ -157,7 +157,10 @@ def log10_tail(chi2: FloatArray, ranks: FloatArray) -> FloatArray:
     return result
 
 
-def _chi2(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
+def chi2_of_each(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
+    """Chi-square of scores (..., d) along each hypothesis, (..., hypotheses); `stacked` (d, k) are
+    their orthonormal bases side by side, of these ranks.
+    """
     first = np.r_[0, np.cumsum(ranks)[:-1]].astype(int)
     result: FloatArray = np.add.reduceat((scores @ stacked) ** 2, first, axis=-1)
     return result
@@ -173,7 +176,7 @@ def _table(rank: int) -> tuple[FloatArray, FloatArray]:
 
 def _least(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
     """Smallest log10 p-value of each draw (m, d), from tables; (m,)."""
-    chi2 = _chi2(draws, stacked, ranks)
+    chi2 = chi2_of_each(draws, stacked, ranks)
     least = np.zeros(len(draws))
     for rank in np.unique(ranks):
         # at equal degrees of freedom the largest chi-square is the most significant

@@ -27,8 +27,9 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import handles
 from nearlift.loop.next_visits import Plan, Question
-from nearlift.loop.proposals import APART, Point
+from nearlift.loop.proposals import Point
 from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.loop.separation import APART
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
 from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
