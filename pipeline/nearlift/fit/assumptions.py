@@ -35,9 +35,6 @@ from nearlift.results.assumptions import (
 )
 from nearlift.results.serial import Nothing
 
-#: Half of a standard normal's 90 % interval.
-NORMAL90 = 1.6448536269514722
-
 
 def check(
     campaign: Campaign, fitted: LeastSquaresFit
@@ -45,7 +42,7 @@ def check(
     """The three checks of one boundary, from the fit of its base model."""
     problem, theta = linearised(fitted)
     # the exponent is confounded with the coefficients and takes their degrees of freedom
-    quantile = student.quantile(0.95, fitted.effective[0]) if len(theta) else NORMAL90
+    quantile = student.quantile(0.95, fitted.effective[0]) if len(theta) else student.NORMAL_90
     held = held_quantity.examine(problem, theta, fitted.dof_of_all) if len(theta) else None
     parts, slope = (*fitted.parts, *fitted.plan.shared), linear_problem(fitted)[2]
 
@@ -117,7 +114,7 @@ def exponents(
         logged=tuple(
             LoggedResponse(
                 quantity=r.quantity,
-                response=RatioEstimate(**interval(r.slope, r.u, NORMAL90)),
+                response=RatioEstimate(**interval(r.slope, r.u, student.NORMAL_90)),
                 p_value=r.p_value,
                 held=r.held,
                 spread=r.spread,
@@ -195,9 +192,9 @@ def rotor_coefficient(
         air_density=air,
         air_density_from=how,
         per_throttle={
-            x: ThrottleLift(speed_Hz=f, **interval(c, u, NORMAL90)) for x, f, c, u in each
+            x: ThrottleLift(speed_Hz=f, **interval(c, u, student.NORMAL_90)) for x, f, c, u in each
         },
-        mean=RatioEstimate(**interval(law.mean, law.u_mean, NORMAL90)),
+        mean=RatioEstimate(**interval(law.mean, law.u_mean, student.NORMAL_90)),
         p_constant=law.p_constant,
         exponent=(
             None

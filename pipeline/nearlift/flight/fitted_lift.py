@@ -10,10 +10,9 @@ import numpy as np
 
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel, Parameter
+from nearlift.likelihood import student
 from nearlift.results.quotation import Correlation
 
-#: 95 % point of the standard normal: half of a 90 % interval, in standard deviations.
-HALF_90 = 1.6448536269514722
 Ratio = Callable[[FloatArray], FloatArray]
 
 
@@ -157,7 +156,8 @@ def drawn_parameters(
         best[p.name] = float(quoted.value)
         if quoted.bounded:
             below, above = quoted.value - quoted.lo90, quoted.hi90 - quoted.value
-            drawn = quoted.value + np.where(n < 0, below / HALF_90, above / HALF_90) * n
+            u = np.where(n < 0, below, above) / student.NORMAL_90
+            drawn = quoted.value + u * n
         else:
             prior = p.prior.frozen()
             first, last = prior.cdf(p.bounds)

@@ -9,7 +9,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 
 #: Half of a normal's 90 % interval, in standard deviations.
-NORMAL_90 = 1.645
+NORMAL_90 = 1.6448536269514722
 
 
 def quantile(probability: float, dof: float) -> float:

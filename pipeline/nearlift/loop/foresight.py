@@ -3,8 +3,8 @@ pass for, and the harm it does unseen.
 
 Nothing here needs measured lift. A stage (trials, base model, noise) is enough: noiseless data with
 one effect in them are given to every candidate, and the noise is drawn about those fits, which are
-linear in it. `diagnose.set_up` makes the stage of a campaign that was run, `planned` does all of it for
-one that was not.
+linear in it. `diagnose.set_up` makes the stage of a campaign that was run, `planned` does all of it
+for one that was not.
 """
 
 from __future__ import annotations

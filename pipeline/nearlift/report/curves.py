@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.likelihood import student
 from nearlift.products import POSTERIOR
 from nearlift.report.evidence import Evidence
 from nearlift.results.fit import ModelFit, ParameterCovariance
 
-#: Normal quantile of a two-sided 90 % interval, for a fit that quotes none of its own.
-NORMAL_90 = 1.6448536269514722
 #: Two curves that part by less than this much of what the data span are one line in a figure.
 VISIBLE = 0.01
 
@@ -175,4 +174,4 @@ def quantile90(fit: ModelFit) -> float:
     for e in fit.parameters.values():
         if 0 < e.u < math.inf and math.isfinite(e.hi90):
             return (e.hi90 - e.value) / e.u
-    return NORMAL_90
+    return student.NORMAL_90

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.likelihood import student
 from nearlift.products import LOOP_RESIDUALS
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, lift_inf_N
@@ -100,7 +101,7 @@ def _band(
     spread = curves.uncertainty(
         model, z_hat, values, values, ParameterCovariance.named(free, covariance)
     )
-    return middle - curves.NORMAL_90 * spread, middle + curves.NORMAL_90 * spread
+    return middle - student.NORMAL_90 * spread, middle + student.NORMAL_90 * spread
 
 
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:

@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from nearlift.likelihood import student
+
 #: Siegmund's correction for the overshoot at the barriers, in standard deviations.
 OVERSHOOT = 1.166
-#: 95 % point of the standard normal.
-ONE_SIDED = 1.6448536269514722
 HOUR_S = 3600.0
 
 
@@ -52,7 +52,7 @@ def sequential_test(
     alarms_per_hour : float
         Mean rate of false alarms allowed, with the offset at its 95 % end.
     """
-    drift = (0.5 * abs(change) - ONE_SIDED * offset_u) / sigma
+    drift = (0.5 * abs(change) - student.NORMAL_90 * offset_u) / sigma
     if drift <= 0:
         return SequentialTest(threshold=math.inf, delay_s=math.inf)
     wanted = HOUR_S / (alarms_per_hour * every_s)

@@ -13,6 +13,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
+from nearlift.likelihood import student
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
@@ -150,7 +151,7 @@ def _section(ax: Axes, mine: Rows) -> None:
     )
     profile = select(mine, mine["kind"] == "profile")
     colour = SERIES[0][0]
-    reach = 1.645 * profile["u_value_m_s"]
+    reach = student.NORMAL_90 * profile["u_value_m_s"]
     ax.fill_between(
         profile["x_hat"],
         profile["value_m_s"] - reach,
