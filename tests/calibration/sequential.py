@@ -31,9 +31,9 @@ from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import coefficients, next_visits
 from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.diagnose import coefficients_of, decide, set_up
-from nearlift.loop.evidence import Linearised
+from nearlift.loop.evidence import FormReading, Linearised
 from nearlift.loop.interim import InterimLook
-from nearlift.loop.search_problem import Options, SearchProblem, outside
+from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import FORM_SD
 from nearlift.stages.asked import ROUNDS
@@ -297,7 +297,7 @@ def evidence(fitted: Fitted, form_sd: float = FORM_SD) -> float:
     basis = framed(orthonormal(np.hstack([fitted.jacobian, tube])))
     here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
     scores = (basis.T @ fitted.residual)[:, None]
-    return float(here.log(scores)[0]) + outside(fitted, scores)
+    return FormReading(here=here, scores=scores, wander=0.0).log
 
 
 KINDS = {"coefficient": coefficient, "stations": stations, "supply": supply}

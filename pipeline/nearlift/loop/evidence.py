@@ -173,9 +173,11 @@ class Linearised:
         """
         integrated = self.integrated(scores, self.coefficients, self.free)
         held = np.setdiff1d(self.entries, self.free)
+        if not len(held):
+            return integrated
         columns = self.jacobian[:, held] * self.fitted.candidate.prior[1][held]
         log_det = Deformation(np.hstack([integrated.deform.columns, columns])).log_det
-        return replace(integrated, log_det=log_det) if len(held) else integrated
+        return replace(integrated, log_det=log_det)
 
     def by_unit_information(self, scores: FloatArray) -> Integrated:
         """The scores with the coefficients and all that is `vague` projected out, and the rest
@@ -185,11 +187,12 @@ class Linearised:
         rest = np.setdiff1d(self.free, vague)
         return self.integrated(scores, np.r_[self.coefficients, vague], rest)
 
-    def log(self, scores: FloatArray) -> FloatArray:
-        """Log evidence by unit information, (m,): it decides who belongs."""
+    def log(self, left: Integrated) -> FloatArray:
+        """Log evidence by unit information, (m,), of what `by_unit_information` leaves: it decides
+        who belongs.
+        """
         candidate, vague = self.fitted.candidate, self.vague
         mean, sd = candidate.prior
-        left = self.by_unit_information(scores)
         penalty = float(np.sum(((self.fitted.vector - mean)[vague] / sd[vague]) ** 2))
         unknowns = len(vague) + bool(candidate.by_session[self.entries].any())
         price = penalty + unknowns * float(np.log(candidate.data.n))
@@ -210,6 +213,16 @@ class FormReading:
     def left(self) -> Integrated:
         """What it leaves with all but the coefficients integrated over."""
         return self.here.by_priors(self.scores)
+
+    @cached_property
+    def left_by_unit_information(self) -> Integrated:
+        """The same with what is vague projected out."""
+        return self.here.by_unit_information(self.scores)
+
+    @property
+    def log(self) -> float:
+        """Log evidence by unit information, a wander not paid for."""
+        return float(self.here.log(self.left_by_unit_information)[0]) + self.outside
 
     @property
     def plausibility(self) -> float:

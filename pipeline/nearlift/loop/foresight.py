@@ -287,7 +287,7 @@ class Foresight:
             here = Linearised(fitted=fitted, jacobian=jacobian, tube=basis.T @ tube)
             left = here.by_unit_information(scores)
             wander = worth(left.scores, self.stage.waves_beside(left), self.stage.data.n)
-            return here.log(scores) + wander, here.by_priors(scores).log_likelihood + wander
+            return here.log(left) + wander, here.by_priors(scores).log_likelihood + wander
 
         printed, uncertain = reading(tube[:, :0]), reading(tube)
         return np.stack([printed[0], uncertain[0], mean_evidence(printed[1], uncertain[1])])

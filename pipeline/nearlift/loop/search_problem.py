@@ -260,7 +260,7 @@ class SearchProblem:
 
     def with_wander(self, reading: FormReading, form_sd: float) -> FormReading:
         """A reading, or where a wander beside it is worth its price, that."""
-        left = reading.here.by_unit_information(reading.scores)
+        left = reading.left_by_unit_information
         wander = likeliest(left.scores[:, 0], self.waves_beside(left), self.data.n)
         return self.linearised(reading.here.fitted, form_sd, wander) if wander else reading
 
@@ -378,5 +378,4 @@ class SearchProblem:
 
     def log_evidence(self, reading: FormReading) -> float:
         """By unit information, a wander paid for."""
-        log = float(reading.here.log(reading.scores)[0])
-        return log + reading.outside - price(reading.wander, self.data.n)
+        return reading.log - price(reading.wander, self.data.n)

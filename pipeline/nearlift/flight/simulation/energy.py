@@ -88,7 +88,7 @@ class BestSetPoint:
         set-point would without crashes. True of the farthest itself: the best is there or beyond.
     flights_needed : int or None
         Flights that would resolve it at the crash rate of the flights that chose it; None where it
-        is resolved or no number would do.
+        is resolved or `MOST_FLIGHTS` would not do.
     agrees : bool
         Whether both extrapolations of lift below the nearest station lead to it; if not,
         `target_z_hat` is None and the interval is that of the model's own form.

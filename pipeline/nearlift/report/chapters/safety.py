@@ -9,6 +9,7 @@ from typing import Any
 from nearlift.declare import BOUNDARIES
 from nearlift.flight.simulation import presets
 from nearlift.flight.simulation.corridor import BERTH
+from nearlift.flight.simulation.energy import MOST_FLIGHTS
 from nearlift.products import SAFETY
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place
@@ -115,7 +116,7 @@ def refusal(point: dict[str, Any], flights: int) -> str:
     enough = (
         f"about {plain(point['flights_needed'], 2)} would"
         if point["flights_needed"]
-        else "no number of flights would"
+        else f"{MOST_FLIGHTS / 1e6:g} million would not either"
     )
     return f"not resolved by {flights} flights; {enough}"
 
