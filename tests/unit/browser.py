@@ -117,6 +117,11 @@ class Page:
                 raise AssertionError(f"never true: {script}\n{self.errors}\n{shown}")
             time.sleep(0.05)
 
+    def back(self) -> None:
+        """To the page before; the answer may be lost with the page that is left."""
+        with contextlib.suppress(Navigated):
+            self.run("history.back()")
+
     def open(self, address: str, width: int = 1200, dark: bool = False, media: str = "") -> None:
         """Load a page at a width, in a scheme, and wait until its charts are drawn."""
         self.ask(

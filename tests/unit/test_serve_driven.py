@@ -61,7 +61,7 @@ def test_a_folder_of_records_becomes_a_report(tmp_path):
         driven.settled(page)
         report = driven.run(page)
         assert page.errors == []
-        page.run("history.back()")
+        page.back()
         driven.on(page, "work")
         page.wait(f"{driven.STATE} === 'done'")
         assert "report   figures" in page.run("document.querySelector('#log').textContent")
