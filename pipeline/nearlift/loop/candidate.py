@@ -227,8 +227,16 @@ class Candidate:
                 along = self._along(name)
                 if along is not None:
                     columns.append(part * cosines(along, TUBE_ORDER) * weight)
+        return np.hstack([*columns, self.restarts(vector, sd)])
+
+    def restarts(self, vector: FloatArray, sd: float) -> FloatArray:
+        """Columns (n, t), unknowns of unit variance: what effects that restart with every session
+        contribute to each, for their size differs each time, by a relative standard deviation `sd`.
+        """
+        columns = [np.zeros((self.data.n, 0))]
+        for effect in self.effects:
             if effect.varies_with == "since_start_s" and self.data.session.max() > 0:
-                # an effect that restarts with every session differs in size each time
+                part = self.contribution(vector, effect)[:, None]
                 columns.append(part * indicators(self.data.session) * sd)
         return np.hstack(columns)
 

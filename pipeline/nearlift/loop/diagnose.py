@@ -167,7 +167,10 @@ def diagnose(
         quoted = stability.with_decisive_trial(
             quoted,
             lambda trial: _without(ground, ground.data.trial != trial, rate, decided, declared),
-            stability.decisive(answer, answers, quoted, residuals, stage.data.trial),
+            (
+                *stability.decisive(answer, answers, quoted, residuals, stage.data.trial),
+                *stability.turning(answer),
+            ),
         )
         quoted = stability.with_decisive_visits(
             quoted,

@@ -22,6 +22,7 @@ from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import (
     CREDIT,
+    Deformation,
     ExplanationEvidence,
     FormReading,
     Integrated,
@@ -269,7 +270,7 @@ class SearchProblem:
         could then be named.
         """
         printed, uncertain = self.readings(fitted, form_sd)
-        gain = self.base_fit.chi2 - fitted.chi2
+        gain = self.gain(fitted, form_sd)
         explanation = Explanation(
             fitted=fitted,
             form_sd=form_sd,
@@ -287,6 +288,14 @@ class SearchProblem:
         if explanation.eligible and explanation.evidence.over_none > CREDIT:
             return dataclasses.replace(explanation, left=self.remaining(uncertain.left))
         return explanation
+
+    def gain(self, fitted: Fitted, form_sd: float) -> float:
+        """Drop of chi2 by effects of declared form; the size of one that restarts with every
+        session differs each time.
+        """
+        columns = self.space.project(fitted.candidate.restarts(fitted.vector, form_sd).T).T
+        left = Deformation(columns)(fitted.residual)
+        return self.base_fit.chi2 - float(np.sum(left**2))
 
     def greater_part(
         self, gain: FloatArray | float, excess: FloatArray | float

@@ -1,7 +1,8 @@
 """Case deletion: whether the answer rests on a single trial or visit.
 
-Candidates are the trial of largest closed-form influence on the headline coefficient, and those to
-which a name owes most of a narrow margin of evidence. The whole diagnosis, noise and search
+Candidates are the trial of largest closed-form influence on the headline coefficient, those to
+which a name owes most of a narrow margin of evidence, and those without which the test for
+structure would turn. The whole diagnosis, noise and search
 included, is repeated without each: the answer rests on a trial if the headline then moves by more
 than one standard uncertainty, or the verdict changes. Visits are left out likewise, each one of a
 small table, else those selected by the same criteria.
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
+from nearlift.loop import structure
 from nearlift.loop.admission import few
 from nearlift.loop.coefficients import Answers
 from nearlift.loop.evidence import CREDIT
@@ -81,6 +83,27 @@ def decisive(
         residuals["after"],
         label,
         answer.stage.data.z_hat,
+    )
+
+
+def turning(answer: Answer) -> tuple[Shift, ...]:
+    """Trials without which the test for structure, to first order, turns: up to `TRIES`, those
+    first without which the smallest p-value lies farthest beyond its threshold.
+    """
+    stage, test = answer.stage, answer.first
+    if stage.independent:
+        return ()
+    hypotheses, basis = stage.hypotheses
+    _, stacked, ranks = structure.bases(hypotheses, stage.absorbed)
+    if not len(ranks):
+        return ()
+    each = basis * stage.base_fit.residual[:, None]
+    beyond = structure.least_log10_p(each.sum(axis=0) - each, stacked, ranks) - test.threshold
+    beyond *= 1 if test.present else -1
+    return tuple(
+        Shift.at(float(stage.data.z_hat[i]), str(stage.data.trial[i]), 0.0)
+        for i in np.argsort(-beyond)[:TRIES]
+        if beyond[i] > 0
     )
 
 

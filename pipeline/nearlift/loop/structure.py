@@ -174,7 +174,7 @@ def _table(rank: int) -> tuple[FloatArray, FloatArray]:
     return chi2, log10_tail(chi2, np.array(float(rank)))
 
 
-def _least(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
+def least_log10_p(draws: FloatArray, stacked: FloatArray, ranks: FloatArray) -> FloatArray:
     """Smallest log10 p-value of each draw (m, d), from tables; (m,)."""
     chi2 = chi2_of_each(draws, stacked, ranks)
     least = np.zeros(len(draws))
@@ -238,7 +238,7 @@ def draw(
     for first in range(0, DRAWS if len(ranks) else 0, AT_ONCE):
         draws = rng.standard_normal((AT_ONCE, len(stacked)), dtype=np.float32).astype(float)
         scale = np.sqrt(dof / rng.chisquare(dof, size=(AT_ONCE, 1)))
-        least[first : first + AT_ONCE] = _least(draws * scale, stacked, ranks)
+        least[first : first + AT_ONCE] = least_log10_p(draws * scale, stacked, ranks)
     return Null(np.sort(least))
 
 
