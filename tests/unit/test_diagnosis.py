@@ -661,6 +661,26 @@ def test_a_name_accounts_for_the_greater_part_of_what_is_there_without_it(saggin
     assert not free.accepted
 
 
+def test_an_effect_that_restarts_with_every_session_may_differ_in_size_each_time():
+    def warming(c):
+        n = len(c["start_s"])
+        session = np.minimum(np.arange(n) * 5 // n, 4)
+        since = c["start_s"] - np.array([c["start_s"][session == s][0] for s in range(5)])[session]
+        return 1 + np.array([-0.02, 0.1, 0.0, 0.05, 0.0])[session] * np.exp(-since / 300)
+
+    stage = set_up(campaign(3, visits=10, gain=warming), GROUND, (), Options())[0]
+    effects = {e.name: e for e, _ in stage.library}
+    warm_up = stage.explain((effects["warm_up"],))
+    # one size for all sessions is less than the greater part of what there is
+    fitted = warm_up.fitted
+    assert not stage.greater_part(stage.base_fit.chi2 - fitted.chi2, stage.excess)
+    assert warm_up.needed
+    assert not stage.judged(fitted, 0.0, (0.0,)).needed
+    # nothing else restarts
+    tilt = stage.explain((effects["tilt"],))
+    assert tilt.gain == pytest.approx(stage.base_fit.chi2 - tilt.fitted.chi2, rel=1e-12)
+
+
 def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
     effects = {e.name: e for e, _ in null_stage.library}
     sag = null_stage.explain((effects["supply_sag"],))

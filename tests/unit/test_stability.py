@@ -10,12 +10,15 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
-from nearlift.loop.diagnose import diagnose
+from nearlift.loop import search
+from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import (
     LOOK,
+    TRIES,
     Without,
     most_in_favour,
+    turning,
     visits_to_try,
     with_decisive_trial,
     with_decisive_visits,
@@ -131,6 +134,27 @@ def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
     assert found.rests_on.trial == "t9"
     assert found.leaning.startswith("it rests on trial t9 (z_hat = 1.5): without it the verdict is")
     assert with_decisive_trial(quoted, without).rests_on is None
+
+
+@pytest.mark.parametrize("beyond", [-0.1, 0.1])
+def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond):
+    stage = set_up(data, GROUND, (), Options(multiplicity=False))[0]
+    answer = search.run(stage)
+    least = answer.first.log10_p.min()
+
+    def at(threshold):
+        return replace(answer, first=replace(answer.first, threshold=threshold))
+
+    tried = turning(at(least + beyond))
+    assert 1 <= len(tried) <= TRIES
+    for trial in tried:
+        keep = stage.data.trial != trial.id
+        rest = replace(stage, data=stage.data.take(keep), log_lift=stage.log_lift[keep])
+        again = rest.nothing_added[0].log10_p.min()
+        # to first order it lies beyond
+        assert (again - least) / beyond > 0.8
+    # where the test is far from its threshold no trial turns it
+    assert turning(at(least + 100 * beyond)) == ()
 
 
 def test_no_single_trial_decides_at_which_throttle_coefficients_hold():

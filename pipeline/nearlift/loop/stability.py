@@ -2,10 +2,10 @@
 
 Candidates are the trial of largest closed-form influence on the headline coefficient, those to
 which a name owes most of a narrow margin of evidence, and those without which the test for
-structure would turn. The whole diagnosis, noise and search
-included, is repeated without each: the answer rests on a trial if the headline then moves by more
-than one standard uncertainty, or the verdict changes. Visits are left out likewise, each one of a
-small table, else those selected by the same criteria.
+structure would turn. The whole diagnosis, noise and search included, is repeated without each: the
+answer rests on a trial if the headline then moves by more than one standard uncertainty, or the
+verdict changes. Visits are left out likewise, each one of a small table, else those selected by the
+first two criteria.
 """
 
 from __future__ import annotations
