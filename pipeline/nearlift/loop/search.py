@@ -110,8 +110,8 @@ class Answer:
 def run(stage: SearchProblem) -> Answer:
     """Test, then single effects, then pairs if no single one will do.
 
-    An effect that would do, but whose covariate's straight line in gain or force leads by more than
-    a rival may trail, is what happens along that covariate, and not that effect.
+    An effect that would do, but that a `plain_change` leads by more than a rival may trail, is what
+    happens along its covariate, and not that effect.
     """
     first, _ = stage.nothing_added
     if not first.present:
@@ -129,7 +129,7 @@ def run(stage: SearchProblem) -> Answer:
     disowned = {
         s.name
         for s in singles
-        if s.accepted and s.evidence.over_none < stage.straight_line(s) - RIVAL_MAX_2LNB
+        if s.accepted and s.evidence.over_none < stage.plain_change(s) - RIVAL_MAX_2LNB / 2
     }
     if disowned:
         singles = tuple(
@@ -163,11 +163,13 @@ def contenders(
     Two effects take the place of one that would do alone only where the second earns it: one effect
     of uncertain form can imitate two, and two one of strange form, so the two must lead by both
     readings of the forms, and pay for how many pairs there are. What both leave is noise to that
-    judgement, so the price grows with it.
+    judgement, so the price grows with it. Two that one effect alone leads by either reading are no
+    explanation, though that one leaves something and they leave nothing.
     """
     if not any(e.accepted for e in (*singles, *pairs)):
         return ()
-    together = [e for e in pairs if e.accepted]
+    each = [e.evidence for e in singles if e.eligible]
+    together = [e for e in pairs if e.accepted and all(e.evidence.leads(s) > 0 for s in each)]
     # one effect that leaves what chance may is not worse than one that leaves less, or two
     alone = sorted((e for e in singles if e.tenable), key=lambda e: -e.evidence.log)
     # of so many pairs to each single effect chance takes the likeliest
@@ -178,6 +180,8 @@ def contenders(
         for p in together
     )
     tried, accepted = (pairs, together) if earned else (singles, alone)
+    if not accepted:
+        return ()
     # who belongs is for the evidence to say; who comes first among those also for how large such an
     # effect may plausibly be
     first = max(accepted, key=lambda e: e.evidence.log)

@@ -317,9 +317,10 @@ class SearchProblem:
         _, basis = self.hypotheses
         return float(max(np.sum((basis.T @ self.base_fit.residual) ** 2) - basis.shape[1], 1e-12))
 
-    def straight_line(self, e: Explanation) -> float:
-        """Log evidence of a straight line along the covariates of an explanation's effects, in gain
-        or in force, over that of what has no name; the larger.
+    def plain_change(self, e: Explanation) -> float:
+        """Log evidence of a plain change along the covariates of an explanation's effects, over
+        that of what has no name: a straight line in gain or in force, or where a size differs by
+        session a step in gain at any time; the largest.
 
         To first order, by unit information; minus infinity where no covariate of its own was
         logged.
@@ -328,7 +329,7 @@ class SearchProblem:
         lift_N = data.covariates["lift_inf_N"] * np.exp(
             self.base_fit.candidate.log_ratio(self.base_fit.vector)
         )
-        best = -np.inf
+        gains = [-np.inf]
         for name in (effect.varies_with for effect in e.fitted.candidate.effects):
             if name in data.covariates and varies(data, name):
                 along = data.covariates[name] - data.covariates[name].mean()
@@ -337,8 +338,11 @@ class SearchProblem:
                 gain = (white.T @ self.base_fit.residual) ** 2 / np.maximum(
                     np.sum(white**2, axis=0), 1e-300
                 )
-                best = max(best, 0.5 * (float(gain.max()) - float(np.log(data.n))))
-        return best - (self.unnamed - self.nothing_added[1])
+                gains.append(float(gain.max()))
+        if e.fitted.candidate.by_session.any():
+            gains.append(self.best_step)
+        beyond = self.unnamed - self.nothing_added[1]
+        return 0.5 * (max(gains) - float(np.log(data.n))) - beyond
 
     def dispersion(self, e: Explanation) -> float:
         """Variance along the families and effects that an explanation leaves, in units of the noise
