@@ -18,6 +18,7 @@ from nearlift.loop.stability import (
     TRIES,
     Without,
     most_in_favour,
+    trials_to_try,
     turning,
     visits_to_try,
     with_decisive_trial,
@@ -134,6 +135,8 @@ def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
     assert found.rests_on.trial == "t9"
     assert found.leaning.startswith("it rests on trial t9 (z_hat = 1.5): without it the verdict is")
     assert with_decisive_trial(quoted, without).rests_on is None
+    # without which the others cannot be diagnosed
+    assert with_decisive_trial(quoted, lambda trial: None) is quoted
 
 
 @pytest.mark.parametrize("beyond", [-0.1, 0.1])
@@ -213,12 +216,13 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
 def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move_the_answer(
     data, quoted
 ):
-    def tried(n, quoted, accepted=()):
+    def tried(n, quoted, accepted=(), to_try=visits_to_try):
         some = data.take(np.arange(data.n) < n)
         answer = SimpleNamespace(stage=SimpleNamespace(data=some, base=GROUND), accepted=accepted)
-        return [v.id for v in visits_to_try(answer, None, quoted, {})]
+        return [v.id for v in to_try(answer, None, quoted, {})]
 
     assert tried(20, quoted) == [str(v) for v in np.unique(data.visit[:20])]
+    assert tried(20, quoted, to_try=trials_to_try) == list(data.trial[:20])
     assert tried(data.n, quoted) == []
     headline = quoted.coefficients["K_b"]
     visit = Shift(id="7", shift=1.1 * headline.u, z_hat=1.25)

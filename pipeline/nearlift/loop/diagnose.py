@@ -167,14 +167,13 @@ def diagnose(
         quoted = stability.with_decisive_trial(
             quoted,
             lambda trial: _without(ground, ground.data.trial != trial, rate, decided, declared),
-            (
-                *stability.decisive(answer, answers, quoted, residuals, stage.data.trial),
-                *stability.turning(answer),
-            ),
+            stability.trials_to_try(answer, answers, quoted, residuals),
         )
         quoted = stability.with_decisive_visits(
             quoted,
-            lambda visit: _without_visit(ground, visit, rate, decided, declared),
+            lambda visit: _without(
+                ground, ground.data.visit.astype(str) != visit, rate, decided, declared
+            ),
             stability.visits_to_try(answer, answers, quoted, residuals),
         )
     return LoopDiagnosis(findings=findings, residuals=residuals, quoted=quoted)
@@ -256,47 +255,37 @@ def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.
     return answers(answer.stage, answer, declared)
 
 
-def _without_visit(
-    ground: SearchProblem, visit: str, rate: float, like: Decided, declared: dict[str, float]
-) -> stability.Without | None:
-    """The diagnosis without one visit; None where the other visits cannot be diagnosed."""
-    keep = ground.data.visit.astype(str) != visit
-    if (
-        len(np.unique(ground.data.visit[keep])) < 2
-        or not np.isfinite(ground.data.z_hat[keep]).any()
-    ):
-        return None
-    try:
-        return _without(ground, keep, rate, like, declared)
-    except NotConverged:
-        return None
-
-
 def _without(
     ground: SearchProblem,
     keep: NDArray[np.bool_],
     rate: float,
     like: Decided,
     declared: dict[str, float],
-) -> stability.Without:
-    """The diagnosis of the trials `keep` alone: noise, search and coefficients."""
+) -> stability.Without | None:
+    """The diagnosis of the trials `keep` alone: noise, search and coefficients; None where they
+    cannot be diagnosed.
+    """
     data = ground.data.take(keep)
-    stage = prepare(
-        data,
-        ground.base,
-        ground.effects,
-        ground.parts,
-        ground.theta,
-        ground.options,
-        start=ground.noise,
-    )
-    answer = decide(stage, True, rate, like).answer
-    after = coefficients_of(answer, declared).estimates().after
-    intervals = {name: (c.value, c.lo90, c.hi90) for name, c in after.items()}
+    if len(np.unique(data.visit)) < 2 or not np.isfinite(data.z_hat).any():
+        return None
+    try:
+        stage = prepare(
+            data,
+            ground.base,
+            ground.effects,
+            ground.parts,
+            ground.theta,
+            ground.options,
+            start=ground.noise,
+        )
+        answer = decide(stage, True, rate, like).answer
+        after = coefficients_of(answer, declared).estimates().after
+    except NotConverged:
+        return None
     return stability.Without(
         verdict=answer.verdict,
         effects=answer.accepted[0].effects if answer.accepted else (),
-        intervals=intervals,
+        intervals={name: (c.value, c.lo90, c.hi90) for name, c in after.items()},
     )
 
 

@@ -4,8 +4,8 @@ Candidates are the trial of largest closed-form influence on the headline coeffi
 which a name owes most of a narrow margin of evidence, and those without which the test for
 structure would turn. The whole diagnosis, noise and search included, is repeated without each: the
 answer rests on a trial if the headline then moves by more than one standard uncertainty, or the
-verdict changes. Visits are left out likewise, each one of a small table, else those selected by the
-first two criteria.
+verdict changes. Visits are left out likewise, selected by the first two criteria; of a small table
+each trial and each visit is left out.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from nearlift.loop.admission import few
 from nearlift.loop.coefficients import Answers
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.search import Answer
+from nearlift.results import Observations
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
 #: Closed-form influence below which the most influential trial is not left out, in standard
@@ -107,6 +108,21 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
     )
 
 
+def trials_to_try(
+    answer: Answer,
+    answers: Answers,
+    quoted: BoundaryResult,
+    residuals: Mapping[str, NDArray[Any]],
+) -> tuple[Shift, ...]:
+    """Trials to leave out: each one of a small table; else those that decide the name, and those
+    without which the test for structure would turn.
+    """
+    data = answer.stage.data
+    if few(data, answer.stage.base):
+        return each_of(data.trial, data)
+    return (*decisive(answer, answers, quoted, residuals, data.trial), *turning(answer))
+
+
 def visits_to_try(
     answer: Answer,
     answers: Answers,
@@ -118,10 +134,7 @@ def visits_to_try(
     """
     data = answer.stage.data
     if few(data, answer.stage.base):
-        return tuple(
-            Shift.at(float(data.z_hat[data.visit == label].mean()), str(label), 0.0)
-            for label in np.unique(data.visit)
-        )
+        return each_of(data.visit, data)
     hangs = decisive(answer, answers, quoted, residuals, data.visit)
     hinge = quoted.hinge
     if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in hangs]:
@@ -129,23 +142,33 @@ def visits_to_try(
     return hangs
 
 
+def each_of(label: NDArray[Any], data: Observations) -> tuple[Shift, ...]:
+    """Every trial or visit, by `label` (n,)."""
+    return tuple(
+        Shift.at(float(data.z_hat[label == one].mean()), str(one), 0.0) for one in np.unique(label)
+    )
+
+
 def with_decisive_trial(
-    quoted: BoundaryResult, without: Callable[[str], Without], others: Sequence[Shift] = ()
+    quoted: BoundaryResult, without: Callable[[str], Without | None], others: Sequence[Shift] = ()
 ) -> BoundaryResult:
     """The result with the exact shift of the headline without its most influential trial, and
     `rests_on` if that exceeds one standard uncertainty or the verdict changes.
 
-    `without` repeats the diagnosis without one trial, by its id; the `others` are tried, too.
+    `without` repeats the diagnosis without one trial, by its id, and is None where the other trials
+    cannot be diagnosed; the `others` are tried, too.
     """
     name = quoted.headline
     most = quoted.coefficients[name].influence.trial if name else None
     if most is None or not np.isfinite(quoted.coefficients[name].u):
         return quoted
     headline = quoted.coefficients[name]
+    foremost = [most] if abs(most.shift) >= LOOK * headline.u else []
     tried = [
         (one, again, again.intervals[name][0] - headline.value)
-        for one in (*([most] if abs(most.shift) >= LOOK * headline.u else []), *others)
+        for one in {one.id: one for one in (*foremost, *others)}.values()
         for again in [without(one.id)]
+        if again is not None
     ]
     if not tried:
         return quoted
