@@ -327,8 +327,10 @@ def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
 def test_an_interrupt_that_lands_in_a_callback_from_c_is_not_lost(tmp_path):
     """Of the just-in-time compiler's, say, in which nothing can be raised."""
     script = (
-        "import ctypes, sys, time, types\n"
+        "import ctypes, signal, sys, time, types\n"
         "from nearlift import console\n"
+        # what a shell starts in the background ignores SIGINT, and so do its children
+        "signal.signal(signal.SIGINT, signal.default_int_handler)\n"
         "def heavy():\n"
         "    call = ctypes.CFUNCTYPE(None)(lambda: interrupted())\n"
         "    call()\n"
