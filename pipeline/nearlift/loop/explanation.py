@@ -30,8 +30,9 @@ class Explanation:
     `left` is the whole test run again on what it leaves; None where it could not be named whatever
     that says.
 
-    `needed` says whether each of its effects accounts for the greater part of the structure that is
-    there without it, in its declared form: a form's uncertainty, granted to a large effect that the
+    `gain` is the drop of chi2 by its declared form, with a size for each session where an effect
+    restarts. `needed` says whether each of its effects accounts by that for the greater part of the
+    structure that is there without it: a form's uncertainty, granted to a large effect that the
     coefficients absorb, could account for anything.
     """
 
