@@ -9,8 +9,10 @@ processes that forget over fixed numbers of trials, so that only their sizes are
 What the mean model may lack (structure) is no noise. It takes part as unknowns of a generous size,
 so that neither hides in the other and nothing runs out of degrees of freedom. Every size has a weak
 prior, half-t, maximised in its logarithm (see `PRIORS`): none is ever zero, and few visits do not
-let one grow without bound. Trials that stand beyond `CLIP` standard deviations from all others are
-pulled in to there. Sources: Patterson & Thompson 1971, Biometrika 58, 545 (restricted likelihood);
+let one grow without bound. Where the posterior has several modes (heights that scatter much, or
+little and more of what else a stop brings), the covariance is the mean over them, so that no trial
+decides between them. Trials that stand beyond `CLIP` standard deviations from all others are pulled
+in to there. Sources: Patterson & Thompson 1971, Biometrika 58, 545 (restricted likelihood);
 Gilmour, Thompson & Cullis 1995, Biometrics 51, 1440 (average information); Gelman 2006, Bayesian
 Anal. 1, 515 (half-t priors on standard deviations).
 """
@@ -157,52 +159,38 @@ def estimate(
             usual + np.log([FAR if name in far else 1.0 for name in model.priors])
             for far in ((), ("height_m",), ("drift0", "drift1"))
         ]
-        x = min(
-            (model.maximise(x, log_lift, ROUGH_STEP) for x in starts),
-            key=lambda end: end[1].deviance,
-        )[0]
+        starts = [mode.x for mode in model.modes(starts, log_lift, ROUGH_STEP)]
     else:
-        x = np.log(
-            np.array(
-                [
-                    *(
-                        getattr(start, name)
-                        for name in model.priors
-                        if not name.startswith("drift")
-                    ),
-                    *start.drift,
-                ]
-            )
-            / unit
-        )
+        starts = [np.array(x) for x in start.modes]
     y = log_lift
     for last in (ROUGH_STEP,) * PASSES + (LAST_STEP,):
-        x, likelihood = model.maximise(x, y, last)
+        modes = model.modes(starts, y, last)
+        starts = [mode.x for mode in modes]
         if last == ROUGH_STEP:
-            y = pulled_in(y, likelihood)
-    sizes = np.exp(x)
-    spread = np.linalg.inv(likelihood.curvature)
+            y = np.sum([mode.weight * pulled_in(y, mode.at) for mode in modes], axis=0)
+    weight, squares = np.array([m.weight for m in modes]), np.exp(2 * np.array(starts))
+    size2 = weight @ squares
+    # half the relative change of a square is that of its logarithm
+    within = [
+        np.linalg.inv(mode.at.curvature) * np.outer(one, one)
+        for mode, one in zip(modes, squares / size2, strict=True)
+    ]
+    apart = (squares / size2 - 1) / 2
+    spread = np.einsum("k,kij->ij", weight, within) + apart.T @ (weight[:, None] * apart)
     # of the variance of a trial like the others, of which its own record or a published standard
     # deviation tells a part
-    parts = sizes**2 * np.stack(model.diagonals, axis=1)
+    parts = size2 * np.stack(model.diagonals, axis=1)
     whole = model.known_variance + parts.sum(axis=1)
     dof = float(np.median(whole**2 / (2 * np.einsum("ij,jk,ik->i", parts, spread, parts))))
-    sizes = sizes * unit
+    sizes = dict(zip(model.priors, np.sqrt(size2) * unit, strict=True))
     noise = Noise(
-        **{
-            name: float(size)
-            for name, size in zip(model.priors, sizes, strict=True)
-            if not name.startswith("drift")
-        },
-        drift=tuple(
-            float(size)
-            for name, size in zip(model.priors, sizes, strict=True)
-            if name.startswith("drift")
-        ),
+        **{name: float(size) for name, size in sizes.items() if not name.startswith("drift")},
+        drift=tuple(float(size) for name, size in sizes.items() if name.startswith("drift")),
         source=f"{source} ({dof:.0f} degrees of freedom)",
         dof=dof,
         sizes=tuple(model.priors),
         log_covariance=tuple(tuple(float(v) for v in row) for row in spread),
+        modes=tuple(tuple(float(v) for v in x) for x in starts),
     )
     return noise, y
 

@@ -39,6 +39,8 @@ DETERMINED = 1e-8
 FORGOTTEN = 100.0
 #: Steps of the search for the likeliest sizes at most.
 MOST_STEPS = 40
+#: Deviance above the least up to which another mode counts, too.
+ANOTHER = 9.0
 #: Revisits that tell what visits share beside distance, and visits that tell it from a drift.
 ENOUGH = 20
 
@@ -80,6 +82,15 @@ class SizesAt:
     curvature: FloatArray
     weighed: FloatArray
     precision: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mode:
+    """Likeliest sizes `x`, as logarithms, and the posterior's share around them."""
+
+    x: FloatArray
+    at: SizesAt
+    weight: float
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -268,6 +279,23 @@ class VarianceComponents:
                 break
         back = np.argsort(self.order)
         return x, replace(here, weighed=here.weighed[back], precision=here.precision[back])
+
+    def modes(self, starts: list[FloatArray], y: FloatArray, last: float) -> list[Mode]:
+        """The modes that the search from each of `starts` finds, the likeliest first, weighed by
+        Laplace's approximation.
+        """
+        ends = sorted((self.maximise(x, y, last) for x in starts), key=lambda end: end[1].deviance)
+        found: list[tuple[FloatArray, SizesAt]] = []
+        for x, at in ends:
+            new = all((x - z) @ known.curvature @ (x - z) > 1 for z, known in found)
+            if new and at.deviance - ends[0][1].deviance < ANOTHER:
+                found.append((x, at))
+        mass = np.array([-at.deviance - np.linalg.slogdet(at.curvature)[1] for _, at in found]) / 2
+        weight = np.exp(mass - mass.max())
+        return [
+            Mode(x=x, at=at, weight=float(w))
+            for (x, at), w in zip(found, weight / weight.sum(), strict=True)
+        ]
 
 
 def pulled_in(y: FloatArray, at: SizesAt) -> FloatArray:

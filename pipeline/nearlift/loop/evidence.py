@@ -201,18 +201,29 @@ class Linearised:
 
 @dataclass(frozen=True, kw_only=True)
 class FormReading:
-    """A fit, linearised with its form certain or not and a `wander` beside it, and its residual as
-    `scores` (d, 1).
+    """A fit, linearised with its form certain or not and a `wander` beside it, in the orthonormal
+    `basis` (n, d).
     """
 
     here: Linearised
-    scores: FloatArray
+    basis: FloatArray
     wander: float
+
+    @cached_property
+    def scores(self) -> FloatArray:
+        """The fit's residual there, (d, 1)."""
+        return np.asarray((self.basis.T @ self.here.fitted.residual)[:, None])
 
     @cached_property
     def left(self) -> Integrated:
         """What it leaves with all but the coefficients integrated over."""
         return self.here.by_priors(self.scores)
+
+    @property
+    def without_each(self) -> FloatArray:
+        """To first order what it leaves without each trial, (d, n)."""
+        each = self.left.deform(self.basis.T * self.here.fitted.residual)
+        return np.asarray(self.left.scores - each)
 
     @cached_property
     def left_by_unit_information(self) -> Integrated:

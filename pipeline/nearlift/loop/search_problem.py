@@ -199,24 +199,38 @@ class SearchProblem:
         whole = np.hstack([basis, framed(orthonormal(outside[:, beyond]))])
         return FormReading(
             here=Linearised(fitted=fitted, jacobian=whole.T @ jacobian, tube=whole.T @ tube),
-            scores=(whole.T @ fitted.residual)[:, None],
+            basis=whole,
             wander=wander,
         )
 
     def remaining(self, left: Integrated) -> Structure:
         """The whole test on what an explanation leaves."""
+        return structure.examine(
+            left.scores[:, 0],
+            self.hypotheses_beside(left),
+            left.removed,
+            self.null,
+            self.options.false_alarm_rate,
+        )
+
+    def hypotheses_beside(self, left: Integrated) -> tuple[Hypothesis, ...]:
+        """The hypotheses where these scores are."""
 
         def padded(x: FloatArray) -> FloatArray:
             beyond = np.zeros((len(left.scores) - len(x), x.shape[1]))
             return left.deform(np.vstack([x, beyond]))
 
-        return structure.examine(
-            left.scores[:, 0],
-            structure.mapped(self.hypotheses[0], padded),
-            left.removed,
-            self.null,
-            self.options.false_alarm_rate,
-        )
+        return structure.mapped(self.hypotheses[0], padded)
+
+    def least_without_each(self, reading: FormReading) -> FloatArray:
+        """The smallest log10 p of the whole test on what a reading leaves without each trial, to
+        first order, (n,).
+        """
+        left = reading.left
+        _, stacked, ranks = structure.bases(self.hypotheses_beside(left), left.removed)
+        if not len(ranks):
+            return np.zeros(self.data.n)
+        return structure.least_log10_p(reading.without_each.T, stacked, ranks)
 
     def left_by(self, e: Explanation) -> Structure:
         """The whole test on what an explanation leaves, made now if nobody asked before."""

@@ -1,11 +1,11 @@
 """Case deletion: whether the answer rests on a single trial or visit.
 
 Candidates are the trial of largest closed-form influence on the headline coefficient, those to
-which a name owes most of a narrow margin of evidence, and those without which the test for
-structure would turn. The whole diagnosis, noise and search included, is repeated without each: the
-answer rests on a trial if the headline then moves by more than one standard uncertainty, or the
-verdict changes. Visits are left out likewise, selected by the first two criteria; of a small table
-each trial and each visit is left out.
+which a name owes most of a narrow margin of evidence, and those without which a test would turn:
+that for structure, or that of what the likeliest explanation leaves. The whole diagnosis, noise and
+search included, is repeated without each: the answer rests on a trial if the headline then moves by
+more than one standard uncertainty, or the verdict changes. Visits are left out likewise, selected
+by the first two criteria; of a small table each trial and each visit is left out.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.loop import structure
 from nearlift.loop.admission import few
 from nearlift.loop.coefficients import Answers
 from nearlift.loop.evidence import CREDIT
-from nearlift.loop.search import Answer
+from nearlift.loop.explanation import MARGINAL
+from nearlift.loop.search import PLAIN, Answer
 from nearlift.results import Observations
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
@@ -31,6 +31,9 @@ from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Ve
 LOOK = 0.05
 #: Share of a name's margin of evidence that a trial left out must contribute, and the most trials.
 PART, TRIES = 0.5, 3
+#: How near its threshold a test must come without a trial, in log10 p: by so much the noise floor
+#: that is estimated without it may differ.
+NEAR = 0.1
 #: Median of a chi-square with one degree of freedom.
 MEDIAN = 0.455
 
@@ -78,8 +81,9 @@ def decisive(
     i, headline = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
     if not abs(answers.before[0][i] - headline.value) > headline.u:
         return ()
+    first = answer.accepted[0]
     return most_in_favour(
-        answer.accepted[0].evidence.over_none - CREDIT,
+        first.evidence.over_none - (PLAIN if first.confirmed and first.by_chance else CREDIT),
         residuals["before"],
         residuals["after"],
         label,
@@ -88,23 +92,30 @@ def decisive(
 
 
 def turning(answer: Answer) -> tuple[Shift, ...]:
-    """Trials without which the test for structure, to first order, turns: up to `TRIES`, those
-    first without which the smallest p-value lies farthest beyond its threshold.
+    """Trials without which, to first order, a test turns on which the verdict rests: that for
+    structure, or that of what the likeliest explanation leaves. Up to `TRIES`, those first without
+    which the smallest p-value lies farthest beyond its threshold.
     """
-    stage, test = answer.stage, answer.first
-    if stage.independent:
+    stage = answer.stage
+    if stage.independent or not stage.hypotheses[0]:
         return ()
-    hypotheses, basis = stage.hypotheses
-    _, stacked, ranks = structure.bases(hypotheses, stage.absorbed)
-    if not len(ranks):
-        return ()
-    each = basis * stage.base_fit.residual[:, None]
-    beyond = structure.least_log10_p(each.sum(axis=0) - each, stacked, ranks) - test.threshold
-    beyond *= 1 if test.present else -1
+    tests = [(answer.first, stage.base_reading)]
+    left = [(e, e.left) for e in (*answer.singles, *answer.pairs) if e.eligible and e.left]
+    for e, test in sorted(left, key=lambda one: -one[0].evidence.log)[:1]:
+        reading = stage.linearised(e.fitted, e.form_sd, e.wander)
+        marginal = replace(test, threshold=stage.null.threshold(MARGINAL))
+        tests += [(test, reading), (marginal, reading)]
+    beyond = np.max(
+        [
+            (stage.least_without_each(reading) - test.threshold) * (1 if test.present else -1)
+            for test, reading in tests
+        ],
+        axis=0,
+    )
     return tuple(
         Shift.at(float(stage.data.z_hat[i]), str(stage.data.trial[i]), 0.0)
         for i in np.argsort(-beyond)[:TRIES]
-        if beyond[i] > 0
+        if beyond[i] > -NEAR
     )
 
 
@@ -115,7 +126,7 @@ def trials_to_try(
     residuals: Mapping[str, NDArray[Any]],
 ) -> tuple[Shift, ...]:
     """Trials to leave out: each one of a small table; else those that decide the name, and those
-    without which the test for structure would turn.
+    without which a test would turn.
     """
     data = answer.stage.data
     if few(data, answer.stage.base):

@@ -47,6 +47,9 @@ class Noise:
         The names of what was estimated (`drift0` and so on for the drifts), and the covariance of
         the logarithms of their sizes: how well the noise itself is known. Empty where it was
         declared.
+    modes : tuple
+        Logarithms of the sizes at each mode of their posterior, force as a fraction of the median
+        lift: where the search among nearly the same trials begins.
     """
 
     relative: float
@@ -58,6 +61,7 @@ class Noise:
     dof: float = np.inf
     sizes: tuple[str, ...] = ()
     log_covariance: tuple[tuple[float, ...], ...] = ()
+    modes: tuple[tuple[float, ...], ...] = ()
 
     def record(self) -> dict[str, object]:
         """Its block in a product."""
