@@ -262,6 +262,43 @@ def test_an_outlier_does_not_decide():
     assert found.common == pytest.approx(clean.common, rel=0.2)
 
 
+def test_no_trial_decides_between_two_modes():
+    """Heights that scatter by a tenth of a millimetre and more of what else a stop brings, or by
+    one millimetre: equally likely here.
+    """
+    data = shaken(campaign(7, visits=4, height=5e-4), 7, 0.002)
+    whole = estimate(data)
+    sizes = np.exp(whole.modes)
+    assert np.all(sizes.min(axis=0)[:2] > 0.9 * sizes.max(axis=0)[:2])
+    height, common = sizes[:, 2], sizes[:, 3]
+    assert height.max() > 5 * height.min()
+    # one share of either mode gives both sizes
+    share = (whole.height_m**2 - height[0] ** 2) / (height[1] ** 2 - height[0] ** 2)
+    assert 0.2 < share < 0.8
+    assert whole.common**2 == pytest.approx((1 - share) * common[0] ** 2 + share * common[1] ** 2)
+    likeliest = []
+    for i in range(0, data.n, 4):
+        rest = estimate(data.take(np.arange(data.n) != i), start=whole)
+        assert rest.height_m == pytest.approx(whole.height_m, rel=0.25)
+        likeliest.append(np.exp(rest.modes[0][2]))
+    assert max(likeliest) > 5 * min(likeliest)
+    # that either may be true is an uncertainty of both sizes
+    names = ("height_m", "common")
+    variances = [whole.log_covariance[i][i] for i in map(whole.sizes.index, names)]
+    assert variances[0] > 0.25
+    assert variances[1] > 0.1
+
+
+def test_two_ways_to_one_mode_count_once():
+    model = variance_components.VarianceComponents.from_trials(
+        quiet(campaign(4)), np.zeros(400), np.ones((400, 1)), 1, 0.0
+    )
+    y = np.random.default_rng(1).normal(0, 0.004, 400)
+    far = np.full(len(model.priors), -5.0)
+    (mode,) = model.modes([far, far - 1.0], y, noise.LAST_STEP)
+    assert mode.weight == 1.0
+
+
 def test_trials_whose_order_nobody_knows_have_no_drift_and_may_stand_in_any():
     data = dataclasses.replace(campaign(4, visits=4), ordered=False)
     mixed = np.random.default_rng(0).permutation(data.n)

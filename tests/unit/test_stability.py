@@ -12,6 +12,7 @@ from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop import search
 from nearlift.loop.diagnose import diagnose, set_up
+from nearlift.loop.explanation import MARGINAL
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import (
     LOOK,
@@ -24,6 +25,7 @@ from nearlift.loop.stability import (
     with_decisive_trial,
     with_decisive_visits,
 )
+from nearlift.loop.structure import Null
 from nearlift.results.quotation import RestsOn, Shift
 
 from .simulated import campaign
@@ -157,6 +159,36 @@ def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond):
         # to first order it lies beyond
         assert (again - least) / beyond > 0.8
     # where the test is far from its threshold no trial turns it
+    assert turning(at(least + 100 * beyond)) == ()
+
+
+@pytest.mark.parametrize("beyond", [-0.1, 0.1])
+@pytest.mark.parametrize("marginal", [False, True])
+def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are_tried(
+    beyond, marginal
+):
+    data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
+    stage = set_up(data, GROUND, (), Options())[0]
+    answer = search.run(stage)
+    (found,) = [e for e in answer.accepted if e.name == "supply_sag"]
+    least = found.left.log10_p.min()
+
+    def at(threshold):
+        # that of the test at the false-alarm rate, or of what chance may leave
+        null = stage.null.threshold(MARGINAL)
+        chance = Null(stage.null.least + (threshold - null if marginal else -100.0))
+        problem = replace(stage)
+        problem.__dict__["null"] = chance
+        left = replace(found.left, threshold=-100.0 if marginal else threshold)
+        return replace(answer, stage=problem, singles=(replace(found, left=left),), pairs=())
+
+    tried = turning(at(least + beyond))
+    assert 1 <= len(tried) <= TRIES
+    for trial in tried:
+        keep = stage.data.trial != trial.id
+        rest = replace(stage, data=stage.data.take(keep), log_lift=stage.log_lift[keep])
+        again = rest.left_by(rest.explain(found.fitted.candidate.effects)).log10_p.min()
+        assert (again - least) / beyond > 0.7
     assert turning(at(least + 100 * beyond)) == ()
 
 
