@@ -10,7 +10,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
-from nearlift.loop import search
+from nearlift.loop import search, stability
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.explanation import MARGINAL
 from nearlift.loop.search_problem import Options
@@ -190,6 +190,25 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
         again = rest.left_by(rest.explain(found.fitted.candidate.effects)).log10_p.min()
         assert (again - least) / beyond > 0.7
     assert turning(at(least + 100 * beyond)) == ()
+
+
+@pytest.mark.parametrize(("moved", "tried"), [(1.1, True), (0.9, False)])
+def test_trials_that_decide_between_two_optima_of_one_effect_are_tried(
+    quoted, monkeypatch, moved, tried
+):
+    data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
+    stage = set_up(data, GROUND, (), Options())[0]
+    answer = search.run(stage)
+    fitted = answer.accepted[0].fitted
+    residual, vector = fitted.residual.copy(), fitted.vector.copy()
+    # all of the margin is one trial's, in units of the scatter of the median one
+    residual[7] = np.sqrt(residual[7] ** 2 + 8.0)
+    vector[0] += moved * quoted.coefficients["K_b"].u
+    other = replace(fitted, residual=residual, vector=vector)
+    monkeypatch.setattr(stability, "optima", lambda *_: [fitted, other])
+    near = SimpleNamespace(names=["K_b"], before=([quoted.coefficients["K_b"].value],))
+    found = stability.decisive(answer, near, quoted, {}, stage.data.trial)
+    assert [one.id for one in found] == ([stage.data.trial[7]] if tried else [])
 
 
 def test_no_single_trial_decides_at_which_throttle_coefficients_hold():

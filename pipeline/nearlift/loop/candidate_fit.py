@@ -44,6 +44,11 @@ class Fitted:
         """Sum of squared whitened residuals."""
         return float(np.sum(self.residual**2))
 
+    @property
+    def cost(self) -> float:
+        """What the fit makes least."""
+        return self.chi2 + self.penalty
+
 
 def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: FloatArray) -> Fitted:
     """Penalised least squares from `start`, by Levenberg-Marquardt steps within the bounds.
@@ -131,7 +136,15 @@ def _step(
 
 
 def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
-    """Best fit over the shapes' starting values: all screened to first order, the best two refined.
+    """Best fit over the shapes' starting values."""
+    return optima(candidate, space, log_lift, theta)[0]
+
+
+def optima(
+    candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray
+) -> list[Fitted]:
+    """Fits over the shapes' starting values, the best first: all screened to first order, the best
+    two refined.
 
     A start beyond a pole of the model, where some trial has no predicted value, is bisected towards
     the null. If that does not help, the result's chi2 is nan.
@@ -167,7 +180,7 @@ def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: Fl
         fit(candidate, space, log_lift, _short_of_pole(candidate, start, null))
         for _, _, start, null in starts[:2]
     ]
-    return min(fits, key=lambda f: np.nan_to_num(f.chi2 + f.penalty, nan=np.inf))
+    return sorted(fits, key=lambda f: np.nan_to_num(f.cost, nan=np.inf))
 
 
 def _short_of_pole(candidate: Candidate, start: FloatArray, null: FloatArray) -> FloatArray:

@@ -1,11 +1,12 @@
 """Case deletion: whether the answer rests on a single trial or visit.
 
 Candidates are the trial of largest closed-form influence on the headline coefficient, those to
-which a name owes most of a narrow margin of evidence, and those without which a test would turn:
-that for structure, or that of what the likeliest explanation leaves. The whole diagnosis, noise and
-search included, is repeated without each: the answer rests on a trial if the headline then moves by
-more than one standard uncertainty, or the verdict changes. Visits are left out likewise, selected
-by the first two criteria; of a small table each trial and each visit is left out.
+which a name, or one of two optima of its fit, owes most of a narrow margin, and those without which
+a test would turn: that for structure, or that of what the likeliest explanation leaves. The whole
+diagnosis, noise and search included, is repeated without each: the answer rests on a trial if the
+headline then moves by more than one standard uncertainty, or the verdict changes. Visits are left
+out likewise, selected by the first two criteria; of a small table each trial and each visit is left
+out.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.loop.admission import few
+from nearlift.loop.candidate_fit import optima
 from nearlift.loop.coefficients import Answers
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import MARGINAL
@@ -50,11 +52,11 @@ class Without:
 def most_in_favour(
     margin: float, before: FloatArray, after: FloatArray, label: NDArray[Any], z_hat: FloatArray
 ) -> tuple[Shift, ...]:
-    """Trials or visits by their contribution to the log evidence for a name, the largest first: up
-    to `TRIES`, each with more than `PART` of the margin.
+    """Trials or visits by their contribution to the log evidence for one fit over another, the
+    largest first: up to `TRIES`, each with more than `PART` of the margin.
 
-    `margin` is the log evidence beyond what a name needs; `before` and `after` (n,) are the
-    residuals without and with it, `label` (n,) the trials or their visits.
+    `margin` is the log evidence beyond what is needed; `before` and `after` (n,) are the residuals
+    of the other fit and of the one, `label` (n,) the trials or their visits.
     """
     gain = 0.5 * (before**2 - after**2) * MEDIAN / np.median(after**2)
     labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
@@ -73,22 +75,28 @@ def decisive(
     residuals: Mapping[str, NDArray[Any]],
     label: NDArray[Any],
 ) -> tuple[Shift, ...]:
-    """Trials or visits, by `label` (n,), that decide the name (`most_in_favour`); empty without a
-    name, or where the base fit's headline is within one standard uncertainty.
+    """Trials or visits, by `label` (n,), that decide the name, or which of two optima its fit takes
+    (`most_in_favour`); empty without a name, or where the headline of the base fit, or of the other
+    optimum, is within one standard uncertainty.
     """
     if not (answer.accepted and quoted.headline):
         return ()
     i, headline = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
-    if not abs(answers.before[0][i] - headline.value) > headline.u:
-        return ()
-    first = answer.accepted[0]
-    return most_in_favour(
-        first.evidence.over_none - (PLAIN if first.confirmed and first.by_chance else CREDIT),
-        residuals["before"],
-        residuals["after"],
-        label,
-        answer.stage.data.z_hat,
-    )
+    first, stage = answer.accepted[0], answer.stage
+    found: tuple[Shift, ...] = ()
+    if abs(answers.before[0][i] - headline.value) > headline.u:
+        margin = first.evidence.over_none - (
+            PLAIN if first.confirmed and first.by_chance else CREDIT
+        )
+        before, after = residuals["before"], residuals["after"]
+        found += most_in_favour(margin, before, after, label, stage.data.z_hat)
+    fitted = first.fitted
+    for other in optima(fitted.candidate, stage.space, stage.log_lift, stage.base_fit.vector):
+        if abs(other.vector[i] - fitted.vector[i]) > headline.u:
+            margin = (other.cost - fitted.cost) / 2
+            before, after = other.residual, fitted.residual
+            found += most_in_favour(margin, before, after, label, stage.data.z_hat)
+    return found
 
 
 def turning(answer: Answer) -> tuple[Shift, ...]:
