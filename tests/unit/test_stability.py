@@ -12,13 +12,15 @@ from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
 from nearlift.loop import search, stability
 from nearlift.loop.diagnose import diagnose, set_up
+from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import MARGINAL
+from nearlift.loop.search import PLAIN
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import (
     LOOK,
     TRIES,
     Without,
-    most_in_favour,
+    decisive,
     trials_to_try,
     turning,
     visits_to_try,
@@ -26,6 +28,7 @@ from nearlift.loop.stability import (
     with_decisive_visits,
 )
 from nearlift.loop.structure import Null
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import RestsOn, Shift
 
 from .simulated import campaign
@@ -109,20 +112,6 @@ def test_where_no_trial_matters_nothing_is_made_again(quoted):
     assert with_decisive_trial(unknown, pytest.fail) is unknown
 
 
-def test_the_trials_that_speak_most_for_a_hardly_earned_name_are_tried():
-    after = np.random.default_rng(1).normal(0, 0.005, 400)
-    before = after.copy()
-    before[7], before[9] = 0.02, 0.012
-    ids, z_hat = np.array([f"t{i}" for i in range(400)]), np.full(400, 1.5)
-    assert [s.id for s in most_in_favour(4.0, before, after, ids, z_hat)] == ["t7", "t9"]
-    assert [s.id for s in most_in_favour(12.0, before, after, ids, z_hat)] == ["t7"]
-    assert most_in_favour(40.0, before, after, ids, z_hat) == ()
-    # a visit speaks with the voice of all its trials
-    visits = np.arange(400) // 10
-    assert [s.id for s in most_in_favour(12.0, before, after, visits, z_hat)] == ["0"]
-    assert [s.id for s in most_in_favour(4.0, before, after, visits + 7, z_hat)] == ["7"]
-
-
 def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
     headline = quoted.coefficients["K_b"]
     first = headline.influence.trial.id
@@ -192,23 +181,97 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
     assert turning(at(least + 100 * beyond)) == ()
 
 
-@pytest.mark.parametrize(("moved", "tried"), [(1.1, True), (0.9, False)])
-def test_trials_that_decide_between_two_optima_of_one_effect_are_tried(
-    quoted, monkeypatch, moved, tried
-):
+@pytest.fixture(scope="module")
+def sagging():
+    """An answer that names one effect, whatever else was tried, and its headline's quotation."""
     data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
-    stage = set_up(data, GROUND, (), Options())[0]
-    answer = search.run(stage)
-    fitted = answer.accepted[0].fitted
+    answer = search.run(set_up(data, GROUND, (), Options())[0])
+    (first,) = [e for e in answer.accepted if e.name == "supply_sag"]
+    answer = replace(answer, accepted=(first,), singles=(first,), pairs=())
+    value = float(first.fitted.vector[0])
+    quoted = SimpleNamespace(
+        headline="K_b", coefficients={"K_b": SimpleNamespace(value=value, u=0.1)}
+    )
+    return answer, quoted
+
+
+def decided(answer, quoted, before=0.0, label="trial"):
+    """Trials or visits that decide, where the base fit's headline lies so far off."""
+    near = SimpleNamespace(names=["K_b"], before=([quoted.coefficients["K_b"].value + before],))
+    return [one.id for one in decisive(answer, near, quoted, getattr(answer.stage.data, label))]
+
+
+def spoken_for(fitted, gains, moved=0.0):
+    """The fit as if trials spoke against it by so much log evidence, with another headline."""
     residual, vector = fitted.residual.copy(), fitted.vector.copy()
-    # all of the margin is one trial's, in units of the scatter of the median one
-    residual[7] = np.sqrt(residual[7] ** 2 + 8.0)
-    vector[0] += moved * quoted.coefficients["K_b"].u
-    other = replace(fitted, residual=residual, vector=vector)
+    for i, gain in gains.items():
+        residual[i] = np.sqrt(residual[i] ** 2 + 2 * gain)
+    vector[0] += moved
+    return replace(fitted, residual=residual, vector=vector)
+
+
+def test_the_trials_that_speak_most_for_a_hardly_earned_name_are_tried(sagging):
+    answer, quoted = sagging
+    (first,) = answer.accepted
+
+    def named(over_none, **of_test):
+        evidence = replace(first.evidence, unnamed=0.0, as_printed=over_none, uncertain=over_none)
+        name = replace(first, evidence=evidence, **of_test)
+        stage = replace(answer.stage)
+        without = spoken_for(first.fitted, {7: 3.0, 9: 1.0})
+        stage.__dict__["base_fit"] = replace(stage.base_fit, residual=without.residual)
+        return replace(answer, accepted=(name,), stage=stage)
+
+    ids = answer.stage.data.trial
+    assert decided(named(CREDIT + 1.5), quoted, 0.11) == [ids[7], ids[9]]
+    assert decided(named(CREDIT + 4.0), quoted, 0.11) == [ids[7]]
+    assert decided(named(CREDIT + 7.0), quoted, 0.11) == []
+    # nor does what keeps the headline
+    assert decided(named(CREDIT + 1.5), quoted, 0.09) == []
+    # a visit speaks with the voice of all its trials
+    visit = answer.stage.data.visit
+    assert visit[7] != visit[9]
+    assert decided(named(CREDIT + 4.0), quoted, 0.11, "visit") == [str(visit[7])]
+    # what leaves more than its test allows needs more
+    left = replace(first.left, threshold=0.0, p_value=0.04)
+    by_chance = named(PLAIN + 4.0, left=left, confirmed=True)
+    assert decided(by_chance, quoted, 0.11) == [ids[7]]
+    assert decided(named(PLAIN + 4.0), quoted, 0.11) == []
+
+
+@pytest.mark.parametrize(("moved", "tried"), [(0.11, True), (0.09, False)])
+def test_trials_that_decide_between_two_optima_of_one_effect_are_tried(
+    sagging, monkeypatch, moved, tried
+):
+    answer, quoted = sagging
+    fitted = answer.accepted[0].fitted
+    # all of the margin is one trial's
+    other = spoken_for(fitted, {7: 4.0}, moved)
     monkeypatch.setattr(stability, "optima", lambda *_: [fitted, other])
-    near = SimpleNamespace(names=["K_b"], before=([quoted.coefficients["K_b"].value],))
-    found = stability.decisive(answer, near, quoted, {}, stage.data.trial)
-    assert [one.id for one in found] == ([stage.data.trial[7]] if tried else [])
+    assert decided(answer, quoted) == ([answer.stage.data.trial[7]] if tried else [])
+
+
+@pytest.mark.parametrize("within", [True, False])
+@pytest.mark.parametrize(("moved", "tried"), [(0.11, True), (0.09, False)])
+def test_trials_that_keep_a_rival_in_the_set_or_outside_are_tried(sagging, within, moved, tried):
+    answer, quoted = sagging
+    (first,) = answer.accepted
+    behind = RIVAL_MAX_2LNB / 2 + (-4.0 if within else 4.0)
+    evidence = replace(
+        first.evidence,
+        as_printed=first.evidence.as_printed - behind,
+        uncertain=first.evidence.uncertain - behind,
+        unnamed=-1e3,
+    )
+    # the trial speaks for what the set is with it
+    mine = spoken_for(first.fitted, {7: 3.0} if within else {})
+    fitted = spoken_for(first.fitted, {} if within else {7: 3.0}, moved)
+    (effect,) = fitted.candidate.effects
+    candidate = replace(fitted.candidate, effects=(replace(effect, name="another"),))
+    first = replace(first, fitted=mine)
+    rival = replace(first, fitted=replace(fitted, candidate=candidate), evidence=evidence)
+    among = replace(answer, singles=(first, rival), accepted=(first, rival) if within else (first,))
+    assert decided(among, quoted) == ([answer.stage.data.trial[7]] if tried else [])
 
 
 def test_no_single_trial_decides_at_which_throttle_coefficients_hold():
@@ -270,7 +333,7 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
     def tried(n, quoted, accepted=(), to_try=visits_to_try):
         some = data.take(np.arange(data.n) < n)
         answer = SimpleNamespace(stage=SimpleNamespace(data=some, base=GROUND), accepted=accepted)
-        return [v.id for v in to_try(answer, None, quoted, {})]
+        return [v.id for v in to_try(answer, None, quoted)]
 
     assert tried(20, quoted) == [str(v) for v in np.unique(data.visit[:20])]
     assert tried(20, quoted, to_try=trials_to_try) == list(data.trial[:20])

@@ -1,12 +1,12 @@
 """Case deletion: whether the answer rests on a single trial or visit.
 
 Candidates are the trial of largest closed-form influence on the headline coefficient, those to
-which a name, or one of two optima of its fit, owes most of a narrow margin, and those without which
-a test would turn: that for structure, or that of what the likeliest explanation leaves. The whole
-diagnosis, noise and search included, is repeated without each: the answer rests on a trial if the
-headline then moves by more than one standard uncertainty, or the verdict changes. Visits are left
-out likewise, selected by the first two criteria; of a small table each trial and each visit is left
-out.
+which a choice owes most of a narrow margin (a name over none, an optimum of its fit over another, a
+rival in the set or outside), and those without which a test would turn: that for structure, or that
+of what the likeliest explanation leaves. The whole diagnosis, noise and search included, is
+repeated without each: the answer rests on a trial if the headline then moves by more than one
+standard uncertainty, or the verdict changes. Visits are left out likewise, selected by the first
+two criteria; of a small table each trial and each visit is left out.
 """
 
 from __future__ import annotations
@@ -18,26 +18,25 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
 from nearlift.loop.admission import few
-from nearlift.loop.candidate_fit import optima
+from nearlift.loop.candidate_fit import Fitted, optima
 from nearlift.loop.coefficients import Answers
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import MARGINAL
 from nearlift.loop.search import PLAIN, Answer
 from nearlift.results import Observations
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
 #: Closed-form influence below which the most influential trial is not left out, in standard
 #: uncertainties of the headline.
 LOOK = 0.05
-#: Share of a name's margin of evidence that a trial left out must contribute, and the most trials.
-PART, TRIES = 0.5, 3
+#: Share of a margin of log evidence that a trial left out must contribute, the most trials, and the
+#: least margin.
+PART, TRIES, LEAST_MARGIN = 0.5, 3, 1e-3
 #: How near its threshold a test must come without a trial, in log10 p: by so much the noise floor
 #: that is estimated without it may differ.
 NEAR = 0.1
-#: Median of a chi-square with one degree of freedom.
-MEDIAN = 0.455
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,54 +48,47 @@ class Without:
     intervals: Mapping[str, tuple[float, float, float]]
 
 
-def most_in_favour(
-    margin: float, before: FloatArray, after: FloatArray, label: NDArray[Any], z_hat: FloatArray
-) -> tuple[Shift, ...]:
-    """Trials or visits by their contribution to the log evidence for one fit over another, the
-    largest first: up to `TRIES`, each with more than `PART` of the margin.
-
-    `margin` is the log evidence beyond what is needed; `before` and `after` (n,) are the residuals
-    of the other fit and of the one, `label` (n,) the trials or their visits.
-    """
-    gain = 0.5 * (before**2 - after**2) * MEDIAN / np.median(after**2)
-    labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
-    each = np.bincount(index, gain)
-    where = np.bincount(index, z_hat) / count
-    foremost = np.argsort(-each)[:TRIES]
-    return tuple(
-        Shift.at(float(where[i]), str(labels[i]), 0.0) for i in foremost if each[i] > PART * margin
-    )
-
-
 def decisive(
-    answer: Answer,
-    answers: Answers,
-    quoted: BoundaryResult,
-    residuals: Mapping[str, NDArray[Any]],
-    label: NDArray[Any],
+    answer: Answer, answers: Answers, quoted: BoundaryResult, label: NDArray[Any]
 ) -> tuple[Shift, ...]:
-    """Trials or visits, by `label` (n,), that decide the name, or which of two optima its fit takes
-    (`most_in_favour`); empty without a name, or where the headline of the base fit, or of the other
-    optimum, is within one standard uncertainty.
+    """Trials or visits, by `label` (n,), to which a name owes its narrow margin over none, an
+    optimum of its fit that over another one, or a rival its place in the set or outside: up to
+    `TRIES`, those with the largest share of a margin first. Empty without a name; choices that keep
+    the headline within one standard uncertainty do not count.
     """
     if not (answer.accepted and quoted.headline):
         return ()
     i, headline = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
-    first, stage = answer.accepted[0], answer.stage
-    found: tuple[Shift, ...] = ()
-    if abs(answers.before[0][i] - headline.value) > headline.u:
-        margin = first.evidence.over_none - (
-            PLAIN if first.confirmed and first.by_chance else CREDIT
-        )
-        before, after = residuals["before"], residuals["after"]
-        found += most_in_favour(margin, before, after, label, stage.data.z_hat)
-    fitted = first.fitted
+    stage, first = answer.stage, answer.accepted[0]
+    labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
+    share = np.zeros(len(labels))
+
+    def choose(one: Fitted, other: Fitted, margin: float, value: float, from_value: float) -> None:
+        """Count the shares of a margin in log evidence that `one` has over the `other`."""
+        if abs(value - from_value) > headline.u:
+            each = np.bincount(index, 0.5 * (other.residual**2 - one.residual**2))
+            np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
+
+    fitted, enough = first.fitted, PLAIN if first.confirmed and first.by_chance else CREDIT
+    margin = first.evidence.over_none - enough
+    choose(fitted, stage.base_fit, margin, answers.before[0][i], headline.value)
     for other in optima(fitted.candidate, stage.space, stage.log_lift, stage.base_fit.vector):
-        if abs(other.vector[i] - fitted.vector[i]) > headline.u:
-            margin = (other.cost - fitted.cost) / 2
-            before, after = other.residual, fitted.residual
-            found += most_in_favour(margin, before, after, label, stage.data.z_hat)
-    return found
+        margin = (other.cost - fitted.cost) / 2
+        choose(fitted, other, margin, other.vector[i], fitted.vector[i])
+    best = max(answer.accepted, key=lambda e: e.evidence.log)
+    named = {e.name for e in answer.accepted}
+    for e in (*answer.singles, *answer.pairs):
+        if e.possible and e.name != best.name:
+            margin = RIVAL_MAX_2LNB / 2 - best.evidence.leads(e.evidence)
+            pair = (e.fitted, best.fitted) if e.name in named else (best.fitted, e.fitted)
+            if e.name in named or margin < 0:
+                choose(*pair, abs(margin), e.fitted.vector[i], headline.value)
+    where = np.bincount(index, stage.data.z_hat) / count
+    return tuple(
+        Shift.at(float(where[j]), str(labels[j]), 0.0)
+        for j in np.argsort(-share)[:TRIES]
+        if share[j] > PART
+    )
 
 
 def turning(answer: Answer) -> tuple[Shift, ...]:
@@ -127,34 +119,24 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
     )
 
 
-def trials_to_try(
-    answer: Answer,
-    answers: Answers,
-    quoted: BoundaryResult,
-    residuals: Mapping[str, NDArray[Any]],
-) -> tuple[Shift, ...]:
+def trials_to_try(answer: Answer, answers: Answers, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Trials to leave out: each one of a small table; else those that decide the name, and those
     without which a test would turn.
     """
     data = answer.stage.data
     if few(data, answer.stage.base):
         return each_of(data.trial, data)
-    return (*decisive(answer, answers, quoted, residuals, data.trial), *turning(answer))
+    return (*decisive(answer, answers, quoted, data.trial), *turning(answer))
 
 
-def visits_to_try(
-    answer: Answer,
-    answers: Answers,
-    quoted: BoundaryResult,
-    residuals: Mapping[str, NDArray[Any]],
-) -> tuple[Shift, ...]:
+def visits_to_try(answer: Answer, answers: Answers, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Visits to leave out: each one of a small table; else those that decide the name, and the one
     that moves the headline by more than its standard uncertainty.
     """
     data = answer.stage.data
     if few(data, answer.stage.base):
         return each_of(data.visit, data)
-    hangs = decisive(answer, answers, quoted, residuals, data.visit)
+    hangs = decisive(answer, answers, quoted, data.visit)
     hinge = quoted.hinge
     if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in hangs]:
         return (hinge[1], *hangs)
