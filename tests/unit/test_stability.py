@@ -47,6 +47,20 @@ def quoted(data):
     return diagnose(data, GROUND, (), Options()).quoted
 
 
+@pytest.fixture(scope="module")
+def sagging():
+    """An answer that names one effect, as if nothing else had been tried, and its quotation."""
+    data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
+    answer = search.run(set_up(data, GROUND, (), Options())[0])
+    (first,) = [e for e in answer.accepted if e.name == "supply_sag"]
+    answer = replace(answer, accepted=(first,), singles=(first,), pairs=())
+    value = float(first.fitted.vector[0])
+    quoted = SimpleNamespace(
+        headline="K_b", coefficients={"K_b": SimpleNamespace(value=value, u=0.1)}
+    )
+    return answer, quoted
+
+
 def test_the_shift_is_that_of_a_new_diagnosis_without_the_trial(data, quoted):
     headline = quoted.coefficients["K_b"]
     most = headline.influence.trial
@@ -154,12 +168,10 @@ def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond):
 @pytest.mark.parametrize("beyond", [-0.1, 0.1])
 @pytest.mark.parametrize("marginal", [False, True])
 def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are_tried(
-    beyond, marginal
+    sagging, beyond, marginal
 ):
-    data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
-    stage = set_up(data, GROUND, (), Options())[0]
-    answer = search.run(stage)
-    (found,) = [e for e in answer.accepted if e.name == "supply_sag"]
+    answer, _ = sagging
+    stage, (found,) = answer.stage, answer.accepted
     least = found.left.log10_p.min()
 
     def at(threshold):
@@ -169,7 +181,7 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
         problem = replace(stage)
         problem.__dict__["null"] = chance
         left = replace(found.left, threshold=-100.0 if marginal else threshold)
-        return replace(answer, stage=problem, singles=(replace(found, left=left),), pairs=())
+        return replace(answer, stage=problem, accepted=(replace(found, left=left),))
 
     tried = turning(at(least + beyond))
     assert 1 <= len(tried) <= TRIES
@@ -181,24 +193,9 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
     assert turning(at(least + 100 * beyond)) == ()
 
 
-@pytest.fixture(scope="module")
-def sagging():
-    """An answer that names one effect, whatever else was tried, and its headline's quotation."""
-    data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
-    answer = search.run(set_up(data, GROUND, (), Options())[0])
-    (first,) = [e for e in answer.accepted if e.name == "supply_sag"]
-    answer = replace(answer, accepted=(first,), singles=(first,), pairs=())
-    value = float(first.fitted.vector[0])
-    quoted = SimpleNamespace(
-        headline="K_b", coefficients={"K_b": SimpleNamespace(value=value, u=0.1)}
-    )
-    return answer, quoted
-
-
-def decided(answer, quoted, before=0.0, label="trial"):
-    """Trials or visits that decide, where the base fit's headline lies so far off."""
-    near = SimpleNamespace(names=["K_b"], before=([quoted.coefficients["K_b"].value + before],))
-    return [one.id for one in decisive(answer, near, quoted, getattr(answer.stage.data, label))]
+def decided(answer, quoted, label="trial"):
+    """Trials or visits that decide."""
+    return [one.id for one in decisive(answer, quoted, getattr(answer.stage.data, label))]
 
 
 def spoken_for(fitted, gains, moved=0.0):
@@ -210,33 +207,40 @@ def spoken_for(fitted, gains, moved=0.0):
     return replace(fitted, residual=residual, vector=vector)
 
 
-def test_the_trials_that_speak_most_for_a_hardly_earned_name_are_tried(sagging):
+def test_the_trials_that_decide_whether_there_is_a_name_are_tried(sagging):
     answer, quoted = sagging
     (first,) = answer.accepted
+    stage = replace(answer.stage)
 
-    def named(over_none, **of_test):
+    def of(over_none, against=False, **of_test):
         evidence = replace(first.evidence, unnamed=0.0, as_printed=over_none, uncertain=over_none)
         name = replace(first, evidence=evidence, **of_test)
-        stage = replace(answer.stage)
-        without = spoken_for(first.fitted, {7: 3.0, 9: 1.0})
-        stage.__dict__["base_fit"] = replace(stage.base_fit, residual=without.residual)
-        return replace(answer, accepted=(name,), stage=stage)
+        # trials that speak for the name, or against it
+        other = spoken_for(first.fitted, {7: 3.0, 9: 1.0})
+        base = replace(stage.base_fit, residual=other.residual)
+        if against:
+            name = replace(name, fitted=other)
+            base = replace(stage.base_fit, residual=first.fitted.residual)
+        about = replace(stage)
+        about.__dict__["base_fit"] = base
+        named = () if against else (name,)
+        return replace(answer, singles=(name,), accepted=named, stage=about)
 
-    ids = answer.stage.data.trial
-    assert decided(named(CREDIT + 1.5), quoted, 0.11) == [ids[7], ids[9]]
-    assert decided(named(CREDIT + 4.0), quoted, 0.11) == [ids[7]]
-    assert decided(named(CREDIT + 7.0), quoted, 0.11) == []
-    # nor does what keeps the headline
-    assert decided(named(CREDIT + 1.5), quoted, 0.09) == []
+    ids, visit = stage.data.trial, stage.data.visit
+    assert decided(of(CREDIT + 1.5), quoted) == [ids[7], ids[9]]
+    assert decided(of(CREDIT + 4.0), quoted) == [ids[7]]
+    assert decided(of(CREDIT + 7.0), quoted) == []
     # a visit speaks with the voice of all its trials
-    visit = answer.stage.data.visit
     assert visit[7] != visit[9]
-    assert decided(named(CREDIT + 4.0), quoted, 0.11, "visit") == [str(visit[7])]
+    assert decided(of(CREDIT + 4.0), quoted, "visit") == [str(visit[7])]
     # what leaves more than its test allows needs more
     left = replace(first.left, threshold=0.0, p_value=0.04)
-    by_chance = named(PLAIN + 4.0, left=left, confirmed=True)
-    assert decided(by_chance, quoted, 0.11) == [ids[7]]
-    assert decided(named(PLAIN + 4.0), quoted, 0.11) == []
+    assert decided(of(PLAIN + 4.0, left=left, confirmed=True), quoted) == [ids[7]]
+    assert decided(of(PLAIN + 4.0), quoted) == []
+    # for want of so much there is no name; where something else refused it, no trial did
+    assert decided(of(CREDIT - 4.0, against=True), quoted) == [ids[7]]
+    assert decided(of(PLAIN - 4.0, against=True, left=left), quoted) == [ids[7]]
+    assert decided(of(CREDIT + 4.0, against=True), quoted) == []
 
 
 @pytest.mark.parametrize(("moved", "tried"), [(0.11, True), (0.09, False)])
@@ -332,8 +336,9 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
 ):
     def tried(n, quoted, accepted=(), to_try=visits_to_try):
         some = data.take(np.arange(data.n) < n)
-        answer = SimpleNamespace(stage=SimpleNamespace(data=some, base=GROUND), accepted=accepted)
-        return [v.id for v in to_try(answer, None, quoted)]
+        stage = SimpleNamespace(data=some, base=GROUND)
+        answer = SimpleNamespace(stage=stage, accepted=accepted, singles=(), pairs=())
+        return [v.id for v in to_try(answer, quoted)]
 
     assert tried(20, quoted) == [str(v) for v in np.unique(data.visit[:20])]
     assert tried(20, quoted, to_try=trials_to_try) == list(data.trial[:20])

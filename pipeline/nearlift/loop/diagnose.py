@@ -167,14 +167,14 @@ def diagnose(
         quoted = stability.with_decisive_trial(
             quoted,
             lambda trial: _without(ground, ground.data.trial != trial, rate, decided, declared),
-            stability.trials_to_try(answer, answers, quoted),
+            stability.trials_to_try(answer, quoted),
         )
         quoted = stability.with_decisive_visits(
             quoted,
             lambda visit: _without(
                 ground, ground.data.visit.astype(str) != visit, rate, decided, declared
             ),
-            stability.visits_to_try(answer, answers, quoted),
+            stability.visits_to_try(answer, quoted),
         )
     return LoopDiagnosis(findings=findings, residuals=residuals, quoted=quoted)
 

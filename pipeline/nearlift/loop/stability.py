@@ -1,12 +1,12 @@
 """Case deletion: whether the answer rests on a single trial or visit.
 
 Candidates are the trial of largest closed-form influence on the headline coefficient, those to
-which a choice owes most of a narrow margin (a name over none, an optimum of its fit over another, a
-rival in the set or outside), and those without which a test would turn: that for structure, or that
-of what the likeliest explanation leaves. The whole diagnosis, noise and search included, is
-repeated without each: the answer rests on a trial if the headline then moves by more than one
-standard uncertainty, or the verdict changes. Visits are left out likewise, selected by the first
-two criteria; of a small table each trial and each visit is left out.
+which a choice owes most of a narrow margin (see `choices`), and those without which a test would
+turn: that for structure, or that of what the likeliest explanation leaves. The whole diagnosis,
+noise and search included, is repeated without each: the answer rests on a trial if the headline
+then moves by more than one standard uncertainty, or the verdict changes. Visits are left out
+likewise, selected by the first two criteria; of a small table each trial and each visit is left
+out.
 """
 
 from __future__ import annotations
@@ -20,13 +20,19 @@ from numpy.typing import NDArray
 
 from nearlift.loop.admission import few
 from nearlift.loop.candidate_fit import Fitted, optima
-from nearlift.loop.coefficients import Answers
 from nearlift.loop.evidence import CREDIT
-from nearlift.loop.explanation import MARGINAL
+from nearlift.loop.explanation import MARGINAL, Explanation
 from nearlift.loop.search import PLAIN, Answer
 from nearlift.results import Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
-from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
+from nearlift.results.quotation import (
+    BoundaryResult,
+    CoefficientResult,
+    Doubt,
+    RestsOn,
+    Shift,
+    Verdict,
+)
 
 #: Closed-form influence below which the most influential trial is not left out, in standard
 #: uncertainties of the headline.
@@ -37,6 +43,8 @@ PART, TRIES, LEAST_MARGIN = 0.5, 3, 1e-3
 #: How near its threshold a test must come without a trial, in log10 p: by so much the noise floor
 #: that is estimated without it may differ.
 NEAR = 0.1
+#: A fit that was preferred to another, and by how much in log evidence.
+Choice = tuple[Fitted, Fitted, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,42 +56,56 @@ class Without:
     intervals: Mapping[str, tuple[float, float, float]]
 
 
-def decisive(
-    answer: Answer, answers: Answers, quoted: BoundaryResult, label: NDArray[Any]
-) -> tuple[Shift, ...]:
-    """Trials or visits, by `label` (n,), to which a name owes its narrow margin over none, an
-    optimum of its fit that over another one, or a rival its place in the set or outside: up to
-    `TRIES`, those with the largest share of a margin first. Empty without a name; choices that keep
-    the headline within one standard uncertainty do not count.
+def likeliest(answer: Answer) -> Explanation | None:
+    """The explanation that comes first, or else the likeliest of those that nothing forbids to
+    name.
     """
-    if not (answer.accepted and quoted.headline):
+    tried = [e for e in (*answer.singles, *answer.pairs) if e.eligible]
+    return next(iter((*answer.accepted, *sorted(tried, key=lambda e: -e.evidence.log))), None)
+
+
+def choices(answer: Answer, name: str, quoted: Mapping[str, CoefficientResult]) -> list[Choice]:
+    """Whether there is a name, and with one, where more than a standard uncertainty of the
+    coefficient `name` hangs on it: which optimum its fit takes, and whether a rival is within
+    reach.
+    """
+    first, stage, headline = likeliest(answer), answer.stage, quoted[name]
+    i = [p.name for p in stage.base.parameters].index(name)
+    if first is None:
+        return []
+    fitted, named = first.fitted, {e.name for e in answer.accepted}
+    by_chance = first.by_chance and (first.confirmed or not named)
+    margin = first.evidence.over_none - (PLAIN if by_chance else CREDIT)
+    if not named:
+        return [(stage.base_fit, fitted, -margin)] if margin < 0 else []
+    found = [(fitted, stage.base_fit, margin)]
+    for other in optima(fitted.candidate, stage.space, stage.log_lift, stage.base_fit.vector):
+        if abs(other.vector[i] - fitted.vector[i]) > headline.u:
+            found.append((fitted, other, (other.cost - fitted.cost) / 2))
+    best = max(answer.accepted, key=lambda e: e.evidence.log)
+    for e in (*answer.singles, *answer.pairs):
+        far = abs(e.fitted.vector[i] - headline.value) > headline.u
+        if far and e.possible and e.name != best.name:
+            within = RIVAL_MAX_2LNB / 2 - best.evidence.leads(e.evidence)
+            if e.name in named:
+                found.append((e.fitted, best.fitted, within))
+            elif within < 0:
+                found.append((best.fitted, e.fitted, -within))
+    return found
+
+
+def decisive(answer: Answer, quoted: BoundaryResult, label: NDArray[Any]) -> tuple[Shift, ...]:
+    """Trials or visits, by `label` (n,), to which one of the `choices` owes most of a narrow
+    margin: up to `TRIES`, those with the largest share of a margin first.
+    """
+    if not quoted.headline:
         return ()
-    i, headline = answers.names.index(quoted.headline), quoted.coefficients[quoted.headline]
-    stage, first = answer.stage, answer.accepted[0]
     labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
     share = np.zeros(len(labels))
-
-    def choose(one: Fitted, other: Fitted, margin: float, value: float, from_value: float) -> None:
-        """Count the shares of a margin in log evidence that `one` has over the `other`."""
-        if abs(value - from_value) > headline.u:
-            each = np.bincount(index, 0.5 * (other.residual**2 - one.residual**2))
-            np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
-
-    fitted, enough = first.fitted, PLAIN if first.confirmed and first.by_chance else CREDIT
-    margin = first.evidence.over_none - enough
-    choose(fitted, stage.base_fit, margin, answers.before[0][i], headline.value)
-    for other in optima(fitted.candidate, stage.space, stage.log_lift, stage.base_fit.vector):
-        margin = (other.cost - fitted.cost) / 2
-        choose(fitted, other, margin, other.vector[i], fitted.vector[i])
-    best = max(answer.accepted, key=lambda e: e.evidence.log)
-    named = {e.name for e in answer.accepted}
-    for e in (*answer.singles, *answer.pairs):
-        if e.possible and e.name != best.name:
-            margin = RIVAL_MAX_2LNB / 2 - best.evidence.leads(e.evidence)
-            pair = (e.fitted, best.fitted) if e.name in named else (best.fitted, e.fitted)
-            if e.name in named or margin < 0:
-                choose(*pair, abs(margin), e.fitted.vector[i], headline.value)
-    where = np.bincount(index, stage.data.z_hat) / count
+    for one, other, margin in choices(answer, quoted.headline, quoted.coefficients):
+        each = np.bincount(index, 0.5 * (other.residual**2 - one.residual**2))
+        np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
+    where = np.bincount(index, answer.stage.data.z_hat) / count
     return tuple(
         Shift.at(float(where[j]), str(labels[j]), 0.0)
         for j in np.argsort(-share)[:TRIES]
@@ -100,11 +122,11 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
     if stage.independent or not stage.hypotheses[0]:
         return ()
     tests = [(answer.first, stage.base_reading)]
-    left = [(e, e.left) for e in (*answer.singles, *answer.pairs) if e.eligible and e.left]
-    for e, test in sorted(left, key=lambda one: -one[0].evidence.log)[:1]:
-        reading = stage.linearised(e.fitted, e.form_sd, e.wander)
-        marginal = replace(test, threshold=stage.null.threshold(MARGINAL))
-        tests += [(test, reading), (marginal, reading)]
+    first = likeliest(answer)
+    if first and first.left:
+        reading = stage.linearised(first.fitted, first.form_sd, first.wander)
+        marginal = replace(first.left, threshold=stage.null.threshold(MARGINAL))
+        tests += [(first.left, reading), (marginal, reading)]
     beyond = np.max(
         [
             (stage.least_without_each(reading) - test.threshold) * (1 if test.present else -1)
@@ -119,24 +141,24 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
     )
 
 
-def trials_to_try(answer: Answer, answers: Answers, quoted: BoundaryResult) -> tuple[Shift, ...]:
+def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Trials to leave out: each one of a small table; else those that decide the name, and those
     without which a test would turn.
     """
     data = answer.stage.data
     if few(data, answer.stage.base):
         return each_of(data.trial, data)
-    return (*decisive(answer, answers, quoted, data.trial), *turning(answer))
+    return (*decisive(answer, quoted, data.trial), *turning(answer))
 
 
-def visits_to_try(answer: Answer, answers: Answers, quoted: BoundaryResult) -> tuple[Shift, ...]:
+def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Visits to leave out: each one of a small table; else those that decide the name, and the one
     that moves the headline by more than its standard uncertainty.
     """
     data = answer.stage.data
     if few(data, answer.stage.base):
         return each_of(data.visit, data)
-    hangs = decisive(answer, answers, quoted, data.visit)
+    hangs = decisive(answer, quoted, data.visit)
     hinge = quoted.hinge
     if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in hangs]:
         return (hinge[1], *hangs)
