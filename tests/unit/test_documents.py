@@ -129,6 +129,10 @@ def test_what_could_move_the_number_unseen_is_looked_for_first(
         }
     ]
 
+    # no single trial is graver
+    sure = dataclasses.replace(quoted, rests_on=None)
+    monkeypatch.setattr(type(evidence), "quoted", lambda *_: sure)
+
     def after(effect: str) -> str:
         hidden = {**block, "silent": [{**silent[0], "effect": effect}]}
         told = {**content, "boundaries": {"ground": hidden}}

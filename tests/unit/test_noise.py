@@ -282,6 +282,10 @@ def test_no_trial_decides_between_two_modes():
         assert rest.height_m == pytest.approx(whole.height_m, rel=0.25)
         likeliest.append(np.exp(rest.modes[0][2]))
     assert max(likeliest) > 5 * min(likeliest)
+    # nor does an outlier, before it is pulled in
+    lift = data.lift_N.copy()
+    lift[4] *= 1.1
+    assert len(estimate(dataclasses.replace(data, lift_N=lift)).modes) == 2
     # that either may be true is an uncertainty of both sizes
     names = ("height_m", "common")
     variances = [whole.log_covariance[i][i] for i in map(whole.sizes.index, names)]

@@ -52,7 +52,8 @@ def sagging():
     """An answer that names one effect, as if nothing else had been tried, and its quotation."""
     data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
     answer = search.run(set_up(data, GROUND, (), Options())[0])
-    (first,) = [e for e in answer.accepted if e.name == "supply_sag"]
+    assert answer.accepted[0].name == "supply_sag"
+    (first,) = [e for e in answer.singles if e.name == "supply_sag"]
     answer = replace(answer, accepted=(first,), singles=(first,), pairs=())
     value = float(first.fitted.vector[0])
     quoted = SimpleNamespace(
@@ -145,7 +146,12 @@ def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
 
 
 @pytest.mark.parametrize("beyond", [-0.1, 0.1])
-def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond):
+@pytest.mark.parametrize("ordered", [True, False])
+def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond, ordered):
+    if not ordered:
+        # a table that somebody sorted: whitened trials stand by visit, and not as its rows
+        rows = np.random.default_rng(1).permutation(data.n)
+        data = replace(data.take(rows), ordered=False)
     stage = set_up(data, GROUND, (), Options(multiplicity=False))[0]
     answer = search.run(stage)
     least = answer.first.log10_p.min()
@@ -181,7 +187,8 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
         problem = replace(stage)
         problem.__dict__["null"] = chance
         left = replace(found.left, threshold=-100.0 if marginal else threshold)
-        return replace(answer, stage=problem, accepted=(replace(found, left=left),))
+        tested = (replace(found, left=left),)
+        return replace(answer, stage=problem, accepted=tested, singles=tested)
 
     tried = turning(at(least + beyond))
     assert 1 <= len(tried) <= TRIES
@@ -190,6 +197,10 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
         rest = replace(stage, data=stage.data.take(keep), log_lift=stage.log_lift[keep])
         again = rest.left_by(rest.explain(found.fitted.candidate.effects)).log10_p.min()
         assert (again - least) / beyond > 0.7
+    # that its form is taken for less uncertain once it is named changes nothing
+    alone = at(least + beyond)
+    alone = replace(alone, accepted=(alone.accepted[0].without_rivals(),))
+    assert [one.id for one in turning(alone)] == [one.id for one in tried]
     assert turning(at(least + 100 * beyond)) == ()
 
 

@@ -24,7 +24,13 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.likelihood.variance_components import ENOUGH, VarianceComponents, ages, pulled_in
+from nearlift.likelihood.variance_components import (
+    ANOTHER,
+    ENOUGH,
+    VarianceComponents,
+    ages,
+    pulled_in,
+)
 from nearlift.results import IntArray, Noise, Observations
 
 #: What the source of noise says that repeats tell.
@@ -140,7 +146,7 @@ def estimate(
     )
     typical_N = float(np.median(data.lift_N))
     unit = np.array([typical_N if name == "force_N" else 1.0 for name in model.priors])
-    if start is None or start.sizes != tuple(model.priors):
+    if start is None or not start.modes or start.sizes != tuple(model.priors):
         # neighbours differ by their noise whatever the model lacks
         near = (
             float(np.median(np.abs(np.diff(log_lift - mean @ (mean.T @ log_lift)))))
@@ -163,11 +169,12 @@ def estimate(
     else:
         starts = [np.array(x) for x in start.modes]
     y = log_lift
-    for last in (ROUGH_STEP,) * PASSES + (LAST_STEP,):
-        modes = model.modes(starts, y, last)
+    for _ in range(PASSES):
+        modes = model.modes(starts, y, ROUGH_STEP)
         starts = [mode.x for mode in modes]
-        if last == ROUGH_STEP:
-            y = np.sum([mode.weight * pulled_in(y, mode.at) for mode in modes], axis=0)
+        y = np.sum([mode.weight * pulled_in(y, mode.at) for mode in modes], axis=0)
+    modes = model.modes(starts, y, LAST_STEP, ANOTHER)
+    starts = [mode.x for mode in modes]
     weight, squares = np.array([m.weight for m in modes]), np.exp(2 * np.array(starts))
     size2 = weight @ squares
     # half the relative change of a square is that of its logarithm

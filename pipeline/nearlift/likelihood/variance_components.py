@@ -280,21 +280,23 @@ class VarianceComponents:
         back = np.argsort(self.order)
         return x, replace(here, weighed=here.weighed[back], precision=here.precision[back])
 
-    def modes(self, starts: list[FloatArray], y: FloatArray, last: float) -> list[Mode]:
+    def modes(
+        self, starts: list[FloatArray], y: FloatArray, last: float, beyond: float = np.inf
+    ) -> list[Mode]:
         """The modes that the search from each of `starts` finds, the likeliest first, weighed by
-        Laplace's approximation.
+        Laplace's approximation; none whose deviance exceeds the least by `beyond`.
         """
         ends = sorted((self.maximise(x, y, last) for x in starts), key=lambda end: end[1].deviance)
-        found: list[tuple[FloatArray, SizesAt]] = []
-        for x, at in ends:
-            new = all((x - z) @ known.curvature @ (x - z) > 1 for z, known in found)
-            if new and at.deviance - ends[0][1].deviance < ANOTHER:
-                found.append((x, at))
-        mass = np.array([-at.deviance - np.linalg.slogdet(at.curvature)[1] for _, at in found]) / 2
+        kept = ends[:1]
+        for x, at in ends[1:]:
+            other = all((x - z) @ known.curvature @ (x - z) > 1 for z, known in kept)
+            if other and at.deviance - ends[0][1].deviance < beyond:
+                kept.append((x, at))
+        mass = np.array([-at.deviance - np.linalg.slogdet(at.curvature)[1] for _, at in kept]) / 2
         weight = np.exp(mass - mass.max())
         return [
             Mode(x=x, at=at, weight=float(w))
-            for (x, at), w in zip(found, weight / weight.sum(), strict=True)
+            for (x, at), w in zip(kept, weight / weight.sum(), strict=True)
         ]
 
 

@@ -57,53 +57,61 @@ class Without:
 
 
 def likeliest(answer: Answer) -> Explanation | None:
-    """The explanation that comes first, or else the likeliest of those that nothing forbids to
-    name.
+    """The explanation that comes first, as it was tried, or else the likeliest of those that
+    nothing forbids to name.
     """
-    tried = [e for e in (*answer.singles, *answer.pairs) if e.eligible]
-    return next(iter((*answer.accepted, *sorted(tried, key=lambda e: -e.evidence.log))), None)
+    tried = (*answer.singles, *answer.pairs)
+    if answer.accepted:
+        first = answer.accepted[0]
+        return next((e for e in tried if e.name == first.name), first)
+    return max((e for e in tried if e.eligible), key=lambda e: e.evidence.log, default=None)
 
 
-def choices(answer: Answer, name: str, quoted: Mapping[str, CoefficientResult]) -> list[Choice]:
-    """Whether there is a name, and with one, where more than a standard uncertainty of the
-    coefficient `name` hangs on it: which optimum its fit takes, and whether a rival is within
-    reach.
+def choices(
+    answer: Answer, coefficient: str, quoted: Mapping[str, CoefficientResult]
+) -> list[Choice]:
+    """Whether an effect is named, and if so, where more than a standard uncertainty of the
+    coefficient hangs on it: which optimum its fit takes, and whether a rival is within reach.
     """
-    first, stage, headline = likeliest(answer), answer.stage, quoted[name]
-    i = [p.name for p in stage.base.parameters].index(name)
+    first, stage, headline = likeliest(answer), answer.stage, quoted[coefficient]
     if first is None:
         return []
+    i = [p.name for p in stage.base.parameters].index(coefficient)
     fitted, named = first.fitted, {e.name for e in answer.accepted}
-    by_chance = first.by_chance and (first.confirmed or not named)
-    margin = first.evidence.over_none - (PLAIN if by_chance else CREDIT)
+    plain = first.confirmed if named else first.by_chance
+    margin = first.evidence.over_none - (PLAIN if plain else CREDIT)
     if not named:
         return [(stage.base_fit, fitted, -margin)] if margin < 0 else []
-    found = [(fitted, stage.base_fit, margin)]
+    # where visits are few, those left out decide, and no evidence
+    chosen = [] if stage.independent else [(fitted, stage.base_fit, margin)]
     for other in optima(fitted.candidate, stage.space, stage.log_lift, stage.base_fit.vector):
-        if abs(other.vector[i] - fitted.vector[i]) > headline.u:
-            found.append((fitted, other, (other.cost - fitted.cost) / 2))
-    best = max(answer.accepted, key=lambda e: e.evidence.log)
+        if abs(other.vector[i] - fitted.vector[i]) > headline.u and np.isfinite(other.cost):
+            chosen.append((fitted, other, (other.cost - fitted.cost) / 2))
+    alike = [e for e in answer.accepted if e.tenable and len(e.effects) == len(first.effects)]
+    best = max(alike, key=lambda e: e.evidence.log, default=first)
     for e in (*answer.singles, *answer.pairs):
         far = abs(e.fitted.vector[i] - headline.value) > headline.u
         if far and e.possible and e.name != best.name:
             within = RIVAL_MAX_2LNB / 2 - best.evidence.leads(e.evidence)
             if e.name in named:
-                found.append((e.fitted, best.fitted, within))
+                chosen.append((e.fitted, best.fitted, within))
             elif within < 0:
-                found.append((best.fitted, e.fitted, -within))
-    return found
+                chosen.append((best.fitted, e.fitted, -within))
+    return chosen
 
 
 def decisive(answer: Answer, quoted: BoundaryResult, label: NDArray[Any]) -> tuple[Shift, ...]:
     """Trials or visits, by `label` (n,), to which one of the `choices` owes most of a narrow
     margin: up to `TRIES`, those with the largest share of a margin first.
     """
-    if not quoted.headline:
+    name = quoted.headline
+    chosen = choices(answer, name, quoted.coefficients) if name else []
+    if not chosen:
         return ()
     labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
-    share = np.zeros(len(labels))
-    for one, other, margin in choices(answer, quoted.headline, quoted.coefficients):
-        each = np.bincount(index, 0.5 * (other.residual**2 - one.residual**2))
+    share, order = np.zeros(len(labels)), answer.stage.space.covariance.order
+    for one, other, margin in chosen:
+        each = np.bincount(index[order], 0.5 * (other.residual**2 - one.residual**2))
         np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
     where = np.bincount(index, answer.stage.data.z_hat) / count
     return tuple(
@@ -134,8 +142,9 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
         ],
         axis=0,
     )
+    order, data = stage.space.covariance.order, stage.data
     return tuple(
-        Shift.at(float(stage.data.z_hat[i]), str(stage.data.trial[i]), 0.0)
+        Shift.at(float(data.z_hat[order[i]]), str(data.trial[order[i]]), 0.0)
         for i in np.argsort(-beyond)[:TRIES]
         if beyond[i] > -NEAR
     )
