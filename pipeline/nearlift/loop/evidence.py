@@ -99,6 +99,11 @@ class Integrated:
     deform: Deformation
     log_det: float
 
+    def beside(self, columns: FloatArray) -> FloatArray:
+        """Columns of the first of these coordinates (d', m), d' <= d, as the scores are, (d, m)."""
+        missing = len(self.scores) - len(columns)
+        return self.deform(np.pad(columns, ((0, missing), (0, 0))))
+
     @property
     def log_likelihood(self) -> FloatArray:
         """Up to a constant of the trials, (m,)."""

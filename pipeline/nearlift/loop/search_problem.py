@@ -207,27 +207,19 @@ class SearchProblem:
         """The whole test on what an explanation leaves."""
         return structure.examine(
             left.scores[:, 0],
-            self.hypotheses_beside(left),
+            structure.mapped(self.hypotheses[0], left.beside),
             left.removed,
             self.null,
             self.options.false_alarm_rate,
         )
-
-    def hypotheses_beside(self, left: Integrated) -> tuple[Hypothesis, ...]:
-        """The hypotheses where these scores are."""
-
-        def padded(x: FloatArray) -> FloatArray:
-            beyond = np.zeros((len(left.scores) - len(x), x.shape[1]))
-            return left.deform(np.vstack([x, beyond]))
-
-        return structure.mapped(self.hypotheses[0], padded)
 
     def least_without_each(self, reading: FormReading) -> FloatArray:
         """The smallest log10 p of the whole test on what a reading leaves without each trial, to
         first order, (n,).
         """
         left = reading.left
-        _, stacked, ranks = structure.bases(self.hypotheses_beside(left), left.removed)
+        hypotheses = structure.mapped(self.hypotheses[0], left.beside)
+        _, stacked, ranks = structure.bases(hypotheses, left.removed)
         if not len(ranks):
             return np.zeros(self.data.n)
         return structure.least_log10_p(reading.without_each.T, stacked, ranks)
@@ -240,8 +232,7 @@ class SearchProblem:
 
     def waves_beside(self, left: Integrated) -> FloatArray:
         """The columns of a wander where these scores are, (d, k)."""
-        known = self.waves_in_basis
-        columns = left.deform(np.pad(known, ((0, len(left.scores) - len(known)), (0, 0))))
+        columns = left.beside(self.waves_in_basis)
         return np.asarray(columns - left.removed @ (left.removed.T @ columns))
 
     def explain(

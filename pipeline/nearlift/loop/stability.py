@@ -129,16 +129,18 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
     stage = answer.stage
     if stage.independent or not stage.hypotheses[0]:
         return ()
-    tests = [(answer.first, stage.base_reading)]
+    tests = [(stage.base_reading, [answer.first])]
     first = likeliest(answer)
     if first and first.left:
         reading = stage.linearised(first.fitted, first.form_sd, first.wander)
         marginal = replace(first.left, threshold=stage.null.threshold(MARGINAL))
-        tests += [(first.left, reading), (marginal, reading)]
+        tests.append((reading, [first.left, marginal]))
     beyond = np.max(
         [
-            (stage.least_without_each(reading) - test.threshold) * (1 if test.present else -1)
-            for test, reading in tests
+            (least - test.threshold) * (1 if test.present else -1)
+            for reading, of_it in tests
+            for least in [stage.least_without_each(reading)]
+            for test in of_it
         ],
         axis=0,
     )
