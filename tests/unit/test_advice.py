@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 
 from nearlift.commands import meaning
-from nearlift.commands.inspect import inspect
+from nearlift.commands.inspection import inspect
 from nearlift.manifest import campaign as manifests
 from nearlift.manifest.piv import Piv
 from nearlift.manifest.validation import validated

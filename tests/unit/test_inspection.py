@@ -11,7 +11,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from nearlift.commands.inspect import inspect
+from nearlift.commands.inspection import inspect
 from nearlift.commands.sparkline import BARS, sparkline
 
 from . import small_run, written

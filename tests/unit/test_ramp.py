@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from nearlift.commands.inspect import inspect
+from nearlift.commands.inspection import inspect
 from nearlift.products import TRIALS
 from nearlift.readers.ramp import moves
 

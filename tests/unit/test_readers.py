@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nearlift.commands.inspect import inspect
+from nearlift.commands.inspection import inspect
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import BUILT_IN, child, csv_trial, parquet, reader, readers, scanner, table
 from nearlift.readers.channel import Malformed

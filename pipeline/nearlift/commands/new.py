@@ -13,7 +13,8 @@ import click
 
 from nearlift.commands.common import DIALECT, Call, declared, dialect_of
 from nearlift.commands.flight_logs import flight_block
-from nearlift.commands.inspect import MEANS, Found, flight_records, inspect, records_block
+from nearlift.commands.inspection import Inspection, inspect
+from nearlift.commands.manifest_tables import MEANS, flight_records, records_block
 from nearlift.commands.tables import Table, table_of, trials_section
 from nearlift.errors import InputRefused, UsageError
 from nearlift.manifest.campaign import BLANK
@@ -230,7 +231,7 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
     return list(files), None
 
 
-def _of_one_kind(inspected: list[Found]) -> None:
+def _of_one_kind(inspected: list[Inspection]) -> None:
     """See that one reader reads all, with the same channels."""
     if {f.reader for f in inspected} == {csv_trial.READER.name, TEXT.name}:
         # the one that reads plain CSV as well
@@ -250,7 +251,9 @@ def _of_one_kind(inspected: list[Found]) -> None:
         )
 
 
-def _records(folder: Path, inspected: Sequence[Found]) -> tuple[str, list[str], dict[Path, Path]]:
+def _records(
+    folder: Path, inspected: Sequence[Inspection]
+) -> tuple[str, list[str], dict[Path, Path]]:
     """[load_cell] and [records] of the records, their trials, and where which is to be copied."""
     root = folder.resolve()
     paths = [f.path for f in inspected]
@@ -285,7 +288,7 @@ def _records(folder: Path, inspected: Sequence[Found]) -> tuple[str, list[str], 
     )
 
 
-def _swept(inspected: Sequence[Found]) -> str:
+def _swept(inspected: Sequence[Inspection]) -> str:
     """The [segments] of records that are all sweeps of the throttle; empty of others."""
     ramps = [f.ramp for f in inspected]
     return ramps[0].segments if ramps[0] is not None and all(ramps) else ""

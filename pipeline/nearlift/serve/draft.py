@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import units
-from nearlift.commands.inspect import Found, inspect
+from nearlift.commands.inspection import Inspection, inspect
 from nearlift.errors import InputRefused, NearliftError, UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.manifest import toml
@@ -164,11 +164,11 @@ def records(root: Path, values: dict[str, object]) -> Iterator[Path]:
 
 
 @functools.lru_cache(maxsize=2)
-def _inspected(path: Path, stamp: tuple[int, int]) -> Found:
+def _inspected(path: Path, stamp: tuple[int, int]) -> Inspection:
     return inspect(path, record=True)
 
 
-def inspected(path: Path) -> Found:
+def inspected(path: Path) -> Inspection:
     """What a record holds; the last ones are remembered."""
     status = path.stat()
     return _inspected(path, (status.st_size, status.st_mtime_ns))

@@ -1,4 +1,6 @@
-"""Names in the code: a class has one in the whole package, and none is a word that says nothing."""
+"""The house: a class has one name in the whole package, no name is a word that says nothing, and no
+module is long.
+"""
 
 import ast
 from collections import Counter
@@ -37,3 +39,9 @@ def test_variables_and_functions_say_what_they_hold():
         if (isinstance(n, ast.arg) and n.arg in EMPTY)
         or (isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store) and n.id in EMPTY)
     ] == []
+
+
+def test_no_module_is_longer_than_400_lines():
+    lines = {path: len((ROOT / path).read_text(encoding="utf-8").splitlines()) for path in NODES}
+    assert len(lines) > 400
+    assert {path: n for path, n in lines.items() if n > 400} == {}

@@ -1,0 +1,142 @@
+"""The tables of a manifest for a file: those of a record, of a flight, of a velocity grid, of a
+table of trials.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+
+from nearlift.commands import flight_logs, grids, meaning
+from nearlift.commands.inspection import Inspection
+from nearlift.commands.tables import Table
+from nearlift.readers.channel import AS_FORCE, FORCE_UNITS
+
+#: [records] of a table of means.
+MEANS = '[records]\nreader = "means"                     # mean lifts in the schedule, no samples\n'
+
+
+def block(inspected: Inspection) -> str:
+    """The tables of a manifest for the file."""
+    if inspected.grid is not None:
+        return grids.piv_block(inspected.grid, inspected.path)
+    if inspected.table is not None:
+        return trials_block(inspected.table)
+    if inspected.flight is not None:
+        records = flight_records(inspected, f"{{record}}{inspected.path.suffix}")
+        flight = flight_logs.flight_block(inspected.flight, inspected.contents)
+        return f"{records}{flight_logs.RIG}\n{flight}"
+    return records_block(inspected)
+
+
+def flight_records(inspected: Inspection, files: str) -> str:
+    """The [records] table of flight logs."""
+    lines = ["[records]", f'reader = "{inspected.reader}"', f"files  = {json.dumps(files)}"]
+    if inspected.clock is not None and not inspected.clock.name.endswith(".time"):
+        column = json.dumps(inspected.clock.name, ensure_ascii=False)
+        lines.append(
+            f'time   = {{ column = {column}, unit = "{inspected.clock.unit or "FILL IN"}" }}'
+        )
+    return "\n".join(lines) + "\n\n"
+
+
+def trials_block(table: Table) -> str:
+    """[trials] of a table of trials, [records] where it holds their mean lifts, and how its columns
+    are to be called.
+    """
+    _, section = table.schedule(table.row_ids(), means=table.means)
+    other = [
+        f"{table.names[place]} -> {name}"
+        for name, (place, _) in table.meant.items()
+        if table.names[place] != name
+    ]
+    what = "FILE" if table.means else "RECORDS FILE"
+    how = f"# `nearlift new DIR --from {what}` makes trials.csv of it ({', '.join(other)})\n"
+    return f"{MEANS if table.means else ''}\n{how if other else ''}{section}".lstrip()
+
+
+def records_block(inspected: Inspection, files: str | None = None) -> str:
+    """The [load_cell] and [records] tables of a manifest, with what cannot be known
+    marked FILL IN.
+    """
+    pattern = (
+        files
+        if files is not None
+        else inspected.path.name
+        if inspected.reader == "parquet"
+        else f"{{{'trial' if inspected.ramp is None else 'record'}}}{inspected.path.suffix}"
+    )
+    rates = {
+        c.rate_Hz
+        for c in ([inspected.force] if inspected.force is not None else inspected.contents.channels)
+    }
+    rate = rates.pop() if len(rates) == 1 else None
+    why = "the file does not say" if rates <= {None} else "that of the force: the channels differ"
+    doubt = inspected.doubt
+    lines = [
+        "[load_cell]",
+        (
+            f'sample_rate = "{rate:.6g} Hz"'
+            if rate and not doubt
+            else f'sample_rate = "FILL IN Hz"           # {doubt or why}'
+        ),
+    ]
+    lines += [
+        (
+            'tare        = "FILL IN s"            # rotors-stopped head of every record; "0 s":'
+            ' already tared; "none": nobody knows'
+        ),
+        "",
+    ]
+    lines += [
+        "[records]",
+        f'reader = "{inspected.reader}"',
+        f"files  = {json.dumps(pattern, ensure_ascii=False)}",
+    ]
+    if inspected.force is None:
+        names = ", ".join(c.name for c in inspected.contents.channels[:8])
+        lines.append(
+            f'force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # one of: {names}'
+        )
+    else:
+        unit = AS_FORCE.get(inspected.force.unit, inspected.force.unit)
+        column = json.dumps(inspected.force.name, ensure_ascii=False)
+        if unit == "count":
+            lines.append(
+                f'force  = {{ column = {column}, unit = "count", sign = 1, calibration = {{ gain ='
+                ' "FILL IN mN/count", offset = "FILL IN count" } }'
+            )
+        else:
+            remarks = [] if unit in FORCE_UNITS else ["the file does not say the unit"]
+            known = inspected.force.values[np.isfinite(inspected.force.values)]
+            if len(known) and -float(known.min()) > 3 * abs(float(known.max())):
+                remarks.append("sign = -1 if lift makes these numbers negative")
+            remark = "   # " + "; ".join(remarks) if remarks else ""
+            lines.append(
+                f"force  = {{ column = {column}, unit ="
+                f' "{unit if unit in FORCE_UNITS else "FILL IN"}", sign = 1 }}{remark}'
+            )
+    named = {"columns": [c.name for c in inspected.contents.channels]} if inspected.columns else {}
+    if dialect := {**inspected.dialect, **named}:
+        # texts, whole numbers, booleans and lists of texts are the same in JSON
+        items = ", ".join(
+            f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in dialect.items()
+        )
+        lines.append(
+            f"dialect = {{ {items} }}"
+            + ("   # the file names none: FILL IN what they are" if named else "")
+        )
+    if inspected.clock is not None and inspected.clock is not inspected.force and not doubt:
+        # a clock whose unit cannot be right is left out
+        seconds = (
+            None if inspected.clock.unit else meaning.clock_rate(replace(inspected.clock, unit="s"))
+        )
+        lines.append(
+            f"time   = {{ column = {json.dumps(inspected.clock.name, ensure_ascii=False)}, unit ="
+            f' "{inspected.clock.unit or "FILL IN"}" }}'
+            + (f"   # in s the rate is {seconds:.6g} Hz" if seconds else "")
+        )
+    cut = "" if inspected.ramp is None or files is not None else f"\n{inspected.ramp.segments}"
+    return "\n".join(lines) + "\n" + cut
