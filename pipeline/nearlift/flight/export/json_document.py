@@ -9,136 +9,90 @@ from nearlift.flight.export.hermite import HermiteTable
 from nearlift.flight.export.model_export import ModelExport
 
 SCHEMA_NAME = "nearlift.lift_model/1"
-_INTERVAL = {
-    "type": "object",
-    "required": ["value", "lo90", "hi90", "unit"],
-    "properties": {
-        "value": {"type": "number"},
-        "lo90": {"type": "number"},
-        "hi90": {"type": "number"},
-        "unit": {"type": "string"},
-    },
-}
-_NUMBERS = {"type": "array", "items": {"type": "number"}, "minItems": 2}
-_TABLE = {
-    "type": "object",
-    "description": (
-        "cubic Hermite pieces in w = 1 / (1 + z_hat) from w_low on, per_w to a unit; slope per"
-        " piece"
-    ),
-    "required": ["w_low", "per_w", "value", "slope", "relative_error"],
-    "properties": {
-        "w_low": {"type": "number"},
-        "per_w": {"type": "number"},
+_NUMBER, _TEXT = {"type": "number"}, {"type": "string"}
+_NUMBERS = {"type": "array", "items": _NUMBER, "minItems": 2}
+
+
+def _object(properties: dict[str, object], description: str = "") -> dict[str, object]:
+    """Schema of an object that has all of these properties."""
+    about = {"description": description} if description else {}
+    return {"type": "object", **about, "required": [*properties], "properties": properties}
+
+
+_INTERVAL = _object({"value": _NUMBER, "lo90": _NUMBER, "hi90": _NUMBER, "unit": _TEXT})
+_TABLE = _object(
+    {
+        "w_low": _NUMBER,
+        "per_w": _NUMBER,
         "value": _NUMBERS,
         "slope": _NUMBERS,
-        "relative_error": {"type": "number"},
+        "relative_error": _NUMBER,
     },
-}
+    "cubic Hermite pieces in w = 1 / (1 + z_hat) from w_low on, per_w to a unit; slope per piece",
+)
+_BOUNDARY = _object(
+    {
+        "model": _TEXT,
+        "formula": {"type": "string", "description": "LaTeX of the base model"},
+        "effects": {"type": "array", "items": _TEXT},
+        "omitted": {
+            "type": "array",
+            "description": (
+                "effects that were found and are not in the ratio: they act in time, or"
+                " belong to the bench or to the flights in which they were found"
+            ),
+            "items": _TEXT,
+        },
+        "parameters": {"type": "object", "additionalProperties": _INTERVAL},
+        "covariance": {
+            "type": "object",
+            "description": "a row to each parameter, in the same order",
+            "additionalProperties": {"type": "array", "items": _NUMBER},
+        },
+        "known": {"type": "object", "additionalProperties": _NUMBER},
+        "valid_z_hat": {**_NUMBERS, "maxItems": 2},
+        "ratio": {
+            "type": "array",
+            "description": "L / L_inf with its 90 % interval at some heights",
+            "items": {**_INTERVAL, "required": ["z_hat", "value", "lo90", "hi90"]},
+        },
+        "table": _TABLE,
+        "uncertainty": _object(
+            {"per_w": _NUMBER, "ratio": _NUMBERS, "slope": _NUMBERS},
+            "standard uncertainty, by the parameters, of the ratio and of its slope in z_hat, at"
+            " nodes of w from the table's w_low on, per_w to a unit; straight between them",
+        ),
+        "rotors": {
+            "type": "array",
+            "description": "the table of each rotor, where the model has them",
+            "items": _TABLE,
+        },
+        "beyond": _object(
+            {"power": _NUMBER},
+            "farther than valid_z_hat the ratio less 1 falls as 1 / (1 + power s + s^2),"
+            " s = z_hat / valid_z_hat[1] - 1",
+        ),
+        "closed_form": {
+            "type": ["string", "null"],
+            "description": "in z, with + - * / and sqrt, exp, log, pow",
+        },
+    }
+)
 SCHEMA: dict[str, object] = {
     "$schema": "https://json-schema.org/draft/2020-12/schema",
     "title": SCHEMA_NAME,
-    "type": "object",
-    "required": [
-        "schema",
-        "campaign",
-        "nearlift",
-        "trials_sha256",
-        "date",
-        "rotor_radius_m",
-        "held",
-        "boundaries",
-    ],
-    "properties": {
-        "schema": {"const": SCHEMA_NAME},
-        "campaign": {"type": "string"},
-        "nearlift": {"type": "string"},
-        "trials_sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
-        "date": {"type": "string"},
-        "rotor_radius_m": {"type": "number", "exclusiveMinimum": 0},
-        "held": {"enum": ["throttle", "voltage", "rpm", "power", "command"]},
-        "boundaries": {
-            "type": "object",
-            "additionalProperties": {
-                "type": "object",
-                "required": [
-                    "model",
-                    "formula",
-                    "effects",
-                    "omitted",
-                    "parameters",
-                    "covariance",
-                    "known",
-                    "valid_z_hat",
-                    "ratio",
-                    "table",
-                    "uncertainty",
-                    "rotors",
-                    "beyond",
-                    "closed_form",
-                ],
-                "properties": {
-                    "model": {"type": "string"},
-                    "formula": {"type": "string", "description": "LaTeX of the base model"},
-                    "effects": {"type": "array", "items": {"type": "string"}},
-                    "omitted": {
-                        "type": "array",
-                        "description": (
-                            "effects that were found and are not in the ratio: they act in time, or"
-                            " belong to the bench or to the flights in which they were found"
-                        ),
-                        "items": {"type": "string"},
-                    },
-                    "parameters": {"type": "object", "additionalProperties": _INTERVAL},
-                    "covariance": {
-                        "type": "object",
-                        "description": "a row to each parameter, in the same order",
-                        "additionalProperties": {"type": "array", "items": {"type": "number"}},
-                    },
-                    "known": {"type": "object", "additionalProperties": {"type": "number"}},
-                    "valid_z_hat": {**_NUMBERS, "maxItems": 2},
-                    "ratio": {
-                        "type": "array",
-                        "description": "L / L_inf with its 90 % interval at some heights",
-                        "items": {**_INTERVAL, "required": ["z_hat", "value", "lo90", "hi90"]},
-                    },
-                    "table": _TABLE,
-                    "uncertainty": {
-                        "type": "object",
-                        "description": (
-                            "standard uncertainty, by the parameters, of the ratio and of its slope"
-                            " in z_hat, at nodes of w from the table's w_low on, per_w to a unit;"
-                            " straight between them"
-                        ),
-                        "required": ["per_w", "ratio", "slope"],
-                        "properties": {
-                            "per_w": {"type": "number"},
-                            "ratio": _NUMBERS,
-                            "slope": _NUMBERS,
-                        },
-                    },
-                    "rotors": {
-                        "type": "array",
-                        "description": "the table of each rotor, where the model has them",
-                        "items": _TABLE,
-                    },
-                    "beyond": {
-                        "type": "object",
-                        "description": (
-                            "farther than valid_z_hat the ratio less 1 falls as"
-                            " 1 / (1 + power s + s^2), s = z_hat / valid_z_hat[1] - 1"
-                        ),
-                        "required": ["power"],
-                        "properties": {"power": {"type": "number"}},
-                    },
-                    "closed_form": {
-                        "type": ["string", "null"],
-                        "description": "in z, with + - * / and sqrt, exp, log, pow",
-                    },
-                },
-            },
-        },
-    },
+    **_object(
+        {
+            "schema": {"const": SCHEMA_NAME},
+            "campaign": _TEXT,
+            "nearlift": _TEXT,
+            "trials_sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+            "date": _TEXT,
+            "rotor_radius_m": {"type": "number", "exclusiveMinimum": 0},
+            "held": {"enum": ["throttle", "voltage", "rpm", "power", "command"]},
+            "boundaries": {"type": "object", "additionalProperties": _BOUNDARY},
+        }
+    ),
 }
 
 
