@@ -25,39 +25,26 @@ def fold(node: ast.expr, values: Mapping[str, float]) -> ast.expr:
     if isinstance(node, ast.Name):
         return node if node.id == "z" else ast.Constant(float(values[node.id]))
     if isinstance(node, ast.Constant):
-        return ast.Constant(float(node.value))  # type: ignore[arg-type]
+        return ast.Constant(_number(node))
+    whole: ast.expr
     if isinstance(node, ast.UnaryOp):
-        inner = fold(node.operand, values)
-        return (
-            ast.Constant(-_number(inner))
-            if isinstance(inner, ast.Constant)
-            else ast.UnaryOp(node.op, inner)
-        )
-    if isinstance(node, ast.BinOp):
-        left, right = fold(node.left, values), fold(node.right, values)
-        whole: ast.expr = ast.BinOp(left, node.op, right)
-        return (
-            ast.Constant(_evaluate(whole))
-            if isinstance(left, ast.Constant) and isinstance(right, ast.Constant)
-            else whole
-        )
-    assert isinstance(node, ast.Call)
-    arguments = [fold(a, values) for a in node.args]
-    call = ast.Call(node.func, arguments, [])
-    return (
-        ast.Constant(_evaluate(call))
-        if all(isinstance(a, ast.Constant) for a in arguments)
-        else call
-    )
+        parts = [fold(node.operand, values)]
+        whole = ast.UnaryOp(node.op, *parts)
+    elif isinstance(node, ast.BinOp):
+        parts = [fold(node.left, values), fold(node.right, values)]
+        whole = ast.BinOp(parts[0], node.op, parts[1])
+    else:
+        assert isinstance(node, ast.Call)
+        parts = [fold(a, values) for a in node.args]
+        whole = ast.Call(node.func, parts, [])
+    if all(isinstance(part, ast.Constant) for part in parts):
+        return ast.Constant(float(evaluate(whole, np.zeros(1))[0]))
+    return whole
 
 
 def _number(node: ast.expr) -> float:
     assert isinstance(node, ast.Constant)
     return float(node.value)  # type: ignore[arg-type]
-
-
-def _evaluate(node: ast.expr) -> float:
-    return float(evaluate(node, np.zeros(1))[0])
 
 
 def evaluate(node: ast.expr, z: FloatArray) -> FloatArray:
