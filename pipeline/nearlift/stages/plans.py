@@ -54,15 +54,11 @@ class PlannedTrials:
 def has_schedule(campaign: Campaign, root: Path) -> bool:
     """Whether the folder holds a schedule with at least one trial."""
     path = schedule_file(campaign, root)
-    return (
-        path.is_file()
-        and sum(
-            1
-            for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-            if line.strip()
-        )
-        > 1
-    )
+    if not path.is_file():
+        return False
+    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
+    # the first is the header
+    return sum(bool(line.strip()) for line in lines) > 1
 
 
 def plan(campaign: Campaign, root: Path, seed: int) -> PlannedTrials:
@@ -74,28 +70,23 @@ def plan(campaign: Campaign, root: Path, seed: int) -> PlannedTrials:
     UsageError
         There is neither.
     """
+    drawn = None
     if has_schedule(campaign, root):
-        schedule = read_schedule(campaign, root)
-        far, assumed = levels(campaign, schedule.throttle)
-        covariates, more = ranged(campaign.design, schedule)
-        return PlannedTrials(
-            table=table_of(schedule, far, covariates),
-            source=schedule_file(campaign, root).name,
-            assumed=(*assumed, *more),
-        )
-    if campaign.design is None:
+        schedule, source = read_schedule(campaign, root), schedule_file(campaign, root).name
+    elif campaign.design is not None:
+        drawn = draw(campaign, seed)
+        schedule, source = as_schedule(drawn, campaign), "[design]"
+    else:
         raise UsageError(
             str(root),
             "has neither a schedule with trials nor a [design]",
             "write [design] with distances, throttles, visits and sessions",
         )
-    drawn = draw(campaign, seed)
-    schedule = as_schedule(drawn, campaign)
     far, assumed = levels(campaign, schedule.throttle)
     covariates, more = ranged(campaign.design, schedule)
     return PlannedTrials(
         table=table_of(schedule, far, covariates),
-        source="[design]",
+        source=source,
         assumed=(*assumed, *more),
         design=drawn,
     )
