@@ -7,6 +7,7 @@ rig and the first ingest shows only here.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
@@ -21,7 +22,9 @@ from nearlift.run.job import Job
 NAME = "SHA256SUMS"
 #: A hundred thousand names.
 MOST_BYTES = 16 << 20
-_ESCAPES = {"\\\\": "\\", "\\n": "\n", "\\r": "\r"}
+#: A backslash where the name is escaped, the sum, and the name.
+_LINE = re.compile(r"(\\?)([0-9a-fA-F]{64}) [ *]([^\0]+)")
+_ESCAPES = {r"\\": "\\", r"\n": "\n", r"\r": "\r"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,21 +67,15 @@ def stated(root: Path, path: Path) -> dict[str, str]:
         if not line.strip():
             continue
         where = f"{path}, line {number}"
-        plain = line.removeprefix("\\")
-        sha, mark, name = plain[:64].lower(), plain[64:66], plain[66:]
-        if (
-            mark not in ("  ", " *")
-            or not name
-            or "\0" in name
-            or len(sha) != 64
-            or sha.strip("0123456789abcdef")
-        ):
+        parts = _LINE.fullmatch(line)
+        if parts is None:
             raise InputRefused(
                 where,
                 f"is no line of sha256sum: {brief(repr(line), 100)}",
                 f"write it anew: sha256sum * > {NAME}",
             )
-        source = (folder / (_unescaped(name) if line.startswith("\\") else name)).as_posix()
+        escaped, sha, name = parts[1], parts[2].lower(), parts[3]
+        source = (folder / (_unescaped(name) if escaped else name)).as_posix()
         inside(root, source, where)
         if sums.setdefault(source, sha) != sha:
             raise InputRefused(
@@ -93,12 +90,7 @@ def stated(root: Path, path: Path) -> dict[str, str]:
 
 def _unescaped(name: str) -> str:
     """A name as it is on the disk; a backslash before anything else stands for itself."""
-    parts, i = [], 0
-    while i < len(name):
-        pair = name[i : i + 2]
-        parts.append(_ESCAPES.get(pair, name[i]))
-        i += 2 if pair in _ESCAPES else 1
-    return "".join(parts)
+    return re.sub(r"\\[\\nr]", lambda pair: _ESCAPES[pair[0]], name)
 
 
 def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> CheckedRecords:
