@@ -157,7 +157,7 @@ def measure(
 
     Parameters
     ----------
-    found : Average
+    average : Average
         Mean field in vehicle axes.
     series : (n, nx)
         Downwash along the cut of each field, as `along_cut` gives it.
@@ -173,27 +173,19 @@ def measure(
     inside = weights > 0
     u_noise, n_eff = _noise(average, series, profile, weights, cut)
     spread = float(np.std(profile[inside & np.isfinite(profile)])) if covered > 0 else math.nan
+
+    def through(deeper: float = 0.0, aside: float = 0.0, longer: float = 0.0) -> float:
+        """Downwash through the cut moved, or made longer at both ends."""
+        centres = tuple(c + aside for c in cut.centres_m)
+        nodes = span_weights(x, centres, cut.half_span_m + longer)
+        return over_span(along_cut(vy, y, cut.below_m + deeper), nodes)[0]
+
     shift = cut.u_position_m
     u_position = math.hypot(
-        _half_difference(
-            over_span(along_cut(vy, y, cut.below_m + shift), weights)[0],
-            over_span(along_cut(vy, y, cut.below_m - shift), weights)[0],
-        ),
-        _half_difference(
-            *(
-                over_span(
-                    profile, span_weights(x, tuple(c + s for c in cut.centres_m), cut.half_span_m)
-                )[0]
-                for s in (shift, -shift)
-            )
-        ),
+        _half_difference(through(deeper=shift), through(deeper=-shift)),
+        _half_difference(through(aside=shift), through(aside=-shift)),
     )
-    span = _signed(
-        *(
-            over_span(profile, span_weights(x, cut.centres_m, cut.half_span_m + s))[0]
-            for s in (shift, -shift)
-        )
-    )
+    span = _half_difference(through(longer=shift), through(longer=-shift))
     u_mask = max(1 - covered, 0.0) * spread
     u_scale = cut.u_scale * abs(value)
     ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
@@ -238,12 +230,8 @@ def _noise(
     return float(np.sqrt(np.var(lifted, ddof=1) * tau / n)), n / tau
 
 
-def _signed(a: float, b: float) -> float:
-    return (a - b) / 2 if math.isfinite(a) and math.isfinite(b) else 0.0
-
-
 def _half_difference(a: float, b: float) -> float:
-    return abs(_signed(a, b))
+    return (a - b) / 2 if math.isfinite(a) and math.isfinite(b) else 0.0
 
 
 def _warnings(

@@ -107,17 +107,12 @@ def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> Floa
     def shifted(a: NDArray[Any], j: int, i: int) -> NDArray[Any]:
         return a[reach_y + j : reach_y + j + ny, reach_x + i : reach_x + i + nx]
 
-    count = (
-        sum((shifted(known, j, i).astype(float) for j, i in offsets), np.zeros((ny, nx)))
-        + field.valid
-    )
-    safe = np.maximum(count, 1)
-    mean_x = (
-        sum((shifted(vx, j, i) for j, i in offsets), np.zeros((ny, nx))) + shifted(vx, 0, 0)
-    ) / safe
-    mean_y = (
-        sum((shifted(vy, j, i) for j, i in offsets), np.zeros((ny, nx))) + shifted(vy, 0, 0)
-    ) / safe
+    def whole(a: NDArray[Any]) -> FloatArray:
+        """Sum over the window, the node itself included."""
+        return sum((shifted(a, j, i) for j, i in (*offsets, (0, 0))), np.zeros((ny, nx)))
+
+    count = whole(known)
+    mean_x, mean_y = (whole(v) / np.maximum(count, 1) for v in (vx, vy))
     total = np.zeros((ny, nx))
     for j, i in offsets:
         px, py = i * dx, j * dy
