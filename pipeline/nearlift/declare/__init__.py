@@ -21,7 +21,7 @@ from nearlift.declare.declaration import (
     LiftModel,
     keywords,
 )
-from nearlift.declare.parameter import Check, Parameter, Prior, Source, normal, uniform
+from nearlift.declare.parameter import Check, Parameter, Prior, Source, normal, null, uniform
 
 __all__ = [
     "BOUNDARIES",
@@ -38,5 +38,6 @@ __all__ = [
     "compose",
     "keywords",
     "normal",
+    "null",
     "uniform",
 ]

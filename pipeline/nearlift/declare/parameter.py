@@ -144,3 +144,8 @@ class Check:
     arguments: Mapping[str, Any] = field(default_factory=dict)
     tolerance: float = 5e-7
     quoted_by: str = ""
+
+
+def null(x: float, /, **arguments: Any) -> Check:
+    """The check that an effect does nothing to `x` at its declared parameter values."""
+    return Check(x=x, expected=x, arguments=arguments, quoted_by="null")

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 #: What to take where the schedule does not say.
 STANDARD = {"pressure_Pa": 101325.0, "pressure_ref_Pa": 101325.0, "humidity": 0.5}
@@ -89,7 +89,7 @@ EFFECT = Effect(
         doubts=("At constant throttle the exponent was not measured; 0.6 to 1 is an estimate.",),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"temperature_K": 298.15, **_ROOM}, quoted_by="null"),
+        null(0.3, temperature_K=298.15, **_ROOM),
         Check(
             x=1.0,
             expected=1.1769 / 1.1988,

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal, uniform
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null, uniform
 
 #: Height, in rotor radii, below which the power law is held: the damming must end somewhere.
 HELD_BELOW = 0.2
@@ -86,7 +86,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=1.1586, expected=1.1586, arguments={"z_hat": 1.0}, quoted_by="null"),
+        null(1.1586, z_hat=1.0),
         Check(
             x=1.0,
             expected=1.0125,

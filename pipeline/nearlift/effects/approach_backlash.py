@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(z_hat: Any, /, *, radius_m: Any, approach: Any, backlash_m: Any) -> Any:
@@ -68,9 +68,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(
-            x=0.5, expected=0.5, arguments={"radius_m": 0.023, "approach": -1.0}, quoted_by="null"
-        ),
+        null(0.5, radius_m=0.023, approach=-1.0),
         Check(
             x=1.0,
             expected=1.005,

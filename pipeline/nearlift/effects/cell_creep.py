@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, previous_lift_N: Any, rest_s: Any, creep: Any, creep_s: Any) -> Any:
@@ -73,9 +73,7 @@ EFFECT = Effect(
         doubts=("The sign depends on when the tare is taken.",),
     ),
     checks=(
-        Check(
-            x=0.3, expected=0.3, arguments={"previous_lift_N": 0.5, "rest_s": 5.0}, quoted_by="null"
-        ),
+        null(0.3, previous_lift_N=0.5, rest_s=5.0),
         Check(
             x=0.3,
             expected=0.3025,

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, turn_rad: Any, crosstalk_along: Any, crosstalk_across: Any) -> Any:
@@ -67,7 +67,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"turn_rad": 1.0}, quoted_by="null"),
+        null(0.3, turn_rad=1.0),
         Check(
             x=0.3,
             expected=0.303,

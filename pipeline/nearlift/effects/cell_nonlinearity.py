@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, nonlinearity_per_N: Any) -> Any:
@@ -62,7 +62,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.5, expected=0.5, quoted_by="null"),
+        null(0.5),
         Check(
             x=0.5,
             expected=0.505,

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, climb_hat: Any, climb_loss: Any) -> Any:
@@ -64,7 +64,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"climb_hat": 0.2}, quoted_by="null"),
+        null(0.3, climb_hat=0.2),
         Check(
             x=1.0,
             expected=0.958005,

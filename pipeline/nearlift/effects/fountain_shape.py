@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal, null
 
 #: Standard width of the bump in ln z_hat: half its height is left at 0.55 and 1.8 times the height
 #: of its peak.
@@ -93,9 +93,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(
-            x=1.1, expected=1.1, arguments={"z_hat": 1.5, "spacing_hat": 65 / 23}, quoted_by="null"
-        ),
+        null(1.1, z_hat=1.5, spacing_hat=65 / 23),
         Check(
             x=1.1,
             expected=1.12,

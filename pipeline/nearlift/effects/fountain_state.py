@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(
@@ -77,12 +77,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(
-            x=1.1586,
-            expected=1.1586,
-            arguments={"z_hat": 1.0, "diagonal_hat": 4.0, "fountain_side": 1.0},
-            quoted_by="null",
-        ),
+        null(1.1586, z_hat=1.0, diagonal_hat=4.0, fountain_side=1.0),
         Check(
             x=1.1,
             expected=1 / (1 / 1.1 - 2.0 / 20.0**1.5),

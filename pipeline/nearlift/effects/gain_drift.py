@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, elapsed_hat: Any, drift: Any) -> Any:
@@ -52,7 +52,7 @@ EFFECT = Effect(
         doubts=("A straight line stands in for any slow monotone change.",),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"elapsed_hat": 1.0}, quoted_by="null"),
+        null(0.3, elapsed_hat=1.0),
         Check(
             x=0.3,
             expected=0.297,

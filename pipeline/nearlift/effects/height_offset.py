@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(z_hat: Any, /, *, radius_m: Any, offset_m: Any) -> Any:
@@ -63,7 +63,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=1.0, expected=1.0, arguments={"radius_m": 0.023}, quoted_by="null"),
+        null(1.0, radius_m=0.023),
         Check(
             x=1.0,
             expected=1.1,

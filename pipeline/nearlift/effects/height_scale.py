@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(z_hat: Any, /, *, z_scale: Any) -> Any:
@@ -59,7 +59,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=3.0, expected=3.0, quoted_by="null"),
+        null(3.0),
         Check(x=2.5, expected=2.55, arguments={"z_scale": 0.02}, quoted_by="by hand: 2 % of 2.5"),
     ),
     notes=__doc__ or "",

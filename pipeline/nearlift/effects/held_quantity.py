@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(ratio: Any, /, *, held_exponent: Any) -> Any:
@@ -72,7 +72,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=2.337117, expected=2.337117, quoted_by="null"),
+        null(2.337117),
         Check(
             x=2.337117,
             expected=1.761,

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(ratio: Any, /, *, strength: Any) -> Any:
@@ -72,7 +72,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=1.1586, expected=1.1586, quoted_by="null"),
+        null(1.1586),
         Check(
             x=16 / 15,
             expected=1 / (1 - 1.5 / 16),

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, drift_hat: Any, heating: Any) -> Any:
@@ -64,7 +64,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.5, expected=0.5, arguments={"drift_hat": -0.03}, quoted_by="null"),
+        null(0.5, drift_hat=-0.03),
         Check(
             x=0.5,
             expected=0.495,

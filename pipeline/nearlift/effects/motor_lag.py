@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, lag_slope: Any, lag_left_s: Any) -> Any:
@@ -59,7 +59,7 @@ EFFECT = Effect(
         doubts=("Motors speed up faster than they slow down, since nothing brakes them.",),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"lag_slope": 2.0}, quoted_by="null"),
+        null(0.3, lag_slope=2.0),
         Check(
             x=0.3,
             expected=0.3060,

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, inverted: Any, blockage: Any) -> Any:
@@ -59,7 +59,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"inverted": 1.0}, quoted_by="null"),
+        null(0.3, inverted=1.0),
         Check(
             x=0.3,
             expected=0.3,

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Prior, Source, uniform
+from nearlift.declare import Check, Effect, Parameter, Prior, Source, null, uniform
 
 
 def evaluate(ratio: Any, /, *, z_hat: Any, gap_hat2: Any, saturation_power: Any) -> Any:
@@ -93,7 +93,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=2.337117, expected=2.337117, arguments={"z_hat": 0.1}, quoted_by="null"),
+        null(2.337117, z_hat=0.1),
         Check(
             x=2.337117,
             expected=1.60,

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Prior, Source
+from nearlift.declare import Check, Effect, Parameter, Prior, Source, null
 
 
 def evaluate(ratio: Any, /, *, z_hat: Any, edge_share: Any, edge_width_hat: Any) -> Any:
@@ -89,7 +89,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=1.1, expected=1.1, arguments={"z_hat": 2.0}, quoted_by="null"),
+        null(1.1, z_hat=2.0),
         Check(
             x=1.1,
             expected=1.0632121,

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(ratio: Any, /, *, throttle: Any, throttle_ref: Any, reynolds_slope: Any) -> Any:
@@ -72,12 +72,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(
-            x=1.15,
-            expected=1.15,
-            arguments={"throttle": 0.25, "throttle_ref": 0.625},
-            quoted_by="null",
-        ),
+        null(1.15, throttle=0.25, throttle_ref=0.625),
         Check(
             x=1.15,
             expected=1.165,

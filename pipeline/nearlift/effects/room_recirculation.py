@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Prior, Source
+from nearlift.declare import Check, Effect, Parameter, Prior, Source, null
 
 
 def evaluate(
@@ -90,12 +90,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(
-            x=0.265,
-            expected=0.265,
-            arguments={"z_hat": 5.0, "throttle": 0.9, "throttle_ref": 0.6},
-            quoted_by="null",
-        ),
+        null(0.265, z_hat=5.0, throttle=0.9, throttle_ref=0.6),
         Check(
             x=1.0,
             expected=0.974,

@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, speed_hat: Any, speed_exponent: Any) -> Any:
@@ -65,7 +65,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"speed_hat": 1.03}, quoted_by="null"),
+        null(0.3, speed_hat=1.03),
         Check(
             x=0.3,
             expected=0.363,

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, session: Any, gain: Any) -> Any:
@@ -58,7 +58,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"session": 2}, quoted_by="null"),
+        null(0.3, session=2),
         Check(
             x=0.3,
             expected=0.303,

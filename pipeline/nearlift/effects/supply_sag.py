@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, supply_V: Any, supply_ref_V: Any, sag_exponent: Any) -> Any:
@@ -64,9 +64,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(
-            x=0.3, expected=0.3, arguments={"supply_V": 3.5, "supply_ref_V": 3.7}, quoted_by="null"
-        ),
+        null(0.3, supply_V=3.5, supply_ref_V=3.7),
         Check(
             x=0.3,
             expected=0.243,

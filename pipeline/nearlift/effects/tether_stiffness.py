@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, z_hat: Any, radius_m: Any, stiffness_N_per_m: Any) -> Any:
@@ -63,9 +63,7 @@ EFFECT = Effect(
         doubts=("0 to 20 mN/m is an estimate for thin leads; it depends on their routing.",),
     ),
     checks=(
-        Check(
-            x=0.265, expected=0.265, arguments={"z_hat": 5.0, "radius_m": 0.023}, quoted_by="null"
-        ),
+        null(0.265, z_hat=5.0, radius_m=0.023),
         Check(
             x=0.265,
             expected=0.266,

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal, uniform
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null, uniform
 
 
 def evaluate(
@@ -140,7 +140,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=1.1, expected=1.1, arguments={"z_hat": 1.0, "tilt_rad": 0.1}, quoted_by="null"),
+        null(1.1, z_hat=1.0, tilt_rad=0.1),
         Check(
             x=1.1,
             expected=1.1025,

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, level_speed_hat: Any, level_gain: Any) -> Any:
@@ -66,7 +66,7 @@ EFFECT = Effect(
         ),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"level_speed_hat": 0.5}, quoted_by="null"),
+        null(0.3, level_speed_hat=0.5),
         Check(
             x=1.0,
             expected=1.0 + 0.5 * (1 - 0.7862),

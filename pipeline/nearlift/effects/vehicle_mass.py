@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, flight: Any, mass_error: Any) -> Any:
@@ -53,7 +53,7 @@ EFFECT = Effect(
         doubts=("A battery that is changed, or a deck that is taken off, changes it by flight.",),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"flight": 1.0}, quoted_by="null"),
+        null(0.3, flight=1.0),
         Check(
             x=0.3,
             expected=0.309,

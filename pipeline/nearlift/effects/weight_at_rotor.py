@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, imbalance: Any, weight_power: Any) -> Any:
@@ -55,7 +55,7 @@ EFFECT = Effect(
         doubts=("A weight between two rotors is told by both, and counts for half.",),
     ),
     checks=(
-        Check(x=0.3, expected=0.3, arguments={"imbalance": 0.02}, quoted_by="null"),
+        null(0.3, imbalance=0.02),
         Check(
             x=0.3,
             expected=0.297,

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Prior, Source, normal, null
 
 
 def evaluate(
@@ -68,9 +68,7 @@ EFFECT = Effect(
         doubts=("Sizes are estimates for cheap amplifiers.",),
     ),
     checks=(
-        Check(
-            x=0.3, expected=0.3, arguments={"session": 0, "since_start_s": 900.0}, quoted_by="null"
-        ),
+        null(0.3, session=0, since_start_s=900.0),
         Check(
             x=0.3,
             expected=0.3,

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, zero_N: Any) -> Any:
@@ -53,7 +53,7 @@ EFFECT = Effect(
         citation="Physics of the bench", doubts=("0.5 gf is the estimate for a cell of 1 kgf.",)
     ),
     checks=(
-        Check(x=0.265, expected=0.265, quoted_by="null"),
+        null(0.265),
         Check(
             x=0.265,
             expected=0.265 * 1.0185,

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from nearlift.declare import Check, Effect, Parameter, Source, normal
+from nearlift.declare import Check, Effect, Parameter, Source, normal, null
 
 
 def evaluate(lift: Any, /, *, temperature_K: Any, temperature_ref_K: Any, zero_N_per_K: Any) -> Any:
@@ -53,12 +53,7 @@ EFFECT = Effect(
         doubts=("0 to 0.3 gf/K is the range of cheap cells of 1 kgf.",),
     ),
     checks=(
-        Check(
-            x=0.265,
-            expected=0.265,
-            arguments={"temperature_K": 300.0, "temperature_ref_K": 293.0},
-            quoted_by="null",
-        ),
+        null(0.265, temperature_K=300.0, temperature_ref_K=293.0),
         Check(
             x=0.265,
             expected=0.265 * 1.0037,
