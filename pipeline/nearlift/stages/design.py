@@ -30,16 +30,7 @@ from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
-from nearlift.stages.plans import (
-    PlannedTrials,
-    as_schedule,
-    draw,
-    levels,
-    plan,
-    ranged,
-    scatter,
-    table_of,
-)
+from nearlift.stages.plans import PlannedTrials, as_schedule, draw, plan, scatter, table_of
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
 SCHEDULE = "trials.csv"
@@ -167,21 +158,12 @@ def _read_off(campaign: Campaign, made: PlannedTrials) -> Planned:
 def _otherwise(campaign: Campaign, made: PlannedTrials, seed: int) -> dict[str, store.Table]:
     """The schedule's trials in random order, and from both sides."""
     drawn = draw(campaign, seed, _read_off(campaign, made))
-    schedule = as_schedule(drawn, campaign)
-    far, _ = levels(campaign, schedule.throttle)
-    covariates, _ = ranged(campaign.design, schedule)
+    table, _ = table_of(as_schedule(drawn, campaign), campaign)
     # what only the schedule on disk knows cannot be ordered anew, so only the usual covariates are
     # compared
-    lacking = {"supply_V", "temperature_K", "tilt_rad"} & made.table.keys() - covariates.keys()
-    return (
-        {}
-        if lacking
-        else {
-            "the same trials in random order, each distance from both sides": table_of(
-                schedule, far, covariates
-            )
-        }
-    )
+    if {"supply_V", "temperature_K", "tilt_rad"} & made.table.keys() - table.keys():
+        return {}
+    return {"the same trials in random order, each distance from both sides": table}
 
 
 def _write(job: Job, drawn: TrialSchedule, target: Path) -> dict[str, object]:

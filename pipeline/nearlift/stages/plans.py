@@ -82,14 +82,8 @@ def plan(campaign: Campaign, root: Path, seed: int) -> PlannedTrials:
             "has neither a schedule with trials nor a [design]",
             "write [design] with distances, throttles, visits and sessions",
         )
-    far, assumed = levels(campaign, schedule.throttle)
-    covariates, more = ranged(campaign.design, schedule)
-    return PlannedTrials(
-        table=table_of(schedule, far, covariates),
-        source=source,
-        assumed=(*assumed, *more),
-        design=drawn,
-    )
+    table, assumed = table_of(schedule, campaign)
+    return PlannedTrials(table=table, source=source, assumed=assumed, design=drawn)
 
 
 def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> TrialSchedule:
@@ -138,12 +132,12 @@ def as_schedule(design: TrialSchedule, campaign: Campaign) -> Schedule:
     )
 
 
-def table_of(
-    schedule: Schedule, far_N: FloatArray, covariates: dict[str, NDArray[Any]]
-) -> store.Table:
-    """Planned trials in the shape of trials.parquet."""
+def table_of(schedule: Schedule, campaign: Campaign) -> tuple[store.Table, tuple[str, ...]]:
+    """Planned trials in the shape of trials.parquet, and what was assumed of them."""
+    far_N, assumed = _levels(campaign, schedule.throttle)
+    covariates, more = _ranged(campaign.design, schedule)
     n = len(schedule)
-    return {
+    table = {
         **schedule.settings,
         "lift_N": far_N,
         "u_lift_N": np.zeros(n),
@@ -152,9 +146,10 @@ def table_of(
         "quality": np.full(n, "", dtype=object),
         **covariates,
     }
+    return table, (*assumed, *more)
 
 
-def levels(campaign: Campaign, throttle: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
+def _levels(campaign: Campaign, throttle: FloatArray) -> tuple[FloatArray, tuple[str, ...]]:
     """L_inf of each trial, N, and what was assumed to get it."""
     wanted = campaign.design
     if wanted is not None and wanted.lift is not None:
@@ -175,7 +170,7 @@ def levels(campaign: Campaign, throttle: FloatArray) -> tuple[FloatArray, tuple[
     return full * throttle**THRUST_POWER, (text,)
 
 
-def ranged(
+def _ranged(
     wanted: Planned | None, schedule: Schedule
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """The schedule's covariates that hold numbers, and those that `[design]` expects; what was
