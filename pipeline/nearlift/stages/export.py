@@ -61,9 +61,14 @@ def _save(job: Job, name: str, text: str) -> str:
     return str(job.put(f"processed/export/{name}", text.encode()))
 
 
-def write_c(job: Job) -> str:
-    """lift_model.h."""
-    return _save(job, "lift_model.h", c_header.header(model_export(job)))
+def _source(name: str, text: Callable[[ModelExport], str]) -> Callable[[Job], str]:
+    """What writes that file, the models as source text."""
+    return lambda job: _save(job, name, text(model_export(job)))
+
+
+write_c = _source("lift_model.h", c_header.header)
+write_python = _source("lift_model.py", python_module.module)
+write_casadi = _source("lift_model_casadi.py", python_module.casadi)
 
 
 def write_json(job: Job) -> str:
@@ -71,16 +76,6 @@ def write_json(job: Job) -> str:
     _save(job, "lift_model.schema.json", json.dumps(json_document.SCHEMA, indent=1) + "\n")
     content = encode(json_document.document(model_export(job)))
     return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
-
-
-def write_python(job: Job) -> str:
-    """lift_model.py."""
-    return _save(job, "lift_model.py", python_module.module(model_export(job)))
-
-
-def write_casadi(job: Job) -> str:
-    """lift_model_casadi.py."""
-    return _save(job, "lift_model_casadi.py", python_module.casadi(model_export(job)))
 
 
 FORMATS = (

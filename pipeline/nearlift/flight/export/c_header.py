@@ -230,8 +230,7 @@ Numbers are floats; doubles where NEARLIFT_DOUBLE is defined before the first he
 
 def number(value: float) -> str:
     """A constant of the header's type, with the digits that identify a double exactly."""
-    text = repr(float(value))
-    return f"NEARLIFT_REAL({text if set(text) & set('.en') else text + '.0'})"
+    return f"NEARLIFT_REAL({float(value)!r})"
 
 
 def header(export: ModelExport) -> str:

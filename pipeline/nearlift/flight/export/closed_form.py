@@ -83,11 +83,8 @@ def write(node: ast.expr, *, number: str, call: str) -> str:
         if isinstance(n, ast.Name):
             return n.id
         if isinstance(n, ast.Constant):
-            value = _number(n)
-            written = number.format(
-                repr(value) if "." in repr(value) or "e" in repr(value) else f"{value!r}.0"
-            )
-            return f"({written})" if value < 0 else written
+            written = number.format(repr(_number(n)))
+            return f"({written})" if _number(n) < 0 else written
         if isinstance(n, ast.UnaryOp):
             return f"(-{text(n.operand)})"
         if isinstance(n, ast.BinOp):
