@@ -244,25 +244,19 @@ def _warnings(
     y_m: FloatArray,
     cut: Cut,
 ) -> tuple[str, ...]:
-    warnings = []
-    if scene.boundary == "ground":
-        if clearance <= 0:
-            warnings.append("meets_boundary")
-        elif clearance < DEFLECTION_HAT:
-            warnings.append("deflection_zone")
-        if stagnant is not None:
-            row = stagnant[int(np.argmin(np.abs(y_m + cut.below_m)))]
-            if float(weights @ row) > STAGNANT:
-                warnings.append("stagnation_zone")
-    if scene.boundary == "ceiling" and cut.below_m > WAKE_HAT * scene.radius_m:
-        warnings.append("wake")
-    if covered == 0:
-        return tuple(warnings)
-    if covered < COVERED:
-        warnings.append("partly_covered")
-    if not math.isfinite(u_noise):
-        warnings.append("no_scatter")
-    return tuple(warnings)
+    ground = scene.boundary == "ground"
+    slow = 0.0
+    if ground and stagnant is not None:
+        slow = float(weights @ stagnant[int(np.argmin(np.abs(y_m + cut.below_m)))])
+    warnings = {
+        "meets_boundary": ground and clearance <= 0,
+        "deflection_zone": ground and 0 < clearance < DEFLECTION_HAT,
+        "stagnation_zone": slow > STAGNANT,
+        "wake": scene.boundary == "ceiling" and cut.below_m > WAKE_HAT * scene.radius_m,
+        "partly_covered": 0 < covered < COVERED,
+        "no_scatter": covered > 0 and not math.isfinite(u_noise),
+    }
+    return tuple(name for name, holds in warnings.items() if holds)
 
 
 def reduction(case: CutDownwash, control: CutDownwash) -> DownwashReduction:
