@@ -19,6 +19,8 @@ FloatArray = NDArray[np.float64]
 #: The paper's: percent of full throttle as fractions, and visits of each station.
 THROTTLES = (0.25, 0.5, 0.75, 0.92)
 VISITS = 15
+#: A full battery, what a session takes from it, and how differently they start; V.
+FULL_V, FALLS_V, SCATTER_V = 4.0, 0.15, 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,15 +202,8 @@ def from_both_sides(design: TrialSchedule, *, overshoot_m: float, seed: int) -> 
     return dataclasses.replace(design, approach=approach, further={**design.further, "via_m": via})
 
 
-def battery_V(
-    design: TrialSchedule,
-    *,
-    seed: int,
-    full_V: float = 4.0,
-    falls_V: float = 0.15,
-    scatter_V: float = 0.02,
-) -> FloatArray:
-    """Supply of each trial, a battery per session: it falls by `falls_V`, fast at both ends, and
+def battery_V(design: TrialSchedule, *, seed: int) -> FloatArray:
+    """Supply of each trial, a battery per session: it falls by `FALLS_V`, fast at both ends, and
     each starts a little differently.
     """
     rng = generator(seed, "battery")
@@ -217,17 +212,15 @@ def battery_V(
         here = design.session == session
         t = design.start_s[here] - design.start_s[here][0]
         x = t / max(t[-1], 1.0)
-        start = full_V + scatter_V * rng.standard_normal()
+        start = FULL_V + SCATTER_V * rng.standard_normal()
         volts[here] = (
             start
-            - falls_V * (0.35 * (1 - np.exp(-6 * x)) + 0.35 * x + 0.3 * x**4)
-            + 0.1 * scatter_V * rng.standard_normal(len(t))
+            - FALLS_V * (0.35 * (1 - np.exp(-6 * x)) + 0.35 * x + 0.3 * x**4)
+            + 0.1 * SCATTER_V * rng.standard_normal(len(t))
         )
     return np.round(volts, 4)
 
 
-def bench_V(
-    design: TrialSchedule, *, seed: int, volts: float = 4.0, scatter_V: float = 0.001
-) -> FloatArray:
+def bench_V(design: TrialSchedule, *, seed: int) -> FloatArray:
     """Supply of each trial on a bench supply, which holds its voltage."""
-    return np.round(volts + scatter_V * generator(seed, "bench").standard_normal(len(design)), 4)
+    return np.round(FULL_V + 0.001 * generator(seed, "bench").standard_normal(len(design)), 4)

@@ -66,14 +66,14 @@ def _shift(levels: CrashLevels, boundary: str, risk: float) -> FloatArray:
     return levels.flown[boundary, 0.0, risk] - levels.flown[boundary, 1.0, risk]
 
 
-def _scaling(levels: CrashLevels, boundary: str, risk: float) -> FloatArray:
-    """Change of the level from the power 0.6 to 1.4."""
-    return levels.flown[boundary, 1.4, risk] - levels.flown[boundary, 0.6, risk]
+def _scaling(levels: CrashLevels, boundary: str) -> FloatArray:
+    """Change of the 50 % level from the power 0.6 to 1.4."""
+    return levels.flown[boundary, 1.4, 0.5] - levels.flown[boundary, 0.6, 0.5]
 
 
-def _worst(levels: CrashLevels, boundary: str, one: float, other: float, sign: float) -> FloatArray:
-    """Least of sign * (level of one power - level of the other) at 50 % over all gains and noises
-    flown, the preset's own included.
+def _worst(levels: CrashLevels, boundary: str, one: float, other: float) -> FloatArray:
+    """Least difference of the 50 % levels of two powers over all gains and noises flown, the
+    preset's own included.
     """
     if not levels.varied:
         raise KeyError("variants")
@@ -84,7 +84,7 @@ def _worst(levels: CrashLevels, boundary: str, one: float, other: float, sign: f
     ]
     # variants have fewer resamples, paired among themselves
     n = min(len(pairs[0][0]), *(len(v) for v in levels.varied.values()))
-    worst: FloatArray = np.min([sign * (a[:n] - b[:n]) for a, b in pairs], axis=0)
+    worst: FloatArray = np.min([a[:n] - b[:n] for a, b in pairs], axis=0)
     return worst
 
 
@@ -134,7 +134,7 @@ CLAIMS = (
             " (rotor radii)"
         ),
         paper="slight",
-        value=lambda v: _scaling(v, "ground", 0.5),
+        value=lambda v: _scaling(v, "ground"),
         holds=(-0.1, 0.1),
     ),
     PaperClaim(
@@ -144,7 +144,7 @@ CLAIMS = (
             " rotor radii)"
         ),
         paper="stronger",
-        value=lambda v: np.abs(_scaling(v, "ceiling", 0.5)) - np.abs(_scaling(v, "ground", 0.5)),
+        value=lambda v: np.abs(_scaling(v, "ceiling")) - np.abs(_scaling(v, "ground")),
         holds=(0.0, INF),
     ),
     PaperClaim(
@@ -154,7 +154,7 @@ CLAIMS = (
             " gains and noise (least fall of all, rotor radii)"
         ),
         paper="> 0",
-        value=lambda v: _worst(v, "ground", 0.6, 1.4, 1.0),
+        value=lambda v: _worst(v, "ground", 0.6, 1.4),
         holds=(0.0, INF),
     ),
     PaperClaim(
@@ -164,7 +164,7 @@ CLAIMS = (
             " at 50 %, rotor radii)"
         ),
         paper="> 0",
-        value=lambda v: _worst(v, "ground", 0.0, 1.0, 1.0),
+        value=lambda v: _worst(v, "ground", 0.0, 1.0),
         holds=(0.0, INF),
     ),
     PaperClaim(
@@ -174,7 +174,7 @@ CLAIMS = (
             " all at 50 %, rotor radii)"
         ),
         paper="> 0",
-        value=lambda v: _worst(v, "ceiling", 1.0, 0.0, 1.0),
+        value=lambda v: _worst(v, "ceiling", 1.0, 0.0),
         holds=(0.0, INF),
     ),
 )

@@ -143,17 +143,17 @@ def refuse_few(risk: float, flights: int) -> None:
         )
 
 
-def resamples(flights: int, rng: np.random.Generator, number: int = RESAMPLES) -> FloatArray:
-    """Bootstrap weights of the flights (number, flights), the first row as flown."""
-    drawn = rng.multinomial(flights, np.full(flights, 1 / flights), size=number - 1)
+def resamples(flights: int, rng: np.random.Generator) -> FloatArray:
+    """Bootstrap weights of the flights (RESAMPLES, flights), the first row as flown."""
+    drawn = rng.multinomial(flights, np.full(flights, 1 / flights), size=RESAMPLES - 1)
     return np.concatenate([np.ones((1, flights)), drawn]) / flights
 
 
 def levels(
     target_z_hat: FloatArray, crashed: NDArray[np.bool_], risk: float, weights: FloatArray
 ) -> FloatArray:
-    """Levels under the bootstrap weights of `resamples`, (number,), the first as flown; each weight
-    is common to all set-points, as the gusts are.
+    """Levels under the bootstrap weights of `resamples`, (RESAMPLES,), the first as flown; each
+    weight is common to all set-points, as the gusts are.
     """
     least = 0.5 / crashed.shape[1]
     return level(target_z_hat, weights @ crashed.T, risk, least)

@@ -119,10 +119,8 @@ def ways(
             way.append(int(before[way[-1]]))
         nodes = np.array(way[::-1])
         along, up = np.divmod(nodes, len(grid.z_m))
-        spent, danger = (
-            _sum(nodes, rows, columns, energy, n),
-            _sum(nodes, rows, columns, hazard, n),
-        )
+        leg = _flown(nodes, rows, columns, n)
+        spent, danger = float(energy[leg].sum()), float(hazard[leg].sum())
         time = np.hypot(np.diff(grid.x_m[along]), np.diff(grid.z_m[up])) / pilot.speed_m_s
         lo90, hi90 = (
             float(-np.expm1(-np.percentile((0.5 * (h[:, 1:] + h[:, :-1])) @ time, q)))
@@ -166,14 +164,11 @@ def _legs(
     return rows, columns, energy, hazard
 
 
-def _sum(
-    nodes: np.ndarray, rows: FloatArray, columns: FloatArray, values: FloatArray, n: int
-) -> float:
-    """Sum over the legs of a way."""
+def _flown(nodes: IntArray, rows: FloatArray, columns: FloatArray, n: int) -> IntArray:
+    """The legs of a way, of all moves."""
     key = rows * n + columns
     order = np.argsort(key)
-    at = np.searchsorted(key, nodes[:-1] * n + nodes[1:], sorter=order)
-    return float(values[order[at]].sum())
+    return order[np.searchsorted(key, nodes[:-1] * n + nodes[1:], sorter=order)]
 
 
 def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:
