@@ -118,8 +118,8 @@ def run(job: Job) -> Outcome:
     schedule = read_schedule(campaign, job.root)
     if not campaign.cuts_records:
         _known(campaign.quality.exclude, schedule)
-    checked = _checked(job)
-    notes = [*schedule.notes, *checked.notes]
+    faults, notes = _checked(job)
+    notes = [*schedule.notes, *notes]
     swept: list[str] = []
     if reader.series:
         if not campaign.cuts_records:
@@ -131,7 +131,7 @@ def run(job: Job) -> Outcome:
         notes += [*more, *_of_the_tare(campaign), *(swept := _swept(job, reader, schedule, rows))]
     else:
         rows = _from_means(job, schedule)
-    rows.reject(checked.faults)
+    rows.reject(faults)
     _settle(job, rows)
     table = judge.table_of(schedule, rows, campaign)
     notes += judge.judge(table, campaign)
@@ -163,19 +163,18 @@ def run(job: Job) -> Outcome:
             *(swept or [f"{worst.name}: {fault or worst.meaning}{remedies.get(worst.name, '')}"]),
         )
     job.write(TRIALS, table)
-    faults = np.flatnonzero(quality.faulty(table["quality"]))
     rejected = tuple(
         (str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i]))
-        for i in faults
+        for i in np.flatnonzero(quality.faulty(table["quality"]))
     )
     return Outcome(rejected=rejected, notes=tuple(notes))
 
 
-def _checked(job: Job) -> sums.CheckedRecords:
-    """What SHA256SUMS says against the files, where there is one."""
+def _checked(job: Job) -> tuple[dict[str, str], list[str]]:
+    """What SHA256SUMS says against the files, where there is one, as `sums.check` answers."""
     lists = {source_of(job.root, path) for path in sums.files(job.root, job.campaign)}
     if not lists:
-        return sums.CheckedRecords()
+        return {}, []
     names = [name for name in inputs(job.root, job.campaign) if name not in lists]
     each = MARK in job.campaign.records.pattern
     return sums.check(job, names[:2] if each else names, names[2:] if each else [])

@@ -8,8 +8,7 @@ rig and the first ingest shows only here.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from nearlift.errors import InputRefused, brief
@@ -25,16 +24,6 @@ MOST_BYTES = 16 << 20
 #: A backslash where the name is escaped, the sum, and the name.
 _LINE = re.compile(r"(\\?)([0-9a-fA-F]{64}) [ *]([^\0]+)")
 _ESCAPES = {r"\\": "\\", r"\n": "\n", r"\r": "\r"}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class CheckedRecords:
-    """What is wrong with records that are one trial's each, by file, and what the user
-    should know.
-    """
-
-    faults: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
 
 
 def files(root: Path, campaign: Campaign) -> list[Path]:
@@ -93,9 +82,12 @@ def _unescaped(name: str) -> str:
     return re.sub(r"\\[\\nr]", lambda pair: _ESCAPES[pair[0]], name)
 
 
-def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> CheckedRecords:
-    """Hold what is to be read against the sums that are stated. Digests that the job has are not
-    made again.
+def check(
+    job: Job, shared: Sequence[str], records: Sequence[str]
+) -> tuple[dict[str, str], list[str]]:
+    """Hold what is to be read against the sums that are stated: what is wrong with records that are
+    one trial's each, by file, and what the user should know. Digests that the job has are not made
+    again.
 
     Parameters
     ----------
@@ -152,7 +144,7 @@ def check(job: Job, shared: Sequence[str], records: Sequence[str]) -> CheckedRec
             f"{name} does not list",
             "read all the same, and unchecked",
         )
-    return CheckedRecords(faults=faults, notes=tuple(notes))
+    return faults, notes
 
 
 def _digests(job: Job, sources: Sequence[str]) -> dict[str, str]:
