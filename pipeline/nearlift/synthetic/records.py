@@ -8,10 +8,11 @@ returns.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import itertools
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,26 +212,14 @@ def _write_parquet(
 
     names = pa.array(list(design.trial), type=pa.string())
     schema = pa.schema([("trial", pa.dictionary(pa.int32(), pa.string())), ("force", pa.int32())])
+    numbers = np.arange(len(design), dtype=np.int32)
     with pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True) as writer:
-        held: list[NDArray[np.int32]] = []
-        first = 0
-        for _, counts in samples:
-            held.append(counts)
-            if len(held) == TRIALS_PER_ROW_GROUP:
-                writer.write_table(_group(held, first, names, schema))
-                first, held = first + len(held), []
-        if held:
-            writer.write_table(_group(held, first, names, schema))
-
-
-def _group(held: list[NDArray[np.int32]], first: int, names: Any, schema: Any) -> Any:
-    import pyarrow as pa
-
-    index = np.repeat(np.arange(first, first + len(held), dtype=np.int32), [len(h) for h in held])
-    return pa.table(
-        [pa.DictionaryArray.from_arrays(pa.array(index), names), pa.array(np.concatenate(held))],
-        schema=schema,
-    )
+        for first in range(0, len(design), TRIALS_PER_ROW_GROUP):
+            group = numbers[first : first + TRIALS_PER_ROW_GROUP]
+            held = [counts for _, counts in itertools.islice(samples, len(group))]
+            index = pa.array(np.repeat(group, [len(counts) for counts in held]))
+            trial = pa.DictionaryArray.from_arrays(index, names)
+            writer.write_table(pa.table([trial, pa.array(np.concatenate(held))], schema=schema))
 
 
 def _write_csv(
@@ -252,34 +241,20 @@ def _write_csv(
 def schedule(design: TrialSchedule, bench: SimulatedBench) -> str:
     """The text of trials.csv."""
     per_unit = {"mm": 1e3, "cm": 1e2, "m": 1.0}[bench.distance_unit]
-    extra = {}
+    columns: dict[str, Iterable[str]] = {
+        "trial": design.trial,
+        "boundary": design.boundary,
+        "distance": [f"{per_unit * d:.6g}" for d in design.recorded_m],
+        "throttle": [f"{100 * t:.6g}" for t in design.throttle],
+        "start": [f"{s:.2f}" for s in design.start_s],
+        "session": [str(s) for s in design.session],
+        "approach": [f"{a:+.0f}" for a in design.approach],
+    }
     for name, values in design.further.items():
         column, _, per_SI = LOGGED.get(name, (name, "", 1.0))
-        extra[column] = per_SI * values
-    rows = [
-        ",".join(
-            ("trial", "boundary", "distance", "throttle", "start", "session", "approach", *extra)
-        )
-    ]
-    for i, trial in enumerate(design.trial):
-        cells = [
-            f"{per_unit * design.recorded_m[i]:.6g}",
-            f"{100 * design.throttle[i]:.6g}",
-            f"{design.start_s[i]:.2f}",
-            str(design.session[i]),
-        ]
-        rows.append(
-            ",".join(
-                (
-                    trial,
-                    design.boundary[i],
-                    *cells,
-                    f"{design.approach[i]:+.0f}",
-                    *(f"{values[i]:.7g}" for values in extra.values()),
-                )
-            )
-        )
-    return "\n".join(rows) + "\n"
+        columns[column] = [f"{v:.7g}" for v in per_SI * values]
+    rows = [columns, *zip(*columns.values(), strict=True)]
+    return "".join(",".join(row) + "\n" for row in rows)
 
 
 def manifest(

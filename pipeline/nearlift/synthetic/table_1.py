@@ -164,12 +164,5 @@ AS_PRINTED = TableReading(
     unit_m=1e-2,
     unit="cm",
     offset_m=_NO_OFFSET,
-    contradicts=(
-        "room",
-        "near_ground",
-        "ground_gain",
-        "ground_reach",
-        "ceiling_excess",
-        "near_sidewall",
-    ),
+    contradicts=tuple(claim.name for claim in CLAIMS),
 )

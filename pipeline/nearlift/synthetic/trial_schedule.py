@@ -82,7 +82,7 @@ def randomised(
     TrialSchedule
         Never two visits of one station in a row, which would be one visit.
     """
-    sides, stations, levels, stops, ways, batteries, starts = [], [], [], [], [], [], []
+    trials = []
     clock, stop, battery = 0.0, 0, 0
     for side, distances in recorded_m.items():
         rng = generator(seed, "design", side)
@@ -91,28 +91,23 @@ def randomised(
         before = np.inf
         per_session = -(-len(order) // sessions)
         for i, distance in enumerate(order):
+            way = 1.0 if distance > before else -1.0
             clock += move_s * (1 + 0.05 * rng.standard_normal())
             if i % per_session == 0:
                 battery += 1
                 clock += 300.0
             for level in rng.permutation(np.asarray(throttles, dtype=float)):
-                sides.append(side)
-                stations.append(distance)
-                levels.append(level)
-                stops.append(stop)
-                ways.append(1.0 if distance > before else -1.0)
-                batteries.append(battery)
-                starts.append(clock)
+                trials.append((side, distance, level, stop, way, battery, clock))
                 clock += trial_s * (1 + 0.05 * rng.standard_normal())
             before = distance
             stop += 1
-    boundary = np.array(sides, dtype=object)
+    sides, stations, levels, stops, ways, batteries, starts = zip(*trials, strict=True)
     shown = np.array(stations)
     shift = np.array([(offset_m or {}).get(side, 0.0) for side in sides])
     width = max(4, len(str(len(sides) - 1)))
     return TrialSchedule(
         trial=np.array([f"t{i:0{width}d}" for i in range(len(sides))], dtype=object),
-        boundary=boundary,
+        boundary=np.array(sides, dtype=object),
         recorded_m=shown,
         z_m=shown + shift,
         throttle=np.array(levels),
