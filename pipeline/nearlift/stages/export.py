@@ -24,7 +24,7 @@ from nearlift.stages.quoted_lift import fitted_lift
 DRAWS = 2000
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class ExportFormat:
     """One form of export: its name on the command line, what it is, and what writes it and returns
     the path.
@@ -80,29 +80,15 @@ def write_json(job: Job) -> str:
 
 FORMATS = (
     ExportFormat(
-        name="netcdf",
-        meaning="posterior.nc: draws of every model, for ArviZ and xarray",
-        write=netcdf.write,
+        "netcdf", "posterior.nc: draws of every model, for ArviZ and xarray", netcdf.write
+    ),
+    ExportFormat("c", "export/lift_model.h: a C99 header for firmware, metres in", write_c),
+    ExportFormat("document", "export/lift_model.json, and its JSON Schema", write_json),
+    ExportFormat(
+        "python", "export/lift_model.py: a module that needs nothing but Python", write_python
     ),
     ExportFormat(
-        name="c",
-        meaning="export/lift_model.h: a C99 header for firmware, metres in",
-        write=write_c,
-    ),
-    ExportFormat(
-        name="document",
-        meaning="export/lift_model.json, and its JSON Schema",
-        write=write_json,
-    ),
-    ExportFormat(
-        name="python",
-        meaning="export/lift_model.py: a module that needs nothing but Python",
-        write=write_python,
-    ),
-    ExportFormat(
-        name="casadi",
-        meaning="export/lift_model_casadi.py: a module of CasADi expressions",
-        write=write_casadi,
+        "casadi", "export/lift_model_casadi.py: a module of CasADi expressions", write_casadi
     ),
 )
 

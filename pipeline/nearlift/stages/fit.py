@@ -5,7 +5,7 @@ posterior, on trials.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -49,13 +49,10 @@ def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[Lif
     base = catalogue.model(
         chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors)
     )
-    if chosen and chosen.rivals is not None:
-        rivals = tuple(catalogue.model(name) for name in chosen.rivals)
-    else:
-        rivals = tuple(
-            catalogue.model(name)
-            for name in catalogue.default_rivals(boundary, vehicle.rotors, geometry)
-        )
+    names: Iterable[str] | None = chosen.rivals if chosen else None
+    if names is None:
+        names = catalogue.default_rivals(boundary, vehicle.rotors, geometry)
+    rivals = tuple(catalogue.model(name) for name in names)
     for model in (base, *rivals):
         if model.boundary != boundary:
             raise ManifestError(

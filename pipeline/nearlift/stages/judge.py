@@ -145,9 +145,7 @@ def judge(table: store.Table, campaign: Campaign) -> list[str]:
     for side, lower, upper, below, above in plausibility.not_rising(table):
         here = (table["boundary"] == side) & (table["throttle"] == upper)
         far = here & (table["z_hat"] == table["z_hat"][here].max())
-        table["quality"][far] = [
-            quality.joined([*text.split(), "not_rising"]) for text in table["quality"][far]
-        ]
+        _mark(table, "not_rising", far)
         place = f"far from the {side}" if side != "none" else "in free air"
         step = f"{below:.4g} N at {100 * lower:.4g} %, {above:.4g} N at {100 * upper:.4g} %"
         notes.append(
