@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from nearlift.errors import UsageError
 from nearlift.manifest import campaign as manifests
@@ -65,13 +65,15 @@ class Study:
 
     def reduce(self) -> Reduction:
         """Raw records to trials, and trials to the change of lift per cell."""
+        import pandas as pd
+
         from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 
         about = self._bring("reduce")
         cells, covariance = self.read(LIFT), self.read(LIFT_COVARIANCE)
-        names = list(zip(cells["boundary"], cells["z_hat"], cells["throttle"], strict=True))
         if len(covariance):
-            covariance.index = covariance.columns = _cells(names)
+            places = cells[["boundary", "z_hat", "throttle"]]
+            covariance.index = covariance.columns = pd.MultiIndex.from_frame(places)
         return Reduction(**about, trials=self.read(TRIALS), cells=cells, covariance=covariance)
 
     def fit(self) -> Fit:
@@ -256,12 +258,6 @@ class Study:
             f"<table><caption>{escape(self.name)}</caption>"
             f"<thead><tr><th>stage</th><th>state</th></tr></thead><tbody>{rows}</tbody></table>"
         )
-
-
-def _cells(names: list[tuple[str, float, float]]) -> Any:
-    import pandas as pd
-
-    return pd.MultiIndex.from_tuples(names, names=["boundary", "z_hat", "throttle"])
 
 
 def load(
