@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,10 +10,9 @@ import numpy as np
 
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel, Parameter
+from nearlift.flight import Ratio
 from nearlift.likelihood import student
 from nearlift.results.quotation import Correlation
-
-Ratio = Callable[[FloatArray], FloatArray]
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,13 +17,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import UsageError
 from nearlift.randomness import generator
 from nearlift.synthetic.trial_schedule import TrialSchedule
 from nearlift.synthetic.truth import Truth
 
-FloatArray = NDArray[np.float64]
 Form = Literal["parquet", "csv", "csv_with_time"]
 TRIALS_PER_ROW_GROUP = 150
 GRAVITY = 9.8

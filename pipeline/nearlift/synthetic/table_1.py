@@ -13,11 +13,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import Boundary
-
-FloatArray = NDArray[np.float64]
+from nearlift.declare import Boundary, FloatArray
 
 #: As printed, boundary to numbers. Ground less ceiling is 52 or 53 in every row, sidewall less
 #: ceiling 10 or 11: one list of commands.

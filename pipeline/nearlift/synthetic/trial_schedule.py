@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, FloatArray
 from nearlift.randomness import generator
 
-FloatArray = NDArray[np.float64]
 #: The paper's: percent of full throttle as fractions, and visits of each station.
 THROTTLES = (0.25, 0.5, 0.75, 0.92)
 VISITS = 15

@@ -8,12 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import Effect, LiftModel, compose
+from nearlift.declare import Effect, FloatArray, LiftModel, compose
 from nearlift.errors import DeclarationError
-
-FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

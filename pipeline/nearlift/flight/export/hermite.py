@@ -7,13 +7,13 @@ continuously differentiable; it is refined to single precision.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.flight import Ratio
 
 #: Largest relative error, under three units in a float's last place; largest number of pieces.
 ERROR, MOST = 1.5e-7, 2048
@@ -63,9 +63,7 @@ class HermiteTable:
         return result
 
 
-def hermite_table(
-    ratio: Callable[[FloatArray], FloatArray], low: float, high: float
-) -> HermiteTable:
+def hermite_table(ratio: Ratio, low: float, high: float) -> HermiteTable:
     """Coarsest table, of 16, 32, ... pieces, with a relative error of at most ERROR.
 
     Raises
@@ -129,9 +127,7 @@ class UncertaintyTable:
     slope: FloatArray
 
 
-def uncertainty_table(
-    drawn: Callable[[FloatArray], FloatArray], low: float, high: float
-) -> UncertaintyTable:
+def uncertainty_table(drawn: Ratio, low: float, high: float) -> UncertaintyTable:
     """Standard deviations of L / L_inf and its slope over the draws, the rows of `drawn`; any draw
     that is not finite somewhere is left out.
 

@@ -7,15 +7,15 @@ ratio at two heights, lift cannot tell them apart, and the inversion is refused.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.flight import Ratio
 
-Ratio = Callable[[FloatArray], FloatArray]
 #: Nodes of the grid, geometrically spaced.
 NODES = 1200
 #: Largest change of L / L_inf between nodes that counts as rounding.

@@ -12,12 +12,12 @@ Averaging over T reduces only `short`, the standard deviation of a one-second av
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.declare import FloatArray
+from nearlift.flight import Ratio
 from nearlift.flight.proximity.inverse import grid
 
 
@@ -57,9 +57,7 @@ def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
     return float(sigma * (-ndtri(false_alarm_rate) - ndtri(miss_rate)))
 
 
-def reach(
-    ratio: Callable[[FloatArray], FloatArray], change: float, low: float, high: float
-) -> float:
+def reach(ratio: Ratio, change: float, low: float, high: float) -> float:
     """Largest z_hat from `low` to `high` at which |L / L_inf - 1| is at least `change`,
     interpolated on the grid; nan where there is none. A result of `high` is a lower bound.
     """
@@ -76,7 +74,7 @@ def reach(
 
 
 def reaches(
-    ratios: Sequence[Callable[[FloatArray], FloatArray]], change: float, low: float, high: float
+    ratios: Sequence[Ratio], change: float, low: float, high: float
 ) -> tuple[float, float, float]:
     """Detection range of the first ratio (the best estimate), and its 90 % interval over the
     others, of which those without a range count as zero.

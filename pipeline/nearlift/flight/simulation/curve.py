@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.flight import Ratio
 
 #: Height above which every table is constant; lift there is within 0.5 % of L_inf for the declared
 #: models at their declared parameters.
@@ -53,7 +54,7 @@ class Curves:
         return np.stack([np.interp(z_hat, self.z_hat, row) for row in self.values])
 
 
-def tabulate(ratios: Sequence[Callable[[FloatArray], FloatArray]], low: float) -> Curves:
+def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
     """Tables of several functions of z_hat, each constant below `low`.
 
     Raises

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nearlift.declare import Boundary, FloatArray
+from nearlift.flight import Ratio
 from nearlift.flight.simulation.crash_rate import binomial90
 from nearlift.flight.simulation.curve import tabulate
 from nearlift.flight.simulation.flight import FlightSetting
@@ -85,7 +86,7 @@ class MapCell:
 
 def scan(
     boundary: Boundary,
-    ratio: Callable[[float], Callable[[FloatArray], FloatArray]],
+    ratio: Callable[[float], Ratio],
     model: str,
     bound: float,
     spacing_hat: float | None,

@@ -13,12 +13,13 @@ inertia of 2 to 3e-5 kg m^2; measured ones are 1.4 to 1.7e-5.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.flight import Ratio
 from nearlift.results.serial import optional
 
 #: Roll inertia of a Crazyflie, kg m^2: lowest and highest of its system identifications.
@@ -131,7 +132,7 @@ class RollResult:
 
 
 def fitted_roll(
-    ratios: Sequence[Callable[[FloatArray], FloatArray]],
+    ratios: Sequence[Ratio],
     nearest_z_hat: float,
     *,
     weight_N: float,
