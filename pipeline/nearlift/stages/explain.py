@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Boundary, Effect
+from nearlift.declare import Effect
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import floor
@@ -73,9 +73,7 @@ def run(job: Job, name: str) -> dict[str, object]:
             stage = dataclasses.replace(stage, noise=diagnosed.noise)
         else:
             diagnosed = None
-        explained[boundary], rows = _at(
-            stage, effect, library, untestable, diagnosed, boundary, job.seed
-        )
+        explained[boundary], rows = _at(stage, effect, library, untestable, diagnosed)
         pictures += rows
     if not explained:
         raise InputRefused(
@@ -134,8 +132,6 @@ def _at(
     library: tuple[Effect, ...],
     untestable: tuple[UntestableEffect, ...],
     loop: BoundaryDiagnosis | None,
-    boundary: Boundary,
-    seed: int,
 ) -> tuple[dict[str, object], list[Columns]]:
     """One boundary: numbers, and the rows of the figure."""
     lacking = next((u for u in untestable if u.effect == effect.name), None)
@@ -162,18 +158,16 @@ def _at(
         return common | {
             "within_trial": heating_power(stage.data, stage.options.false_alarm_rate, LIMIT_POWER)
         }, []
-    foresight = Foresight(stage=stage, seed=seed)
+    foresight = Foresight(stage=stage, seed=stage.options.seed)
     sizes, rows = [], []
     for handle in handles(effect):
-        size, table = _size(foresight, handle, boundary)
+        size, table = _size(foresight, handle)
         sizes.append(size)
         rows.append(table)
     return common | {"share_visible": visibility(stage, effect), "sizes": sizes}, rows
 
 
-def _size(
-    foresight: Foresight, handle: Handle, boundary: Boundary
-) -> tuple[dict[str, object], Columns]:
+def _size(foresight: Foresight, handle: Handle) -> tuple[dict[str, object], Columns]:
     """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
     from nearlift.report.figures.explain import rows
 
@@ -226,7 +220,8 @@ def _size(
         },
     }
     noise, chance = floor(stage.data, stage.noise, stage.slope), stage.options.false_alarm_rate
-    return size, rows(stage.data, handle.effect, boundary, size, raw, left, noise, chance)
+    data = stage.data
+    return size, rows(data, handle.effect, data.boundary, size, raw, left, noise, chance)
 
 
 def _rms(x: Any) -> float:

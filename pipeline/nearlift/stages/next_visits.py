@@ -154,16 +154,8 @@ def _at(
         notes.append("a table of means: fill in the mean lift of each row before it is read")
     if not data.ordered:
         notes.append("the order of the trials is unknown: what drifts is not planned for")
-    return _document(
-        plan,
-        stage,
-        aim,
-        asked.until,
-        count,
-        options,
-        notes,
-        traverse(trials, stage.data, job.campaign),
-    )
+    along = traverse(trials, stage.data, job.campaign)
+    return _document(plan, stage, aim, asked.until, count, notes, along)
 
 
 def _document(
@@ -172,14 +164,13 @@ def _document(
     aim: tuple[str, ...],
     until: float | None,
     count: int,
-    options: Options,
     notes: list[str],
     along: Traverse,
 ) -> NextVisits:
     """The batch, and what is to be said of it."""
-    boundary, parts = stage.data.boundary, len(aim) > 1
-    visits = plan.batch(count, generator(options.seed, "next visits", boundary, *aim))
-    ahead = generator(options.seed, "visits after the next", boundary, *aim)
+    boundary, seed, parts = stage.data.boundary, stage.options.seed, len(aim) > 1
+    visits = plan.batch(count, generator(seed, "next visits", boundary, *aim))
+    ahead = generator(seed, "visits after the next", boundary, *aim)
     u_wanted = 1 / np.sqrt(APART) if parts else until
     wanted = evenly = None
     end = plan.after(visits)
@@ -193,7 +184,7 @@ def _document(
     menu = plan.menu
     visit = menu.trials.throttle.reshape(len(menu), -1)
     z_hat = [float(menu.z_hat[menu.station[v]]) for v in visits]
-    sides = generator(options.seed, "sides", boundary, *aim)
+    sides = generator(seed, "sides", boundary, *aim)
     ways = along.ways(z_hat, float(menu.z_hat[plan.last]), sides)
     return NextVisits(
         boundary=boundary,
@@ -224,7 +215,7 @@ def _document(
                 approach=ways[i][0],
                 via_m=ways[i][1],
                 throttles=tuple(
-                    generator(options.seed, "throttles", boundary, str(i)).permutation(visit[v])
+                    generator(seed, "throttles", boundary, str(i)).permutation(visit[v])
                 ),
                 supply_V=float(menu.supply_V[v]) if np.isfinite(menu.supply_V[v]) else None,
             )
