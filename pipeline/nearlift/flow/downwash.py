@@ -186,6 +186,9 @@ def measure(
         _half_difference(through(aside=shift), through(aside=-shift)),
     )
     span = _half_difference(through(longer=shift), through(longer=-shift))
+    slow = 0.0
+    if stagnant is not None:
+        slow = float(weights @ stagnant[int(np.argmin(np.abs(y + cut.below_m)))])
     u_mask = max(1 - covered, 0.0) * spread
     u_scale = cut.u_scale * abs(value)
     ends = np.array([c + s * cut.half_span_m for c in cut.centres_m for s in (-1, 1)])
@@ -201,7 +204,7 @@ def measure(
         covered=covered,
         n_eff=n_eff,
         clearance_hat=clearance,
-        warnings=_warnings(scene, clearance, covered, u_noise, stagnant, weights, y, cut),
+        warnings=_warnings(scene, cut, clearance, covered, u_noise, slow),
     )
 
 
@@ -235,23 +238,14 @@ def _half_difference(a: float, b: float) -> float:
 
 
 def _warnings(
-    scene: Scene,
-    clearance: float,
-    covered: float,
-    u_noise: float,
-    stagnant: NDArray[np.bool_] | None,
-    weights: FloatArray,
-    y_m: FloatArray,
-    cut: Cut,
+    scene: Scene, cut: Cut, clearance: float, covered: float, u_noise: float, slow: float
 ) -> tuple[str, ...]:
+    """Keys of `WARNINGS`; `slow` is the part of the span in the stagnation zone."""
     ground = scene.boundary == "ground"
-    slow = 0.0
-    if ground and stagnant is not None:
-        slow = float(weights @ stagnant[int(np.argmin(np.abs(y_m + cut.below_m)))])
     warnings = {
         "meets_boundary": ground and clearance <= 0,
         "deflection_zone": ground and 0 < clearance < DEFLECTION_HAT,
-        "stagnation_zone": slow > STAGNANT,
+        "stagnation_zone": ground and slow > STAGNANT,
         "wake": scene.boundary == "ceiling" and cut.below_m > WAKE_HAT * scene.radius_m,
         "partly_covered": 0 < covered < COVERED,
         "no_scatter": covered > 0 and not math.isfinite(u_noise),
