@@ -22,6 +22,8 @@ ROW = re.compile(
 )
 HEIGHTS = re.compile(r"^(?P<name>z\w*)\s*=\s*\[(?P<values>[^\[\]]*)\]", re.M)
 RADIUS = re.compile(r"^R\s*=\s*(?P<value>[\d.]+)", re.M)
+#: How the two rotors stand to each other, by what the name of a case says of it.
+FACING = {None: "coplanar", "_beta": "back_to_back", "_minbeta": "face_to_face"}
 
 
 def convert(files: dict[str, Path], folder: Path, name: str) -> None:
@@ -81,14 +83,7 @@ def table(script: str, where: str) -> str:
                 " heights",
                 "it is not whole",
             )
-        alpha, beta = row["alpha"], row["beta"] or "0"
-        config = (
-            "face_to_face"
-            if row["facing"] == "_minbeta"
-            else "back_to_back"
-            if row["facing"]
-            else "coplanar"
-        )
+        alpha, beta, config = row["alpha"], row["beta"] or "0", FACING[row["facing"]]
         lines += [
             f"{case},{config},{alpha},{beta},{z!r},{z * float(radius['value'])!r},{force!r},{spread!r}"
             for z, force, spread in zip(heights, forces, spreads, strict=True)
