@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Check, FloatArray, LiftModel, Source
-from nearlift.models.inflow import clear_of_boundary, gain, image
+from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 
 
 def cancelled_per_rotor(
@@ -161,10 +161,7 @@ MODEL = LiftModel(
             " Ollero 2017 (10.1155/2017/1823056)"
         ),
         equation="(10) and section 2.3, as transcribed",
-        bibtex=(
-            "cheeseman1955",
-            "sanchezcuevas2017",
-        ),
+        bibtex=("cheeseman1955", "sanchezcuevas2017"),
         doubts=(
             (
                 "The per-rotor form was read in a transcription that cites the equation by number;"
@@ -173,19 +170,9 @@ MODEL = LiftModel(
         ),
     ),
     checks=(
-        Check(
-            x=1.0,
-            expected=1.0831,
-            arguments={"layout_hat": square(90 / 23)},
-            tolerance=5e-5,
-            quoted_by="own table, K_b = 0, d = 90 mm",
-        ),
-        Check(
-            x=0.5,
-            expected=1.3495,
-            arguments={"layout_hat": square(90 / 23)},
-            tolerance=5e-5,
-            quoted_by="the same table",
+        *tabulated(
+            (1.0, 1.0831, {"layout_hat": square(90 / 23)}, "own table, K_b = 0, d = 90 mm"),
+            (0.5, 1.3495, {"layout_hat": square(90 / 23)}, "the same table"),
         ),
         Check(
             x=1.0,

@@ -11,11 +11,12 @@ image and a ratio of exactly 1.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray
+from nearlift.declare import Check, FloatArray
 
 
 def clear_of_boundary(z_hat: Any) -> FloatArray:
@@ -50,3 +51,13 @@ def gain(cancelled: Any) -> FloatArray:
     left = 1.0 - np.asarray(cancelled, dtype=float)
     result: FloatArray = np.divide(1.0, left, out=np.full(left.shape, np.nan), where=left > 0)
     return result
+
+
+def tabulated(*rows: tuple[float, float, Mapping[str, Any], str]) -> tuple[Check, ...]:
+    """Checks against a table of four decimals: z_hat, the ratio there, the arguments, and who
+    quoted it.
+    """
+    return tuple(
+        Check(x=z_hat, expected=ratio, arguments=given, tolerance=5e-5, quoted_by=by)
+        for z_hat, ratio, given, by in rows
+    )

@@ -31,8 +31,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import clear_of_boundary, gain, image
+from nearlift.declare import LiftModel, Parameter, Source, normal
+from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 
 
 def four_images(z_hat: Any, spacing_hat: Any) -> Any:
@@ -140,34 +140,12 @@ MODEL = LiftModel(
     needs=("spacing_hat", "diagonal_hat"),
     valid_z_hat=(0.25, float("inf")),
     source=SOURCE,
-    checks=(
-        Check(
-            x=1.0,
-            expected=1.1586,
-            arguments=_CRAZYFLIE,
-            tolerance=5e-5,
-            quoted_by="own table of the original form, Crazyflie 65 / 92 mm",
-        ),
-        Check(
-            x=0.5, expected=1.4299, arguments=_CRAZYFLIE, tolerance=5e-5, quoted_by="the same table"
-        ),
-        Check(
-            x=5.0, expected=1.0256, arguments=_CRAZYFLIE, tolerance=5e-5, quoted_by="the same table"
-        ),
-        Check(
-            x=1.0,
-            expected=1.1066,
-            arguments=_PAPER,
-            tolerance=5e-5,
-            quoted_by="own table of the original form, d = 90 mm",
-        ),
-        Check(
-            x=1.0,
-            expected=1.0831,
-            arguments={**_PAPER, "K_b": 0.0},
-            tolerance=5e-5,
-            quoted_by="own table, images only",
-        ),
+    checks=tabulated(
+        (1.0, 1.1586, _CRAZYFLIE, "own table of the original form, Crazyflie 65 / 92 mm"),
+        (0.5, 1.4299, _CRAZYFLIE, "the same table"),
+        (5.0, 1.0256, _CRAZYFLIE, "the same table"),
+        (1.0, 1.1066, _PAPER, "own table of the original form, d = 90 mm"),
+        (1.0, 1.0831, {**_PAPER, "K_b": 0.0}, "own table, images only"),
     ),
     notes=__doc__ or "",
 )
@@ -194,21 +172,9 @@ PUBLISHED = LiftModel(
     needs=("spacing_hat", "diagonal_hat"),
     valid_z_hat=(0.25, float("inf")),
     source=SOURCE,
-    checks=(
-        Check(
-            x=1.0,
-            expected=1.1586,
-            arguments=_CRAZYFLIE,
-            tolerance=5e-5,
-            quoted_by="table of sanchez_cuevas",
-        ),
-        Check(
-            x=5.0,
-            expected=1.0256,
-            arguments=_CRAZYFLIE,
-            tolerance=5e-5,
-            quoted_by="the same table",
-        ),
+    checks=tabulated(
+        (1.0, 1.1586, _CRAZYFLIE, "table of sanchez_cuevas"),
+        (5.0, 1.0256, _CRAZYFLIE, "the same table"),
     ),
     notes="""\
 Ground, quadrotor: Sanchez-Cuevas, Heredia and Ollero with the fountain's strength that they
@@ -286,20 +252,13 @@ FREE_EXPONENT = LiftModel(
             ),
         ),
     ),
-    checks=(
-        Check(
-            x=1.0,
-            expected=1.1586,
-            arguments=_CRAZYFLIE,
-            tolerance=5e-5,
-            quoted_by="sanchez_cuevas at n = 1",
-        ),
-        Check(
-            x=1.0,
-            expected=1.1586 ** (2 / 3),
-            arguments={**_CRAZYFLIE, "n": 2 / 3},
-            tolerance=5e-5,
-            quoted_by="the same to the 2/3, own arithmetic",
+    checks=tabulated(
+        (1.0, 1.1586, _CRAZYFLIE, "sanchez_cuevas at n = 1"),
+        (
+            1.0,
+            1.1586 ** (2 / 3),
+            {**_CRAZYFLIE, "n": 2 / 3},
+            "the same to the 2/3, own arithmetic",
         ),
     ),
     notes="""\

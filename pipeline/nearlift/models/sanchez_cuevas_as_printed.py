@@ -25,8 +25,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import clear_of_boundary, gain, image
+from nearlift.declare import LiftModel, Parameter, Source, normal
+from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 from nearlift.models.sanchez_cuevas import four_images
 
 
@@ -107,28 +107,10 @@ MODEL = LiftModel(
             ),
         ),
     ),
-    checks=(
-        Check(
-            x=0.5,
-            expected=1.3530,
-            arguments={"spacing_hat": 90 / 23},
-            tolerance=5e-5,
-            quoted_by="own table of the printed form, l = 90 mm",
-        ),
-        Check(
-            x=1.0,
-            expected=1.0866,
-            arguments={"spacing_hat": 90 / 23},
-            tolerance=5e-5,
-            quoted_by="the same table",
-        ),
-        Check(
-            x=3.0,
-            expected=1.0203,
-            arguments={"spacing_hat": 90 / 23},
-            tolerance=5e-5,
-            quoted_by="the same table",
-        ),
+    checks=tabulated(
+        (0.5, 1.3530, {"spacing_hat": 90 / 23}, "own table of the printed form, l = 90 mm"),
+        (1.0, 1.0866, {"spacing_hat": 90 / 23}, "the same table"),
+        (3.0, 1.0203, {"spacing_hat": 90 / 23}, "the same table"),
     ),
     notes=__doc__ or "",
 )
