@@ -20,7 +20,6 @@ from nearlift.products import TRIALS
 from nearlift.readers import ramp
 from nearlift.readers.channel import Malformed
 from nearlift.readers.files import files_per_trial, per_trial, source_of
-from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import MARK, Piece, Reader
 from nearlift.reduction import plausibility, quality
@@ -228,10 +227,12 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     place = {trial: i for i, trial in enumerate(schedule.trial)}
     rows, done = Rows(len(schedule)), 0
     notes, pieces = plan.notes, deque(plan.pieces)
+    size = sum(piece.bytes for piece in pieces)
+    small = reader.reduce_piece is None and size < WORTH_A_THREAD * recorded
     refusals: list[InputRefused] = []
     # the plan of what is done is not kept beside what was found
     del plan
-    for answer in _answers(job, reader, pieces, after):
+    for answer in answered(job.executor, reduce_piece, _tasks(job, pieces, after), small):
         for row in answer:
             rows.put(place[row.trial], row)
             refusals += [row.refusal] if row.refusal else []
@@ -289,15 +290,6 @@ def _of_the_tare(campaign: Campaign) -> list[str]:
             f" ({FEW_OF_TARE} would)"
         )
     return remarks
-
-
-def _answers(
-    job: Job, reader: Reader, pieces: deque[Piece], after: Mapping[str, float]
-) -> Iterator[list[Row]]:
-    """The rows of each piece."""
-    records, size = sum(len(piece.trials) for piece in pieces), sum(piece.bytes for piece in pieces)
-    small = reader.reduce_piece is None and size < WORTH_A_THREAD * records
-    return answered(job.executor, reduce_piece, _tasks(job, pieces, after), small)
 
 
 def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:
