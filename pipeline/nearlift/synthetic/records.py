@@ -165,26 +165,18 @@ def write_campaign(
         manifest(name, note, bench, form, quantum, design), encoding="utf-8"
     )
     (folder / "trials.csv").write_text(schedule(design, bench), encoding="utf-8")
+    each = zip(
+        design.trial, true.lift_N.tolist(), design.throttle.tolist(), design.boundary, strict=True
+    )
     samples = (
-        (
-            str(trial),
-            record(
-                str(trial),
-                float(true.lift_N[i]),
-                float(design.throttle[i]),
-                truths[design.boundary[i]],
-                bench,
-                seed,
-            ),
-        )
-        for i, trial in enumerate(design.trial)
+        record(str(trial), lift, throttle, truths[side], bench, seed)
+        for trial, lift, throttle, side in each
     )
     if form == "parquet":
         _write_parquet(folder / "records.parquet", samples, design)
     else:
-        _write_csv(
-            folder / "trials", samples, quantum, bench.rate_Hz if form == "csv_with_time" else None
-        )
+        rate_Hz = bench.rate_Hz if form == "csv_with_time" else None
+        _write_csv(folder / "trials", samples, design, quantum, rate_Hz)
     return true
 
 
@@ -203,9 +195,7 @@ def _claim(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
 
 
-def _write_parquet(
-    path: Path, samples: Iterator[tuple[str, NDArray[np.int32]]], design: TrialSchedule
-) -> None:
+def _write_parquet(path: Path, samples: Iterator[NDArray[np.int32]], design: TrialSchedule) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -215,7 +205,7 @@ def _write_parquet(
     with pq.ParquetWriter(path, schema, compression="zstd", write_page_checksum=True) as writer:
         for first in range(0, len(design), TRIALS_PER_ROW_GROUP):
             group = numbers[first : first + TRIALS_PER_ROW_GROUP]
-            held = [counts for _, counts in itertools.islice(samples, len(group))]
+            held = list(itertools.islice(samples, len(group)))
             index = pa.array(np.repeat(group, [len(counts) for counts in held]))
             trial = pa.DictionaryArray.from_arrays(index, names)
             writer.write_table(pa.table([trial, pa.array(np.concatenate(held))], schema=schema))
@@ -223,12 +213,13 @@ def _write_parquet(
 
 def _write_csv(
     folder: Path,
-    samples: Iterator[tuple[str, NDArray[np.int32]]],
+    samples: Iterator[NDArray[np.int32]],
+    design: TrialSchedule,
     quantum_N: float,
     rate_Hz: float | None,
 ) -> None:
     folder.mkdir(exist_ok=True)
-    for trial, counts in samples:
+    for trial, counts in zip(design.trial, samples, strict=True):
         force = (1e3 * quantum_N * counts).tolist()
         if rate_Hz is None:
             lines = ["force", *(f"{f:.4f}" for f in force)]
