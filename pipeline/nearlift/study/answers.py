@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypedDict, TypeVar
 
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Entry = TypeVar("Entry")
+#: What a table has of each coefficient.
+QUOTED = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit", "holds")
 
 
 class AboutRun(TypedDict):
@@ -115,6 +117,38 @@ class Reduction(Answered):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ByBoundary(Answered, Generic[Entry]):
+    """An entry of each boundary, and what is to be quoted there."""
+
+    boundaries: Mapping[Boundary, Entry]
+    quoted: Mapping[Boundary, BoundaryResult]
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Boundary by boundary: ground, ceiling, sidewall."""
+        return iter(self.boundaries.values())
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """A coefficient to be quoted a row, with verdict and named effects."""
+        import pandas as pd
+
+        return pd.DataFrame(
+            [
+                {
+                    "boundary": boundary,
+                    "model": result.base_model,
+                    "verdict": result.verdict,
+                    "effects": " + ".join(result.effects),
+                    "coefficient": name,
+                }
+                | {key: getattr(c, key) for key in QUOTED}
+                for boundary, result in self.quoted.items()
+                for name, c in result.coefficients.items()
+            ]
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryFit:
     """Every model of one boundary; the base model is the one that the loop questions."""
 
@@ -128,7 +162,7 @@ class BoundaryFit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Fit(Answered):
+class Fit(ByBoundary[BoundaryFit]):
     """Every model at every boundary: ``fit.json``, the draws of ``posterior.parquet``, and what is
     to be quoted: ``results.json``.
 
@@ -137,22 +171,11 @@ class Fit(Answered):
     `coefficients` are what it would be if that model were right and nothing missing.
     """
 
-    boundaries: Mapping[Boundary, BoundaryFit]
-    quoted: Mapping[Boundary, BoundaryResult]
     posterior: pd.DataFrame = field(repr=False, compare=False)
 
     def __getitem__(self, boundary: str) -> BoundaryFit:
         """The fits of that boundary; `UsageError` with those that there are."""
         return _entry(self.boundaries, boundary, f"{boundary!r} was not fitted")
-
-    def __iter__(self) -> Iterator[BoundaryFit]:
-        """Boundary by boundary: ground, ceiling, sidewall."""
-        return iter(self.boundaries.values())
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """A coefficient to be quoted a row."""
-        return _quoted(self.quoted)
 
     def draws(self, boundary: str, model: str | None = None) -> pd.DataFrame:
         """Posterior draws, a draw a row and a parameter a column; of the base model unless another
@@ -177,28 +200,16 @@ class Fit(Answered):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Diagnosis(Answered):
+class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
     """The closed loop at every boundary: ``diagnosis.json``, and what is to be quoted after it:
     ``results.json``.
 
     ``diagnosis["ground"].verdict`` is one word.
     """
 
-    boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]
-    quoted: Mapping[Boundary, BoundaryResult]
-
     def __getitem__(self, boundary: str) -> BoundaryDiagnosis | NotDiagnosed:
         """What was found at that boundary; `UsageError` with those that there are."""
         return _entry(self.boundaries, boundary, f"{boundary!r} was not diagnosed")
-
-    def __iter__(self) -> Iterator[BoundaryDiagnosis | NotDiagnosed]:
-        """Boundary by boundary: ground, ceiling, sidewall."""
-        return iter(self.boundaries.values())
-
-    @property
-    def table(self) -> pd.DataFrame:
-        """A coefficient to be quoted a row, with verdict and named effects."""
-        return _quoted(self.quoted)
 
     def _repr_html_(self) -> str:
         return display.diagnosis(self)
@@ -213,27 +224,6 @@ class Finished(Answered):
 
     def _repr_html_(self) -> str:
         return display.finished(self)
-
-
-def _quoted(quoted: Mapping[Boundary, BoundaryResult]) -> pd.DataFrame:
-    """A coefficient a row."""
-    import pandas as pd
-
-    keys = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit", "holds")
-    return pd.DataFrame(
-        [
-            {
-                "boundary": boundary,
-                "model": result.base_model,
-                "verdict": result.verdict,
-                "effects": " + ".join(result.effects),
-                "coefficient": name,
-            }
-            | {key: getattr(c, key) for key in keys}
-            for boundary, result in quoted.items()
-            for name, c in result.coefficients.items()
-        ]
-    )
 
 
 def _entry(entries: Mapping[Any, Entry], key: str, what: str) -> Entry:
