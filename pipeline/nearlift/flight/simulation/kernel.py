@@ -17,6 +17,7 @@ an array in the loop costs four times what the step does.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,8 @@ WIDTH = 10
 SCHEMES = {"euler": 0, "semi-implicit": 1, "rk4": 2}
 
 
-def _push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
+@partial(compiled, inline="always")
+def push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
     """Acceleration away from the boundary, in g.
 
     `x` is height in table steps from the table's lower end, `lag` is z - z0. `law` holds alpha,
@@ -48,10 +50,8 @@ def _push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
     return u * u * lift * (curve[at] + (x - i) * curve[at + 1]) + load
 
 
-push = compiled(_push, inline="always")
-
-
-def _behind(
+@compiled
+def behind(
     x: Any, w: Any, i: Any, f: Any, here: Any, seen: Any, late: Any, rate: Any,
     dt: Any, low: Any, per: Any, law: Any, curve: Any,
 ) -> Any:  # fmt: skip
@@ -82,10 +82,8 @@ def _behind(
     return x + dx, w + dw, i + di, f + df
 
 
-behind = compiled(_behind)
-
-
-def _fly(
+@compiled
+def fly(
     key: Any, first: Any, holds: Any, per_hold: Any, dt: Any, scheme: Any, memory: Any,
     settings: Any, which: Any, salts: Any, curves: Any, low: Any, per: Any, motor_lag: Any,
     delay: Any, ended: Any, track: Any,
@@ -217,6 +215,3 @@ def _fly(
             left = kept
             if left == 0:
                 break
-
-
-fly = compiled(_fly)

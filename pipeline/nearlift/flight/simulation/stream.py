@@ -11,6 +11,7 @@ settings a `salt` gives each its own gusts.
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -43,25 +44,22 @@ def _layers() -> tuple[FloatArray, FloatArray]:
 EDGE, SURE = _layers()
 
 
-def _mix(x: Any) -> Any:
+@partial(compiled, inline="always")
+def mix(x: Any) -> Any:
     """splitmix64's finaliser, a bijection of 64 bits."""
     x = (x ^ (x >> THIRTY)) * MIX_1
     x = (x ^ (x >> TWENTY_SEVEN)) * MIX_2
     return x ^ (x >> THIRTY_ONE)
 
 
-mix = compiled(_mix, inline="always")
-
-
-def _begin(key: Any, flight: Any, salt: Any) -> Any:
+@compiled
+def begin(key: Any, flight: Any, salt: Any) -> Any:
     """Address of the first normal of a flight; a salt of 0 is common to all settings."""
     return mix(U(key) + mix(U(flight) * GOLDEN + ONE) + U(salt) * MIX_2)
 
 
-begin = compiled(_begin)
-
-
-def _late(word: Any, layer: Any, u: Any) -> Any:
+@compiled
+def late(word: Any, layer: Any, u: Any) -> Any:
     """Normal of a word that its layer did not accept at once."""
     while True:
         word = mix(word + GOLDEN)
@@ -85,10 +83,8 @@ def _late(word: Any, layer: Any, u: Any) -> Any:
             return u * EDGE[layer]
 
 
-late = compiled(_late)
-
-
-def _normal(at: Any) -> Any:
+@compiled
+def normal(at: Any) -> Any:
     """Standard normal at an address."""
     word = mix(at)
     layer = np.int64(word & LAYER)
@@ -99,16 +95,11 @@ def _normal(at: Any) -> Any:
     return late(word, layer, u)
 
 
-normal = compiled(_normal)
-
-
-def _fill(start: Any, out: Any) -> None:
+@compiled
+def fill(start: Any, out: Any) -> None:
     """Standard normals 0, 1, ... from a flight's first address."""
     for i in range(out.size):
         out[i] = normal(start + U(i) * GOLDEN)
-
-
-fill = compiled(_fill)
 
 
 def normals(key: int, flight: int, n: int, salt: int = 0) -> FloatArray:
