@@ -13,14 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from nearlift import nomenclature, units
+from nearlift import units
 from nearlift.declare import Boundary, FloatArray
-from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
 from nearlift.products import FIT, POSTERIOR
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import FITTED, Style, plain_text
+from nearlift.report.figures.style import FITTED, Style, labelled
 from nearlift.rounding import plain
 
 COLUMNS = ("panel", "kind", "x_name", "y_name", "x_low", "x_high", "y_low", "y_high", "value")
@@ -277,10 +276,7 @@ def _draw_region(ax: Axes, rows: Rows) -> None:
 def _label(name: str) -> str:
     if level := LEVEL.fullmatch(name):
         return rf"$L_\infty$ at {100 * float(level[2]):.3g} % ({level[1]})"
-    try:
-        return nomenclature.label(name)
-    except UsageError:
-        return plain_text(name)
+    return labelled(name)
 
 
 FIGURE = FigureSpec(

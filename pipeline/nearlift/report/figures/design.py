@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift.report.evidence import Columns, Rows, distinct, select, stack
-from nearlift.report.figures.style import SERIES, Style, effects, plain_log
+from nearlift.report.figures.style import SERIES, Style, effects, note, plain_log
 
 #: Displayed units of sizes that are small in SI.
 SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m", 1e3)}
@@ -231,34 +231,19 @@ def draw(rows: Rows, look: Style) -> Figure:
 
 def _limits(ax: Axes, rows: Rows, side: str) -> None:
     mine = rows["panel"] == "limits"
-    names, verdict, x, note = (rows[k][mine] for k in ("effect", "series", "x", "note"))
+    names, verdict, x, sizes = (rows[k][mine] for k in ("effect", "series", "x", "note"))
     place = np.arange(len(names))[::-1]
     finite = x[np.isfinite(x)]
     low, high = (finite.min(), finite.max()) if len(finite) else (0.1, 10.0)
     edge = 3.0 * max(high, 1.0)
     ax.axvspan(1.0, 30 * edge, color="0.93", linewidth=0, zorder=0)
-    for y, kind, at, text in zip(place, verdict, x, note, strict=True):
+    for y, kind, limit, size in zip(place, verdict, x, sizes, strict=True):
         colour, marker = LOOKS[kind]
-        if np.isfinite(at):
-            ax.plot([at], [y], marker=marker, color=colour, markersize=4, zorder=3)
-            ax.annotate(
-                text,
-                (at, y),
-                xytext=(5, -2.4),
-                textcoords="offset points",
-                fontsize=rcParams["legend.fontsize"],
-                color="0.25",
-            )
-        else:
-            ax.plot([edge], [y], marker="x", color=colour, markersize=4, zorder=3)
-            ax.annotate(
-                "never",
-                (edge, y),
-                xytext=(5, -2.4),
-                textcoords="offset points",
-                fontsize=rcParams["legend.fontsize"],
-                color="0.25",
-            )
+        at, text = limit, size
+        if not np.isfinite(limit):
+            at, marker, text = edge, "x", "never"
+        ax.plot([at], [y], marker=marker, color=colour, markersize=4, zorder=3)
+        note(ax, text, (at, y), (5, -2.4), color="0.25")
     ax.set_xscale("log")
     ax.set_xlim(0.5 * min(low, 0.5), 12 * edge)
     plain_log(ax.xaxis)

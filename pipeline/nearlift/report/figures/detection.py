@@ -15,7 +15,7 @@ from nearlift.declare import BOUNDARIES
 from nearlift.products import DETECTION, PROXIMITY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log, words_alone
 from nearlift.rounding import plain
 
 COLUMNS = (
@@ -213,7 +213,7 @@ def _range(ax: Any, rows: Rows) -> None:
     ]
     if not np.isfinite(rows["y"]).any():
         ax.set_ylim(0, 1)
-        ax.text(0.5, 0.5, "nowhere", transform=ax.transAxes, ha="center", va="center")
+        words_alone(ax, "nowhere")
     elif nowhere:
         ax.text(
             0.96,
@@ -233,14 +233,7 @@ def _range(ax: Any, rows: Rows) -> None:
 def _located(ax: Any, rows: Rows, read: Rows) -> None:
     ax.set_xlabel("true " + nomenclature.label("z_hat"))
     if not len(rows["x"]):
-        ax.text(
-            0.5,
-            0.5,
-            "not inverted: the model folds",
-            transform=ax.transAxes,
-            ha="center",
-            va="center",
-        )
+        words_alone(ax, "not inverted: the model folds")
         return
     ax.set_xscale("log")
     ax.set_yscale("log")

@@ -15,7 +15,16 @@ from matplotlib.ticker import MaxNLocator
 from nearlift.declare import Effect, FloatArray
 from nearlift.report.evidence import Columns, Rows, distinct, select, stack
 from nearlift.report.figures.design import SHOWN, size_text, wrap
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, effects, plain_log, quantity
+from nearlift.report.figures.style import (
+    BAND,
+    FITTED,
+    SERIES,
+    Style,
+    effects,
+    plain_log,
+    quantity,
+    words_alone,
+)
 from nearlift.results import Observations
 
 #: Rivals drawn.
@@ -320,14 +329,7 @@ def _power(ax: Axes, rows: Rows, label: str) -> None:
     mine = rows["panel"] == "power"
     if not mine.any():
         ax.set_axis_off()
-        ax.text(
-            0.5,
-            0.5,
-            "silent: the model absorbs it\nat any size",
-            ha="center",
-            va="center",
-            transform=ax.transAxes,
-        )
+        words_alone(ax, "silent: the model absorbs it\nat any size")
         return
     false_alarm = float(rows["y"][mine & (rows["series"] == "false alarm")][0])
     ax.axhline(100 * false_alarm, color="0.6", linewidth=0.6, linestyle=(0, (2, 2)))
@@ -355,14 +357,7 @@ def _confused(ax: Axes, rows: Rows) -> None:
     )
     if not len(mine):
         ax.set_axis_off()
-        ax.text(
-            0.5,
-            0.5,
-            "confused with nothing\nin the library",
-            ha="center",
-            va="center",
-            transform=ax.transAxes,
-        )
+        words_alone(ax, "confused with nothing\nin the library")
         return
     place = np.arange(len(mine))[::-1]
     ax.barh(
