@@ -21,7 +21,9 @@ from nearlift.report.page.chart import (
     View,
     column,
     frame,
+    one_of,
     shade,
+    tooltip,
 )
 from nearlift.rounding import plain, plus_minus
 
@@ -43,6 +45,12 @@ TOOLTIP = (
     ("samples", "samples"),
     ("session", "session"),
     ("quality", "quality"),
+)
+MEAN_TOOLTIP = (
+    ("x_text", "$x_title"),
+    ("mean_text", "mean residual"),
+    ("n", "trials"),
+    ("noise_text", "noise expected"),
 )
 
 
@@ -78,15 +86,7 @@ def chart(evidence: Evidence) -> Chart:
         else ()
     )
     controls = (
-        Control(
-            signal="covariate",
-            legend="Against",
-            kind="one",
-            choices=tuple(
-                Choice(value=key, label=word(name), on=i == 0)
-                for i, (name, key) in enumerate(keys.items())
-            ),
-        ),
+        one_of("covariate", "Against", {key: word(name) for name, key in keys.items()}),
         Control(signal="throttles", legend="Throttle", choices=chosen),
         Control(
             signal="shown",
@@ -309,10 +309,7 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
                 "x": x,
                 "y": {**y, "field": "residual"},
                 "fill": {**raw, "field": "colour"},
-                "tooltip": [
-                    {"field": f, "type": "nominal", "title": t}
-                    for f, t in (*TOOLTIP, ("x_text", "$x_title"))
-                ],
+                "tooltip": tooltip((*TOOLTIP, ("x_text", "$x_title"))),
                 "description": {"field": "words", "type": "nominal"},
             },
         },
@@ -346,15 +343,7 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
             "encoding": {
                 "x": x,
                 "y": y,
-                "tooltip": [
-                    {"field": f, "type": "nominal", "title": t}
-                    for f, t in (
-                        ("x_text", "$x_title"),
-                        ("mean_text", "mean residual"),
-                        ("n", "trials"),
-                        ("noise_text", "noise expected"),
-                    )
-                ],
+                "tooltip": tooltip(MEAN_TOOLTIP),
                 "description": {"field": "words", "type": "nominal"},
             },
         },
