@@ -98,7 +98,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     piv = manifest(evidence)
     named = [
-        f"{c.name}, downwash {plain(float(cut(evidence, c.name)['downwash_m_s']), 3)} m/s"
+        f"{c.name}, downwash {plain(cut(evidence, c.name)['downwash_m_s'], 3)} m/s"
         for c in columns(piv)
     ]
     return (

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, single, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig3 import X, Y
 from nearlift.report.figures.fig4 import LEVEL
@@ -56,8 +56,7 @@ def summarise(evidence: Evidence) -> Columns:
 def number(evidence: Evidence, case: str, quantity: str) -> dict[str, Any]:
     """One row of flow_topology.parquet."""
     table = evidence.table(FLOW_TOPOLOGY)
-    (i,) = np.flatnonzero((table["case"] == case) & (table["quantity"] == quantity))
-    return {k: v[i] for k, v in table.items()}
+    return single(table, (table["case"] == case) & (table["quantity"] == quantity))
 
 
 def caption(evidence: Evidence, table: Columns) -> str:

@@ -8,6 +8,7 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
@@ -18,7 +19,7 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, Rows, select
+from nearlift.report.evidence import Columns, Evidence, Rows, select, single
 from nearlift.rounding import fixed
 
 #: Columns of a field's table; only nodes have them all.
@@ -116,8 +117,7 @@ def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> dict[s
 def cut(evidence: Evidence, name: str, rotor: str = "all") -> dict[str, Any]:
     """The row of downwash.parquet of one case."""
     table = evidence.table(DOWNWASH)
-    (i,) = np.flatnonzero((table["case"] == name) & (table["rotor"] == rotor))
-    return {k: v[i] for k, v in table.items()}
+    return single(table, (table["case"] == name) & (table["rotor"] == rotor))
 
 
 def reduction_text(row: dict[str, Any]) -> str:
@@ -128,7 +128,7 @@ def reduction_text(row: dict[str, Any]) -> str:
         return "–"
     elsewhere = (
         ", not the inflow at the disk"
-        if set(str(row["warnings"]).split()) & set(NOT_AT_THE_DISK)
+        if set(row["warnings"].split()) & set(NOT_AT_THE_DISK)
         else ""
     )
     if not math.isfinite(row["reduction_lo90"]):
@@ -158,8 +158,6 @@ def origin(evidence: Evidence, shown: Iterable[str]) -> str:
 
 def speeds() -> Colormap:
     """Light to blue, without the darkest end, so that black streamlines show everywhere."""
-    import matplotlib
-
     base = matplotlib.colormaps["YlGnBu"]
     return LinearSegmentedColormap.from_list("speeds", base(np.linspace(0.0, 0.78, 128)))
 
@@ -235,14 +233,6 @@ def _heads(ax: Axes, lines: Sequence[Any]) -> None:
     along = middle[:, 1] - middle[:, 0]
     length = np.hypot(along[:, 0], along[:, 1])
     seen = length > 0
-    style: dict[str, Any] = {
-        "units": "inches",
-        "width": 0.009,
-        "headwidth": 4.5,
-        "headlength": 5,
-        "headaxislength": 5,
-        "minlength": 0,
-    }
     ax.quiver(
         *middle[seen, 0].T,
         *(along[seen] / length[seen, None]).T,
@@ -252,7 +242,12 @@ def _heads(ax: Axes, lines: Sequence[Any]) -> None:
         pivot="mid",
         color=LINES,
         zorder=2.1,
-        **style,
+        units="inches",
+        width=0.009,
+        headwidth=4.5,
+        headlength=5,
+        headaxislength=5,
+        minlength=0,
     )
 
 
