@@ -19,6 +19,8 @@ from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.flow_panels import (
+    X,
+    Y,
     cut,
     field_rows,
     manifest,
@@ -33,7 +35,6 @@ from nearlift.rounding import fixed, plain
 
 #: Distances of the paper's Figure 3, taken where the manifest names no cases.
 PAPER_Z_HAT = {"ground": 3.4, "ceiling": 2.0}
-X, Y = r"$x / r$", r"$y / r$"
 
 
 def columns(piv: Piv) -> list[PivCase]:

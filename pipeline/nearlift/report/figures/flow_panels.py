@@ -12,6 +12,7 @@ import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from nearlift.declare import FloatArray
@@ -20,6 +21,7 @@ from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, select, single
+from nearlift.report.figures.style import Style
 from nearlift.rounding import fixed
 
 #: Columns of a field's table; only nodes have them all.
@@ -27,6 +29,7 @@ COLUMNS = (
     *("panel", "kind", "label"),
     *("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag"),
 )
+X, Y = r"$x / r$", r"$y / r$"
 UNOBSERVED = "0.80"
 LINES = "0.10"
 
@@ -178,6 +181,23 @@ def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
     node = table["kind"] == "node"
     x, y = table["x_hat"][node], table["y_hat"][node]
     return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
+
+
+def sheet(table: Rows, look: Style, down: int, across: int) -> tuple[Figure, Any]:
+    """Panels in rows and columns over the whole width, all with the same limits; the axes that they
+    share are labelled at its edges.
+    """
+    (x0, x1), (y0, y1) = limits(table)
+    tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
+    height = min(down * (tall + 0.25) + 0.35, look.height_in)
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+    axes[0, 0].set(xlim=(x0, x1), ylim=(y0, y1))
+    for ax in axes[:, 0]:
+        ax.set_ylabel(Y)
+    for ax in axes[-1]:
+        ax.set_xlabel(X)
+    return figure, axes
 
 
 def field(
