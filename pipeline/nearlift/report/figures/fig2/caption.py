@@ -225,13 +225,8 @@ def alt(evidence: Evidence, table: Columns) -> str:
             f" {plain(float(delta.min()), 3)} % to {plain(float(delta.max()), 3)} %, strongest at ẑ"
             f" = {plain(float(z[top]), 3)}."
         )
-    lines = list(
-        dict.fromkeys(
-            table["label"][
-                np.isin(table["kind"], ["model", "band", fig2.LEAST_SQUARES, "overlay"])
-            ].tolist()
-        )
-    )
+    beside = np.isin(table["kind"], ["model", "band", fig2.LEAST_SQUARES, "overlay"])
+    lines = distinct(table["label"][beside])
     panels = f"{len(parts)} panel{'s' if len(parts) != 1 else ''}"
     return (
         f"Lift change against distance, {panels}. {' '.join(parts)} Drawn beside the data:"

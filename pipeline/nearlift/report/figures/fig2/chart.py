@@ -58,16 +58,12 @@ def chart(evidence: Evidence) -> Chart:
             for t, label in zip(p["throttle"], p["label"], strict=True)
         }
     )
-    looks = {throttle_key(t): _look(i, len(throttles)) for i, (t, _) in enumerate(throttles)}
+    keys = [throttle_key(t) for t, _ in throttles]
+    looks = {key: _look(i, len(keys)) for i, key in enumerate(keys)}
     views = tuple(_view(evidence, b, p, looks) for b, p in cells.items())
     chosen = tuple(
-        Choice(
-            value=throttle_key(t),
-            label=label,
-            colour=looks[throttle_key(t)][0],
-            shape=looks[throttle_key(t)][1],
-        )
-        for t, label in throttles
+        Choice(value=key, label=label, colour=looks[key][0], shape=looks[key][1])
+        for key, (_, label) in zip(keys, throttles, strict=True)
     )
     controls = (
         Control(signal="throttles", legend="Throttle", choices=chosen, folded=len(chosen) > APART),

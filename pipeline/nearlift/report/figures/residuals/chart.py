@@ -66,24 +66,16 @@ def chart(evidence: Evidence) -> Chart:
         for k, t in zip(drawn["throttle"], drawn["label"], strict=True)
     }
     labels = dict(sorted(every, key=lambda x: float(x[0])))
-    apart = 1 < len(labels) <= APART
-    colours = {
-        k: (
-            (shade(i, len(labels)) if len(labels) > len(SERIES) else SERIES[i])
-            if apart
-            else SERIES[0]
-        )
-        for i, k in enumerate(labels)
-    }
-    views = tuple(
-        _view(evidence, b, drawn, keys, colours if apart else {}) for b, drawn in trials.items()
+    n = len(labels)
+    colours = (
+        {k: shade(i, n) if n > len(SERIES) else SERIES[i] for i, k in enumerate(labels)}
+        if 1 < n <= APART
+        else {}
     )
-    chosen = (
-        tuple(
-            Choice(value=k, label=t, colour=colours[k], shape="circle") for k, t in labels.items()
-        )
-        if apart
-        else ()
+    views = tuple(_view(evidence, b, drawn, keys, colours) for b, drawn in trials.items())
+    chosen = tuple(
+        Choice(value=k, label=labels[k], colour=colour, shape="circle")
+        for k, colour in colours.items()
     )
     controls = (
         one_of("covariate", "Against", {key: word(name) for name, key in keys.items()}),
