@@ -220,14 +220,8 @@ def _coefficient(ax: Axes, rows: Rows, name: str, conditions: list[str], lone: b
             zorder=2,
         )
         # one that lies outside altogether has one arrow, towards where it is
-        shown = (
-            [(low, "<")]
-            if high < left
-            else [(high, ">")]
-            if low > right
-            else [(low, "<"), (high, ">")]
-        )
-        for end, arrow in shown:
+        ends = [(low, "<"), (high, ">")]
+        for end, arrow in ends[:1] if high < left else ends[1:] if low > right else ends:
             outside = end < left or end > right
             inside = (0.02 if lone else 0.05) * (right - left)
             edge = min(max(end, left + inside), right - inside)
@@ -271,12 +265,12 @@ def _limits(kinds: Any, lows: Any, highs: Any, references: Any) -> tuple[float, 
     """Ends of the axis: conditions of many times the quoted interval's width run out of it, or
     nothing else could be seen.
     """
+
+    def ends(low: Any, high: Any) -> tuple[float, float]:
+        return float(np.min([*low, *references])), float(np.max([*high, *references]))
+
     quoted = kinds == "quoted"
-    narrow = [
-        float(np.min([*lows[quoted], *references])),
-        float(np.max([*highs[quoted], *references])),
-    ]
-    wide = [float(np.min([*lows, *references])), float(np.max([*highs, *references]))]
+    narrow, wide = ends(lows[quoted], highs[quoted]), ends(lows, highs)
     low, high = narrow if wide[1] - wide[0] > CLIPPED * (narrow[1] - narrow[0]) else wide
     margin = (0.35 if low > wide[0] or high < wide[1] else 0.08) * (high - low) or 1e-3 * max(
         abs(high), 1e-3
