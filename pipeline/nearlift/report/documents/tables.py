@@ -128,13 +128,9 @@ def _input(line: BudgetLine) -> str:
     if line.u_input is None or line.sensitivity is None:
         return "& "
     unit = UNITS[line.unit]
-    size = rf"\qty{{{line.u_input:.3g}}}{{{unit}}}" if unit else rf"\num{{{line.u_input:.3g}}}"
-    per = (
-        rf"\qty{{{line.sensitivity:.3g}}}{{\per{unit}}}"
-        if unit
-        else rf"\num{{{line.sensitivity:.3g}}}"
-    )
-    return f"{size} & {per}"
+    if not unit:
+        return rf"\num{{{line.u_input:.3g}}} & \num{{{line.sensitivity:.3g}}}"
+    return rf"\qty{{{line.u_input:.3g}}}{{{unit}}} & \qty{{{line.sensitivity:.3g}}}{{\per{unit}}}"
 
 
 def _num(value: float) -> str:

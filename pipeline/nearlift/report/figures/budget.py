@@ -139,18 +139,12 @@ def draw(table: Rows, look: Style) -> Figure:
         "fall of the standard uncertainty if the source were known exactly (%)",
         fontsize=look.text_pt,
     )
-    used = [k for k in LOOKS if np.any(table["type"] == k)]
     handles = [
-        Patch(
-            facecolor=LOOKS[k][0],
-            hatch=LOOKS[k][1],
-            edgecolor="white",
-            linewidth=0.0,
-            label=MEANINGS[k],
-        )
-        for k in used
+        Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0, label=MEANINGS[k])
+        for k, (colour, hatch) in LOOKS.items()
+        if np.any(table["type"] == k)
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(used))
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return figure
 
 

@@ -55,19 +55,10 @@ def rows(outlook: dict[str, Any]) -> Columns:
                     "note": "" if limit is None else size_text(limit, row["unit"]),
                 }
             )
-        for row in at["effects"]:
-            if row["verdict"] in UNSEEN:
-                continue
-            parts += [
-                {
-                    "boundary": boundary,
-                    "panel": "confused",
-                    "effect": label(row),
-                    "series": named,
-                    "x": chance,
-                }
-                for named, chance in ((row["effect"], row["within"]), *row["rivals"].items())
-            ]
+        for row in (r for r in at["effects"] if r["verdict"] not in UNSEEN):
+            shared = {"boundary": boundary, "panel": "confused", "effect": label(row)}
+            named = [(row["effect"], row["within"]), *row["rivals"].items()]
+            parts += [{**shared, "series": name, "x": chance} for name, chance in named]
     return stack(parts)
 
 
@@ -207,23 +198,16 @@ def wrap(text: str) -> list[str]:
 def draw(rows: Rows, look: Style) -> Figure:
     """A line of two panels for each boundary."""
     sides = distinct(rows["boundary"])
-    count = [
-        len(set(rows["effect"][(rows["boundary"] == s) & (rows["panel"] == "limits")].tolist()))
-        for s in sides
+    parts = {side: select(rows, rows["boundary"] == side) for side in sides}
+    heights = [
+        1.55 + 0.155 * len(distinct(part["effect"][part["panel"] == "limits"]))
+        for part in parts.values()
     ]
-    figure = Figure(
-        figsize=(look.double_in, sum(1.55 + 0.155 * c for c in count)), layout="constrained"
-    )
+    figure = Figure(figsize=(look.double_in, sum(heights)), layout="constrained")
     grid = figure.subplots(
-        len(sides),
-        2,
-        squeeze=False,
-        width_ratios=(1, 1.25),
-        height_ratios=[1.55 + 0.155 * c for c in count],
+        len(sides), 2, squeeze=False, width_ratios=(1, 1.25), height_ratios=heights
     )
-    for line, side in zip(grid, sides, strict=True):
-        mine = rows["boundary"] == side
-        part = select(rows, mine)
+    for line, (side, part) in zip(grid, parts.items(), strict=True):
         _limits(line[0], part, side)
         _confused(line[1], part)
     return figure
@@ -252,15 +236,13 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
     ax.set_ylim(-0.8, len(names) - 0.2)
     ax.set_xlabel("detection limit over plausible size", labelpad=1)
     ax.set_title(f"{side}: what could be seen")
-    handles = [
-        Line2D([], [], linestyle="none", marker=m, color=c, markersize=4)
-        for k, (c, m) in LOOKS.items()
-        if k in verdict
-    ]
-    words = [k for k in LOOKS if k in verdict]
+    looks = {kind: look for kind, look in LOOKS.items() if kind in verdict}
     ax.legend(
-        handles,
-        words,
+        [
+            Line2D([], [], linestyle="none", marker=marker, color=colour, markersize=4)
+            for colour, marker in looks.values()
+        ],
+        list(looks),
         loc="upper center",
         bbox_to_anchor=(0.4, -0.1 - 1.6 / (6 + len(names))),
         ncols=2,

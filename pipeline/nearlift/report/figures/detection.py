@@ -62,22 +62,19 @@ def summarise(evidence: Evidence) -> Columns:
                 }
             )
         parts += [
-            {
-                "row": "located",
-                "panel": side,
-                "x": located["z_hat"],
-                "y": located["median"],
-                "lo90": located["lo90"],
-                "hi90": located["hi90"],
-            }
+            {"row": "located", "panel": side, "x": located["z_hat"], **_median(located)}
             for located in content[side].get("located", [])
         ]
-        for read in evidence.document(PROXIMITY)["readings"]:
-            if read["boundary"] == side and "refused" not in read:
-                z = read["z_hat"]
-                ends = {"lo90": z["lo90"], "hi90": z["hi90"]}
-                parts.append({"row": "reading", "panel": side, "y": z["median"], **ends})
+        parts += [
+            {"row": "reading", "panel": side, **_median(read["z_hat"])}
+            for read in evidence.document(PROXIMITY)["readings"]
+            if read["boundary"] == side and "refused" not in read
+        ]
     return stack(parts, COLUMNS)
+
+
+def _median(estimate: dict[str, float]) -> dict[str, float]:
+    return {"y": estimate["median"], "lo90": estimate["lo90"], "hi90": estimate["hi90"]}
 
 
 def case(payload: float, voltage: float) -> str:
