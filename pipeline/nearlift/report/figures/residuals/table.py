@@ -90,15 +90,20 @@ def residuals(
 
 def covariates(data: Observations) -> dict[str, FloatArray]:
     """What residuals are drawn against, in drawing units; what does not vary is left out."""
-    every: dict[str, Any] = {
+    every = recorded(data)
+    varying = [name for name, x in every.items() if len(np.unique(x[np.isfinite(x)])) > 1]
+    return {name: every[name] for name in ordered(varying)}
+
+
+def recorded(data: Observations) -> dict[str, FloatArray]:
+    """Every covariate in drawing units; free air stands at no distance."""
+    return {
+        **data.covariates,
         "z_hat": np.where(np.isfinite(data.z_hat), data.z_hat, np.nan),
         "throttle_percent": 100 * data.throttle,
         "run_order": np.arange(1, data.n + 1, dtype=float),
-        **dict(data.covariates),
         "session": data.session + 1.0,
     }
-    varying = {name: x for name, x in every.items() if len(np.unique(x[np.isfinite(x)])) > 1}
-    return {name: varying[name] for name in ordered(varying)}
 
 
 def ordered(names: Iterable[str]) -> list[str]:
