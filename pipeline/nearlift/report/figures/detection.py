@@ -177,32 +177,22 @@ def draw(table: Rows, look: Style) -> Figure:
 
 def _range(ax: Any, rows: Rows) -> None:
     ax.set_xscale("log")
-    for (shade, marker), case in zip(SERIES, dict.fromkeys(rows["case"].tolist()), strict=False):
-        mine = rows["case"] == case
-        x, y = rows["x"][mine], rows["y"][mine]
-        dashes = (
-            (0, (4, 1.5))
-            if rows["voltage_percent"][mine][0] > rows["voltage_percent"].min()
-            else "-"
-        )
+    for (shade, marker), case in zip(SERIES, distinct(rows["case"]), strict=False):
+        curve = select(rows, rows["case"] == case)
+        worse = curve["voltage_percent"][0] > rows["voltage_percent"].min()
         ax.plot(
-            x,
-            y,
+            curve["x"],
+            curve["y"],
             color=shade,
             marker=marker,
             markerfacecolor="white",
-            linestyle=dashes,
+            linestyle=(0, (4, 1.5)) if worse else "-",
             label=case,
             zorder=3,
         )
-        known = np.isfinite(y)
+        known = select(curve, np.isfinite(curve["y"]))
         ax.fill_between(
-            x[known],
-            rows["lo90"][mine][known],
-            rows["hi90"][mine][known],
-            color=shade,
-            alpha=0.2,
-            linewidth=0,
+            known["x"], known["lo90"], known["hi90"], color=shade, alpha=0.2, linewidth=0
         )
     ax.set_ylim(bottom=0)
     nowhere = [

@@ -151,19 +151,12 @@ def _section(ax: Axes, mine: Rows) -> None:
         zorder=2,
     )
     profile = select(mine, mine["kind"] == "profile")
-    colour = SERIES[0][0]
+    colour, x, value = SERIES[0][0], profile["x_hat"], profile["value_m_s"]
     reach = student.NORMAL_90 * profile["u_value_m_s"]
-    ax.fill_between(
-        profile["x_hat"],
-        profile["value_m_s"] - reach,
-        profile["value_m_s"] + reach,
-        color=colour,
-        alpha=0.3,
-        linewidth=0,
-    )
-    measured = np.where(profile["flag"] > 0, np.nan, profile["value_m_s"])
-    ax.plot(profile["x_hat"], profile["value_m_s"], color=colour, linewidth=0.6, zorder=3)
-    ax.plot(profile["x_hat"], measured, color=colour, linewidth=1.3, zorder=3)
+    ax.fill_between(x, value - reach, value + reach, color=colour, alpha=0.3, linewidth=0)
+    measured = np.where(profile["flag"] > 0, np.nan, value)
+    ax.plot(x, value, color=colour, linewidth=0.6, zorder=3)
+    ax.plot(x, measured, color=colour, linewidth=1.3, zorder=3)
     ax.xaxis.set_major_locator(MultipleLocator(2))
 
 

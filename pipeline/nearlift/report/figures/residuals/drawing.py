@@ -41,15 +41,8 @@ def draw(table: Rows, look: Style) -> Figure:
     for ax, noise in shades:
         # the trials decide the limits; a noise model gone astray is cut off rather than hiding them
         ax.set_ylim(ax.get_ylim())
-        ax.fill_between(
-            noise["x"],
-            -noise["u_residual_percent"],
-            noise["u_residual_percent"],
-            color="0.88",
-            linewidth=0,
-            step="mid",
-            zorder=0,
-        )
+        sigma = noise["u_residual_percent"]
+        ax.fill_between(noise["x"], -sigma, sigma, color="0.88", linewidth=0, step="mid", zorder=0)
     if len(boundaries) > 1:
         for letter, boundary, ax in zip("abc", boundaries, axes[0], strict=False):
             ax.set_title(f"{letter}) {boundary}")
