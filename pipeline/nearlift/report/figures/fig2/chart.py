@@ -194,9 +194,9 @@ def _models(
         choices.append(Choice(value=name, label=label, on=on, colour=colour, dash=dash))
         levels[name] = {throttle_key(t): scale * level for t, level in levels_N(fit, drawn).items()}
         keep = np.isfinite(ratio)
-        drawn_at = {"z_hat": grid, "ratio": ratio, **band}
+        over_grid = {"z_hat": grid, "ratio": ratio, **band}
         said = {"model": name, "label": label, "colour": colour}
-        rows.append(said | {key: values[keep] for key, values in drawn_at.items()})
+        rows.append(said | {key: values[keep] for key, values in over_grid.items()})
 
     curve = fig2.line(evidence, boundary, grid)
     apart = curve.parts(span)
