@@ -60,12 +60,8 @@ def chart(evidence: Evidence) -> Chart:
     keys = {name: f"c{i}" for i, name in enumerate(names)}
     trials = {b: dots(evidence, b) for b in evidence.boundaries}
     trials = {b: drawn for b, drawn in trials.items() if drawn[2]}
-    every = {
-        (str(k), str(t))
-        for drawn, _, _ in trials.values()
-        for k, t in zip(drawn["throttle"], drawn["label"], strict=True)
-    }
-    labels = dict(sorted(every, key=lambda x: float(x[0])))
+    every = {str(key) for drawn, _, _ in trials.values() for key in drawn["throttle"]}
+    labels = {key: f"{100 * float(key):.3g} %" for key in sorted(every, key=float)}
     n = len(labels)
     colours = (
         {k: shade(i, n) if n > len(SERIES) else SERIES[i] for i, k in enumerate(labels)}
