@@ -113,14 +113,14 @@ def posterior_quantiles(
     inside = np.isfinite(
         ratio(model, z_hat, {**known, **{n: float(np.median(x)) for n, x in each.items()}})
     )
-    low, middle, high = np.nanquantile(
-        np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.5, 0.95], axis=0
+    low, middle, high = np.where(
+        inside,
+        np.nanquantile(
+            np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.5, 0.95], axis=0
+        ),
+        np.nan,
     )
-    return (
-        np.where(inside, low, np.nan),
-        np.where(inside, middle, np.nan),
-        np.where(inside, high, np.nan),
-    )
+    return low, middle, high
 
 
 def least_squares(

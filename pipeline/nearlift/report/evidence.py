@@ -197,6 +197,11 @@ def select(table: Rows, rows: Any) -> Columns:
     return {name: column[rows] for name, column in table.items()}
 
 
+def single(table: Rows, rows: Any) -> dict[str, Any]:
+    """The one row of a mask, its values as Python's own."""
+    return {name: column[rows].item() for name, column in table.items()}
+
+
 def distinct(*columns: NDArray[Any]) -> list[Any]:
     """The values of a column in the order in which they come; of several columns, the tuples."""
     values = [column.tolist() for column in columns]

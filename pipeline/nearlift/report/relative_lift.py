@@ -30,7 +30,7 @@ class RelativeLift:
 
     Attributes
     ----------
-    throttle, z_hat, delta_L, n_trials : array
+    throttle, z_hat, delta_L : array
     u : array
         Standard uncertainty of `delta_L` from the scatter of trials, visits and heights; that of
         L_inf, which a throttle's cells share, is not in it.
@@ -43,7 +43,6 @@ class RelativeLift:
     z_hat: FloatArray
     delta_L: FloatArray
     u: FloatArray
-    n_trials: FloatArray
     u_L_inf: float
 
 
@@ -140,7 +139,6 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
         z_hat=cell[1],
         delta_L=ratio - 1,
         u=ratio * np.sqrt(variance),
-        n_trials=n,
         u_L_inf=_u_of_levels(evidence, boundary, cell[0], cell[1], variance),
     )
 

@@ -302,22 +302,15 @@ def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
     p = evidence.base(boundary)[1].p_value
     if p < REJECTED:
         chance = f"p = {plain(p, 1)}" if p > LEAST_CHANCE else "p < 10⁻¹²"
-        return (
-            True,
-            (
-                "rejected: means at one distance and throttle stray from the curve by more than"
-                f" repeats scatter ({chance}); the interval is right only if the model is"
-            ),
+        text = (
+            "rejected: means at one distance and throttle stray from the curve by more than"
+            f" repeats scatter ({chance}); the interval is right only if the model is"
         )
-    blind = (
-        ""
-        if evidence.has(DIAGNOSIS)
-        else (
+        return True, text
+    text = "means at one distance and throttle stray no more than repeats scatter"
+    if not evidence.has(DIAGNOSIS):
+        text += (
             "; what moves the repeats themselves (sessions, supply, drift) shows only in the"
             " residuals"
         )
-    )
-    return (
-        False,
-        f"means at one distance and throttle stray no more than repeats scatter{blind}",
-    )
+    return False, text

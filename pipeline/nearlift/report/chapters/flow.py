@@ -59,7 +59,7 @@ def facts(evidence: Evidence) -> dict[str, object]:
         "control": piv.control,
         "measured": [_measured(evidence, c.name) for c in piv.case],
         "warnings": sorted(
-            {w for c in piv.case for w in str(cut(evidence, c.name)["warnings"]).split()}
+            {w for c in piv.case for w in cut(evidence, c.name)["warnings"].split()}
         ),
         "meanings": WARNINGS,
         "implied": [
@@ -72,60 +72,34 @@ def facts(evidence: Evidence) -> dict[str, object]:
     }
 
 
-def _entry(row: dict[str, Any], key: str, text: str, how: str = "") -> Number:
-    return Number(
-        text=text,
-        value=float(row[key]),
-        source=DOWNWASH.file,
-        how=f"{key} of case {row['case']}, rotor {row['rotor']}{how}",
-    )
-
-
 def _measured(evidence: Evidence, name: str) -> dict[str, object]:
     row = cut(evidence, name)
-    u = 100 * float(row["u_reduction"])
-    percent = {
-        k: (
-            like(100 * float(row[k]), u)
-            if math.isfinite(u) and u > 0
-            else plain(100 * float(row[k]), 3)
-        )
-        for k in ("reduction", "reduction_lo90", "reduction_hi90")
-    }
+    z_hat, tilt, clearance = row["z_hat"], math.degrees(row["tilt_rad"]), row["clearance_hat"]
+    u_flow, u = row["u_downwash_m_s"], 100 * row["u_reduction"]
+
+    def entry(key: str, text: str, how: str = "") -> Number:
+        how = f"{key} of case {name}, rotor {row['rotor']}{how}"
+        return Number(text=text, value=float(row[key]), source=DOWNWASH.file, how=how)
+
+    def percent(key: str) -> Number:
+        value = 100 * row[key]
+        text = like(value, u) if math.isfinite(u) and u > 0 else plain(value, 3)
+        return entry(key, text, ", in percent")
+
     return {
         "name": name,
-        "z_hat": "∞" if math.isinf(row["z_hat"]) else plain(float(row["z_hat"]), 3),
-        "tilt": (
-            fixed(math.degrees(float(row["tilt_rad"])), 1) if abs(row["tilt_rad"]) > 1e-4 else "0"
-        ),
-        "fields": _entry(row, "n_fields", str(int(row["n_fields"]))),
-        "downwash": _entry(
-            row,
-            "downwash_m_s",
-            like(float(row["downwash_m_s"]), float(row["u_downwash_m_s"])),
-            ", in m/s",
-        ),
-        "u": _entry(
-            row,
-            "u_downwash_m_s",
-            like(float(row["u_downwash_m_s"]), float(row["u_downwash_m_s"])),
-            ", in m/s",
-        ),
-        "covered": _entry(row, "covered", fixed(100 * float(row["covered"]), 0), ", in percent"),
-        "clearance": _entry(
-            row,
-            "clearance_hat",
-            "–" if math.isinf(row["clearance_hat"]) else plain(float(row["clearance_hat"]), 3),
-        ),
-        "reduction": (
-            None
-            if name == manifest(evidence).control
-            else _entry(row, "reduction", percent["reduction"], ", in percent")
-        ),
-        "lo90": _entry(row, "reduction_lo90", percent["reduction_lo90"], ", in percent"),
-        "hi90": _entry(row, "reduction_hi90", percent["reduction_hi90"], ", in percent"),
-        "seen": bool(math.isfinite(row["reduction"])),
-        "warnings": str(row["warnings"]).split(),
+        "z_hat": "∞" if math.isinf(z_hat) else plain(z_hat, 3),
+        "tilt": fixed(tilt, 1) if abs(row["tilt_rad"]) > 1e-4 else "0",
+        "fields": entry("n_fields", str(row["n_fields"])),
+        "downwash": entry("downwash_m_s", like(row["downwash_m_s"], u_flow), ", in m/s"),
+        "u": entry("u_downwash_m_s", like(u_flow, u_flow), ", in m/s"),
+        "covered": entry("covered", fixed(100 * row["covered"], 0), ", in percent"),
+        "clearance": entry("clearance_hat", "–" if math.isinf(clearance) else plain(clearance, 3)),
+        "reduction": None if name == manifest(evidence).control else percent("reduction"),
+        "lo90": percent("reduction_lo90"),
+        "hi90": percent("reduction_hi90"),
+        "seen": math.isfinite(row["reduction"]),
+        "warnings": row["warnings"].split(),
     }
 
 
@@ -254,23 +228,18 @@ def _topology(evidence: Evidence) -> dict[str, object] | None:
 
 
 def _interval(row: dict[str, Any], count: bool) -> dict[str, object]:
-    value, u = float(row["value"]), float(row["u"])
-    how = f"{row['quantity']} of case {row['case']}"
+    value, u, agreement = row["value"], row["u"], row["agreement"]
     if count:
-        share = f"{100 * float(row['agreement']):.0f} %" if math.isfinite(row["agreement"]) else ""
-        return {
-            "value": Number(text=fixed(value, 0), value=value, source=FLOW_TOPOLOGY.file, how=how),
-            "note": share and f"{share} agree",
-        }
-    # resamples that all give one number know nothing of its last digits
-    u = u if u > 1e-9 * max(abs(value), 1e-9) else math.nan
-    low, high = (like(float(row[k]), u) for k in ("lo90", "hi90"))
+        text = fixed(value, 0)
+        note = f"{100 * agreement:.0f} % agree" if math.isfinite(agreement) else ""
+    else:
+        # resamples that all give one number know nothing of its last digits
+        u = u if u > 1e-9 * max(abs(value), 1e-9) else math.nan
+        text = like(value, u) if math.isfinite(u) else plain(value, 3)
+        low, high = (like(row[k], u) for k in ("lo90", "hi90"))
+        note = f"{low} to {high}" if math.isfinite(u) and u > 0 else ""
+    how = f"{row['quantity']} of case {row['case']}"
     return {
-        "value": Number(
-            text=like(value, u) if math.isfinite(u) else plain(value, 3),
-            value=value,
-            source=FLOW_TOPOLOGY.file,
-            how=how,
-        ),
-        "note": f"{low} to {high}" if math.isfinite(u) and u > 0 else "",
+        "value": Number(text=text, value=value, source=FLOW_TOPOLOGY.file, how=how),
+        "note": note,
     }

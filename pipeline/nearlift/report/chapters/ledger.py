@@ -57,35 +57,17 @@ def _back(evidence: Evidence, boundary: Boundary, entry: Exclusions) -> dict[str
     back.
     """
     place = Place(evidence, QUALITY, ("put_back", boundary))
-    rows = []
-    if entry.all:
-        rows.append(
-            {
-                "what": "all that can be",
-                "code": False,
-                **_change(entry.all, place.at("all")),
-            }
-        )
-    for name, outcome in entry.codes.items():
-        rows.append(
-            {
-                "what": name,
-                "code": True,
-                "meaning": code(name).meaning,
-                **_change(outcome, place.at("codes", name)),
-            }
-        )
-    for i, without in enumerate(entry.left_out):
-        rows.append(
-            {
-                "what": f"{without.what} left out",
-                "code": False,
-                **_change(without, place.at("left_out", i)),
-            }
-        )
+    rows = [_change("all that can be", entry.all, place.at("all"))] if entry.all else []
+    rows += [
+        _change(name, outcome, place.at("codes", name), code(name).meaning)
+        for name, outcome in entry.codes.items()
+    ]
+    rows += [
+        _change(f"{without.what} left out", without, place.at("left_out", i))
+        for i, without in enumerate(entry.left_out)
+    ]
     single = [
-        {"what": name, "code": False, **_change(outcome, place.at("trials", name))}
-        for name, outcome in entry.trials.items()
+        _change(name, outcome, place.at("trials", name)) for name, outcome in entry.trials.items()
     ]
     head, _, sub = entry.parameter.partition("_")
     return {
@@ -99,18 +81,19 @@ def _back(evidence: Evidence, boundary: Boundary, entry: Exclusions) -> dict[str
     }
 
 
-def _change(outcome: PutBack | NotPutBack | HeadlineWithout, place: Place) -> dict[str, object]:
-    if not isinstance(outcome, PutBack) and outcome.value is None:
-        return {
-            "trials": place.number("trials", places=0),
-            "why_not": outcome.why_not,
-        }
-    return {
+def _change(
+    what: str, outcome: PutBack | NotPutBack | HeadlineWithout, place: Place, meaning: str = ""
+) -> dict[str, object]:
+    """One line: what is put back or left out, with the `meaning` of a quality code."""
+    line = {
+        "what": what,
+        "code": bool(meaning),
+        "meaning": meaning,
         "trials": place.number("trials", places=0),
-        "change": place.number("change", digits=2),
-        "change_in_u": place.number("change_in_u", digits=2),
-        "why_not": "",
     }
+    if not isinstance(outcome, PutBack) and outcome.value is None:
+        return line | {"why_not": outcome.why_not}
+    return line | {**place.numbers("change", "change_in_u", digits=2), "why_not": ""}
 
 
 def _row(trial: TrialRecord) -> dict[str, object]:

@@ -31,10 +31,7 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     fits, base = evidence.fits.boundaries[boundary], evidence.fits.base[boundary]
     trials = fits[base].n_trials
     comparable = [n for n in fits if fits[n].n_trials == trials]
-    smallest = {
-        "aic": min(fits[n].aic for n in comparable),
-        "bic": min(fits[n].bic for n in comparable),
-    }
+    smallest = {key: min(getattr(fits[n], key) for n in comparable) for key in ("aic", "bic")}
     names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n].aic))
     near = any(math.isfinite(f.r2_near) for f in fits.values() if f.r2_near is not None)
     rows = []
@@ -42,7 +39,7 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
         fit = fits[name]
         place = Place(evidence, FIT, ("boundaries", boundary, name))
         over = {
-            key: place.excess(key, over=least, how="less the smallest of this boundary")
+            f"d{key}": place.excess(key, over=least, how="less the smallest of this boundary")
             if name in comparable
             else None
             for key, least in smallest.items()
@@ -57,8 +54,7 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
                 "rmse": place.percent("rmse", places=2),
                 "r2": place.number("r2", places=4),
                 "r2_near": place.number("r2_near", places=4) if near else None,
-                "daic": over["aic"],
-                "dbic": over["bic"],
+                **over,
                 "n": place.number("n_trials", digits=6),
                 "fewer": name not in comparable,
                 "degeneracies": grouped(fit.degeneracies, fit.parameters),

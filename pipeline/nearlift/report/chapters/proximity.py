@@ -85,12 +85,9 @@ def cases(table: Any, mine: Any) -> list[tuple[str, float, float]]:
     payloads, voltages = (
         sorted({float(v) for v in table[k][mine]}) for k in ("payload", "voltage")
     )
-    known = [(case(payloads[0], voltages[0]), payloads[0], voltages[0])]
-    if len(payloads) > 1:
-        known.append((case(payloads[-1], voltages[0]), payloads[-1], voltages[0]))
-    if len(voltages) > 1:
-        known.append((case(payloads[0], voltages[-1]), payloads[0], voltages[-1]))
-    return known
+    best = payloads[0], voltages[0]
+    known = dict.fromkeys([best, (payloads[-1], best[1]), (best[0], voltages[-1])])
+    return [(case(payload, voltage), payload, voltage) for payload, voltage in known]
 
 
 def _reading(place: Place) -> dict[str, object]:

@@ -22,32 +22,22 @@ def ledger(evidence: Evidence) -> dict[str, object]:
     trials = evidence.table(TRIALS)
     out = rejected(trials["quality"])
     noted = np.array([bool(q) for q in trials["quality"]])
-    counts = []
+    kinds = {
+        "scheduled": (np.ones_like(out), ""),
+        "accepted": (~out, " and no code in capitals in `quality`"),
+        "rejected": (out, " and a code in capitals in `quality`"),
+        "noted": (~out & noted, " and only lower-case codes in `quality`"),
+    }
+    counts: list[dict[str, object]] = []
     for boundary in (*BOUNDARIES, "none"):
         mine = trials["boundary"] == boundary
         if not mine.any():
             continue
-        counts.append(
-            {
-                "boundary": NAMES.get(boundary, boundary),
-                "scheduled": count(TRIALS, int(mine.sum()), f"rows with boundary {boundary}"),
-                "accepted": count(
-                    TRIALS,
-                    int((mine & ~out).sum()),
-                    f"rows with boundary {boundary} and no code in capitals in `quality`",
-                ),
-                "rejected": count(
-                    TRIALS,
-                    int((mine & out).sum()),
-                    f"rows with boundary {boundary} and a code in capitals in `quality`",
-                ),
-                "noted": count(
-                    TRIALS,
-                    int((mine & ~out & noted).sum()),
-                    f"rows with boundary {boundary} and only lower-case codes in `quality`",
-                ),
-            }
-        )
+        numbers = {
+            kind: count(TRIALS, int((mine & rows).sum()), f"rows with boundary {boundary}{which}")
+            for kind, (rows, which) in kinds.items()
+        }
+        counts.append({"boundary": NAMES.get(boundary, boundary), **numbers})
     bases = {b: evidence.base(b) for b in evidence.boundaries}
     words = [set(q.split()) for q in trials["quality"]]
     codes = [(c, n) for c in CODES if (n := sum(c.name in w for w in words))]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
@@ -47,17 +48,7 @@ def coefficients(evidence: Evidence) -> Columns:
 
 def table(evidence: Evidence) -> str:
     r"""The same as a LaTeX table; needs ``\usepackage{booktabs,siunitx}``."""
-    lines = [
-        (
-            f"% {comment(evidence.campaign.name)}: coefficients to quote, from {RESULTS.file};"
-            " standard uncertainties (k = 1) in parentheses"
-        ),
-        r"% \usepackage{booktabs, siunitx}",
-        r"\begin{tabular}{lllll}",
-        r"\toprule",
-        r"Boundary & Model & Coefficient & 90\,\% interval & Verdict \\",
-        r"\midrule",
-    ]
+    lines = []
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
         title = escape(
@@ -75,7 +66,32 @@ def table(evidence: Evidence) -> str:
             f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[quoted.verdict])} " + r"\\"
         )
         lines += [rf" & & {row} & \\" for row in rows[1:]]
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    return tabular(
+        evidence,
+        f"coefficients to quote, from {RESULTS.file}; standard uncertainties (k = 1) in"
+        " parentheses",
+        r"Boundary & Model & Coefficient & 90\,\% interval & Verdict \\",
+        "lllll",
+        lines,
+    )
+
+
+def tabular(evidence: Evidence, what: str, header: str, columns: str, lines: Sequence[str]) -> str:
+    """Lines of a LaTeX table within its rules, beneath a comment that says what it holds."""
+    return "\n".join(
+        [
+            f"% {comment(evidence.campaign.name)}: {what}",
+            r"% \usepackage{booktabs, siunitx}",
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            header,
+            r"\midrule",
+            *lines,
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+        ]
+    )
 
 
 def _equal(name: str) -> str:

@@ -41,18 +41,8 @@ def paragraphs(evidence: Evidence) -> list[str]:
     """Design, reduction, fits, loop, results and programs, a paragraph each, in pandoc's Markdown:
     ``$K_b$``, ``[@key]``.
     """
-    return [
-        p
-        for p in (
-            _design(evidence),
-            _reduction(evidence),
-            _fits(evidence),
-            _loop(evidence),
-            _results(evidence),
-            _programs(evidence),
-        )
-        if p
-    ]
+    written = (_design, _reduction, _fits, _loop, _results, _programs)
+    return [p for p in (write(evidence) for write in written) if p]
 
 
 def facts(evidence: Evidence) -> dict[str, list[str]]:

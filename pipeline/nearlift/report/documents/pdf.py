@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -102,7 +102,7 @@ def pdf(evidence: Evidence, figures: Sequence[Drawn]) -> bytes:
 
     frame = Frame(MARGIN, MARGIN, WIDTH, HEIGHT, 0, 0, 0, 0)
     whole.addPageTemplates([PageTemplate(frames=[frame], onPage=footer)])
-    placed: list[Placed] = []
+    placed: list[Space] = []
     whole.build(_flow(evidence, figures, placed))
     return _with_figures(content, placed)
 
@@ -117,7 +117,7 @@ def _fonts() -> None:
     )
 
 
-def _flow(evidence: Evidence, figures: Sequence[Drawn], placed: list[Placed]) -> list[Flowable]:
+def _flow(evidence: Evidence, figures: Sequence[Drawn], placed: list[Space]) -> list[Flowable]:
     trials = rejected(evidence.table(TRIALS)["quality"])
     vehicle = evidence.campaign.vehicle
     simulated = "; simulated records" if evidence.campaign.simulated else ""
@@ -269,24 +269,19 @@ def _set(text: str) -> str:
     return INDEXED.sub(r'<i>\1</i><sub rise="2" size="6">\2</sub>', shown)
 
 
-@dataclass(kw_only=True)
-class Placed:
-    """Where a figure stands: page from 0, lower left corner in points, scale."""
-
-    drawn: PageObject
-    scale: float
-    page: int = 0
-    corner: tuple[float, float] = field(default=(0.0, 0.0))
-
-
 class Space(Flowable):  # type: ignore[misc]  # reportlab has no types
-    """Room for a figure, which notes where it came to stand."""
+    """Room for a figure at a scale, which notes where it came to stand: page from 0, lower left
+    corner in points.
+    """
 
-    def __init__(self, placed: Placed, title: str) -> None:
+    page: int
+    corner: tuple[float, float]
+
+    def __init__(self, drawn: PageObject, scale: float, title: str) -> None:
         super().__init__()
-        self.placed, self.title = placed, title
-        box = placed.drawn.mediabox
-        self.width, self.height = (placed.scale * float(side) for side in (box.width, box.height))
+        self.drawn, self.scale, self.title = drawn, scale, title
+        box = drawn.mediabox
+        self.width, self.height = (scale * float(side) for side in (box.width, box.height))
 
     def wrap(self, *_: float) -> tuple[float, float]:
         """Its size."""
@@ -294,13 +289,13 @@ class Space(Flowable):  # type: ignore[misc]  # reportlab has no types
 
     def draw(self) -> None:
         """Nothing yet but a line in the reader's contents."""
-        self.placed.page = self.canv.getPageNumber() - 1
-        self.placed.corner = self.canv.absolutePosition(0, 0)
+        self.page = self.canv.getPageNumber() - 1
+        self.corner = self.canv.absolutePosition(0, 0)
         self.canv.bookmarkPage(self.title)
         self.canv.addOutlineEntry(self.title, self.title)
 
 
-def _figure(figure: Drawn, label: str, placed: list[Placed]) -> Flowable:
+def _figure(figure: Drawn, label: str, placed: list[Space]) -> Flowable:
     """A figure with its caption on one page, as large as it was drawn if that goes."""
     drawn = PdfReader(io.BytesIO(figure.pdf)).pages[0]
     caption = Paragraph(
@@ -311,13 +306,13 @@ def _figure(figure: Drawn, label: str, placed: list[Placed]) -> Flowable:
     room = HEIGHT - beneath - 30
     box = drawn.mediabox
     scale = min(1.0, WIDTH / float(box.width), room / float(box.height))
-    placed.append(Placed(drawn=drawn, scale=scale))
-    space = Space(placed[-1], f"{label}: {figure.title}")
+    space = Space(drawn, scale, f"{label}: {figure.title}")
     space.hAlign = "CENTER"
+    placed.append(space)
     return KeepTogether([space, Spacer(1, 3), caption, Spacer(1, 8)])
 
 
-def _with_figures(content: io.BytesIO, placed: Sequence[Placed]) -> bytes:
+def _with_figures(content: io.BytesIO, placed: Sequence[Space]) -> bytes:
     """The pages with each figure where room was left for it: its drawing as it is, no picture of
     it.
     """

@@ -12,7 +12,7 @@ from nearlift.catalogue import titled
 from nearlift.nomenclature import mathematics
 from nearlift.products import FIT, RESULTS
 from nearlift.report.chapters.uncertainty import LEAST, badly_known
-from nearlift.report.documents.latex import comment, escape
+from nearlift.report.documents.latex import escape, tabular
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import FEW
@@ -80,18 +80,11 @@ def _fields(line: BudgetLine | ModelScore, columns: Sequence[str]) -> dict[str, 
 
 def budget_table(evidence: Evidence) -> str:
     r"""The budgets of the coefficients that are quoted; needs ``\usepackage{booktabs,siunitx}``."""
-    lines = _head(
-        evidence,
-        f"uncertainty budget of each coefficient that is quoted, from {RESULTS.file}",
-        r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} &"
-        r" {Sensitivity} & {$u$} & {$u$ without} & {$\nu$} \\",
-        "lllllrrrrr",
-    )
-    first, marked = True, False
+    lines: list[str] = []
+    marked = False
     for boundary in evidence.boundaries:
         for name, coefficient in evidence.quoted(boundary).quotable.items():
-            lines += [] if first else [r"\addlinespace"]
-            first = False
+            lines += [r"\addlinespace"] if lines else []
             label = f"{mathematics(name)}, {boundary}"
             few = badly_known(coefficient)
             marked = marked or bool(few)
@@ -111,9 +104,15 @@ def budget_table(evidence: Evidence) -> str:
                 rf"{label} & combined ($k = 1$) & & & & & & {_num(coefficient.u)} & &"
                 rf" {_dof(coefficient.dof)} \\"
             )
-    return "\n".join(
-        [*lines, r"\bottomrule", r"\end{tabular}", *([FOOTNOTE] if marked else []), ""]
+    table = tabular(
+        evidence,
+        f"uncertainty budget of each coefficient that is quoted, from {RESULTS.file}",
+        r"Coefficient & Source & Type & Distribution & Shared by & {Standard uncertainty} &"
+        r" {Sensitivity} & {$u$} & {$u$ without} & {$\nu$} \\",
+        "lllllrrrrr",
+        lines,
     )
+    return table + (f"{FOOTNOTE}\n" if marked else "")
 
 
 FOOTMARK = r"$^{*}$"
@@ -129,13 +128,9 @@ def _input(line: BudgetLine) -> str:
     if line.u_input is None or line.sensitivity is None:
         return "& "
     unit = UNITS[line.unit]
-    size = rf"\qty{{{line.u_input:.3g}}}{{{unit}}}" if unit else rf"\num{{{line.u_input:.3g}}}"
-    per = (
-        rf"\qty{{{line.sensitivity:.3g}}}{{\per{unit}}}"
-        if unit
-        else rf"\num{{{line.sensitivity:.3g}}}"
-    )
-    return f"{size} & {per}"
+    if not unit:
+        return rf"\num{{{line.u_input:.3g}}} & \num{{{line.sensitivity:.3g}}}"
+    return rf"\qty{{{line.u_input:.3g}}}{{{unit}}} & \qty{{{line.sensitivity:.3g}}}{{\per{unit}}}"
 
 
 def _num(value: float) -> str:
@@ -153,14 +148,7 @@ def _dof(dof: float | None) -> str:
 
 def comparison_table(evidence: Evidence) -> str:
     r"""The models of each boundary by held-out score; needs ``\usepackage{booktabs,siunitx}``."""
-    lines = _head(
-        evidence,
-        "models compared; scores are log predictive densities of visits left out, less the base"
-        f" model's; from {FIT.file}",
-        r"Boundary & Model & {Free} & {$\Delta$ score} & {Held-out RMSE (\%)} & {$\Delta$AIC} &"
-        r" {$\Delta$BIC} & {$\Delta \ln Z$} & {$R^2$} \\",
-        "llrrrrrrr",
-    )
+    lines: list[str] = []
     for i, boundary in enumerate(evidence.boundaries):
         compared = evidence.fits.comparison.get(boundary)
         if not compared:
@@ -189,19 +177,16 @@ def comparison_table(evidence: Evidence) -> str:
                 rf"{boundary} & {title} & {len(fits[name].parameters)} & {score} &"
                 rf" \num{{{100 * one.rmse:.3f}}} & {rest} \\"
             )
-    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+    return tabular(
+        evidence,
+        "models compared; scores are log predictive densities of visits left out, less the base"
+        f" model's; from {FIT.file}",
+        r"Boundary & Model & {Free} & {$\Delta$ score} & {Held-out RMSE (\%)} & {$\Delta$AIC} &"
+        r" {$\Delta$BIC} & {$\Delta \ln Z$} & {$R^2$} \\",
+        "llrrrrrrr",
+        lines,
+    )
 
 
 def _number(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else "0"
-
-
-def _head(evidence: Evidence, what: str, header: str, columns: str) -> list[str]:
-    return [
-        f"% {comment(evidence.campaign.name)}: {what}",
-        r"% \usepackage{booktabs, siunitx}",
-        rf"\begin{{tabular}}{{{columns}}}",
-        r"\toprule",
-        header,
-        r"\midrule",
-    ]

@@ -22,6 +22,24 @@ from nearlift.rounding import plain
 
 NUMBERS = ("x", "value", "lo90", "hi90", "lo90_apart", "hi90_apart")
 COLOUR = SERIES[0][0]
+#: What the caption says of each part and kind that is drawn.
+WORDS = {
+    "throttle": (
+        "Coefficient of the base fit per throttle (symbols) and for all (line, 90 % band). Thick:"
+        " 90 % interval of what parts a throttle from the others; thin: with the errors that all"
+        " throttles share."
+    ),
+    "exponent": (
+        "Coefficient of the base fit against the exponent n to which the model's ratio is raised"
+        " (line, 90 % band): 1 as published, 2/3 constant power, 0.60 to 0.82 constant rotor speed"
+        " (symbols)."
+    ),
+    "supported": "Shade: what the logged speed or power leaves.",
+    "rotor": (
+        "Rotor coefficient per throttle against rotor speed, 90 % intervals; line: power law;"
+        " dashed: the constant of Carter et al. 2021."
+    ),
+}
 
 
 def summarise(evidence: Evidence) -> Columns:
@@ -102,31 +120,8 @@ def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What each row of panels shows."""
-    parts = []
-    if (table["part"] == "throttle").any():
-        parts.append(
-            "Coefficient of the base fit per throttle (symbols) and for all (line, 90 % band)."
-        )
-        parts.append(
-            "Thick: 90 % interval of what parts a throttle from the others; thin: with the errors"
-            " that all throttles share."
-        )
-    if (table["part"] == "exponent").any():
-        parts.append(
-            "Coefficient of the base fit against the exponent n to which the model's ratio is"
-            " raised (line, 90 % band):"
-        )
-        parts.append(
-            "1 as published, 2/3 constant power, 0.60 to 0.82 constant rotor speed (symbols)."
-        )
-    if (table["kind"] == "supported").any():
-        parts.append("Shade: what the logged speed or power leaves.")
-    if (table["part"] == "rotor").any():
-        parts.append(
-            "Rotor coefficient per throttle against rotor speed, 90 % intervals; line: power law;"
-        )
-        parts.append("dashed: the constant of Carter et al. 2021.")
-    return " ".join(parts)
+    drawn = {*table["part"].tolist(), *table["kind"].tolist()}
+    return " ".join(words for name, words in WORDS.items() if name in drawn)
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
@@ -179,23 +174,26 @@ def _bars(ax: Axes, rows: Rows, low: str, high: str, linewidth: float) -> None:
     ax.vlines(rows["x"], rows[low], rows[high], color=COLOUR, linewidth=linewidth, zorder=3)
 
 
-def _draw_throttles(ax: Axes, rows: Rows) -> None:
-    common, each = select(rows, rows["kind"] == "common"), select(rows, rows["kind"] == "throttle")
-    ax.axhspan(common["lo90"][0], common["hi90"][0], color=BAND, linewidth=0, zorder=0)
-    ax.axhline(common["value"][0], color=FITTED, zorder=1)
-    _bars(ax, each, "lo90", "hi90", 0.7)
-    _bars(ax, each, "lo90_apart", "hi90_apart", 2.0)
-    many = len(each["x"]) > 8
+def _symbols(ax: Axes, rows: Rows) -> None:
     ax.plot(
-        each["x"],
-        each["value"],
+        rows["x"],
+        rows["value"],
         "o",
         color=COLOUR,
         markerfacecolor="white",
         markeredgewidth=0.8,
         zorder=4,
     )
-    if not many:
+
+
+def _draw_throttles(ax: Axes, rows: Rows) -> None:
+    common, each = select(rows, rows["kind"] == "common"), select(rows, rows["kind"] == "throttle")
+    ax.axhspan(common["lo90"][0], common["hi90"][0], color=BAND, linewidth=0, zorder=0)
+    ax.axhline(common["value"][0], color=FITTED, zorder=1)
+    _bars(ax, each, "lo90", "hi90", 0.7)
+    _bars(ax, each, "lo90_apart", "hi90_apart", 2.0)
+    _symbols(ax, each)
+    if len(each["x"]) <= 8:
         ax.set_xticks(each["x"], [f"{x:.3g}" for x in each["x"]])
     ax.margins(x=0.12)
     ax.set_xlabel("throttle (%)", labelpad=1)
@@ -209,15 +207,7 @@ def _draw_exponents(ax: Axes, rows: Rows) -> None:
         ax.axvspan(*supported["x"], color=SERIES[5][0], alpha=0.3, linewidth=0, zorder=0)
     ax.fill_between(curve["x"], curve["lo90"], curve["hi90"], color=BAND, linewidth=0, zorder=1)
     ax.plot(curve["x"], curve["value"], color=FITTED, zorder=2)
-    ax.plot(
-        marks["x"],
-        marks["value"],
-        "o",
-        color=COLOUR,
-        markerfacecolor="white",
-        markeredgewidth=0.8,
-        zorder=4,
-    )
+    _symbols(ax, marks)
     ax.set_xlim(float(np.min(curve["x"])), float(np.max(curve["x"])))
     ax.set_xlabel("exponent $n$ of the ratio", labelpad=1)
 
@@ -227,15 +217,7 @@ def _draw_rotor(ax: Axes, rows: Rows) -> None:
     ax.plot(law["x"], law["value"], color=FITTED, zorder=2)
     ax.axhline(paper["value"][0], color=REFERENCES[0][0], linestyle=REFERENCES[0][1], zorder=1)
     _bars(ax, points, "lo90", "hi90", 1.2)
-    ax.plot(
-        points["x"],
-        points["value"],
-        "o",
-        color=COLOUR,
-        markerfacecolor="white",
-        markeredgewidth=0.8,
-        zorder=4,
-    )
+    _symbols(ax, points)
     ax.margins(x=0.12, y=0.12)
     ax.set_xlabel(f"rotor speed {nomenclature.label('speed_Hz')}", labelpad=1)
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib import rcParams
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
@@ -16,7 +15,7 @@ from nearlift.nomenclature import letter, mathematics
 from nearlift.products import FIT
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, effects
+from nearlift.report.figures.style import SERIES, Style, effects, note
 from nearlift.results.quotation import BudgetLine, CoefficientResult
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
@@ -128,14 +127,7 @@ def draw(table: Rows, look: Style) -> Figure:
             ax.barh(
                 y, fall, height=0.7, facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0
             )
-            ax.annotate(
-                _percent(fall),
-                (fall, y),
-                (3, 0),
-                textcoords="offset points",
-                va="center",
-                fontsize=rcParams["legend.fontsize"],
-            )
+            note(ax, _percent(fall), (fall, y), (3, 0), va="center")
         ax.set_yticks(range(len(components)), [effects(c) for c in components])
         ax.set_ylim(len(components) - 0.4, -0.6)
         ax.set_xlim(0, 124)
@@ -147,18 +139,12 @@ def draw(table: Rows, look: Style) -> Figure:
         "fall of the standard uncertainty if the source were known exactly (%)",
         fontsize=look.text_pt,
     )
-    used = [k for k in LOOKS if np.any(table["type"] == k)]
     handles = [
-        Patch(
-            facecolor=LOOKS[k][0],
-            hatch=LOOKS[k][1],
-            edgecolor="white",
-            linewidth=0.0,
-            label=MEANINGS[k],
-        )
-        for k in used
+        Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0, label=MEANINGS[k])
+        for k, (colour, hatch) in LOOKS.items()
+        if np.any(table["type"] == k)
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(used))
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return figure
 
 

@@ -13,18 +13,19 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, ScalarFormatter
 
-from nearlift import nomenclature, units
+from nearlift import units
 from nearlift.declare import Boundary, FloatArray
-from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
 from nearlift.products import FIT, POSTERIOR
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import FITTED, Style, plain_text
+from nearlift.report.figures.style import FITTED, Style, labelled
 from nearlift.rounding import plain
 
 COLUMNS = ("panel", "kind", "x_name", "y_name", "x_low", "x_high", "y_low", "y_high", "value")
 BINS, CELLS = 40, 26
+#: Binomial weights of neighbouring cells: counts of a few draws scatter more than the density.
+WINDOW = np.array((1, 4, 6, 4, 1)) / 16
 #: Shares of the draws between which an axis runs.
 SHOWN = (0.001, 0.999)
 #: L_inf of a throttle, with the unit in which it is shown.
@@ -108,7 +109,8 @@ def _region(
 ) -> dict[str, object]:
     (x_name, x, x_edges), (y_name, y, y_edges) = first, second
     count = np.histogram2d(x, y, (x_edges, y_edges))[0]
-    count = _smooth(_smooth(count).T).T
+    for axis in (0, 1):
+        count = np.apply_along_axis(np.convolve, axis, count, WINDOW, "same")
     order = np.argsort(-count, axis=None)
     share = np.empty(count.size)
     share[order] = np.cumsum(count.ravel()[order]) / count.sum()
@@ -125,17 +127,6 @@ def _region(
         "y_high": y_edges[j + 1],
         "value": share[keep],
     }
-
-
-def _smooth(count: FloatArray) -> FloatArray:
-    """A binomial window over neighbouring cells along the first axis; counts of a few draws scatter
-    more than the density.
-    """
-    padded = np.pad(count, ((2, 2), (0, 0)))
-    n = len(count)
-    return np.asarray(
-        sum(w * padded[k : k + n] for k, w in enumerate((1, 4, 6, 4, 1))) / 16, dtype=np.float64
-    )
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -277,10 +268,7 @@ def _draw_region(ax: Axes, rows: Rows) -> None:
 def _label(name: str) -> str:
     if level := LEVEL.fullmatch(name):
         return rf"$L_\infty$ at {100 * float(level[2]):.3g} % ({level[1]})"
-    try:
-        return nomenclature.label(name)
-    except UsageError:
-        return plain_text(name)
+    return labelled(name)
 
 
 FIGURE = FigureSpec(

@@ -18,18 +18,8 @@ from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SEQUENTIAL, Style, plain_log
 
 SHOWN = (
-    "boundary",
-    "model",
-    "map",
-    "x_group",
-    "y_group",
-    "x",
-    "y",
-    "target_z_hat",
-    "flights",
-    "rate",
-    "lo90",
-    "hi90",
+    *("boundary", "model", "map", "x_group", "y_group", "x", "y"),
+    *("target_z_hat", "flights", "rate", "lo90", "hi90"),
 )
 #: Contours and their lines; numbers beside them would hide what is flown.
 LEVELS = {10.0: "dotted", 50.0: "solid", 90.0: "dashed"}

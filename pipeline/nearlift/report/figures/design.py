@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift.report.evidence import Columns, Rows, distinct, select, stack
-from nearlift.report.figures.style import SERIES, Style, effects, plain_log
+from nearlift.report.figures.style import SERIES, Style, effects, note, plain_log
 
 #: Displayed units of sizes that are small in SI.
 SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m", 1e3)}
@@ -55,19 +55,10 @@ def rows(outlook: dict[str, Any]) -> Columns:
                     "note": "" if limit is None else size_text(limit, row["unit"]),
                 }
             )
-        for row in at["effects"]:
-            if row["verdict"] in UNSEEN:
-                continue
-            parts += [
-                {
-                    "boundary": boundary,
-                    "panel": "confused",
-                    "effect": label(row),
-                    "series": named,
-                    "x": chance,
-                }
-                for named, chance in ((row["effect"], row["within"]), *row["rivals"].items())
-            ]
+        for row in (r for r in at["effects"] if r["verdict"] not in UNSEEN):
+            shared = {"boundary": boundary, "panel": "confused", "effect": label(row)}
+            named = [(row["effect"], row["within"]), *row["rivals"].items()]
+            parts += [{**shared, "series": name, "x": chance} for name, chance in named]
     return stack(parts)
 
 
@@ -207,23 +198,16 @@ def wrap(text: str) -> list[str]:
 def draw(rows: Rows, look: Style) -> Figure:
     """A line of two panels for each boundary."""
     sides = distinct(rows["boundary"])
-    count = [
-        len(set(rows["effect"][(rows["boundary"] == s) & (rows["panel"] == "limits")].tolist()))
-        for s in sides
+    parts = {side: select(rows, rows["boundary"] == side) for side in sides}
+    heights = [
+        1.55 + 0.155 * len(distinct(part["effect"][part["panel"] == "limits"]))
+        for part in parts.values()
     ]
-    figure = Figure(
-        figsize=(look.double_in, sum(1.55 + 0.155 * c for c in count)), layout="constrained"
-    )
+    figure = Figure(figsize=(look.double_in, sum(heights)), layout="constrained")
     grid = figure.subplots(
-        len(sides),
-        2,
-        squeeze=False,
-        width_ratios=(1, 1.25),
-        height_ratios=[1.55 + 0.155 * c for c in count],
+        len(sides), 2, squeeze=False, width_ratios=(1, 1.25), height_ratios=heights
     )
-    for line, side in zip(grid, sides, strict=True):
-        mine = rows["boundary"] == side
-        part = select(rows, mine)
+    for line, (side, part) in zip(grid, parts.items(), strict=True):
         _limits(line[0], part, side)
         _confused(line[1], part)
     return figure
@@ -231,34 +215,19 @@ def draw(rows: Rows, look: Style) -> Figure:
 
 def _limits(ax: Axes, rows: Rows, side: str) -> None:
     mine = rows["panel"] == "limits"
-    names, verdict, x, note = (rows[k][mine] for k in ("effect", "series", "x", "note"))
+    names, verdict, x, sizes = (rows[k][mine] for k in ("effect", "series", "x", "note"))
     place = np.arange(len(names))[::-1]
     finite = x[np.isfinite(x)]
     low, high = (finite.min(), finite.max()) if len(finite) else (0.1, 10.0)
     edge = 3.0 * max(high, 1.0)
     ax.axvspan(1.0, 30 * edge, color="0.93", linewidth=0, zorder=0)
-    for y, kind, at, text in zip(place, verdict, x, note, strict=True):
+    for y, kind, limit, size in zip(place, verdict, x, sizes, strict=True):
         colour, marker = LOOKS[kind]
-        if np.isfinite(at):
-            ax.plot([at], [y], marker=marker, color=colour, markersize=4, zorder=3)
-            ax.annotate(
-                text,
-                (at, y),
-                xytext=(5, -2.4),
-                textcoords="offset points",
-                fontsize=rcParams["legend.fontsize"],
-                color="0.25",
-            )
-        else:
-            ax.plot([edge], [y], marker="x", color=colour, markersize=4, zorder=3)
-            ax.annotate(
-                "never",
-                (edge, y),
-                xytext=(5, -2.4),
-                textcoords="offset points",
-                fontsize=rcParams["legend.fontsize"],
-                color="0.25",
-            )
+        at, text = limit, size
+        if not np.isfinite(limit):
+            at, marker, text = edge, "x", "never"
+        ax.plot([at], [y], marker=marker, color=colour, markersize=4, zorder=3)
+        note(ax, text, (at, y), (5, -2.4), color="0.25")
     ax.set_xscale("log")
     ax.set_xlim(0.5 * min(low, 0.5), 12 * edge)
     plain_log(ax.xaxis)
@@ -267,15 +236,13 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
     ax.set_ylim(-0.8, len(names) - 0.2)
     ax.set_xlabel("detection limit over plausible size", labelpad=1)
     ax.set_title(f"{side}: what could be seen")
-    handles = [
-        Line2D([], [], linestyle="none", marker=m, color=c, markersize=4)
-        for k, (c, m) in LOOKS.items()
-        if k in verdict
-    ]
-    words = [k for k in LOOKS if k in verdict]
+    looks = {kind: look for kind, look in LOOKS.items() if kind in verdict}
     ax.legend(
-        handles,
-        words,
+        [
+            Line2D([], [], linestyle="none", marker=marker, color=colour, markersize=4)
+            for colour, marker in looks.values()
+        ],
+        list(looks),
         loc="upper center",
         bbox_to_anchor=(0.4, -0.1 - 1.6 / (6 + len(names))),
         ncols=2,

@@ -15,7 +15,7 @@ from nearlift.declare import BOUNDARIES
 from nearlift.products import DETECTION, PROXIMITY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log, words_alone
 from nearlift.rounding import plain
 
 COLUMNS = (
@@ -62,22 +62,19 @@ def summarise(evidence: Evidence) -> Columns:
                 }
             )
         parts += [
-            {
-                "row": "located",
-                "panel": side,
-                "x": located["z_hat"],
-                "y": located["median"],
-                "lo90": located["lo90"],
-                "hi90": located["hi90"],
-            }
+            {"row": "located", "panel": side, "x": located["z_hat"], **_median(located)}
             for located in content[side].get("located", [])
         ]
-        for read in evidence.document(PROXIMITY)["readings"]:
-            if read["boundary"] == side and "refused" not in read:
-                z = read["z_hat"]
-                ends = {"lo90": z["lo90"], "hi90": z["hi90"]}
-                parts.append({"row": "reading", "panel": side, "y": z["median"], **ends})
+        parts += [
+            {"row": "reading", "panel": side, **_median(read["z_hat"])}
+            for read in evidence.document(PROXIMITY)["readings"]
+            if read["boundary"] == side and "refused" not in read
+        ]
     return stack(parts, COLUMNS)
+
+
+def _median(estimate: dict[str, float]) -> dict[str, float]:
+    return {"y": estimate["median"], "lo90": estimate["lo90"], "hi90": estimate["hi90"]}
 
 
 def case(payload: float, voltage: float) -> str:
@@ -180,32 +177,22 @@ def draw(table: Rows, look: Style) -> Figure:
 
 def _range(ax: Any, rows: Rows) -> None:
     ax.set_xscale("log")
-    for (shade, marker), case in zip(SERIES, dict.fromkeys(rows["case"].tolist()), strict=False):
-        mine = rows["case"] == case
-        x, y = rows["x"][mine], rows["y"][mine]
-        dashes = (
-            (0, (4, 1.5))
-            if rows["voltage_percent"][mine][0] > rows["voltage_percent"].min()
-            else "-"
-        )
+    for (shade, marker), case in zip(SERIES, distinct(rows["case"]), strict=False):
+        curve = select(rows, rows["case"] == case)
+        worse = curve["voltage_percent"][0] > rows["voltage_percent"].min()
         ax.plot(
-            x,
-            y,
+            curve["x"],
+            curve["y"],
             color=shade,
             marker=marker,
             markerfacecolor="white",
-            linestyle=dashes,
+            linestyle=(0, (4, 1.5)) if worse else "-",
             label=case,
             zorder=3,
         )
-        known = np.isfinite(y)
+        known = select(curve, np.isfinite(curve["y"]))
         ax.fill_between(
-            x[known],
-            rows["lo90"][mine][known],
-            rows["hi90"][mine][known],
-            color=shade,
-            alpha=0.2,
-            linewidth=0,
+            known["x"], known["lo90"], known["hi90"], color=shade, alpha=0.2, linewidth=0
         )
     ax.set_ylim(bottom=0)
     nowhere = [
@@ -213,7 +200,7 @@ def _range(ax: Any, rows: Rows) -> None:
     ]
     if not np.isfinite(rows["y"]).any():
         ax.set_ylim(0, 1)
-        ax.text(0.5, 0.5, "nowhere", transform=ax.transAxes, ha="center", va="center")
+        words_alone(ax, "nowhere")
     elif nowhere:
         ax.text(
             0.96,
@@ -233,14 +220,7 @@ def _range(ax: Any, rows: Rows) -> None:
 def _located(ax: Any, rows: Rows, read: Rows) -> None:
     ax.set_xlabel("true " + nomenclature.label("z_hat"))
     if not len(rows["x"]):
-        ax.text(
-            0.5,
-            0.5,
-            "not inverted: the model folds",
-            transform=ax.transAxes,
-            ha="center",
-            va="center",
-        )
+        words_alone(ax, "not inverted: the model folds")
         return
     ax.set_xscale("log")
     ax.set_yscale("log")

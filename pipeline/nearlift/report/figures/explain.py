@@ -15,7 +15,16 @@ from matplotlib.ticker import MaxNLocator
 from nearlift.declare import Effect, FloatArray
 from nearlift.report.evidence import Columns, Rows, distinct, select, stack
 from nearlift.report.figures.design import SHOWN, size_text, wrap
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, effects, plain_log, quantity
+from nearlift.report.figures.style import (
+    BAND,
+    FITTED,
+    SERIES,
+    Style,
+    effects,
+    plain_log,
+    quantity,
+    words_alone,
+)
 from nearlift.results import Observations
 
 #: Rivals drawn.
@@ -125,7 +134,7 @@ def _boundary(at: dict[str, Any], explanation: dict[str, Any]) -> list[str]:
         f" lift, {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit;"
         f" false-alarm rate {at['false_alarm_rate']:g}, for all tests together."
     )
-    lines += _here(at["in_this_campaign"], explanation["effect"])
+    lines += wrap(_here(at["in_this_campaign"]))
     if "within_trial" in at:
         w = at["within_trial"]
         return lines + wrap(
@@ -142,35 +151,25 @@ def _boundary(at: dict[str, Any], explanation: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _here(verdict: dict[str, Any] | None, name: str) -> list[str]:
+def _here(verdict: dict[str, Any] | None) -> str:
+    """What the loop made of the effect in this campaign."""
     if verdict is None:
-        return wrap(
+        return (
             "The loop has not run on this campaign (`nearlift diagnose CAMPAIGN`); the noise is"
             " that of its own trials."
         )
+    rivals, rival_of = ", ".join(verdict["rivals"]), ", ".join(verdict["rival_of"])
     if verdict["named"]:
-        with_rivals = (
-            f", with the rivals {', '.join(verdict['rivals'])}"
-            if verdict["rivals"]
-            else ", without a rival"
-        )
-        return wrap(f"The loop named it here{with_rivals}.")
-    if verdict["rival_of"]:
-        return wrap(
-            "The loop lists it here among what this design cannot tell from"
-            f" {', '.join(verdict['rival_of'])}."
-        )
-    tried = verdict["tried"]
+        beside = f"with the rivals {rivals}" if rivals else "without a rival"
+        return f"The loop named it here, {beside}."
+    if rival_of:
+        return f"The loop lists it here among what this design cannot tell from {rival_of}."
+    said, tried = "had no need of it here", verdict["tried"]
     if tried and not tried["accepted"]:
-        left = (
-            f"it leaves structure in {tried['left_in']}"
-            if tried.get("left_in")
-            else "it earns too little"
-        )
-        return wrap(
-            f"The loop tried it here and did not accept it: {left}. Verdict: {verdict['verdict']}."
-        )
-    return wrap(f"The loop had no need of it here. Verdict: {verdict['verdict']}.")
+        where = tried.get("left_in")
+        left = f"leaves structure in {where}" if where else "earns too little"
+        said = f"tried it here and did not accept it: it {left}"
+    return f"The loop {said}. Verdict: {verdict['verdict']}."
 
 
 def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
@@ -320,14 +319,7 @@ def _power(ax: Axes, rows: Rows, label: str) -> None:
     mine = rows["panel"] == "power"
     if not mine.any():
         ax.set_axis_off()
-        ax.text(
-            0.5,
-            0.5,
-            "silent: the model absorbs it\nat any size",
-            ha="center",
-            va="center",
-            transform=ax.transAxes,
-        )
+        words_alone(ax, "silent: the model absorbs it\nat any size")
         return
     false_alarm = float(rows["y"][mine & (rows["series"] == "false alarm")][0])
     ax.axhline(100 * false_alarm, color="0.6", linewidth=0.6, linestyle=(0, (2, 2)))
@@ -355,14 +347,7 @@ def _confused(ax: Axes, rows: Rows) -> None:
     )
     if not len(mine):
         ax.set_axis_off()
-        ax.text(
-            0.5,
-            0.5,
-            "confused with nothing\nin the library",
-            ha="center",
-            va="center",
-            transform=ax.transAxes,
-        )
+        words_alone(ax, "confused with nothing\nin the library")
         return
     place = np.arange(len(mine))[::-1]
     ax.barh(

@@ -19,6 +19,8 @@ from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.flow_panels import (
+    X,
+    Y,
     cut,
     field_rows,
     manifest,
@@ -33,7 +35,6 @@ from nearlift.rounding import fixed, plain
 
 #: Distances of the paper's Figure 3, taken where the manifest names no cases.
 PAPER_Z_HAT = {"ground": 3.4, "ceiling": 2.0}
-X, Y = r"$x / r$", r"$y / r$"
 
 
 def columns(piv: Piv) -> list[PivCase]:
@@ -98,7 +99,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     piv = manifest(evidence)
     named = [
-        f"{c.name}, downwash {plain(float(cut(evidence, c.name)['downwash_m_s']), 3)} m/s"
+        f"{c.name}, downwash {plain(cut(evidence, c.name)['downwash_m_s'], 3)} m/s"
         for c in columns(piv)
     ]
     return (
@@ -150,19 +151,12 @@ def _section(ax: Axes, mine: Rows) -> None:
         zorder=2,
     )
     profile = select(mine, mine["kind"] == "profile")
-    colour = SERIES[0][0]
+    colour, x, value = SERIES[0][0], profile["x_hat"], profile["value_m_s"]
     reach = student.NORMAL_90 * profile["u_value_m_s"]
-    ax.fill_between(
-        profile["x_hat"],
-        profile["value_m_s"] - reach,
-        profile["value_m_s"] + reach,
-        color=colour,
-        alpha=0.3,
-        linewidth=0,
-    )
-    measured = np.where(profile["flag"] > 0, np.nan, profile["value_m_s"])
-    ax.plot(profile["x_hat"], profile["value_m_s"], color=colour, linewidth=0.6, zorder=3)
-    ax.plot(profile["x_hat"], measured, color=colour, linewidth=1.3, zorder=3)
+    ax.fill_between(x, value - reach, value + reach, color=colour, alpha=0.3, linewidth=0)
+    measured = np.where(profile["flag"] > 0, np.nan, value)
+    ax.plot(x, value, color=colour, linewidth=0.6, zorder=3)
+    ax.plot(x, measured, color=colour, linewidth=1.3, zorder=3)
     ax.xaxis.set_major_locator(MultipleLocator(2))
 
 

@@ -18,7 +18,6 @@ from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures import flow_panels as flow_panel
-from nearlift.report.figures.fig3 import X, Y
 from nearlift.report.figures.flow_panels import field_rows, manifest, nodes, origin, title
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import Style
@@ -98,36 +97,21 @@ def draw(table: Rows, look: Style) -> Figure:
         for b in dict.fromkeys(label.split(",")[0] for label in labels.values())
     ]
     across = max(len(line) for line in lines)
-    (x0, x1), (y0, y1) = flow_panel.limits(table)
-    tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
-    figure = Figure(
-        figsize=(look.double_in, min(len(lines) * (tall + 0.25) + 0.35, look.height_in)),
-        layout="constrained",
-    )
+    figure, axes = flow_panel.sheet(table, look, len(lines), across)
     letters = iter("abcdefghijklmnopqrstuvwxyz")
-    axes = figure.subplots(len(lines), across, squeeze=False, sharex=True, sharey=True)
     for line, places in zip(lines, axes, strict=True):
         shade: Any = None
-        top = float(
-            np.nanquantile(
-                np.abs(
-                    table["value_m_s"][(table["kind"] == "node") & np.isin(table["panel"], line)]
-                ),
-                0.995,
-            )
-        )
+        mine = (table["kind"] == "node") & np.isin(table["panel"], line)
+        top = float(np.nanquantile(np.abs(table["value_m_s"][mine]), 0.995))
         norm = Normalize(-top, top)
         for ax in places[len(line) :]:
             ax.set_axis_off()
         for name, ax in zip(line, places, strict=False):
-            mine = select(table, table["panel"] == name)
+            rows = select(table, table["panel"] == name)
             shade = flow_panel.field(
-                ax, mine, matplotlib.colormaps["RdBu_r"], norm, line_pt=0.35, density=0.5
+                ax, rows, matplotlib.colormaps["RdBu_r"], norm, line_pt=0.35, density=0.5
             )
-            ax.set_xlim(x0, x1)
-            ax.set_ylim(y0, y1)
-            ax.set_title(f"{next(letters)}) {labels[name]}", loc="left", fontsize=look.text_pt)
-        places[0].set_ylabel(Y)
+            ax.set_title(f"{next(letters)}) {labels[name]}")
         figure.colorbar(
             shade,
             ax=places.tolist(),
@@ -136,8 +120,6 @@ def draw(table: Rows, look: Style) -> Figure:
             aspect=14,
             extend="both",
         )
-    for ax in axes[-1]:
-        ax.set_xlabel(X)
     return figure
 
 

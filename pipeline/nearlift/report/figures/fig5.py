@@ -13,9 +13,8 @@ from matplotlib.figure import Figure
 
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, single, stack
 from nearlift.report.figures import flow_panels as flow_panel
-from nearlift.report.figures.fig3 import X, Y
 from nearlift.report.figures.fig4 import LEVEL
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
@@ -56,8 +55,7 @@ def summarise(evidence: Evidence) -> Columns:
 def number(evidence: Evidence, case: str, quantity: str) -> dict[str, Any]:
     """One row of flow_topology.parquet."""
     table = evidence.table(FLOW_TOPOLOGY)
-    (i,) = np.flatnonzero((table["case"] == case) & (table["quantity"] == quantity))
-    return {k: v[i] for k, v in table.items()}
+    return single(table, (table["case"] == case) & (table["quantity"] == quantity))
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -94,13 +92,7 @@ def draw(table: Rows, look: Style) -> Figure:
     names = distinct(table["panel"])
     across = min(ACROSS, len(names))
     down = -(-len(names) // across)
-    (x0, x1), (y0, y1) = flow_panel.limits(table)
-    tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
-    figure = Figure(
-        figsize=(look.double_in, min(down * (tall + 0.25) + 0.35, look.height_in)),
-        layout="constrained",
-    )
-    axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+    figure, axes = flow_panel.sheet(table, look, down, across)
     norm = Normalize(0, flow_panel.highest(table))
     shade: Any = None
     for ax in axes.ravel()[len(names) :]:
@@ -124,13 +116,7 @@ def draw(table: Rows, look: Style) -> Figure:
                 markeredgewidth=0.8,
                 zorder=6,
             )
-        ax.set_xlim(x0, x1)
-        ax.set_ylim(y0, y1)
-        ax.set_title(f"{letter}) {mine['label'][0]}", loc="left", fontsize=look.text_pt)
-    for ax in axes[:, 0]:
-        ax.set_ylabel(Y)
-    for ax in axes[-1]:
-        ax.set_xlabel(X)
+        ax.set_title(f"{letter}) {mine['label'][0]}")
     figure.colorbar(shade, ax=axes.ravel().tolist(), label="airspeed (m/s)", pad=0.01, aspect=30)
     return figure
 

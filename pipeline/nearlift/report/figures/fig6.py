@@ -223,23 +223,12 @@ def _rates(ax: Axes, rows: Rows, last: bool) -> None:
     crash = rows["kind"] == "crash"
     exponents = sorted(set(rows["exponent"][crash].tolist()))
     for e in exponents:
-        mine = crash & (rows["exponent"] == e)
-        shade = colour(e, exponents)
+        mine = select(rows, crash & (rows["exponent"] == e))
+        shade, width = colour(e, exponents), 0.8
         if e in (0, 1):
-            ax.fill_between(
-                rows["x"][mine],
-                100 * rows["lo90"][mine],
-                100 * rows["hi90"][mine],
-                color=shade,
-                alpha=0.25,
-                linewidth=0,
-            )
-        ax.plot(
-            rows["x"][mine],
-            100 * rows["y"][mine],
-            color=shade,
-            linewidth=1.3 if e in (0, 1) else 0.8,
-        )
+            width, low, high = 1.3, 100 * mine["lo90"], 100 * mine["hi90"]
+            ax.fill_between(mine["x"], low, high, color=shade, alpha=0.25, linewidth=0)
+        ax.plot(mine["x"], 100 * mine["y"], color=shade, linewidth=width)
     ax.set_ylim(-2, 102)
     ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")

@@ -8,9 +8,11 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from nearlift.declare import FloatArray
@@ -18,7 +20,8 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, Rows, select
+from nearlift.report.evidence import Columns, Evidence, Rows, select, single
+from nearlift.report.figures.style import Style
 from nearlift.rounding import fixed
 
 #: Columns of a field's table; only nodes have them all.
@@ -26,6 +29,7 @@ COLUMNS = (
     *("panel", "kind", "label"),
     *("x_hat", "y_hat", "vx_m_s", "vy_m_s", "value_m_s", "u_value_m_s", "flag"),
 )
+X, Y = r"$x / r$", r"$y / r$"
 UNOBSERVED = "0.80"
 LINES = "0.10"
 
@@ -116,8 +120,7 @@ def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> dict[s
 def cut(evidence: Evidence, name: str, rotor: str = "all") -> dict[str, Any]:
     """The row of downwash.parquet of one case."""
     table = evidence.table(DOWNWASH)
-    (i,) = np.flatnonzero((table["case"] == name) & (table["rotor"] == rotor))
-    return {k: v[i] for k, v in table.items()}
+    return single(table, (table["case"] == name) & (table["rotor"] == rotor))
 
 
 def reduction_text(row: dict[str, Any]) -> str:
@@ -128,7 +131,7 @@ def reduction_text(row: dict[str, Any]) -> str:
         return "–"
     elsewhere = (
         ", not the inflow at the disk"
-        if set(str(row["warnings"]).split()) & set(NOT_AT_THE_DISK)
+        if set(row["warnings"].split()) & set(NOT_AT_THE_DISK)
         else ""
     )
     if not math.isfinite(row["reduction_lo90"]):
@@ -158,8 +161,6 @@ def origin(evidence: Evidence, shown: Iterable[str]) -> str:
 
 def speeds() -> Colormap:
     """Light to blue, without the darkest end, so that black streamlines show everywhere."""
-    import matplotlib
-
     base = matplotlib.colormaps["YlGnBu"]
     return LinearSegmentedColormap.from_list("speeds", base(np.linspace(0.0, 0.78, 128)))
 
@@ -180,6 +181,23 @@ def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
     node = table["kind"] == "node"
     x, y = table["x_hat"][node], table["y_hat"][node]
     return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
+
+
+def sheet(table: Rows, look: Style, down: int, across: int) -> tuple[Figure, Any]:
+    """Panels in rows and columns over the whole width, all with the same limits; the axes that they
+    share are labelled at its edges.
+    """
+    (x0, x1), (y0, y1) = limits(table)
+    tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
+    height = min(down * (tall + 0.25) + 0.35, look.height_in)
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
+    axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+    axes[0, 0].set(xlim=(x0, x1), ylim=(y0, y1))
+    for ax in axes[:, 0]:
+        ax.set_ylabel(Y)
+    for ax in axes[-1]:
+        ax.set_xlabel(X)
+    return figure, axes
 
 
 def field(
@@ -235,14 +253,6 @@ def _heads(ax: Axes, lines: Sequence[Any]) -> None:
     along = middle[:, 1] - middle[:, 0]
     length = np.hypot(along[:, 0], along[:, 1])
     seen = length > 0
-    style: dict[str, Any] = {
-        "units": "inches",
-        "width": 0.009,
-        "headwidth": 4.5,
-        "headlength": 5,
-        "headaxislength": 5,
-        "minlength": 0,
-    }
     ax.quiver(
         *middle[seen, 0].T,
         *(along[seen] / length[seen, None]).T,
@@ -252,7 +262,12 @@ def _heads(ax: Axes, lines: Sequence[Any]) -> None:
         pivot="mid",
         color=LINES,
         zorder=2.1,
-        **style,
+        units="inches",
+        width=0.009,
+        headwidth=4.5,
+        headlength=5,
+        headaxislength=5,
+        minlength=0,
     )
 
 

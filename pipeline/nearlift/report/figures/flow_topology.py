@@ -91,14 +91,12 @@ def draw(table: Rows, look: Style) -> Figure:
         labels = distinct(mine["label"])
         for shift, (colour, marker), label in zip((-0.12, 0.12), SERIES, labels, strict=False):
             series = select(mine, mine["label"] == label)
-            bars = np.abs(
-                np.stack([series["value"] - series["lo90"], series["hi90"] - series["value"]])
-            )
+            value = series["value"]
             x = series["tilt_deg"] + (shift if len(labels) > 1 else 0.0)
             ax.errorbar(
                 x,
-                series["value"],
-                bars,
+                value,
+                np.abs([value - series["lo90"], series["hi90"] - value]),
                 fmt=marker,
                 color=colour,
                 markerfacecolor="white",

@@ -14,10 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from nearlift import nomenclature
-from nearlift.errors import UsageError
 from nearlift.nomenclature import letter
 from nearlift.report.evidence import Columns, Rows, distinct, select, stack
-from nearlift.report.figures.style import BAND, SERIES, Style, plain_text
+from nearlift.report.figures.style import BAND, SERIES, Style, labelled, plain_text
 from nearlift.rounding import like
 
 #: A 90 % interval of a normal is so many standard deviations wide.
@@ -112,7 +111,7 @@ def draw(table: Rows, look: Style) -> Figure:
     for ax, (boundary, coefficient), rows in zip(axes, keys, panels, strict=True):
         _panel(ax, rows)
         ax.set_title(boundary)
-        ax.set_xlabel(_label(coefficient, str(rows["unit"][0])), labelpad=1)
+        ax.set_xlabel(labelled(coefficient, str(rows["unit"][0])), labelpad=1)
     _legend(figure, table)
     return figure
 
@@ -145,14 +144,6 @@ def _panel(ax: Axes, rows: Rows) -> None:
     ax.xaxis.set_major_locator(MaxNLocator(6))
     ax.grid(axis="x", color="0.9", linewidth=0.4, zorder=0)
     ax.set_axisbelow(True)
-
-
-def _label(coefficient: str, unit: str) -> str:
-    try:
-        symbol = f"${nomenclature.symbol(coefficient).latex}$"
-    except UsageError:
-        symbol = plain_text(coefficient)
-    return symbol if unit == "1" else f"{symbol} ({unit})"
 
 
 def _legend(figure: Figure, table: Rows) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report.evidence import Columns, distinct
 from nearlift.report.figures.forest import interval, panel_rows
-from nearlift.report.page.chart import Chart, Choice, Control, Spec, View, column, frame
+from nearlift.report.page.chart import Chart, Spec, View, column, frame, one_of, tooltip
 
 LINE = 30
 SHAPES = {"effect": "square"}
@@ -23,22 +23,11 @@ def chart(table: Columns) -> Chart:
     """A view for each boundary and coefficient of `summaries.forest`."""
     keys = distinct(table["panel"], table["coefficient"])
     views = tuple(_view(b, c, panel_rows(table, b, c)) for b, c in keys)
-    controls = (
-        Control(
-            signal="order",
-            legend="Order",
-            kind="one",
-            choices=(
-                Choice(value="given", label="as given"),
-                Choice(value="value", label="by value", on=False),
-            ),
-        ),
-    )
     return Chart(
         name="forest",
         label="Coefficients of many campaigns, to be pointed at",
         views=views,
-        controls=controls,
+        controls=(one_of("order", "Order", {"given": "as given", "value": "by value"}),),
         across="line",
         among="line",
         down=True,
@@ -105,37 +94,25 @@ def _layers(title: str) -> list[Spec]:
     }
     raw: Spec = {"type": "nominal", "scale": None}
     data: Spec = {"name": "lines"}
-
-    def only(*kinds: str) -> list[Spec]:
-        return [{"filter": " || ".join(f"datum.kind == '{k}'" for k in kinds)}]
-
     span: Spec = {"x": {**x, "field": "lo90"}, "x2": {"field": "hi90"}}
+    band: Spec = {"type": "rect", "aria": False, "color": "var(--soft)", "opacity": 0.2}
     rule: Spec = {"type": "rule", "aria": False, "strokeWidth": 2}
+    spans: list[tuple[str, Spec, Spec]] = [
+        ("population", band, span),
+        ("campaign", {**rule, "color": "var(--s0)"}, {**span, "y": y}),
+        ("population", {**rule, "color": "var(--s1)", "strokeWidth": 3}, {**span, "y": y}),
+        ("next", {**rule, "color": "var(--s1)", "strokeDash": [5, 3]}, {**span, "y": y}),
+    ]
     return [
-        {
-            "data": data,
-            "transform": only("population"),
-            "mark": {"type": "rect", "aria": False, "color": "var(--soft)", "opacity": 0.2},
-            "encoding": span,
-        },
-        {
-            "data": data,
-            "transform": only("campaign"),
-            "mark": {**rule, "color": "var(--s0)"},
-            "encoding": {**span, "y": y},
-        },
-        {
-            "data": data,
-            "transform": only("population"),
-            "mark": {**rule, "color": "var(--s1)", "strokeWidth": 3},
-            "encoding": {**span, "y": y},
-        },
-        {
-            "data": data,
-            "transform": only("next"),
-            "mark": {**rule, "color": "var(--s1)", "strokeDash": [5, 3]},
-            "encoding": {**span, "y": y},
-        },
+        *(
+            {
+                "data": data,
+                "transform": [{"filter": f"datum.kind == '{kind}'"}],
+                "mark": mark,
+                "encoding": encoding,
+            }
+            for kind, mark, encoding in spans
+        ),
         {
             "data": data,
             "transform": [
@@ -160,7 +137,7 @@ def _layers(title: str) -> list[Spec]:
                 "fill": {**raw, "field": "inside"},
                 "stroke": {**raw, "field": "edge"},
                 "shape": {**raw, "field": "form"},
-                "tooltip": [{"field": f, "type": "nominal", "title": t} for f, t in TOOLTIP],
+                "tooltip": tooltip(TOOLTIP),
                 "description": {"field": "words", "type": "nominal"},
             },
         },

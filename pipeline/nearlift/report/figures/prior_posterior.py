@@ -7,12 +7,10 @@ from __future__ import annotations
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from nearlift import nomenclature
-from nearlift.errors import UsageError
 from nearlift.products import FIT, POSTERIOR
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, Style, plain_text
+from nearlift.report.figures.style import BAND, FITTED, Style, labelled, note, plain_text
 from nearlift.rounding import plain
 
 #: Above this ratio of widths the prior still has a say; as `fit.prior_comparison` has it.
@@ -105,14 +103,7 @@ def draw(table: Rows, look: Style) -> Figure:
     for letter, panel, ax in zip("abc", panels, axes, strict=False):
         _panel(ax, select(table, table["panel"] == panel), low, high)
         ax.set_title(f"{letter}) {panel}" if len(panels) > 1 else panel)
-    axes[0].annotate(
-        "width ratio",
-        (1, 1),
-        xycoords="axes fraction",
-        xytext=(4, 5),
-        textcoords="offset points",
-        fontsize=look.text_pt - 1,
-    )
+    note(axes[0], "width ratio", (1, 1), (4, 5), xycoords="axes fraction")
     axes[-1].set_xlabel("place between the ends of the prior's central 90 %")
     return figure
 
@@ -147,7 +138,7 @@ def _panel(ax: Axes, rows: Rows, low: float, high: float) -> None:
             va="center",
         )
     labels = [
-        f"{plain_text(m)}: {_name(p)}"
+        f"{plain_text(m)}: {labelled(p, unit='')}"
         for m, p in zip(rows["model"], rows["parameter"], strict=True)
     ]
     ax.set_yticks(list(places), labels)
@@ -160,13 +151,6 @@ def _panel(ax: Axes, rows: Rows, low: float, high: float) -> None:
 
 def _ratio(value: float) -> str:
     return f"{value:.2f}" if value >= 0.095 else f"{value:.2g}"
-
-
-def _name(parameter: str) -> str:
-    try:
-        return f"${nomenclature.symbol(parameter).latex}$"
-    except UsageError:
-        return plain_text(parameter)
 
 
 FIGURE = FigureSpec(

@@ -86,12 +86,12 @@ def caption(evidence: Evidence, table: Columns) -> str:
                 lopsided.append(f"{what}: {profile.skew:.2f}")
             else:
                 straight.append(what)
-    words = [f"the parabola serves for {', '.join(straight)}"] if straight else []
-    words += (
-        [f"upper over lower half of the 90 % interval, {'; '.join(lopsided)}"] if lopsided else []
+    said = (
+        ("the parabola serves for", ", ".join(straight)),
+        ("upper over lower half of the 90 % interval,", "; ".join(lopsided)),
+        ("the profile stays open,", "; ".join(open_ends)),
     )
-    words += [f"the profile stays open, {'; '.join(open_ends)}"] if open_ends else []
-    text = "; ".join(words)
+    text = "; ".join(f"{head} {which}" for head, which in said if which)
     return (
         "Rise of chi² above its least with one coefficient held, L_inf and everything else"
         " optimised again (line), and the parabola of its standard uncertainty (dashes), of the"
@@ -115,15 +115,8 @@ def draw(table: Rows, look: Style) -> Figure:
     columns = min(len(panels), COLUMNS)
     rows = -(-len(panels) // columns)
     width = look.single_in if columns == 1 else look.double_in
-    figure = Figure(
-        figsize=(
-            width,
-            min(
-                1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4), look.height_in
-            ),
-        ),
-        layout="constrained",
-    )
+    height = 1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4)
+    figure = Figure(figsize=(width, min(height, look.height_in)), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for i, ax in enumerate(axes.flat):
         if i >= len(panels):
@@ -145,23 +138,17 @@ def draw(table: Rows, look: Style) -> Figure:
 
 
 def _panel(ax: Axes, rows: Rows, look: Style) -> None:
-    curve = rows["kind"] == "profile"
-    ax.plot(
-        rows["x"][curve],
-        rows["quadratic"][curve],
-        color=REFERENCES[0][0],
-        linestyle=REFERENCES[0][1],
-        label="parabola",
-        zorder=1,
-    )
-    ax.plot(rows["x"][curve], rows["rise"][curve], color=SERIES[0][0], label="profile", zorder=2)
+    curve, (grey, dashes) = select(rows, rows["kind"] == "profile"), REFERENCES[0]
+    x, rise = curve["x"], curve["rise"]
+    ax.plot(x, curve["quadratic"], color=grey, linestyle=dashes, label="parabola", zorder=1)
+    ax.plot(x, rise, color=SERIES[0][0], label="profile", zorder=2)
     for level, (colour, marker) in zip(
         ("68", "90", "95"), (SERIES[2], SERIES[4], SERIES[1]), strict=True
     ):
-        mine = rows["kind"] == level
+        ends = select(rows, rows["kind"] == level)
         ax.plot(
-            rows["x"][mine],
-            rows["rise"][mine],
+            ends["x"],
+            ends["rise"],
             marker,
             color=colour,
             markersize=look.marker_pt + 0.6,
@@ -170,10 +157,9 @@ def _panel(ax: Axes, rows: Rows, look: Style) -> None:
             label=f"{level} %",
             zorder=3,
         )
-        ax.vlines(rows["x"][mine], 0, rows["rise"][mine], color=colour, linewidth=0.6, zorder=1)
+        ax.vlines(ends["x"], 0, ends["rise"], color=colour, linewidth=0.6, zorder=1)
     ax.set_ylim(0, TOP)
-    shown = curve & (rows["rise"] < TOP)
-    low, high = rows["x"][shown].min(), rows["x"][shown].max()
+    low, high = x[rise < TOP].min(), x[rise < TOP].max()
     margin = 0.06 * (high - low)
     ax.set_xlim(low - margin, high + margin)
     ax.xaxis.set_major_locator(MaxNLocator(4))

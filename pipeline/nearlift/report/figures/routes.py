@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -18,7 +17,7 @@ from nearlift.flight.simulation.presets import TARGETS
 from nearlift.products import ROUTES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import FITTED, SERIES, Style, plain_log
+from nearlift.report.figures.style import FITTED, SERIES, Style, note, plain_log
 
 #: So many ways are drawn: the cheapest, the chosen, the safest, and some between.
 SHOWN = 5
@@ -205,14 +204,13 @@ def _front(ax: Axes, front: Rows, looks: Looks, bound: float) -> None:
             **bars,
         )
     ax.axhline(bound, color="0.35", linestyle=BOUND, linewidth=0.8)
-    ax.annotate(
+    note(
+        ax,
         "highest risk allowed",
         (0.97, bound),
         (0, 2),
-        ha="right",
         xycoords=("axes fraction", "data"),
-        textcoords="offset points",
-        fontsize=rcParams["legend.fontsize"],
+        ha="right",
         color="0.25",
     )
     # an interval that reaches far below all risks leaves the frame

@@ -208,44 +208,44 @@ def draw(table: Rows, look: Style) -> Figure:
             (_crash if row == "crash" else _front)(ax, rows)
             label = plain_text(str(rows["label"][rows["kind"] == "model"][0]))
             ax.set_title(f"{next(letters)}) {side}, {label}", loc="left", fontsize=look.text_pt)
-    legend: Any = [
-        Line2D([], [], color=REFERENCES[0][0], linestyle=REFERENCES[0][1]),
-        (Patch(color=BAND), Line2D([], [], color=FITTED)),
-    ]
-    legend += [
-        Line2D([], [], color=FITTED, linestyle=":"),
-        (Patch(color=TOUCHED, linewidth=0), Line2D([], [], color=NEARER)),
-        (Patch(color=COST, alpha=0.2, linewidth=0), Line2D([], [], color=COST)),
-        Line2D([], [], color=PAPER_COLOUR, linestyle=PAPER),
-    ]
     held = plain_text(str(table["label"][table["kind"] == "cost"][0]))
-    names = [
-        "no boundary effect",
-        "fitted model",
-        "held below the nearest station",
-        "the vehicle touches",
-        f"power, {held} held",
-        "power, $(L/L_\\infty)^{-3/2}$",
-    ]
-    figure.legend(legend, names, loc="outside lower center", ncols=3 if len(sides) > 1 else 2)
+    grey, dashes = REFERENCES[0]
+    legend: dict[str, Any] = {
+        "no boundary effect": _line(grey, dashes),
+        "fitted model": (Patch(color=BAND), _line(FITTED)),
+        "held below the nearest station": _line(FITTED, ":"),
+        "the vehicle touches": (Patch(color=TOUCHED, linewidth=0), _line(NEARER)),
+        f"power, {held} held": (Patch(color=COST, alpha=0.2, linewidth=0), _line(COST)),
+        "power, $(L/L_\\infty)^{-3/2}$": _line(PAPER_COLOUR, PAPER),
+    }
+    figure.legend(
+        list(legend.values()),
+        list(legend),
+        loc="outside lower center",
+        ncols=3 if len(sides) > 1 else 2,
+    )
     return figure
+
+
+def _line(colour: str, dashes: Any = "-") -> Line2D:
+    return Line2D([], [], color=colour, linestyle=dashes)
+
+
+def _band_of(ax: Axes, rows: Rows) -> None:
+    """The 90 % band of a crash rate, in percent."""
+    low, high = 100 * rows["lo90"], 100 * rows["hi90"]
+    ax.fill_between(rows["x"], low, high, color=BAND, linewidth=0, zorder=1)
 
 
 def _crash(ax: Axes, rows: Rows) -> None:
     grey, dashes = REFERENCES[0]
     for kind, shade, style in (("none", grey, dashes), ("model", FITTED, "-")):
-        mine = rows["kind"] == kind
-        ax.fill_between(
-            rows["x"][mine],
-            100 * rows["lo90"][mine],
-            100 * rows["hi90"][mine],
-            color=BAND,
-            linewidth=0,
-            zorder=1,
-        )
-        ax.plot(rows["x"][mine], 100 * rows["y"][mine], color=shade, linestyle=style, zorder=3)
-    held, contact = rows["kind"] == "held", rows["x"][rows["kind"] == "contact"][0]
-    ax.plot(rows["x"][held], 100 * rows["y"][held], color=FITTED, linestyle=":", zorder=3)
+        mine = select(rows, rows["kind"] == kind)
+        _band_of(ax, mine)
+        ax.plot(mine["x"], 100 * mine["y"], color=shade, linestyle=style, zorder=3)
+    held, cost, paper = (select(rows, rows["kind"] == k) for k in ("held", "cost", "cost_paper"))
+    contact = rows["x"][rows["kind"] == "contact"][0]
+    ax.plot(held["x"], 100 * held["y"], color=FITTED, linestyle=":", zorder=3)
     left = max(0.0, contact - 0.1)
     ax.axvspan(left, contact, color=TOUCHED, linewidth=0, zorder=0)
     ax.axvline(contact, color=NEARER, zorder=2)
@@ -254,12 +254,9 @@ def _crash(ax: Axes, rows: Rows) -> None:
     ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
-    cost, paper = rows["kind"] == "cost", rows["kind"] == "cost_paper"
-    right.fill_between(
-        rows["x"][cost], rows["lo90"][cost], rows["hi90"][cost], color=COST, alpha=0.2, linewidth=0
-    )
-    right.plot(rows["x"][cost], rows["y"][cost], color=COST)
-    right.plot(rows["x"][paper], rows["y"][paper], color=PAPER_COLOUR, linestyle=PAPER)
+    right.fill_between(cost["x"], cost["lo90"], cost["hi90"], color=COST, alpha=0.2, linewidth=0)
+    right.plot(cost["x"], cost["y"], color=COST)
+    right.plot(paper["x"], paper["y"], color=PAPER_COLOUR, linestyle=PAPER)
     right.set_ylim(right.get_ylim()[0], 1.02)
     right.tick_params(axis="y", colors=COST)
     ax.tick_params(axis="y", right=False)
@@ -267,24 +264,14 @@ def _crash(ax: Axes, rows: Rows) -> None:
 
 
 def _front(ax: Axes, rows: Rows) -> None:
-    mine = rows["kind"] == "model"
+    model, best = (select(rows, rows["kind"] == kind) for kind in ("model", "best"))
     ax.set_yscale("log")
-    ax.set_ylim(0.7 * 100 * rows["lo90"][mine].min(), 140)
+    ax.set_ylim(0.7 * 100 * model["lo90"].min(), 140)
     plain_log(ax.yaxis)
-    ax.fill_between(
-        rows["x"][mine],
-        100 * rows["lo90"][mine],
-        100 * rows["hi90"][mine],
-        color=BAND,
-        linewidth=0,
-        zorder=1,
-    )
-    ax.plot(
-        rows["x"][mine], 100 * rows["y"][mine], color=FITTED, zorder=2, marker=".", markersize=2.5
-    )
-    best = rows["kind"] == "best"
+    _band_of(ax, model)
+    ax.plot(model["x"], 100 * model["y"], color=FITTED, zorder=2, marker=".", markersize=2.5)
     for (shade, marker), x, y, label in zip(
-        SERIES, rows["x"][best], rows["y"][best], rows["label"][best].tolist(), strict=False
+        SERIES, best["x"], best["y"], best["label"].tolist(), strict=False
     ):
         price, _, where = label.partition(": z_hat ")
         name = f"crash costs {price}: $\\hat{{z}}_0$ = {where}"
@@ -301,9 +288,9 @@ def _front(ax: Axes, rows: Rows) -> None:
         )
     ax.set_xlabel("relative power to hover")
     ax.set_ylabel("crash rate (%)")
-    if best.any():
-        middle = (rows["x"][mine].min() + rows["x"][mine].max()) / 2
-        ax.legend(loc="upper right" if rows["x"][best].mean() < middle else "lower left")
+    if len(best["x"]):
+        middle = (model["x"].min() + model["x"].max()) / 2
+        ax.legend(loc="upper right" if best["x"].mean() < middle else "lower left")
 
 
 FIGURE = FigureSpec(

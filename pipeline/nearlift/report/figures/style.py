@@ -232,6 +232,19 @@ def dots(ax: Axes, x: Any, y: Any, colour: str = SERIES[0][0]) -> None:
     )
 
 
+def note(
+    ax: Axes, text: str, at: tuple[float, float], apart: tuple[float, float], **more: Any
+) -> None:
+    """Small words beside a place, so many points apart from it."""
+    small = matplotlib.rcParams["legend.fontsize"]
+    ax.annotate(text, at, apart, textcoords="offset points", fontsize=small, **more)
+
+
+def words_alone(ax: Axes, text: str) -> None:
+    """Words in the middle of a panel that has nothing else to show."""
+    ax.text(0.5, 0.5, text, ha="center", va="center", transform=ax.transAxes)
+
+
 def plain_text(text: str) -> str:
     """Text from a user, with nothing in it that matplotlib would set as mathematics; control
     characters left out.
@@ -242,6 +255,16 @@ def plain_text(text: str) -> str:
 def effects(name: str) -> str:
     """What a candidate is called: its effects by their titles, two of them beneath one another."""
     return plain_text(titled(name)).replace(" + ", "\n+ ")
+
+
+def labelled(name: str, unit: str | None = None) -> str:
+    """An axis label: the symbol of a coefficient, with its unit or with that given; what has no
+    symbol is set as it is named.
+    """
+    try:
+        return nomenclature.label(name, unit)
+    except UsageError:
+        return plain_text(name) if unit in (None, "", "1") else f"{plain_text(name)} ({unit})"
 
 
 def quantity(name: str, unit: str | None = None) -> str:

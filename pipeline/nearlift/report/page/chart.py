@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -51,6 +51,12 @@ class Control:
     choices: tuple[Choice, ...]
     kind: Literal["several", "one", "switch"] = "several"
     folded: bool = False
+
+
+def one_of(signal: str, legend: str, labels: Mapping[str, str]) -> Control:
+    """A control that sets its signal to one of these values; the first is chosen at first."""
+    choices = (Choice(value=v, label=t, on=i == 0) for i, (v, t) in enumerate(labels.items()))
+    return Control(signal=signal, legend=legend, kind="one", choices=tuple(choices))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -166,6 +172,11 @@ def column(values: Sequence[Any]) -> Any:
 def shade(i: int, n: int) -> str:
     """The colour of one of `n` values on a ramp."""
     return f"color-mix(in oklab, var(--ramp0), var(--ramp1) {100 * i / max(n - 1, 1):.0f}%)"
+
+
+def tooltip(fields: Iterable[tuple[str, str]]) -> list[Spec]:
+    """What a mark says when it is pointed at: fields by their titles."""
+    return [{"field": name, "type": "nominal", "title": title} for name, title in fields]
 
 
 def frame(description: str, *, height: int, layers: list[Spec], **signals: Any) -> Spec:

@@ -21,7 +21,7 @@ from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import cosines
 from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.report.evidence import distinct
-from nearlift.report.figures.residuals.table import DISTINCT, bins
+from nearlift.report.figures.residuals.table import DISTINCT, bins, recorded
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.rounding import plain
@@ -91,21 +91,11 @@ def column(name: str, data: Observations) -> FloatArray:
     """A covariate in drawing units, nan where it says nothing (free air, the first trial of a
     session).
     """
-    known = data.covariates
-    nothing = np.full(data.n, np.nan)
-    if name == "z_hat":
-        return np.where(np.isfinite(data.z_hat), data.z_hat, np.nan)
-    if name == "throttle_percent":
-        return np.multiply(100.0, data.throttle)
-    if name == "run_order":
-        return np.arange(1, data.n + 1, dtype=float)
-    if name == "session":
-        return np.asarray(data.session + 1, dtype=float)
-    if name == "order_in_visit":
-        return known[name] + 1 if name in known else nothing
     if name == "previous_throttle_percent":
         return 100 * column("previous_throttle", data)
-    values = np.asarray(known.get(name, nothing), dtype=float)
+    values = np.asarray(recorded(data).get(name, np.full(data.n, np.nan)), dtype=float)
+    if name == "order_in_visit":
+        return values + 1
     if name.startswith("previous_"):
         return np.where(np.isfinite(values) & (values > 0), values, np.nan)
     return values

@@ -56,17 +56,11 @@ def draw(table: Rows, look: Style) -> Figure:
 
 
 def _block(part: SubFigure, block: Rows, look: Style) -> None:
-    above, beneath = (
-        _letters(block, "residual"),
-        [x for p in ("candidate", "error", "coefficient") for x in _letters(block, p)],
-    )
+    above = _letters(block, "residual")
     several = len(set(block["label"][block["part"] == "coefficient"].tolist())) > 1
-    widths = [
-        {"candidate": 1.7, "error": 0.9, "coefficient": 2.0 if several else 1.25}[
-            str(_of(block, x)["part"][0])
-        ]
-        for x in beneath
-    ]
+    wide = {"candidate": 1.7, "error": 0.9, "coefficient": 2.0 if several else 1.25}
+    beneath = [x for part_of in wide for x in _letters(block, part_of)]
+    widths = [wide[str(_of(block, x)["part"][0])] for x in beneath]
     if (block["part"] == "candidate").any() or len(above) > 1:
         ratios = (1.0, 1.05 + 2.05 * _more(block) / TALL)
         two: Any = part.subfigures(2, 1, height_ratios=ratios, hspace=0.0)
@@ -83,23 +77,19 @@ def _block(part: SubFigure, block: Rows, look: Style) -> None:
         upper, lower = row[: len(above)], row[len(above) :]
     for ax, letter in zip(upper, above, strict=False):
         loop_clouds.residual(ax, _of(block, letter), look, first=ax is upper[0])
-        _title(ax, letter, _residual_title(block, letter), look)
+        _title(ax, letter, _residual_title(block, letter))
     for ax, letter in zip(lower, beneath, strict=True):
         rows = _of(block, letter)
         kind = str(rows["part"][0])
         if kind == "candidate":
             loop_panels.candidates(ax, rows)
-            _title(
-                ax,
-                letter,
-                "candidates" if (rows["kind"] != "rejected").any() else "candidates, all rejected",
-                look,
-            )
+            rejected = (rows["kind"] == "rejected").all()
+            _title(ax, letter, "candidates, all rejected" if rejected else "candidates")
         elif kind == "error":
             loop_panels.error(ax, rows)
-            _title(ax, letter, "held-out error", look)
+            _title(ax, letter, "held-out error")
         else:
-            _title(loop_panels.coefficients(ax, rows), letter, "coefficient", look)
+            _title(loop_panels.coefficients(ax, rows), letter, "coefficient")
 
 
 def _more(block: Rows) -> float:
@@ -115,7 +105,7 @@ def _residual_title(block: Rows, letter: str) -> str:
     return f"residual {_of(block, letter)['when'][0]}"
 
 
-def _title(ax: Axes, letter: str, text: str, look: Style) -> None:
+def _title(ax: Axes, letter: str, text: str) -> None:
     ax.set_title(f"{letter}) {text}", pad=3)
 
 

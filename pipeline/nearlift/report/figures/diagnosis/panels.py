@@ -13,7 +13,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from nearlift import nomenclature
 from nearlift.report.evidence import Rows, distinct, select
 from nearlift.report.figures.diagnosis.clouds import CLOUD, FLOOR, LOOKS
-from nearlift.report.figures.style import FITTED, effects, plain_text
+from nearlift.report.figures.style import FITTED, effects, note, plain_text
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 #: Where the axis of evidence turns logarithmic.
@@ -71,21 +71,17 @@ def candidates(ax: Axes, rows: Rows) -> None:
             zorder=3,
         )
         start, slant = (max(x, 0.0), "left") if side > 0 else (x, "right")
-        text = ax.annotate(
+        paper = {**PAPER, "pad": 0.6} if side < 0 else {"alpha": 0, "pad": 0}
+        note(
+            ax,
             word,
             (start, at),
-            xytext=(BESIDE * side, 0),
-            textcoords="offset points",
+            (BESIDE * side, 0),
             ha=slant,
             va="center",
             color="0.25",
+            bbox=paper,
             zorder=4,
-        )
-        text.set_fontsize(rcParams["legend.fontsize"])
-        text.set_bbox(
-            {"facecolor": "white", "edgecolor": "none", "pad": 0.6}
-            if side < 0
-            else {"alpha": 0, "pad": 0}
         )
     ax.set_yticks(y, [effects(str(name)) for name in rows["label"]], linespacing=0.9)
     ax.tick_params(axis="y", length=0)
@@ -151,17 +147,8 @@ def error(ax: Axes, rows: Rows) -> None:
     ):
         if np.isfinite(value):
             below = i == n and floor > BENEATH * top
-            text = ax.annotate(
-                f"{value:#.3g}",
-                (i, at),
-                xytext=(0, -2.5 if below else 2.5),
-                textcoords="offset points",
-                ha="center",
-                zorder=4,
-            )
-            text.set(
-                va="top" if below else "bottom", fontsize=rcParams["legend.fontsize"], bbox=PAPER
-            )
+            up, va = (-2.5, "top") if below else (2.5, "bottom")
+            note(ax, f"{value:#.3g}", (i, at), (0, up), ha="center", va=va, bbox=PAPER, zorder=4)
     ax.set_ylim(0, top)
     ax.set_xlim(-0.6, n + 0.6)
     ax.set_xticks(range(n + 1), [*([str(w) for w in whens] if n > 1 else ["base"]), "floor"])
@@ -204,21 +191,20 @@ def _coefficient(ax: Axes, rows: Rows, name: str, conditions: list[str], lone: b
     )
     left, right = _limits(kinds, lows, highs, rows["value"][reference])
     ax.set_xlim(left, right)
-    for value, note in zip(rows["value"][reference], rows["note"][reference], strict=True):
+    for value, source in zip(rows["value"][reference], rows["note"][reference], strict=True):
         ax.axvline(value, color="0.35", linewidth=0.8, linestyle=(0, (5, 2)), zorder=1)
         side = 1 if value < (left + right) / 2 else -1
-        text = ax.annotate(
-            plain_text(f"{note} {value:g}"),
+        note(
+            ax,
+            plain_text(f"{source} {value:g}"),
             (value, 1),
+            (2.5 * side, -4),
             xycoords=("data", "axes fraction"),
-            xytext=(2.5 * side, -4),
-            textcoords="offset points",
             ha="left" if side > 0 else "right",
             va="top",
-            fontsize=rcParams["legend.fontsize"],
             color="0.25",
+            in_layout=False,
         )
-        text.set_in_layout(False)
     y = [
         len(conditions) - (1 + conditions.index(n) if k == "doubt" else 0)
         for k, n in zip(kinds, rows["note"][~reference], strict=True)
@@ -234,14 +220,8 @@ def _coefficient(ax: Axes, rows: Rows, name: str, conditions: list[str], lone: b
             zorder=2,
         )
         # one that lies outside altogether has one arrow, towards where it is
-        shown = (
-            [(low, "<")]
-            if high < left
-            else [(high, ">")]
-            if low > right
-            else [(low, "<"), (high, ">")]
-        )
-        for end, arrow in shown:
+        ends = [(low, "<"), (high, ">")]
+        for end, arrow in ends[:1] if high < left else ends[1:] if low > right else ends:
             outside = end < left or end > right
             inside = (0.02 if lone else 0.05) * (right - left)
             edge = min(max(end, left + inside), right - inside)
@@ -256,15 +236,16 @@ def _coefficient(ax: Axes, rows: Rows, name: str, conditions: list[str], lone: b
             )
         if low < left or high > right:
             words = f"{low:#.{digits}g} to {high:#.{digits}g}".replace("-", "−")
-            text = ax.annotate(
+            note(
+                ax,
                 words,
                 (0.5, at),
+                (0, 4),
                 xycoords=("axes fraction", "data"),
-                xytext=(0, 4),
-                textcoords="offset points",
                 ha="center",
+                bbox=PAPER,
+                in_layout=False,
             )
-            text.set(fontsize=rcParams["legend.fontsize"], bbox=PAPER, in_layout=False)
         if left <= value <= right:
             ax.plot(
                 [value], [at], marker, color=colour, markersize=3.6, markeredgewidth=0, zorder=3
@@ -284,12 +265,12 @@ def _limits(kinds: Any, lows: Any, highs: Any, references: Any) -> tuple[float, 
     """Ends of the axis: conditions of many times the quoted interval's width run out of it, or
     nothing else could be seen.
     """
+
+    def ends(low: Any, high: Any) -> tuple[float, float]:
+        return float(np.min([*low, *references])), float(np.max([*high, *references]))
+
     quoted = kinds == "quoted"
-    narrow = [
-        float(np.min([*lows[quoted], *references])),
-        float(np.max([*highs[quoted], *references])),
-    ]
-    wide = [float(np.min([*lows, *references])), float(np.max([*highs, *references]))]
+    narrow, wide = ends(lows[quoted], highs[quoted]), ends(lows, highs)
     low, high = narrow if wide[1] - wide[0] > CLIPPED * (narrow[1] - narrow[0]) else wide
     margin = (0.35 if low > wide[0] or high < wide[1] else 0.08) * (high - low) or 1e-3 * max(
         abs(high), 1e-3

@@ -15,9 +15,11 @@ from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.products import LOOP_RESIDUALS
 from nearlift.report.evidence import Columns, Evidence, lift_inf_N, stack, text_column
 from nearlift.report.figures.diagnosis import abscissa as against
+from nearlift.report.figures.residuals.table import means
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 
+COLUMNS = ("kind", "when", "series", "label", "x", "value", "u", "n_trials")
 #: The axis reaches so many standard deviations of a trial before; trials beyond stand at its edge.
 REACH = 3.2
 
@@ -37,7 +39,7 @@ def residuals(
     axis = against.axis(word, data)
     whens = ("before", "after") if diagnosis.verdict == "effect" else ("before",)
     labels: dict[str, NDArray[np.int64]] = {}
-    parts: list[Columns] = []
+    parts: list[dict[str, Any]] = []
     for when in whens:
         for name, mine in against.series(axis.series, data):
             x, y = against.column(axis.column, data)[mine], both[when][mine]
@@ -53,31 +55,35 @@ def residuals(
             bins = labels.setdefault(
                 name, against.label(axis.column, x, y, data.session[mine][keep])
             )
-            parts += [_rows("trial", when, name, x, y, label=trial), _means(when, name, x, y, bins)]
+            count, centre, mean, error = means(x, y, bins)
+            drawn = {"when": when, "series": name}
+            parts += [
+                {**drawn, "kind": "trial", "label": trial, "x": x, "value": y},
+                {**drawn, "kind": "bin", "x": centre, "value": mean, "u": error, "n_trials": count},
+            ]
             if diagnosis.verdict == "unexplained" and not axis.series:
-                parts.append(_rows("curve", when, name, *against.curve(axis.column, x, y)))
-        floor = 100 * diagnosis.noise_floor
-        parts.append(_rows("floor", when, "", np.array([np.nan]), np.array([floor])))
+                along, curve = against.curve(axis.column, x, y)
+                parts.append({**drawn, "kind": "curve", "x": along, "value": curve})
+        parts.append({"kind": "floor", "when": when, "value": 100 * diagnosis.noise_floor})
         if axis.column == "run_order":
-            starts = np.asarray(np.flatnonzero(np.diff(data.session)) + 1.5, dtype=float)
-            parts.append(_rows("session", when, "", starts, np.zeros(len(starts))))
-    if not parts:
-        return {}
-    table = stack(parts)
+            starts = np.flatnonzero(np.diff(data.session)) + 1.5
+            parts.append({"kind": "session", "when": when, "x": starts, "value": 0.0})
+    table = stack(parts, COLUMNS)
     reach = _reach(table)
     table["kind"] = np.where(
         (table["kind"] == "trial") & (np.abs(table["value"]) > reach), "beyond", table["kind"]
     )
-    ends = [_rows("reach", when, "", np.array([np.nan]), np.array([reach])) for when in whens]
-    table = stack([table, *ends])
-    n = len(table["x"])
-    fixed = {"panel": boundary, "part": "residual", "covariate": axis.column, "unit": "%"}
-    # what the series are levels of, for the legend
-    return {
-        **table,
-        **{k: text_column(v, n) for k, v in fixed.items()},
-        "note": text_column(axis.series, n),
+    ends = [{"kind": "reach", "when": when, "value": reach} for when in whens]
+    table = stack([table, *ends], COLUMNS)
+    fixed = {
+        "panel": boundary,
+        "part": "residual",
+        "covariate": axis.column,
+        "unit": "%",
+        # what the series are levels of, for the legend
+        "note": axis.series,
     }
+    return {**table, **{k: text_column(v, len(table["x"])) for k, v in fixed.items()}}
 
 
 def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[str, FloatArray]]:
@@ -96,31 +102,6 @@ def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[
     return data, {
         when: 100 * np.asarray(table[when], dtype=float)[at] for when in ("before", "after")
     }
-
-
-def _rows(kind: str, when: str, series: str, x: FloatArray, y: FloatArray, **more: Any) -> Columns:
-    n = len(x)
-    empty = np.full(n, np.nan)
-    return {
-        "kind": text_column(kind, n),
-        "when": text_column(when, n),
-        "series": text_column(series, n),
-        "label": more.get("label", text_column("", n)),
-        "x": np.asarray(x, dtype=float),
-        "value": np.asarray(y, dtype=float),
-        "u": more.get("u", empty),
-        "n_trials": more.get("n", empty),
-    }
-
-
-def _means(when: str, series: str, x: FloatArray, y: FloatArray, label: Any) -> Columns:
-    count = np.bincount(label)
-    mean = np.bincount(label, y) / count
-    spread = np.sqrt(np.bincount(label, (y - mean[label]) ** 2) / np.maximum(count - 1, 1))
-    error = np.where(count > 1, spread / np.sqrt(count), np.nan)
-    return _rows(
-        "bin", when, series, np.bincount(label, x) / count, mean, u=error, n=count.astype(float)
-    )
 
 
 def _reach(table: Columns) -> float:

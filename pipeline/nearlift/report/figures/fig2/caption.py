@@ -73,29 +73,19 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
         if apart
         else "least squares falls on the same line"
     )
-    plainly = [b for b in evidence.boundaries if fig2.as_quoted(evidence, b)]
-    beside += (
-        f"; {', '.join(plainly)}: the quoted coefficients', with the band of their uncertainties"
-        if plainly
-        else ""
-    )
-    refused = [b for b in evidence.boundaries if evidence.quoted(b).refused]
-    beside += (
-        f"; {', '.join(refused)}: what least squares would say, without a band, since its"
-        " coefficients are refused"
-        if refused
-        else ""
-    )
-    endless = [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]
-    none = (
-        f" No band ({', '.join(endless)}): the intervals of the coefficients have no end."
-        if endless
-        else ""
-    )
-    return (
+    if plainly := [b for b in evidence.boundaries if fig2.as_quoted(evidence, b)]:
+        coefficients = "the quoted coefficients', with the band of their uncertainties"
+        beside += f"; {', '.join(plainly)}: {coefficients}"
+    if refused := [b for b in evidence.boundaries if evidence.quoted(b).refused]:
+        without = "what least squares would say, without a band, since its coefficients are refused"
+        beside += f"; {', '.join(refused)}: {without}"
+    said = (
         "Solid line and shade: base model, its posterior's pointwise median and central 90 %;"
-        f" {beside}.{none}"
+        f" {beside}."
     )
+    if endless := [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]:
+        said += f" No band ({', '.join(endless)}): the intervals of the coefficients have no end."
+    return said
 
 
 def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
@@ -225,13 +215,8 @@ def alt(evidence: Evidence, table: Columns) -> str:
             f" {plain(float(delta.min()), 3)} % to {plain(float(delta.max()), 3)} %, strongest at ẑ"
             f" = {plain(float(z[top]), 3)}."
         )
-    lines = list(
-        dict.fromkeys(
-            table["label"][
-                np.isin(table["kind"], ["model", "band", fig2.LEAST_SQUARES, "overlay"])
-            ].tolist()
-        )
-    )
+    beside = np.isin(table["kind"], ["model", "band", fig2.LEAST_SQUARES, "overlay"])
+    lines = distinct(table["label"][beside])
     panels = f"{len(parts)} panel{'s' if len(parts) != 1 else ''}"
     return (
         f"Lift change against distance, {panels}. {' '.join(parts)} Drawn beside the data:"

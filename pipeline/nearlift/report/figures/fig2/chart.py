@@ -13,7 +13,7 @@ from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.nomenclature import letter
 from nearlift.report import curves
-from nearlift.report.evidence import Columns, Evidence, levels_N
+from nearlift.report.evidence import Columns, Evidence, levels_N, stack
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.fig2.layers import layers
 from nearlift.report.figures.fig2.points import force_unit, points, throttle_key
@@ -28,6 +28,7 @@ from nearlift.report.page.chart import (
     View,
     column,
     frame,
+    one_of,
     shade,
 )
 from nearlift.results.fit import ModelFit
@@ -57,43 +58,18 @@ def chart(evidence: Evidence) -> Chart:
             for t, label in zip(p["throttle"], p["label"], strict=True)
         }
     )
-    looks = {throttle_key(t): _look(i, len(throttles)) for i, (t, _) in enumerate(throttles)}
+    keys = [throttle_key(t) for t, _ in throttles]
+    looks = {key: _look(i, len(keys)) for i, key in enumerate(keys)}
     views = tuple(_view(evidence, b, p, looks) for b, p in cells.items())
     chosen = tuple(
-        Choice(
-            value=throttle_key(t),
-            label=label,
-            colour=looks[throttle_key(t)][0],
-            shape=looks[throttle_key(t)][1],
-        )
-        for t, label in throttles
+        Choice(value=key, label=label, colour=looks[key][0], shape=looks[key][1])
+        for key, (_, label) in zip(keys, throttles, strict=True)
     )
     controls = (
         Control(signal="throttles", legend="Throttle", choices=chosen, folded=len(chosen) > APART),
-        Control(
-            signal="quantity",
-            legend="Show",
-            kind="one",
-            choices=(
-                Choice(value="delta", label="ΔL"),
-                *(Choice(value=u, label=f"lift in {u}", on=False) for u in UNITS_PER_N),
-            ),
-        ),
-        Control(
-            signal="distance",
-            legend="Distance",
-            kind="one",
-            choices=(Choice(value="radii", label="ẑ"), Choice(value="mm", label="mm", on=False)),
-        ),
-        Control(
-            signal="x_scale",
-            legend="Scale",
-            kind="one",
-            choices=(
-                Choice(value="log", label="logarithmic"),
-                Choice(value="linear", label="linear", on=False),
-            ),
-        ),
+        one_of("quantity", "Show", {"delta": "ΔL"} | {u: f"lift in {u}" for u in UNITS_PER_N}),
+        one_of("distance", "Distance", {"radii": "ẑ", "mm": "mm"}),
+        one_of("x_scale", "Scale", {"log": "logarithmic", "linear": "linear"}),
         Control(
             signal="bands",
             legend="Band",
@@ -209,7 +185,7 @@ def _models(
         fit: ModelFit,
         on: bool,
         drawn: bool = False,
-        band: tuple[FloatArray, FloatArray] | None = None,
+        **band: FloatArray,
     ) -> None:
         i = len(choices) - 1
         # colours are the throttles'
@@ -217,17 +193,10 @@ def _models(
         colour, dash = ("var(--text)", None) if quoted else (GREY, DASHES[i % len(DASHES)])
         choices.append(Choice(value=name, label=label, on=on, colour=colour, dash=dash))
         levels[name] = {throttle_key(t): scale * level for t, level in levels_N(fit, drawn).items()}
-        low, high = band if band is not None else (np.full(GRID, np.nan), np.full(GRID, np.nan))
         keep = np.isfinite(ratio)
-        rows.append(
-            {"z_hat": grid[keep], "ratio": ratio[keep], "lo": low[keep], "hi": high[keep]}
-            | {
-                "model": [name] * int(keep.sum()),
-                "label": [label] * int(keep.sum()),
-                "colour": [colour] * int(keep.sum()),
-            }
-            | {"dash": [list(dash or (1, 0))] * int(keep.sum())}
-        )
+        over_grid = {"z_hat": grid, "ratio": ratio, **band}
+        said = {"model": name, "label": label, "colour": colour}
+        rows.append(said | {key: values[keep] for key, values in over_grid.items()})
 
     curve = fig2.line(evidence, boundary, grid)
     apart = curve.parts(span)
@@ -238,7 +207,8 @@ def _models(
         fitted,
         True,
         curve.sampled,
-        (curve.low + 1, curve.high + 1),
+        lo=curve.low + 1,
+        hi=curve.high + 1,
     )
     if apart:
         quoted = "" if evidence.diagnosed(boundary) else ", as quoted"
@@ -260,21 +230,10 @@ def _models(
             stood = grid + curves.height_found_m(fit) / evidence.observations[boundary].radius_m
             ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **fit.values})
             add(name, f"{fit.title}, least squares", ratio, fit, False)
-    names = ("z_hat", "ratio", "lo", "hi", "model", "label", "colour", "dash")
-    return (
-        {
-            n: column(
-                [
-                    x
-                    for row in rows
-                    for x in (row[n].tolist() if isinstance(row[n], np.ndarray) else row[n])
-                ]
-            )
-            for n in names
-        },
-        choices,
-        levels,
-    )
+    table = stack(rows, ("z_hat", "ratio", "lo", "hi", "model", "label", "colour"))
+    dashes = {c.value: list(c.dash or (1, 0)) for c in choices}
+    table["dash"] = column([dashes[name] for name in table["model"]])
+    return table, choices, levels
 
 
 def _source(evidence: Evidence, boundary: Boundary, curve: curves.Curve, apart: bool) -> str:

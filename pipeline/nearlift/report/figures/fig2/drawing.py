@@ -98,7 +98,8 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     handles: list[Any] = []
     names: list[str] = []
     curve = select(rows, rows["kind"] == "band")
-    banded = bool(np.isfinite(curve["lo90_percent"]).any())
+    low, high = curve["lo90_percent"], curve["hi90_percent"]
+    banded = bool(np.isfinite(low).any())
     for label in distinct(curve["label"]):
         handles += ax.plot(curve["z_hat"], curve["delta_L_percent"], color=FITTED, zorder=3)
         shown = INDEXED.sub(r"$\1_\2$", plain_text(label))
@@ -113,10 +114,9 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
             _points(ax, mine, colour, marker, size=NESTED[i])
         else:
             _points(ax, mine, shade.to_rgba(100 * throttle), "o", thin=True)
-    for mark, label in zip(
-        OVERLAYS, dict.fromkeys(rows["label"][rows["kind"] == "overlay"].tolist()), strict=False
-    ):
-        mine = select(rows, (rows["kind"] == "overlay") & (rows["label"] == label))
+    overlays = select(rows, rows["kind"] == "overlay")
+    for mark, label in zip(OVERLAYS, distinct(overlays["label"]), strict=False):
+        mine = select(overlays, overlays["label"] == label)
         handles.append(
             ax.errorbar(
                 mine["z_hat"],
@@ -133,14 +133,7 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     # limits
     ax.set_ylim(ax.get_ylim())
     ax.set_xlim(ax.get_xlim())
-    band = ax.fill_between(
-        curve["z_hat"],
-        curve["lo90_percent"],
-        curve["hi90_percent"],
-        color=BAND,
-        linewidth=0,
-        zorder=1,
-    )
+    band = ax.fill_between(curve["z_hat"], low, high, color=BAND, linewidth=0, zorder=1)
     if banded:
         handles[:1] = [(band, handles[0])]
     fitted = select(rows, rows["kind"] == "least squares")
@@ -154,10 +147,9 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
             zorder=2.8,
         )
         names.append(plain_text(label))
-    for (colour, dashes), label in zip(
-        REFERENCES, dict.fromkeys(rows["label"][rows["kind"] == "model"].tolist()), strict=False
-    ):
-        theory = select(rows, (rows["kind"] == "model") & (rows["label"] == label))
+    theories = select(rows, rows["kind"] == "model")
+    for (colour, dashes), label in zip(REFERENCES, distinct(theories["label"]), strict=False):
+        theory = select(theories, theories["label"] == label)
         handles += ax.plot(
             theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5
         )

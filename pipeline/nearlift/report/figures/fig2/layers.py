@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nearlift.report.page.chart import Spec
+from nearlift.report.page.chart import Spec, tooltip
 
 TOOLTIP = (
     ("label", "throttle"),
@@ -66,9 +66,7 @@ def layers(span: list[float], without: int) -> list[Spec]:
     ]
     raw: Spec = {"type": "nominal", "scale": None}
     points_of: Spec = {
-        "tooltip": [
-            {"field": field, "type": "nominal", "title": title} for field, title in TOOLTIP
-        ],
+        "tooltip": tooltip(TOOLTIP),
         "description": {"field": "words", "type": "nominal"},
     }
     return [
@@ -135,7 +133,7 @@ def layers(span: list[float], without: int) -> list[Spec]:
             "encoding": {
                 "x": x,
                 "y": y,
-                "tooltip": [{"field": "label", "type": "nominal", "title": "beside"}],
+                "tooltip": tooltip([("label", "beside")]),
             },
         },
         {

@@ -50,15 +50,11 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
     cells, trials = evidence.table(LIFT), evidence.table(TRIALS)
     scale, unit = force_unit(evidence)
     by_fit = evidence.campaign.report.reference == "fit"
-    over = relative_lift(evidence, boundary) if by_fit else None
-    at = (
-        {}
-        if over is None
-        else {
-            key: i
-            for i, key in enumerate(zip(over.throttle.tolist(), over.z_hat.tolist(), strict=True))
-        }
-    )
+    relative: dict[tuple[float, float], tuple[float, float]] = {}
+    if by_fit:
+        over = relative_lift(evidence, boundary)
+        values = np.stack([over.throttle, over.z_hat, 100 * over.delta_L, 100 * over.u], axis=1)
+        relative = {(throttle, z): (delta, u) for throttle, z, delta, u in values.tolist()}
     throttles, data = np.array(trials["throttle"], dtype=float), evidence.observations[boundary]
     if data.curve is not None:
         shown = np.array(data.curve.shown)
@@ -75,13 +71,10 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
         z, throttle = float(cells["z_hat"][i]), float(cells["throttle"][i])
         mine = of_boundary & (trials["z_hat"] == z) & (throttles == throttle)
         delta, u_delta = 100 * float(cells["delta_L"][i]), 100 * float(cells["u_delta_L"][i])
-        if over is not None:
-            if (throttle, z) not in at:
+        if by_fit:
+            if (throttle, z) not in relative:
                 continue
-            delta, u_delta = (
-                100 * float(over.delta_L[at[throttle, z]]),
-                100 * float(over.u[at[throttle, z]]),
-            )
+            delta, u_delta = relative[throttle, z]
         force, u_force = scale * float(cells["lift_N"][i]), scale * float(cells["u_lift_N"][i])
         lost = int((mine & out).sum())
         row = {

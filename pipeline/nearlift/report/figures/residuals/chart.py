@@ -21,7 +21,9 @@ from nearlift.report.page.chart import (
     View,
     column,
     frame,
+    one_of,
     shade,
+    tooltip,
 )
 from nearlift.rounding import plain, plus_minus
 
@@ -44,6 +46,12 @@ TOOLTIP = (
     ("session", "session"),
     ("quality", "quality"),
 )
+MEAN_TOOLTIP = (
+    ("x_text", "$x_title"),
+    ("mean_text", "mean residual"),
+    ("n", "trials"),
+    ("noise_text", "noise expected"),
+)
 
 
 def chart(evidence: Evidence) -> Chart:
@@ -52,41 +60,21 @@ def chart(evidence: Evidence) -> Chart:
     keys = {name: f"c{i}" for i, name in enumerate(names)}
     trials = {b: dots(evidence, b) for b in evidence.boundaries}
     trials = {b: drawn for b, drawn in trials.items() if drawn[2]}
-    every = {
-        (str(k), str(t))
-        for drawn, _, _ in trials.values()
-        for k, t in zip(drawn["throttle"], drawn["label"], strict=True)
-    }
-    labels = dict(sorted(every, key=lambda x: float(x[0])))
-    apart = 1 < len(labels) <= APART
-    colours = {
-        k: (
-            (shade(i, len(labels)) if len(labels) > len(SERIES) else SERIES[i])
-            if apart
-            else SERIES[0]
-        )
-        for i, k in enumerate(labels)
-    }
-    views = tuple(
-        _view(evidence, b, drawn, keys, colours if apart else {}) for b, drawn in trials.items()
+    every = {str(key) for drawn, _, _ in trials.values() for key in drawn["throttle"]}
+    labels = {key: f"{100 * float(key):.3g} %" for key in sorted(every, key=float)}
+    n = len(labels)
+    colours = (
+        {k: shade(i, n) if n > len(SERIES) else SERIES[i] for i, k in enumerate(labels)}
+        if 1 < n <= APART
+        else {}
     )
-    chosen = (
-        tuple(
-            Choice(value=k, label=t, colour=colours[k], shape="circle") for k, t in labels.items()
-        )
-        if apart
-        else ()
+    views = tuple(_view(evidence, b, drawn, keys, colours) for b, drawn in trials.items())
+    chosen = tuple(
+        Choice(value=k, label=labels[k], colour=colour, shape="circle")
+        for k, colour in colours.items()
     )
     controls = (
-        Control(
-            signal="covariate",
-            legend="Against",
-            kind="one",
-            choices=tuple(
-                Choice(value=key, label=word(name), on=i == 0)
-                for i, (name, key) in enumerate(keys.items())
-            ),
-        ),
+        one_of("covariate", "Against", {key: word(name) for name, key in keys.items()}),
         Control(signal="throttles", legend="Throttle", choices=chosen),
         Control(
             signal="shown",
@@ -309,10 +297,7 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
                 "x": x,
                 "y": {**y, "field": "residual"},
                 "fill": {**raw, "field": "colour"},
-                "tooltip": [
-                    {"field": f, "type": "nominal", "title": t}
-                    for f, t in (*TOOLTIP, ("x_text", "$x_title"))
-                ],
+                "tooltip": tooltip((*TOOLTIP, ("x_text", "$x_title"))),
                 "description": {"field": "words", "type": "nominal"},
             },
         },
@@ -346,15 +331,7 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
             "encoding": {
                 "x": x,
                 "y": y,
-                "tooltip": [
-                    {"field": f, "type": "nominal", "title": t}
-                    for f, t in (
-                        ("x_text", "$x_title"),
-                        ("mean_text", "mean residual"),
-                        ("n", "trials"),
-                        ("noise_text", "noise expected"),
-                    )
-                ],
+                "tooltip": tooltip(MEAN_TOOLTIP),
                 "description": {"field": "words", "type": "nominal"},
             },
         },

@@ -4,6 +4,8 @@ by side in columns.
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -30,29 +32,17 @@ def draw(table: Rows, look: Style) -> Figure:
         rows, columns, squeeze=False, sharey="col" if len(boundaries) > 1 else True
     )
     shades = []
-    for line, places in zip(axes, grid, strict=True):
-        for ax, place in zip(line, places, strict=True):
-            chosen = (
-                None
-                if place is None
-                else select(table, (table["panel"] == place[0]) & (table["covariate"] == place[1]))
-            )
-            if place is None or chosen is None or not len(chosen["x"]):
-                ax.set_axis_off()
-                continue
-            shades.append((ax, _panel(ax, chosen, place[1], look)))
+    for ax, (boundary, covariate) in zip(axes.flat, itertools.chain(*grid), strict=True):
+        chosen = select(table, (table["panel"] == boundary) & (table["covariate"] == covariate))
+        if len(chosen["x"]):
+            shades.append((ax, _panel(ax, chosen, covariate, look)))
+        else:
+            ax.set_axis_off()
     for ax, noise in shades:
         # the trials decide the limits; a noise model gone astray is cut off rather than hiding them
         ax.set_ylim(ax.get_ylim())
-        ax.fill_between(
-            noise["x"],
-            -noise["u_residual_percent"],
-            noise["u_residual_percent"],
-            color="0.88",
-            linewidth=0,
-            step="mid",
-            zorder=0,
-        )
+        sigma = noise["u_residual_percent"]
+        ax.fill_between(noise["x"], -sigma, sigma, color="0.88", linewidth=0, step="mid", zorder=0)
     if len(boundaries) > 1:
         for letter, boundary, ax in zip("abc", boundaries, axes[0], strict=False):
             ax.set_title(f"{letter}) {boundary}")
@@ -60,12 +50,12 @@ def draw(table: Rows, look: Style) -> Figure:
     return figure
 
 
-def _grid(boundaries: list[str], covariates: list[str]) -> list[list[tuple[str, str] | None]]:
-    """Which boundary and covariate stand where."""
+def _grid(boundaries: list[str], covariates: list[str]) -> list[list[tuple[str, str]]]:
+    """Which boundary and covariate stand where; without a name, neither."""
     if len(boundaries) > 1:
         return [[(b, c) for b in boundaries] for c in covariates]
-    cells: list[tuple[str, str] | None] = [(boundaries[0], c) for c in covariates]
-    cells += [None] * (-len(cells) % COLUMNS)
+    cells = [(boundaries[0], c) for c in covariates]
+    cells += [("", "")] * (-len(cells) % COLUMNS)
     return [cells[i : i + COLUMNS] for i in range(0, len(cells), COLUMNS)]
 
 

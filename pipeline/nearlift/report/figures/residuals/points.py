@@ -15,7 +15,7 @@ from nearlift.errors import UsageError
 from nearlift.products import TRIALS
 from nearlift.report.evidence import Columns, Evidence, stack, text_column
 from nearlift.report.figures.fig2.points import force_unit, throttle_key
-from nearlift.report.figures.residuals.table import ORDER, bins, covariates, residuals
+from nearlift.report.figures.residuals.table import bins, covariates, ordered, residuals
 from nearlift.rounding import fixed, plain, plus_minus
 
 #: More dots than this are drawn in part, evenly in run order; means are always of all trials.
@@ -42,10 +42,11 @@ def word(covariate: str) -> str:
 
 def every_covariate(evidence: Evidence) -> list[str]:
     """Those that vary near some boundary, in the order of the figure."""
-    varying = dict.fromkeys(
-        name for b in evidence.boundaries for name in covariates(residuals(evidence, b)[0])
+    return ordered(
+        dict.fromkeys(
+            name for b in evidence.boundaries for name in covariates(residuals(evidence, b)[0])
+        )
     )
-    return [*(n for n in ORDER if n in varying), *(n for n in varying if n not in ORDER)]
 
 
 def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]:

@@ -9,6 +9,7 @@ trial as the fit's noise model has it.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -89,18 +90,25 @@ def residuals(
 
 def covariates(data: Observations) -> dict[str, FloatArray]:
     """What residuals are drawn against, in drawing units; what does not vary is left out."""
-    every: dict[str, Any] = {
+    every = recorded(data)
+    varying = [name for name, x in every.items() if len(np.unique(x[np.isfinite(x)])) > 1]
+    return {name: every[name] for name in ordered(varying)}
+
+
+def recorded(data: Observations) -> dict[str, FloatArray]:
+    """Every covariate in drawing units; free air stands at no distance."""
+    return {
+        **data.covariates,
         "z_hat": np.where(np.isfinite(data.z_hat), data.z_hat, np.nan),
         "throttle_percent": 100 * data.throttle,
         "run_order": np.arange(1, data.n + 1, dtype=float),
-        **dict(data.covariates),
         "session": data.session + 1.0,
     }
-    varying = {name: x for name, x in every.items() if len(np.unique(x[np.isfinite(x)])) > 1}
-    return {
-        name: varying[name]
-        for name in (*(n for n in ORDER if n in varying), *(n for n in varying if n not in ORDER))
-    }
+
+
+def ordered(names: Iterable[str]) -> list[str]:
+    """Covariates in the order of the figure."""
+    return sorted(names, key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
 
 
 def _panel(
@@ -109,10 +117,7 @@ def _panel(
     keep = np.isfinite(x) & np.isfinite(residual)
     trial, x, residual, sigma = trial[keep], x[keep], residual[keep], sigma[keep]
     label = bins(x)
-    count = np.bincount(label)
-    centre, mean = np.bincount(label, x) / count, np.bincount(label, residual) / count
-    spread = np.sqrt(np.bincount(label, (residual - mean[label]) ** 2) / np.maximum(count - 1, 1))
-    error = np.where(count > 1, spread / np.sqrt(count), np.nan)
+    count, centre, mean, error = means(x, residual, label)
     expected = np.sqrt(np.bincount(label, sigma**2) / count)
     return [
         {"kind": "trial", "trial": trial, "x": x, "residual_percent": residual},
@@ -125,6 +130,19 @@ def _panel(
         },
         {"kind": "noise", "x": centre, "residual_percent": 0.0, "u_residual_percent": expected},
     ]
+
+
+def means(
+    x: FloatArray, y: FloatArray, label: NDArray[Any]
+) -> tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]:
+    """Of each bin how many there are, the means of `x` and `y`, and the standard error of the
+    latter; nan where there is but one.
+    """
+    count = np.bincount(label)
+    mean = np.bincount(label, y) / count
+    spread = np.sqrt(np.bincount(label, (y - mean[label]) ** 2) / np.maximum(count - 1, 1))
+    error = np.where(count > 1, spread / np.sqrt(count), np.nan)
+    return count, np.bincount(label, x) / count, mean, error
 
 
 def bins(x: FloatArray) -> NDArray[np.int64]:
