@@ -43,8 +43,8 @@ SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattan
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """A curve of the literature, drawn beside the data; `rotors` restricts it to vehicles of
-    several.
+    """A curve of the literature, drawn beside the data; `several_only`: of vehicles with more
+    than one rotor.
     """
 
     boundary: Boundary
