@@ -43,7 +43,7 @@ SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattan
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """A curve of the literature, drawn beside the data; `several_only`: of vehicles with more
+    """A curve of the literature, drawn beside the data; `several_only`: beside vehicles of more
     than one rotor.
     """
 
