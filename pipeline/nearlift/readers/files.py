@@ -169,12 +169,11 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
     if not names:
         return ()
     more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
-    return (
-        (
-            f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a"
-            " row lost, or an id mistyped?"
-        ),
+    note = (
+        f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a row"
+        " lost, or an id mistyped?"
     )
+    return (note,)
 
 
 def source_of(root: Path, path: Path) -> str:

@@ -215,17 +215,13 @@ def _scaled(
             scaled[mine] = (comparison / scale)[mine]
     if np.isfinite(scaled).sum() >= LEAST_TRIALS:
         return contrast, scaled, ""
-    with_others = np.isfinite(contrast).sum()
-    if with_others < LEAST_TRIALS:
-        return (
-            contrast,
-            scaled,
-            (
-                f"{with_others} trials have repeats or neighbours to compare with; at least"
-                f" {LEAST_TRIALS} are wanted"
-            ),
+    why_not = "most trials repeat exactly, so nothing shows how far noise reaches"
+    if (with_others := np.isfinite(contrast).sum()) < LEAST_TRIALS:
+        why_not = (
+            f"{with_others} trials have repeats or neighbours to compare with; at least"
+            f" {LEAST_TRIALS} are wanted"
         )
-    return contrast, scaled, "most trials repeat exactly, so nothing shows how far noise reaches"
+    return contrast, scaled, why_not
 
 
 def _groups(
