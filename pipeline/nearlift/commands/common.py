@@ -166,10 +166,8 @@ def command(function: Callable[..., None], name: str, about: About) -> click.Com
         except BrokenPipeError:
             raise
         except OSError as fault:
-            what, remedy = (
-                (fault.strerror or str(fault)).lower(),
-                "check that it exists, who may read and write it, and the space on the disk",
-            )
+            what = (fault.strerror or str(fault)).lower()
+            remedy = "check that it exists, who may read and write it, and the space on the disk"
             failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
             _end(call, failed, failed.exit_code, f"error: {failed}")
 
@@ -180,16 +178,8 @@ def command(function: Callable[..., None], name: str, about: About) -> click.Com
 
 def _end(call: Call, refusal: NearliftError, code: int, text: str) -> NoReturn:
     if call.as_json:
-        click.echo(
-            json.dumps(
-                {
-                    "exit_code": code,
-                    "where": refusal.where,
-                    "what": refusal.what,
-                    "remedy": refusal.remedy,
-                }
-            )
-        )
+        said = {"where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}
+        click.echo(json.dumps({"exit_code": code, **said}))
     click.echo(text, err=True)
     sys.exit(code)
 

@@ -66,10 +66,8 @@ def zero_of(
     if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
         away := contamination.wander(tare, means, contamination.step_of(live))
     ):
-        codes, u2 = (
-            [*codes, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"],
-            u2 + away**2,
-        )
+        codes = [*codes, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"]
+        u2 += away**2
     if slow and slow.variance > u2:
         u2 = slow.variance
         if slow.is_too_long and not codes and u2 > MATTERS**2 * u2_live:
