@@ -104,7 +104,8 @@ class Call:
             return
         from nearlift.commands.bar import Bar
 
-        with Bar(text) as self.bar:
+        self.bar = Bar(text)
+        with self.bar.progress:
             yield
         self.bar = None
 
