@@ -49,10 +49,8 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
         status = resolved.stat()
     except (FileNotFoundError, NotADirectoryError):
         resolved, status = path.resolve(), None
-    except (
-        OSError,
-        RuntimeError,
-    ) as fault:  # Python before 3.13 raises RuntimeError on a loop of links
+    # Python before 3.13 raises RuntimeError on a loop of links
+    except (OSError, RuntimeError) as fault:
         what = (
             "is a loop of symbolic links"
             if isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP

@@ -79,8 +79,7 @@ def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bo
     """Whether the tare, or a part of it, repeats one value, and not because the converter is too
     coarse to show any noise.
     """
-    if rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n:
+    few = rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n
+    if few or not stuck(tare, rest):
         return False
-    return bool(stuck(tare, rest)) and math.sqrt(
-        run.squares / (run.n - 1)
-    ) > COARSE * contamination.step_of(live)
+    return math.sqrt(run.squares / (run.n - 1)) > COARSE * contamination.step_of(live)
