@@ -4,9 +4,6 @@ already and for how long still.
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Self
-
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -23,7 +20,9 @@ PERIOD_S = 3600.0
 
 
 class Bar:
-    """Gone when its ``with`` block ends; lines that are printed meanwhile stand above it."""
+    """Gone when the ``with`` block of its `progress` ends; lines that are printed meanwhile stand
+    above it.
+    """
 
     def __init__(self, title: str) -> None:
         self.activity = ""
@@ -55,15 +54,3 @@ class Bar:
         self.progress.console.print(
             text, markup=False, highlight=False, emoji=False, soft_wrap=True
         )
-
-    def __enter__(self) -> Self:
-        self.progress.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        fault: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self.progress.stop()

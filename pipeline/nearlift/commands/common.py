@@ -16,7 +16,7 @@ import click
 
 from nearlift.commands import ABOUT, About
 from nearlift.errors import INTERRUPTED, ManifestError, NearliftError, UsageError, brief
-from nearlift.run.workspace import spare_raw, workspace
+from nearlift.run.workspace import workspace
 
 if TYPE_CHECKING:
     from nearlift.commands.bar import Bar
@@ -104,7 +104,8 @@ class Call:
             return
         from nearlift.commands.bar import Bar
 
-        with Bar(text) as self.bar:
+        self.bar = Bar(text)
+        with self.bar.progress:
             yield
         self.bar = None
 
@@ -116,40 +117,19 @@ class Call:
             click.echo(text.rstrip("\n"))
 
     @contextlib.contextmanager
-    def job(self, campaign: Path, executor: str = "", keep: bool = False) -> Iterator[Job]:
-        """The campaign as a job, serial unless said otherwise; `keep` what it knows of its
-        inputs.
+    def job(
+        self, campaign: Path, executor: str = "", keep: bool = False, planned: bool = False
+    ) -> Iterator[Job]:
+        """The campaign as a job, serial unless said otherwise; `keep` what it knows of its inputs;
+        `planned`: it has no records yet.
         """
         from nearlift.run.opening import open_job
 
+        pool = executor or "serial"
         with open_job(
-            campaign, self.out, executor or "serial", self.seed, self.progress, keep, self.line
+            campaign, self.out, pool, self.seed, self.progress, keep, self.line, planned
         ) as job:
             yield job
-
-    @contextlib.contextmanager
-    def planned_job(self, campaign: Path) -> Iterator[Job]:
-        """The campaign as a job that has no records yet: the manifest is checked, no input is
-        looked for.
-        """
-        from nearlift.manifest import campaign as manifests
-        from nearlift.run.executors import open_executor
-        from nearlift.run.job import Job
-        from nearlift.run.transaction import Homes
-
-        loaded = manifests.load(campaign)
-        spare_raw(campaign, self.out)
-        homes = Homes.within(self.out, loaded.name)
-        with open_executor("serial") as pool:
-            yield Job(
-                root=campaign,
-                campaign=loaded,
-                processed=homes.processed,
-                reports=homes.reports,
-                executor=pool,
-                seed=self.seed,
-                say=self.progress,
-            )
 
 
 def declared(name: str) -> Callable[[Callable[..., None]], click.Command]:
@@ -187,10 +167,8 @@ def command(function: Callable[..., None], name: str, about: About) -> click.Com
         except BrokenPipeError:
             raise
         except OSError as fault:
-            what, remedy = (
-                (fault.strerror or str(fault)).lower(),
-                "check that it exists, who may read and write it, and the space on the disk",
-            )
+            what = (fault.strerror or str(fault)).lower()
+            remedy = "check that it exists, who may read and write it, and the space on the disk"
             failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
             _end(call, failed, failed.exit_code, f"error: {failed}")
 
@@ -201,16 +179,8 @@ def command(function: Callable[..., None], name: str, about: About) -> click.Com
 
 def _end(call: Call, refusal: NearliftError, code: int, text: str) -> NoReturn:
     if call.as_json:
-        click.echo(
-            json.dumps(
-                {
-                    "exit_code": code,
-                    "where": refusal.where,
-                    "what": refusal.what,
-                    "remedy": refusal.remedy,
-                }
-            )
-        )
+        said = {"where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}
+        click.echo(json.dumps({"exit_code": code, **said}))
     click.echo(text, err=True)
     sys.exit(code)
 

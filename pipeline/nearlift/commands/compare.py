@@ -45,8 +45,6 @@ class Entry:
     quoted : CoefficientResult
     verdict : str
         Of the loop; ``not_diagnosed`` where it has not run as well.
-    parts : dict of str to float
-        What each declared component of scope boundary or campaign contributes, signed.
     """
 
     campaign: str
@@ -56,7 +54,14 @@ class Entry:
     coefficient: str
     quoted: CoefficientResult
     verdict: Verdict
-    parts: dict[str, float]
+
+    @property
+    def parts(self) -> dict[str, float]:
+        """What each declared component that is one unknown for the whole campaign contributes,
+        signed.
+        """
+        shared = (line for line in self.quoted.budget if line.scope in ("boundary", "campaign"))
+        return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
 
 
 def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
@@ -91,30 +96,19 @@ def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
     results = store.load(folder / RESULTS.file, Results)
     about = store.read_json_if_whole(folder / PROVENANCE.file)
-    listed = []
-    for boundary, result in results.boundaries.items():
-        if not result.headline:
-            continue
-        quoted = result.coefficients[result.headline]
-        listed.append(
-            Entry(
-                campaign=folder.name,
-                vehicle=about.get("vehicle", ""),
-                boundary=boundary,
-                model=result.base_model,
-                coefficient=result.headline,
-                quoted=quoted,
-                verdict=result.verdict,
-                parts=_shared_parts(quoted),
-            )
+    return [
+        Entry(
+            campaign=folder.name,
+            vehicle=about.get("vehicle", ""),
+            boundary=boundary,
+            model=result.base_model,
+            coefficient=result.headline,
+            quoted=result.coefficients[result.headline],
+            verdict=result.verdict,
         )
-    return listed
-
-
-def _shared_parts(quoted: CoefficientResult) -> dict[str, float]:
-    """Signed contribution of each component that is one unknown for the whole campaign."""
-    shared = (line for line in quoted.budget if line.scope in ("boundary", "campaign"))
-    return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
+        for boundary, result in results.boundaries.items()
+        if result.headline
+    ]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,7 +193,6 @@ def run(
     answer what stands in the first.
     """
     from nearlift.report.figures import forest
-    from nearlift.report.figures import forest as draw_forest
     from nearlift.report.figures.encoding import render
     from nearlift.report.figures.style import style
     from nearlift.report.page import comparison
@@ -215,7 +208,7 @@ def run(
     }
     target = out / "reports" / FOLDER
     rows = forest.summarise(content)
-    files = render(draw_forest.draw, rows, style(look))
+    files = render(forest.draw, rows, style(look))
     for kind in ("pdf", "png"):
         store.write_bytes(target / f"forest.{kind}", files[kind])
     store.write_bytes(target / "forest.csv", to_csv(rows))
@@ -298,27 +291,24 @@ def _chance(p: float) -> str:
 
 
 def _document(group: Group) -> dict[str, Any]:
-    campaigns = [
-        {
-            "campaign": e.campaign,
-            "vehicle": e.vehicle,
-            "verdict": e.verdict,
-            "quoted": {
-                k: getattr(e.quoted, k) for k in ("value", "u", "lo90", "hi90", "unit", "holds")
-            },
-            "in_population": _estimate(group.together.campaigns[i]) if group.together else None,
-        }
-        for i, e in enumerate(group.entries)
-    ]
+    p = group.together
     encoded: dict[str, object] = {
         "boundary": group.boundary,
         "model": group.model,
         "coefficient": group.coefficient,
-        "campaigns": campaigns,
+        "campaigns": [
+            {
+                "campaign": e.campaign,
+                "vehicle": e.vehicle,
+                "verdict": e.verdict,
+                "quoted": {**_estimate(e.quoted), "holds": e.quoted.holds},
+                "in_population": _estimate(p.campaigns[i]) if p else None,
+            }
+            for i, e in enumerate(group.entries)
+        ],
+        "remarks": remarks(group),
     }
-    encoded["remarks"] = remarks(group)
-    if group.together is not None:
-        p = group.together
+    if p is not None:
         encoded["population"] = {
             "mean": _estimate(p.mean),
             "spread": _estimate(p.spread),
@@ -335,7 +325,7 @@ def _document(group: Group) -> dict[str, Any]:
     return encoded
 
 
-def _estimate(e: Estimate) -> dict[str, object]:
+def _estimate(e: Estimate | CoefficientResult) -> dict[str, object]:
     return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit}
 
 

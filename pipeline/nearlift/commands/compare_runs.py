@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -140,7 +141,7 @@ def run(a: Path, b: Path) -> RunComparison:
     """
     one, two = (_side(path) for path in (a, b))
     whole = one.ledger is not None and two.ledger is not None
-    changed: dict[str, Differences] = {}
+    changed: dict[str, Any] = {}
     same: dict[str, int] = {}
     for part in PARTS:
         pair = [_part(side.ledger, part) if side.ledger and whole else {} for side in (one, two)]
@@ -151,13 +152,7 @@ def run(a: Path, b: Path) -> RunComparison:
     return RunComparison(
         runs=(one.about, two.about),
         same=same,
-        inputs=changed["inputs"],
-        manifest=changed["manifest"],
-        options=changed["options"],
-        versions=changed["versions"],
-        code=changed["code"],
-        products=changed["products"],
-        report=changed["report"],
+        **changed,
         coefficients=tuple(
             _moved(key, numbers[0].get(key), numbers[1].get(key))
             for key in dict.fromkeys([*numbers[0], *numbers[1]])

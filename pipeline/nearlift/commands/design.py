@@ -34,6 +34,6 @@ def command(call: Call, campaign: Path, noise_from: str | None, write: Path | No
     if noise_from is not None:
         settled(Homes.within(call.out, noise_from))
         earlier = call.out / "processed" / noise_from
-    with call.planned_job(campaign) as job, call.busy(f"nearlift: {job.campaign.name}"):
+    with call.job(campaign, planned=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
         answer = design.run(job, earlier=earlier, write=write)
     call.answer(encode(answer), text(answer))

@@ -29,17 +29,9 @@ def described(inspected: Inspection) -> str:
     for c in inspected.contents.channels:
         known = c.values[np.isfinite(c.values)]
         low, high = (f"{known.min():.6g}", f"{known.max():.6g}") if len(known) else ("-", "-")
-        rows.append(
-            (
-                c.name,
-                c.unit or "-",
-                str(len(c.values)),
-                f"{c.rate_Hz:.6g}" if c.rate_Hz else "-",
-                low,
-                high,
-                sparkline(c.values),
-            )
-        )
+        rate = f"{c.rate_Hz:.6g}" if c.rate_Hz else "-"
+        values = str(len(c.values)), rate, low, high, sparkline(c.values)
+        rows.append((c.name, c.unit or "-", *values))
     widths = [max(len(row[i]) for row in rows) for i in range(6)]
     lines += [
         "  "

@@ -12,7 +12,7 @@ import numpy as np
 from nearlift.commands import flight_logs, grids, meaning
 from nearlift.commands.inspection import Inspection
 from nearlift.commands.tables import Table
-from nearlift.readers.channel import AS_FORCE, FORCE_UNITS
+from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel
 
 #: [records] of a table of means.
 MEANS = '[records]\nreader = "means"                     # mean lifts in the schedule, no samples\n'
@@ -35,11 +35,13 @@ def flight_records(inspected: Inspection, files: str) -> str:
     """The [records] table of flight logs."""
     lines = ["[records]", f'reader = "{inspected.reader}"', f"files  = {json.dumps(files)}"]
     if inspected.clock is not None and not inspected.clock.name.endswith(".time"):
-        column = json.dumps(inspected.clock.name, ensure_ascii=False)
-        lines.append(
-            f'time   = {{ column = {column}, unit = "{inspected.clock.unit or "FILL IN"}" }}'
-        )
+        lines.append(_clock(inspected.clock))
     return "\n".join(lines) + "\n\n"
+
+
+def _clock(channel: Channel) -> str:
+    column = json.dumps(channel.name, ensure_ascii=False)
+    return f'time   = {{ column = {column}, unit = "{channel.unit or "FILL IN"}" }}'
 
 
 def trials_block(table: Table) -> str:
@@ -68,13 +70,11 @@ def records_block(inspected: Inspection, files: str | None = None) -> str:
         if inspected.reader == "parquet"
         else f"{{{'trial' if inspected.ramp is None else 'record'}}}{inspected.path.suffix}"
     )
-    rates = {
-        c.rate_Hz
-        for c in ([inspected.force] if inspected.force is not None else inspected.contents.channels)
-    }
+    force, clock, doubt = inspected.force, inspected.clock, inspected.doubt
+    channels = inspected.contents.channels
+    rates = {c.rate_Hz for c in ([force] if force is not None else channels)}
     rate = rates.pop() if len(rates) == 1 else None
     why = "the file does not say" if rates <= {None} else "that of the force: the channels differ"
-    doubt = inspected.doubt
     lines = [
         "[load_cell]",
         (
@@ -82,27 +82,23 @@ def records_block(inspected: Inspection, files: str | None = None) -> str:
             if rate and not doubt
             else f'sample_rate = "FILL IN Hz"           # {doubt or why}'
         ),
-    ]
-    lines += [
         (
             'tare        = "FILL IN s"            # rotors-stopped head of every record; "0 s":'
             ' already tared; "none": nobody knows'
         ),
         "",
-    ]
-    lines += [
         "[records]",
         f'reader = "{inspected.reader}"',
         f"files  = {json.dumps(pattern, ensure_ascii=False)}",
     ]
-    if inspected.force is None:
-        names = ", ".join(c.name for c in inspected.contents.channels[:8])
+    if force is None:
+        names = ", ".join(c.name for c in channels[:8])
         lines.append(
             f'force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # one of: {names}'
         )
     else:
-        unit = AS_FORCE.get(inspected.force.unit, inspected.force.unit)
-        column = json.dumps(inspected.force.name, ensure_ascii=False)
+        unit = AS_FORCE.get(force.unit, force.unit)
+        column = json.dumps(force.name, ensure_ascii=False)
         if unit == "count":
             lines.append(
                 f'force  = {{ column = {column}, unit = "count", sign = 1, calibration = {{ gain ='
@@ -110,7 +106,7 @@ def records_block(inspected: Inspection, files: str | None = None) -> str:
             )
         else:
             remarks = [] if unit in FORCE_UNITS else ["the file does not say the unit"]
-            known = inspected.force.values[np.isfinite(inspected.force.values)]
+            known = force.values[np.isfinite(force.values)]
             if len(known) and -float(known.min()) > 3 * abs(float(known.max())):
                 remarks.append("sign = -1 if lift makes these numbers negative")
             remark = "   # " + "; ".join(remarks) if remarks else ""
@@ -118,7 +114,7 @@ def records_block(inspected: Inspection, files: str | None = None) -> str:
                 f"force  = {{ column = {column}, unit ="
                 f' "{unit if unit in FORCE_UNITS else "FILL IN"}", sign = 1 }}{remark}'
             )
-    named = {"columns": [c.name for c in inspected.contents.channels]} if inspected.columns else {}
+    named = {"columns": [c.name for c in channels]} if inspected.columns else {}
     if dialect := {**inspected.dialect, **named}:
         # texts, whole numbers, booleans and lists of texts are the same in JSON
         items = ", ".join(
@@ -128,15 +124,10 @@ def records_block(inspected: Inspection, files: str | None = None) -> str:
             f"dialect = {{ {items} }}"
             + ("   # the file names none: FILL IN what they are" if named else "")
         )
-    if inspected.clock is not None and inspected.clock is not inspected.force and not doubt:
-        # a clock whose unit cannot be right is left out
-        seconds = (
-            None if inspected.clock.unit else meaning.clock_rate(replace(inspected.clock, unit="s"))
-        )
-        lines.append(
-            f"time   = {{ column = {json.dumps(inspected.clock.name, ensure_ascii=False)}, unit ="
-            f' "{inspected.clock.unit or "FILL IN"}" }}'
-            + (f"   # in s the rate is {seconds:.6g} Hz" if seconds else "")
-        )
+    # a clock whose unit cannot be right is left out
+    if clock is not None and clock is not force and not doubt:
+        seconds = None if clock.unit else meaning.clock_rate(replace(clock, unit="s"))
+        remark = f"   # in s the rate is {seconds:.6g} Hz" if seconds else ""
+        lines.append(_clock(clock) + remark)
     cut = "" if inspected.ramp is None or files is not None else f"\n{inspected.ramp.segments}"
     return "\n".join(lines) + "\n" + cut

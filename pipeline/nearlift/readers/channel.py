@@ -19,35 +19,29 @@ from nearlift.errors import InputRefused
 RecordsDialect = Mapping[str, object]
 #: The names of the channels wanted; None for all.
 Names = tuple[str, ...] | None
-#: What nearlift calls a unit, and how instruments write it, folded; then those written alike.
+#: What nearlift calls a unit, and so do instruments in letters of any size; what else they write,
+#: folded.
+_UNITS = (
+    *("N", "mN", "kN", "gf", "kgf", "lbf", "ozf", "g", "kg", "lb", "oz", "count", "percent"),
+    *("s", "ms", "us", "Hz", "kHz", "rpm", "m", "mm", "cm", "m/s", "m/s^2", "deg", "rad"),
+    *("V", "mV", "A", "mA", "W", "degC", "K", "Pa", "hPa", "kPa", "N m"),
+)
 _WRITTEN = {
-    "N": ("n", "newton", "newtons"),
-    "mN": ("mn",),
-    "kN": ("kn",),
-    "g": ("g", "gram", "grams"),
-    "lb": ("lb",),
-    "count": ("count", "counts"),
-    "s": ("s", "sec", "second", "seconds"),
-    "V": ("v", "volt", "volts"),
-    "mV": ("mv",),
-    "A": ("a", "amps"),
-    "mA": ("ma",),
-    "W": ("w",),
-    "Hz": ("hz",),
-    "kHz": ("khz",),
-    "percent": ("%", "percent"),
-    "degC": ("degc", "°c", "c"),
-    "K": ("k",),
-    "Pa": ("pa",),
-    "hPa": ("hpa",),
-    "kPa": ("kpa",),
-    "m/s^2": ("m/s^2", "m/s2"),
-    "N m": ("nm", "n m", "n·m"),
+    "N": ("newton", "newtons"),
+    "g": ("gram", "grams"),
+    "count": ("counts",),
+    "s": ("sec", "second", "seconds"),
+    "us": ("μs", "microseconds"),
+    "V": ("volt", "volts"),
+    "A": ("amps",),
+    "percent": ("%",),
+    "degC": ("°c", "c"),
+    "m/s^2": ("m/s2",),
+    "N m": ("nm", "n·m"),
     "": ("-", "1"),
 }
-_ALIKE = ("gf", "kg", "kgf", "lbf", "ozf", "oz", "ms", "us", "rpm", "m", "mm", "cm", "m/s")
-UNITS = {word: unit for unit, words in _WRITTEN.items() for word in words} | {
-    unit: unit for unit in (*_ALIKE, "deg", "rad")
+UNITS = {unit.casefold(): unit for unit in _UNITS} | {
+    word: unit for unit, words in _WRITTEN.items() for word in words
 }
 #: What a load cell means by a unit of mass.
 AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}
@@ -108,10 +102,7 @@ def unit_word(cell: str) -> str | None:
     for none.
     """
     plain = fold(cell.strip().strip("()[]"))
-    if not plain:
-        return ""
-    plain = "us" if plain in ("μs", "microseconds") else plain
-    return UNITS.get(plain)
+    return UNITS.get(plain) if plain else ""
 
 
 def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Channel:

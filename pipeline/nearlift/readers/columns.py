@@ -232,15 +232,8 @@ def ids(cells: ColumnTexts) -> NDArray[Any]:
         name = text.strip()
         shown = name.isprintable() or all(unicodedata.category(c) not in _UNSEEN for c in name)
         if not name or not shown:
-            raise ManifestError(
-                cells.at(i),
-                (
-                    "holds no trial id"
-                    if not name
-                    else f"{name!a} holds a character that does not show"
-                ),
-                "give every trial an id of its own",
-            )
+            what = f"{name!a} holds a character that does not show" if name else "holds no trial id"
+            raise ManifestError(cells.at(i), what, "give every trial an id of its own")
         if name in first:
             raise ManifestError(
                 cells.at(i),

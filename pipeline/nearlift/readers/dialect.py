@@ -22,7 +22,7 @@ from dataclasses import replace
 from nearlift.errors import InputRefused
 from nearlift.readers import table
 from nearlift.readers.channel import split_unit, unit_word
-from nearlift.readers.layout import SPOKEN, UNGIVEN, Given, Layout, encoding_of
+from nearlift.readers.layout import NAMED, SPOKEN, UNGIVEN, Given, Layout, encoding_of
 from nearlift.readers.table import BLANKS, NONE, CellSyntax, cut_at, label, row_of
 from nearlift.readers.words import value_of
 from nearlift.units import NUMBER
@@ -32,9 +32,7 @@ from nearlift.units import NUMBER
 HEAD, SHORT = 1 << 16, 100
 #: Rows in which two dialects must read the same numbers, or the file is ambiguous.
 READ = 20
-SEPARATORS = ("\t", ";", ",", "|", BLANKS, NONE)
-#: How a manifest may call a separator.
-NAMED = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": BLANKS, "none": NONE}
+SEPARATORS = tuple(NAMED.values())
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
 
 

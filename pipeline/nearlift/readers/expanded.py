@@ -115,11 +115,9 @@ def _together(
         factor, _ = cut.level().linear(dimension_of(cut.maps), "segments")
         values = columns[cut.maps]
         order = np.argsort(values)[: np.count_nonzero(np.isfinite(values))]
-        first = 0
+        first, reach = 0, cut.hold * abs(factor) * (1 + 1e-9)
         for k in range(1, len(order) + 1):
-            wide = k < len(order) and values[order[k]] - values[order[first]] > cut.hold * abs(
-                factor
-            ) * (1 + 1e-9)
+            wide = k < len(order) and values[order[k]] - values[order[first]] > reach
             if wide or k == len(order):
                 values[order[first:k]] = np.median(values[order[first:k]])
                 first = k

@@ -49,10 +49,8 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
         status = resolved.stat()
     except (FileNotFoundError, NotADirectoryError):
         resolved, status = path.resolve(), None
-    except (
-        OSError,
-        RuntimeError,
-    ) as fault:  # Python before 3.13 raises RuntimeError on a loop of links
+    # Python before 3.13 raises RuntimeError on a loop of links
+    except (OSError, RuntimeError) as fault:
         what = (
             "is a loop of symbolic links"
             if isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP
@@ -169,12 +167,11 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
     if not names:
         return ()
     more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
-    return (
-        (
-            f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a"
-            " row lost, or an id mistyped?"
-        ),
+    note = (
+        f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a row"
+        " lost, or an id mistyped?"
     )
+    return (note,)
 
 
 def source_of(root: Path, path: Path) -> str:

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect, unit_word, wanted
 from nearlift.readers.per_file import Format, reader_of
@@ -91,18 +90,22 @@ def datasets(
 
 def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     """The channels of one dataset."""
+    dtype = item.dtype
     # without samples there is no shape
-    dtype, shape = item.dtype, item.shape or ()
-    chosen: list[tuple[str, Any]] = []
+    shape: tuple[int, ...] = item.shape or ()
+    chosen: list[tuple[str, Any, Any]] = []
     if dtype.names:
         chosen = [
-            (f"{name}/{field}", item.fields(field))
+            (f"{name}/{field}", item.fields(field), ())
             for field in dtype.names
             if dtype[field].kind in "iuf" and len(shape) == 1
         ]
     elif dtype.kind in "iuf" and len(shape) in (1, 2):
-        chosen = list(columns(name, shape))
-    chosen = [(path, part) for path, part in chosen if wanted(path, names)]
+        if len(shape) == 1 or min(shape) == 1:
+            chosen = [(name, item, ())]
+        elif shape[1] <= MOST_COLUMNS:
+            chosen = [(f"{name}[{i}]", item, np.s_[:, i]) for i in range(shape[1])]
+    chosen = [(path, part, place) for path, part, place in chosen if wanted(path, names)]
     if not chosen:
         return
     # most have none, and to look for them takes as long as to open a dataset
@@ -112,24 +115,9 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     stated = next((text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
     unit = unit_word(stated) or stated
     rate = rate_from(attributes)
-    for path, part in chosen:
-        values = np.asarray(part[()], dtype=np.float64) if dtype.names else series(item, part)
+    for path, part, place in chosen:
+        values = np.asarray(part[place], dtype=np.float64).reshape(-1)
         yield Channel(name=path, unit=unit, rate_Hz=rate, values=values)
-
-
-def columns(name: str, shape: tuple[int, ...]) -> list[tuple[str, int | None]]:
-    """The names of a dataset's series, and which column each is (None: the whole)."""
-    if len(shape) == 1 or min(shape) == 1:
-        return [(name, None)]
-    return [(f"{name}[{i}]", i) for i in range(shape[1])] if shape[1] <= MOST_COLUMNS else []
-
-
-def series(item: Any, column: int | None) -> FloatArray:
-    """One series of a dataset as float64."""
-    values: FloatArray = np.asarray(
-        item[()] if column is None else item[:, column], dtype=np.float64
-    ).reshape(-1)
-    return values
 
 
 def text(value: Any) -> str:

@@ -10,14 +10,9 @@ from dataclasses import dataclass
 from nearlift.errors import InputRefused
 from nearlift.readers.table import BLANKS, NONE, CellSyntax
 
-SPOKEN = {
-    "\t": "tabs",
-    ";": "semicolons",
-    ",": "commas",
-    "|": "bars",
-    BLANKS: "blanks",
-    NONE: "line ends",
-}
+#: How a manifest may call a separator, and how a sentence does.
+NAMED = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": BLANKS, "none": NONE}
+SPOKEN = {sign: f"{name}s" for name, sign in NAMED.items()} | {NONE: "line ends"}
 
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),

@@ -320,12 +320,11 @@ def _backwards(cells: ColumnTexts, start_s: FloatArray, session: NDArray[Any] | 
         return []
     row = int(known[1:][earlier][0])
     others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
-    return [
-        (
-            f"{cells.at(row)}: {cells.texts[row].strip()} lies before the row above{others}: rows"
-            " stand in the order in which they were run"
-        )
-    ]
+    note = (
+        f"{cells.at(row)}: {cells.texts[row].strip()} lies before the row above{others}: rows"
+        " stand in the order in which they were run"
+    )
+    return [note]
 
 
 def reserved() -> set[str]:

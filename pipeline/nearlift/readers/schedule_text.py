@@ -37,12 +37,11 @@ def unended(path: Path, text: str) -> list[str]:
     last = text[max(text.rfind("\n"), text.rfind("\r")) + 1 :]
     if not last.strip():
         return []
-    return [
-        (
-            f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there,"
-            " that row is wrong and more may be lost; end the line"
-        )
-    ]
+    note = (
+        f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
+        " row is wrong and more may be lost; end the line"
+    )
+    return [note]
 
 
 def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, ColumnTexts]:

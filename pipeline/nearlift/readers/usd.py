@@ -35,19 +35,9 @@ KIND = "Crazyflie uSD log"
 RESIDUE = 0xFFFFFFFF
 #: Type letters (as Python's struct) to numpy's.
 TYPES = {
-    "B": "u1",
-    "b": "i1",
-    "H": "<u2",
-    "h": "<i2",
-    "I": "<u4",
-    "i": "<i4",
-    "L": "<u4",
-    "l": "<i4",
-    "Q": "<u8",
-    "q": "<i8",
-    "e": "<f2",
-    "f": "<f4",
-    "d": "<f8",
+    letter: f"<{kind}{struct.calcsize(f'<{letter}')}"
+    for kind, letters in {"u": "BHILQ", "i": "bhilq", "f": "efd"}.items()
+    for letter in letters
 }
 #: Version to the clock's type and its unit in s.
 CLOCKS = {1: ("<u4", 1e-3), 2: ("<u8", 1e-6)}

@@ -100,12 +100,8 @@ def reduce(
     far, near = _reference(z, t), np.isfinite(z)
     over = mean / mean[far]
     # a cell and its reference stand at two distances, which share nothing
-    variance = (
-        np.where(
-            far == np.arange(len(mean)), 0.0, scatter.variance + over**2 * scatter.variance[far]
-        )
-        / mean[far] ** 2
-    )
+    both = scatter.variance + over**2 * scatter.variance[far]
+    variance = np.where(far == np.arange(len(mean)), 0.0, both) / mean[far] ** 2
     return Cells(
         z_hat=z[near],
         throttle=t[near],

@@ -215,17 +215,13 @@ def _scaled(
             scaled[mine] = (comparison / scale)[mine]
     if np.isfinite(scaled).sum() >= LEAST_TRIALS:
         return contrast, scaled, ""
-    with_others = np.isfinite(contrast).sum()
-    if with_others < LEAST_TRIALS:
-        return (
-            contrast,
-            scaled,
-            (
-                f"{with_others} trials have repeats or neighbours to compare with; at least"
-                f" {LEAST_TRIALS} are wanted"
-            ),
+    why_not = "most trials repeat exactly, so nothing shows how far noise reaches"
+    if (with_others := np.isfinite(contrast).sum()) < LEAST_TRIALS:
+        why_not = (
+            f"{with_others} trials have repeats or neighbours to compare with; at least"
+            f" {LEAST_TRIALS} are wanted"
         )
-    return contrast, scaled, "most trials repeat exactly, so nothing shows how far noise reaches"
+    return contrast, scaled, why_not
 
 
 def _groups(
@@ -291,9 +287,8 @@ def _tail(reference: FloatArray, size: FloatArray) -> FloatArray:
     scale = ordered[n // 2] * SD_PER_MAD * np.exp(np.linspace(-1.5, 1.0, 41))
     x = body / scale[:, None]
     density = np.log(_student_peak(dof) / np.sqrt(dof)) - np.log(scale)
-    inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]]) + len(
-        body
-    ) * (density + np.log(2))
+    inside = np.stack([-(d + 1) / 2 * np.log1p(x**2 / d).sum(axis=1) for d in dof[:, 0]])
+    inside += len(body) * (density + np.log(2))
     begins = np.maximum(2 * student_tail(dof, start / scale), 1e-300)
     beyond = np.maximum(2 * student_tail(dof, end / scale), 1e-300)
     # only what lies beyond the start speaks of the tail, given that it does

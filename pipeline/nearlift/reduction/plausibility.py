@@ -301,12 +301,11 @@ def odd_weight(
     if not peaks or ODD[0] < max(peaks) / weight_N < ODD[1]:
         return []
     ratio = max(peaks) / weight_N
-    return [
-        (
-            f"the largest lift far away is {ratio:.3g} times the weight, which is unusual;"
-            f" {_other_unit(max(peaks), weight_N, unit)} ({key} is {unit})"
-        )
-    ]
+    note = (
+        f"the largest lift far away is {ratio:.3g} times the weight, which is unusual;"
+        f" {_other_unit(max(peaks), weight_N, unit)} ({key} is {unit})"
+    )
+    return [note]
 
 
 def overstated(table: Mapping[str, NDArray[Any]], campaign: Campaign) -> list[str]:

@@ -105,20 +105,16 @@ def reduce_record(
     tare, live = force_N[:head] if tare_N is None else tare_N, force_N[start:]
     # numbers that are none are left out below
     with np.errstate(over="ignore", invalid="ignore"):
-        (quiet, rest), (density, run) = (
-            spectral_density_at_zero(tare, rate_Hz, tone=False),
-            spectral_density_at_zero(live, rate_Hz),
-        )
+        quiet, rest = spectral_density_at_zero(tare, rate_Hz, tone=False)
+        density, run = spectral_density_at_zero(live, rate_Hz)
     if not (
         math.isfinite(rest.mean + run.mean)
         and max(run.high, -run.low, rest.high, -rest.low) <= (limits.range_N or LARGEST_N)
     ):
         whole = len(tare) + len(live)
         tare, live = forces(tare, limits.range_N), forces(live, limits.range_N)
-        (quiet, rest), (density, run) = (
-            spectral_density_at_zero(tare, rate_Hz, tone=False),
-            spectral_density_at_zero(live, rate_Hz),
-        )
+        quiet, rest = spectral_density_at_zero(tare, rate_Hz, tone=False)
+        density, run = spectral_density_at_zero(live, rate_Hz)
         if rest.n + run.n < whole:
             flags.append(
                 "OUT_OF_RANGE"

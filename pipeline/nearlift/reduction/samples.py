@@ -60,10 +60,8 @@ def _far(live: FloatArray) -> NDArray[np.bool_]:
     """Mask of the few samples more than six standard deviations off, also those that hide behind
     larger ones.
     """
-    far, hidden = (
-        np.zeros(len(live), dtype=bool),
-        contamination.HIDDEN * contamination.step_of(live),
-    )
+    far = np.zeros(len(live), dtype=bool)
+    hidden = contamination.HIDDEN * contamination.step_of(live)
     for _ in range(5):
         rest = live[~far]
         more = np.abs(live - rest.mean()) > FAR * max(float(rest.std()), hidden)

@@ -171,9 +171,8 @@ def _whitener(m: int, degree: int) -> FloatArray:
     """From means to contrasts with a polynomial, of unit covariance for white noise; (m - 1 -
     degree, m).
     """
-    contrasts = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, m), degree + 1), mode="complete")[0][
-        :, degree + 1 :
-    ]
+    basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, m), degree + 1), mode="complete")[0]
+    contrasts = basis[:, degree + 1 :]
     # neighbours share half their samples
     row = np.zeros(m)
     row[:2] = 1.0, OVERLAP

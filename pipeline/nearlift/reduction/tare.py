@@ -66,10 +66,8 @@ def zero_of(
     if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
         away := contamination.wander(tare, means, contamination.step_of(live))
     ):
-        codes, u2 = (
-            [*codes, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"],
-            u2 + away**2,
-        )
+        codes = [*codes, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"]
+        u2 += away**2
     if slow and slow.variance > u2:
         u2 = slow.variance
         if slow.is_too_long and not codes and u2 > MATTERS**2 * u2_live:
@@ -81,8 +79,7 @@ def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bo
     """Whether the tare, or a part of it, repeats one value, and not because the converter is too
     coarse to show any noise.
     """
-    if rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n:
+    few = rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n
+    if few or not stuck(tare, rest):
         return False
-    return bool(stuck(tare, rest)) and math.sqrt(
-        run.squares / (run.n - 1)
-    ) > COARSE * contamination.step_of(live)
+    return math.sqrt(run.squares / (run.n - 1)) > COARSE * contamination.step_of(live)

@@ -127,14 +127,8 @@ def _acquired(path: Path) -> tuple[int, str]:
     }
     os.ftruncate(descriptor, 0)
     os.pwrite(descriptor, json.dumps(mine).encode(), 0)
-    return (
-        descriptor,
-        (
-            f"an earlier run was killed: {_named(owner)}; what it left unfinished is made again"
-            if owner
-            else ""
-        ),
-    )
+    killed = f"an earlier run was killed: {_named(owner)}; what it left unfinished is made again"
+    return descriptor, killed if owner else ""
 
 
 def _flock(descriptor: int) -> bool:

@@ -4,6 +4,7 @@ whole campaigns, a few at a time.
 
 from __future__ import annotations
 
+import functools
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,16 +21,6 @@ from nearlift.run.opening import open_job
 #: From the least to the gravest; a campaign that ran but lost trials is better off than one that
 #: did not run.
 GRAVITY = (0, SOME_TRIALS_REJECTED, 2, 5, 4)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Spec:
-    """One campaign to be run, as plain values that any process can be sent."""
-
-    root: str
-    out: str
-    executor: str
-    seed: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,34 +61,30 @@ def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[
     apart = executor.startswith(("processes", "dask"))
     # the workers of a cluster have current folders of their own
     there = Path.absolute if executor.startswith("dask") else Path
-    specs = [
-        Spec(
-            root=str(there(root)),
-            out=str(there(out)),
-            executor="serial" if apart else executor,
-            seed=seed,
-        )
-        for root in roots
-    ]
+    inner = "serial" if apart else executor
+    task = functools.partial(run_one, out=str(there(out)), executor=inner, seed=seed)
+    places = [str(there(root)) for root in roots]
     if apart:
         with open_executor(executor) as pool:
-            yield from ordered(pool, run_one, specs, ahead=max(len(specs), 1))
+            yield from ordered(pool, task, places, ahead=max(len(places), 1))
     else:
-        yield from map(run_one, specs)
+        yield from map(task, places)
 
 
-def run_one(spec: Spec) -> End:
-    """Run one campaign; a refusal is an answer like any other."""
+def run_one(root: str, out: str, executor: str, seed: int) -> End:
+    """Run one campaign, of plain values that any process can be sent; a refusal is an answer like
+    any other.
+    """
     start, used = time.perf_counter(), time.process_time()
-    end = _run(spec)
+    end = _run(root, out, executor, seed)
     return replace(end, wall_s=time.perf_counter() - start, cpu_s=time.process_time() - used)
 
 
-def _run(spec: Spec) -> End:
-    name, ran = spec.root, []
+def _run(root: str, out: str, executor: str, seed: int) -> End:
+    name, ran = root, []
     try:
         rejected = 0
-        with open_job(Path(spec.root), Path(spec.out), spec.executor, spec.seed) as job:
+        with open_job(Path(root), Path(out), executor, seed) as job:
             name = job.campaign.name
             for step in graph.run(job):
                 rejected += len(step.outcome.rejected)

@@ -11,7 +11,7 @@ from pathlib import Path
 from nearlift.manifest import campaign as manifests
 from nearlift.run import provenance
 from nearlift.run.executors import open_executor, threads_of
-from nearlift.run.inputs import digests, remember
+from nearlift.run.inputs import Stamps, digests, remember
 from nearlift.run.job import Job, Say, silent
 from nearlift.run.lock import settled
 from nearlift.run.transaction import Homes
@@ -28,9 +28,11 @@ def open_job(
     say: Say = silent,
     keep: bool = True,
     announce: Callable[[str], None] = silent,
+    planned: bool = False,
 ) -> Iterator[Job]:
     """The campaign as a job: manifest checked, inputs digested, executor open; `keep` what a
-    finished job knows of its inputs for the next.
+    finished job knows of its inputs for the next. One that is only `planned` has no records yet:
+    no input is looked for.
     """
     if executor.startswith("dask"):
         # the workers of a cluster have current folders of their own
@@ -38,7 +40,6 @@ def open_job(
     loaded = manifests.load(root)
     spare_raw(root, out)
     homes = Homes.within(out, loaded.name)
-    settled(homes)
 
     def meanwhile() -> None:
         if keep:
@@ -46,7 +47,11 @@ def open_job(
             provenance.code_digest()
             provenance.versions()
 
-    inputs, stamps = digests(root, loaded, homes.processed, meanwhile)
+    inputs: dict[str, str] = {}
+    stamps: Stamps = {}
+    if not planned:
+        settled(homes)
+        inputs, stamps = digests(root, loaded, homes.processed, meanwhile)
     with open_executor(executor) as pool:
         yield Job(
             root=root,
@@ -60,5 +65,5 @@ def open_job(
             say=say,
             announce=announce,
         )
-    if keep:
+    if keep and not planned:
         remember(homes.processed, stamps)

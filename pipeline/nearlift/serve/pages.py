@@ -113,11 +113,8 @@ def begin(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     what, title, result, campaign = query.one("do"), "", "", ""
     if what == "compare":
         names = [workspace.campaign(given).name for given in query.all("campaign")]
-        words, title, result = (
-            ("compare", *names),
-            "Comparison",
-            "/file/reports/comparison/index.html",
-        )
+        words, title = ("compare", *names), "Comparison"
+        result = "/file/reports/comparison/index.html"
     elif what == "watch":
         place = workspace.campaign(query.one("campaign"))
         workspace.begin(watch_words(place), f"watch {place.name}", campaign=place.given)

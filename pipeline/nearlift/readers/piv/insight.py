@@ -43,10 +43,8 @@ def read(path: Path) -> Iterator[Raw]:
             "export it again",
         )
     unit = [name.partition(" ")[2] or None for name in names]
-    um, us = (
-        _number(header, "MicrometersPerPixelX", path),
-        _number(header, "MicrosecondsPerDeltaT", path),
-    )
+    um = _number(header, "MicrometersPerPixelX", path)
+    us = _number(header, "MicrosecondsPerDeltaT", path)
     yield Raw(
         *table[:, :4].T,
         good=table[:, columns.index("CHC")] == MEASURED,

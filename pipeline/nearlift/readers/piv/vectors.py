@@ -254,10 +254,8 @@ def _one(said: str | None, manifest: str | None, key: str, example: str, where: 
 def _plain(unit: str) -> str:
     text = unit.strip().strip("[]()").replace(" ", "").replace("µ", "u")
     head, _, tail = text.partition("/")
-    head, tail = (
-        ("px" if head.lower() in PIXEL else head),
-        ("frame" if tail.lower() in FRAME else tail),
-    )
+    head = "px" if head.lower() in PIXEL else head
+    tail = "frame" if tail.lower() in FRAME else tail
     return f"{head}/{tail}" if tail else head
 
 
