@@ -140,7 +140,8 @@ def _tried(
     said = given.separator
     wanted = SEPARATORS if said is None else (NAMED.get(said, said),)
     # those that stand nowhere cut nothing, all alike: the first speaks for them
-    absent = [s for s in SEPARATORS[:4] if not any(s in line for line in lines)]
+    signs = [s for s in SEPARATORS if s not in (BLANKS, NONE)]
+    absent = [s for s in signs if not any(s in line for line in lines)]
     separators = [s for s in wanted if s not in absent[1:]]
     decimals = (".", ",") if given.decimal is None else (given.decimal,)
     for strict in (True, False):

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from nearlift.errors import InputRefused
 from nearlift.readers.table import BLANKS, NONE, CellSyntax
 
-#: How a manifest may call a separator, and how a sentence does.
+#: How a manifest may call a separator, in the order in which they are tried, and how a sentence
+#: does.
 NAMED = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": BLANKS, "none": NONE}
 SPOKEN = {sign: f"{name}s" for name, sign in NAMED.items()} | {NONE: "line ends"}
 

@@ -127,8 +127,10 @@ def _acquired(path: Path) -> tuple[int, str]:
     }
     os.ftruncate(descriptor, 0)
     os.pwrite(descriptor, json.dumps(mine).encode(), 0)
+    if not owner:
+        return descriptor, ""
     killed = f"an earlier run was killed: {_named(owner)}; what it left unfinished is made again"
-    return descriptor, killed if owner else ""
+    return descriptor, killed
 
 
 def _flock(descriptor: int) -> bool:

@@ -51,7 +51,7 @@ class CutRecord:
     refusal: InputRefused | None = None
 
 
-Cut = TypeVar("Cut", bound=CutRecord)
+CutKind = TypeVar("CutKind", bound=CutRecord)
 
 
 def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
@@ -71,8 +71,8 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
 
 
 def answers_of(
-    job: Job, reader: Reader, schedule: Schedule, cut: Callable[[Task], list[Cut]]
-) -> dict[str, Cut]:
+    job: Job, reader: Reader, schedule: Schedule, cut: Callable[[Task], list[CutKind]]
+) -> dict[str, CutKind]:
     """What workers answer for each record that is there; raises as `from_records`."""
     campaign, ids = job.campaign, schedule.trial.tolist()
     form = segments.format_of(reader)
@@ -84,7 +84,7 @@ def answers_of(
             f"none of the {len(ids)} records of the schedule is there",
             f"the first would be {ids[0]!r}; check [records] files",
         )
-    answers: dict[str, Cut] = {}
+    answers: dict[str, CutKind] = {}
     refusals: list[InputRefused] = []
     small = not form.child and sum(n for _, n in there.values()) < WORTH_A_THREAD * len(there)
     for portion in answered(job.executor, cut, _tasks(job, there, schedule), small):
@@ -147,12 +147,12 @@ def cut_records(task: Task) -> list[CutRecord]:
 
 
 def each_record(
-    task: Task, answer: Callable[[Task, int, dict[str, str]], Cut], kind: type[Cut]
-) -> list[Cut]:
+    task: Task, answer: Callable[[Task, int, dict[str, str]], CutKind], kind: type[CutKind]
+) -> list[CutKind]:
     """What `answer` makes of each record of a task, from its place and the digests known so far; of
     one over which something is raised, a `kind` whose row is MALFORMED.
     """
-    answers, digests = list[Cut](), dict(task.inputs)
+    answers, digests = list[CutKind](), dict(task.inputs)
     for i, record in enumerate(task.piece.trials):
         try:
             answers.append(answer(task, i, digests))
