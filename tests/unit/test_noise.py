@@ -11,7 +11,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.fit import least_squares
-from nearlift.likelihood import noise, variance_components
+from nearlift.likelihood import noise, semiseparable, variance_components
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.results import Noise, Observations
@@ -430,3 +430,36 @@ def test_drift_lasts_from_session_to_session_on_a_stand_and_begins_anew_at_a_sta
         np.testing.assert_allclose(found.dense(), np.where(same, tied, 0.0), rtol=1e-12, atol=1e-40)
         inverse = found.unwhiten(found.whiten(np.eye(stand.n)))
         np.testing.assert_allclose(inverse @ found.dense(), np.eye(stand.n), atol=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 2, 30])
+def test_squares_and_slopes_of_the_determinant_are_those_of_a_dense_covariance(n):
+    rng = np.random.default_rng(n)
+    variance = rng.uniform(0.5, 2.0, n)
+    amplitude = rng.normal(size=(n, 3))
+    # a memory of 0 begins anew
+    memory = rng.choice([0.0, 1.0, 0.5, 0.9], size=(n, 3))
+    memory[0] = 0.0
+
+    def shared(amplitude, k):
+        passed = np.eye(n)
+        for i in range(n):
+            for j in range(i):
+                passed[i, j] = passed[j, i] = np.prod(memory[j + 1 : i + 1, k])
+        return np.outer(amplitude[:, k], amplitude[:, k]) * passed
+
+    def log_det(factors):
+        return np.linalg.slogdet(
+            np.diag(variance) + sum(shared(amplitude * factors, k) for k in range(3))
+        )[1]
+
+    d, w = semiseparable.factor(variance, amplitude, memory)
+    by_variance, by_amplitude = semiseparable.log_det_slopes(d, w, amplitude, memory)
+    dense = np.diag(variance) + sum(shared(amplitude, k) for k in range(3))
+    assert by_variance == pytest.approx(np.diag(np.linalg.inv(dense)), rel=1e-10)
+    step = 1e-5 * np.eye(3)
+    by_hand = [(log_det(1 + s) - log_det(1 - s)) / 2e-5 for s in step]
+    assert by_amplitude == pytest.approx(by_hand, abs=1e-7)
+    x = rng.normal(size=(n, 5))
+    expected = [np.trace(x.T @ shared(amplitude, k) @ x) for k in range(3)]
+    assert semiseparable.squares(amplitude, memory, x) == pytest.approx(expected, rel=1e-10)

@@ -121,6 +121,68 @@ def _product(amplitude: Any, memory: Any, x: Any) -> Any:
     return y
 
 
+def _squares(amplitude: Any, memory: Any, x: Any) -> Any:
+    """The trace of ``x' A_k M_k A_k x`` for each process k, (J,)."""
+    n, count = amplitude.shape
+    m = x.shape[1]
+    past, total = np.zeros((count, m)), np.zeros((count, m))
+    for i in range(n):
+        for j in range(count):
+            keep, here = memory[i, j], amplitude[i, j]
+            for c in range(m):
+                before, mine = keep * past[j, c], here * x[i, c]
+                total[j, c] += mine * (2 * before + mine)
+                past[j, c] = before + mine
+    return total.sum(axis=1)
+
+
+def _log_det_slopes(d: Any, w: Any, amplitude: Any, memory: Any) -> Any:
+    """Derivatives of ``log det K`` by each variance, which are the inverse's diagonal, (n,), and by
+    the logarithm of each process's amplitude, (J,): the factor's recursion, differentiated from its
+    end.
+    """
+    n, count = amplitude.shape
+    state = np.zeros((n, count, count))
+    for i in range(1, n):
+        for j in range(count):
+            for k in range(count):
+                state[i, j, k] = (
+                    memory[i, j]
+                    * memory[i, k]
+                    * (state[i - 1, j, k] + d[i - 1] * w[i - 1, j] * w[i - 1, k])
+                )
+    by_variance, by_amplitude = np.empty(n), np.zeros(count)
+    by_state, by_w = np.zeros((count, count)), np.zeros(count)
+    for back in range(n):
+        i = n - 1 - back
+        by_d = 1 / d[i]
+        # by_state is that of the trial after; what it was made of has the same memories
+        for j in range(count):
+            by_w[j] = 0.0
+            for k in range(count):
+                value = 0.0
+                if i < n - 1:
+                    value = memory[i + 1, j] * memory[i + 1, k] * by_state[j, k]
+                by_state[j, k] = value
+                by_w[j] += 2 * d[i] * value * w[i, k]
+            by_d += 0.5 * by_w[j] * w[i, j] / d[i]
+        for j in range(count):
+            by_d -= by_w[j] * w[i, j] / d[i]
+        by_variance[i] = by_d
+        for j in range(count):
+            value = by_w[j] / d[i] + 2 * by_d * amplitude[i, j]
+            for k in range(count):
+                value -= state[i, j, k] * (by_w[k] / d[i] + 2 * by_d * amplitude[i, k])
+            by_amplitude[j] += value * amplitude[i, j]
+        for j in range(count):
+            for k in range(count):
+                by_state[j, k] -= (
+                    0.5 * (by_w[j] * amplitude[i, k] + amplitude[i, j] * by_w[k]) / d[i]
+                    + by_d * amplitude[i, j] * amplitude[i, k]
+                )
+    return by_variance, by_amplitude
+
+
 def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> Any:
     """The inverse's entries [i, i + k] as [i, k], for k up to `reach[i]`; nan beyond, (n, widest +
     1).
@@ -188,7 +250,8 @@ def __getattr__(name: str) -> Any:
     """One of the above without its underscore, compiled; whoever only reads results needs no numba,
     which takes 0.2 s to import.
     """
-    if name not in ("factor", "forward", "backward", "product", "near_inverse"):
+    kernels = ("factor", "forward", "backward", "product", "squares", "log_det_slopes")
+    if name not in (*kernels, "near_inverse"):
         raise AttributeError(name)
     from nearlift.compiler import compiled
 

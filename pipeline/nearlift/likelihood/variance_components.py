@@ -208,37 +208,24 @@ class VarianceComponents:
         back = semiseparable.backward(
             *parts, np.ascontiguousarray(np.column_stack([u.T, weighed_white]))
         )
-        taken, weighed = np.ascontiguousarray(back[:, :-1]), back[:, -1]
-        precision = semiseparable.near_inverse(*parts, np.zeros(len(d), dtype=np.int64))[:, 0]
+        taken, weighed = np.ascontiguousarray(back[:, :-1]), np.ascontiguousarray(back[:, -1])
+        precision, log_det_slopes = semiseparable.log_det_slopes(*parts)
         count = len(x)
-        trace, acted = np.zeros(count), np.zeros((len(d), count))
         left = np.sum(taken**2, axis=1)
+        trace = np.empty(count)
+        trace[:2] = [diagonal @ (precision - left) for diagonal in self.diagonals[:2]]
+        trace[2:] = log_det_slopes / (2 * size2[2:]) - semiseparable.squares(
+            self.amplitude, self.memory, taken
+        )
+        acted = np.empty((len(d), count))
         for i in range(2):
-            trace[i] = self.diagonals[i] @ (precision - left)
             acted[:, i] = self.diagonals[i] * weighed
         for i in range(2, count):
             one, memory = (
-                np.ascontiguousarray(self.amplitude[:, i - 2 : i - 1]),
-                np.ascontiguousarray(self.memory[:, i - 2 : i - 1]),
+                np.ascontiguousarray(each[:, i - 2 : i - 1])
+                for each in (self.amplitude, self.memory)
             )
-            # the determinant's derivative by a step along the imaginary axis, which cancels nothing
-            turned = amplitude.astype(complex)
-            turned[:, i - 2] *= 1 + 1e-30j
-            log_det_slope = (
-                float(
-                    np.log(
-                        semiseparable.factor(
-                            variance.astype(complex), turned, self.memory.astype(complex)
-                        )[0]
-                    )
-                    .sum()
-                    .imag
-                )
-                * 1e30
-            )
-            together = semiseparable.product(one, memory, back)
-            trace[i] = log_det_slope / (2 * size2[i]) - float(np.vdot(together[:, :-1], taken))
-            acted[:, i] = together[:, -1]
+            acted[:, i] = semiseparable.product(one, memory, weighed[:, None])[:, 0]
         quadratic = weighed @ acted
         of_acted = semiseparable.forward(*parts, np.ascontiguousarray(acted))
         along = u @ of_acted
