@@ -266,8 +266,7 @@ def supply(boundary: str, seed: int) -> dict[str, Any]:
             data = dataclasses.replace(data, lift_N=data.lift_N * factor)
             stage = known(data, pool, ("supply_sag", "gain_drift"))
             one, other = (
-                search(stage.candidate(e), stage.space, stage.log_lift, stage.theta)
-                for e in stage.effects
+                search(stage.candidate(e), stage.screen, stage.log_lift) for e in stage.effects
             )
             apart = 2 * (evidence(one) - evidence(other))
             if abs(apart) > APART or len(order) >= most:
@@ -296,8 +295,7 @@ def evidence(fitted: Fitted, form_sd: float = FORM_SD) -> float:
     tube = fitted.space.project(fitted.candidate.tube(fitted.vector, form_sd).T).T
     basis = framed(orthonormal(np.hstack([fitted.jacobian, tube])))
     here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
-    scores = (basis.T @ fitted.residual)[:, None]
-    return FormReading(here=here, scores=scores, wander=0.0).log
+    return FormReading(here=here, basis=basis, rest=basis[:, :0], wander=0.0).log
 
 
 KINDS = {"coefficient": coefficient, "stations": stations, "supply": supply}

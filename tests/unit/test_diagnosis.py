@@ -19,6 +19,7 @@ from nearlift.loop import (
     confirmation,
     families,
     few_visits,
+    plain_change,
     search,
     separation,
     structure,
@@ -564,9 +565,7 @@ def test_leaving_out_every_visit_at_once_is_leaving_out_each(names):
     )
     stage = dataclasses.replace(set_up(data, GROUND, (), Options())[0], independent=True)
     effects = tuple(catalogue.effect(n) for n in names)
-    whole = candidate_search(
-        stage.candidate(*effects), stage.space, stage.log_lift, stage.base_fit.vector
-    )
+    whole = candidate_search(stage.candidate(*effects), stage.screen, stage.log_lift)
     vectors, left = few_visits.without_each(stage, whole), few_visits.left_out(stage, effects)
     assert vectors.shape == (9, whole.candidate.size)
     scale = 1 / np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / whole.candidate.prior[1] ** 2)
@@ -866,7 +865,9 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
     )
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
-    assert answer.stage.plain_change(own) > own.evidence.over_none + RIVAL_MAX_2LNB / 2
+    assert (
+        plain_change.log_evidence(answer.stage, own) > own.evidence.over_none + RIVAL_MAX_2LNB / 2
+    )
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
     assert answer.verdict == "unexplained"
 
@@ -880,7 +881,7 @@ def test_gains_that_differ_by_session_are_no_single_step_in_time(gains, single_s
     lift_N = data.lift_N * (1 + 0.006 * np.array(gains)[data.session])
     answer = run(set_up(dataclasses.replace(data, lift_N=lift_N), GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "session_gain")
-    ahead = answer.stage.plain_change(own) - own.evidence.over_none
+    ahead = plain_change.log_evidence(answer.stage, own) - own.evidence.over_none
     if single_step:
         assert ahead > RIVAL_MAX_2LNB / 2
         assert not any("session_gain" in e.effects for e in answer.accepted)
@@ -902,7 +903,7 @@ def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
     )
     own = next(e for e in answer.singles if e.name == "zero_drift")
     assert own.evidence.as_printed > own.evidence.uncertain
-    assert own.evidence.over_none > answer.stage.plain_change(own)
+    assert own.evidence.over_none > plain_change.log_evidence(answer.stage, own)
     # alone, so that the trials tell of its form
     assert answer.accepted == (own.without_rivals(),)
 

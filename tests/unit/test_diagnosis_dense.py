@@ -17,6 +17,7 @@ from nearlift.loop import (
     confirmation,
     discrepancy,
     findings,
+    plain_change,
     search,
     search_problem,
     structure,
@@ -327,7 +328,7 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
             checked += 1
     assert checked > 20
     steps = [c for name, c in named if name == STEP]
-    assert stage.best_step == pytest.approx(
+    assert plain_change.best_step(stage) == pytest.approx(
         max(whole - integrated(stage, rest, np.hstack([slopes, c]), none)[0] for c in steps),
         rel=1e-6,
     )
@@ -399,7 +400,7 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
 
 def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tried):
     e = dataclasses.replace(of_left(tried["supply_sag"], True), confirmed=None, form_sd=0.2)
-    enough = max(0.8 * stage.excess, stage.best_step)
+    enough = max(0.8 * stage.excess, plain_change.best_step(stage))
     for gain, over_none, looked in ((1.01, 20.0, True), (0.99, 20.0, False), (1.01, 14.0, False)):
         (again,) = search.second_look(
             stage, (restated(e, gain=gain * enough, over_none=over_none),)
@@ -653,13 +654,33 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
     effects = tuple({e.name: e for e, _ in stage.library}.values())
     every = list(itertools.combinations(effects, 2))
     gains = {(a.name, b.name): float(10 * i) for i, (a, b) in enumerate(every)}
+    gains |= {(e.name, ""): 0.0 for e in effects}
+    single = {e.name: 0.0 for e in effects}
     monkeypatch.setattr(search, "pair_gains", lambda _: gains)
     monkeypatch.setattr(search, "PAIRS", len(every) - 1)
-    assert search.promising(stage, list(effects), None) == every[:0:-1]
+    # what could account for nothing like the greater part is not tried, but for the first few
+    monkeypatch.setattr(search, "FIRST_PAIRS", 1)
+    stage = dataclasses.replace(stage)
+    excess = vars(stage)["excess"] = (stage.chance + 11.0 * (len(every) // 2)) / 0.6
+    might = [stage.greater_part(1.1 * 10 * i + 10, excess) for i in range(len(every))]
+    assert 1 < sum(might) < len(every) - 1
+    assert (
+        search.promising(stage, single, list(effects), None)
+        == [pair for pair, may in zip(every, might, strict=True) if may][::-1]
+    )
+    # beside what one accounts for alone, more is wanted
+    half = single | {"supply_sag": excess / 2}
+    gains["supply_sag", ""] = excess / 2
+    given = search.promising(stage, half, list(effects), None)
+    assert 1 <= len(given) < sum(might)
+    gains["supply_sag", ""] = 0.0
+    monkeypatch.setattr(search, "FIRST_PAIRS", len(every))
+    assert search.promising(stage, single, list(effects), None) == every[:0:-1]
     alone = dataclasses.replace(tried["supply_sag"], gain=35.5)
+    single["supply_sag"] = 35.5
     # beyond 35.5 + 9
     gains["supply_sag", ""] = 35.5
-    assert search.promising(stage, list(effects), alone) == every[:4:-1]
+    assert search.promising(stage, single, list(effects), alone) == every[:4:-1]
     # 40 beyond first order, beside another effect, too
     gains["supply_sag", ""] = -4.5
     bent = [
@@ -667,7 +688,7 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
         for i, (a, b) in enumerate(every)
     ]
     assert sum(bent) > len(every[:4:-1])
-    given = search.promising(stage, list(effects), alone)
+    given = search.promising(stage, single, list(effects), alone)
     assert sorted(map(every.index, given)) == np.flatnonzero(bent).tolist()
 
 
@@ -676,7 +697,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
     stands beside it if no less likely than a rival and it accounts for plainly more.
     """
     d = stage.hypotheses[1].shape[1]
-    pair = next(e for e in tried.values() if len(e.effects) == 2)
+    pair = next(e for e in tried.values() if len(e.effects) == 2 and not e.fitted.at_bound)
     single, half = tried["supply_sag"], RIVAL_MAX_2LNB / 2
 
     def listed(log_evidence, dispersion=1.0, more=search.SECOND + 0.1, p_value=1.0, tried=1):
@@ -838,18 +859,35 @@ def test_chance_knows_that_the_noise_is_estimated_too():
 def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(
     stage, tried, monkeypatch
 ):
-    """Large: a gain of 0.3 in chi2 for every trial; at most twice."""
+    """Large: a gain of 0.3 in chi2 for every trial; at most twice, and not again about the same."""
     taken = []
-    monkeypatch.setattr(search, "prepare", lambda *ground, about: taken.append(about) or stage)
-    for share, times in ((0.29, 0), (0.31, 2)):
-        best = dataclasses.replace(tried["supply_sag"], gain=share * stage.data.n)
-        answer = search.Answer(
-            stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=(best,)
-        )
-        monkeypatch.setattr(search, "run", lambda _, answer=answer: answer)
+
+    def prepared(*ground, about):
+        taken.append(about[0].effects)
+        return dataclasses.replace(stage, about=about)
+
+    monkeypatch.setattr(search, "prepare", prepared)
+
+    def outcome(*bests):
+        """What comes of it where the search finds these, one after the other."""
+        passes = iter(bests)
+
+        def run(stage, shortlist):
+            return search.Answer(
+                stage=stage, first=None, singles=(), pairs=(), accepted=(next(passes),)
+            )
+
+        monkeypatch.setattr(search, "run", run)
         taken.clear()
-        assert search.settle(stage) is answer
-        assert taken == [best.fitted] * times
+        return search.settle(stage).accepted[0].name, [effects[0].name for effects in taken]
+
+    small, sag, other = (
+        dataclasses.replace(tried[name], gain=share * stage.data.n)
+        for name, share in (("supply_sag", 0.29), ("supply_sag", 0.31), ("warm_up", 0.31))
+    )
+    assert outcome(small) == ("supply_sag", [])
+    assert outcome(sag, sag) == ("supply_sag", ["supply_sag"])
+    assert outcome(sag, other, sag) == ("supply_sag", ["supply_sag", "warm_up"])
 
 
 def test_only_a_named_effect_changes_the_error():

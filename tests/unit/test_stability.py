@@ -10,6 +10,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
+from nearlift.loop import diagnose as loop
 from nearlift.loop import search, stability
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.evidence import CREDIT
@@ -358,3 +359,115 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
     visit = Shift(id="7", shift=1.1 * headline.u, z_hat=1.25)
     moved = replace(headline, influence=replace(headline.influence, visit=visit))
     assert tried(data.n, replace(quoted, coefficients={"K_b": moved})) == ["7"]
+
+
+def test_a_shortlist_holds_what_may_come_first_without_a_trial(sagging):
+    answer, _ = sagging
+    (first,) = answer.accepted
+    near = RIVAL_MAX_2LNB / 2 + search.SLACK
+    left_out = answer.stage.data.trial == answer.stage.data.trial[7]
+
+    def listed(behind, gains=None, named=True):
+        """Whether one that trails the name, or nothing at all, by so much is on it."""
+        best = first.evidence.log if named else answer.stage.unnamed + CREDIT
+        log = best - behind
+        evidence = replace(first.evidence, as_printed=log, uncertain=log)
+        fitted = spoken_for(first.fitted if named else answer.stage.base_fit, gains or {})
+        (effect,) = first.fitted.candidate.effects
+        candidate = replace(first.fitted.candidate, effects=(replace(effect, name="another"),))
+        rival = replace(first, fitted=replace(fitted, candidate=candidate), evidence=evidence)
+        among = replace(answer, singles=(first, rival))
+        shortlist = among.shortlist((first,) if named else (), left_out)
+        assert shortlist.singles == 2
+        return ("another",) in shortlist.explanations
+
+    assert listed(near - 0.1)
+    assert not listed(near + 0.1)
+    # what the trial costs it is given back
+    assert listed(near + 3.9, {7: 4.0})
+    assert not listed(near + 4.1, {7: 4.0})
+    assert not listed(near + 0.1, {9: 4.0})
+    assert listed(search.SLACK + 3.9, {7: 4.0}, named=False)
+    assert not listed(search.SLACK + 4.1, {7: 4.0}, named=False)
+
+
+def test_a_shortlist_changes_no_answer_without_a_trial(monkeypatch):
+    data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
+    ground, library, _ = set_up(data, GROUND, (), Options())
+    declared, rate = loop.declared_sizes((), library), ground.options.false_alarm_rate
+    like = loop.decide(ground, True, rate)
+    tried = []
+    run = search.run
+
+    def counted(stage, shortlist=None):
+        answer = run(stage, shortlist)
+        tried.append(len(answer.singles) + len(answer.pairs))
+        return answer
+
+    monkeypatch.setattr(search, "run", counted)
+    for trial in ground.data.trial[[3, 40]]:
+        kept = ground.data.trial != trial
+        short = loop._without(ground, kept, rate, like, declared)
+        fewer, tried[:] = sum(tried), []
+        monkeypatch.setattr(search.Answer, "shortlist", lambda *_: None)
+        whole = loop._without(ground, kept, rate, like, declared)
+        monkeypatch.undo()
+        monkeypatch.setattr(search, "run", counted)
+        assert 0 < fewer < sum(tried)
+        tried.clear()
+        assert (short.verdict, short.effects) == (whole.verdict, whole.effects)
+        for name, interval in short.intervals.items():
+            assert interval == pytest.approx(whole.intervals[name], rel=1e-9)
+
+
+def test_where_a_shortlist_would_name_another_everything_is_tried(sagging, monkeypatch):
+    answer, _ = sagging
+    stage, given = answer.stage, []
+    nothing = replace(answer, accepted=())
+    shortlist = answer.shortlist(answer.accepted, np.zeros(stage.data.n, dtype=bool))
+
+    def settle(_, shortlist):
+        given.append(shortlist)
+        return nothing if shortlist and len(given) > 1 else answer
+
+    monkeypatch.setattr(loop, "settle", settle)
+    like = loop.Decided(answer=answer, refuted=(), scored=None)
+    assert loop.decide(stage, False, 0.05, like, shortlist).answer.accepted
+    assert given == [shortlist]
+    assert loop.decide(stage, False, 0.05, like, shortlist).answer.accepted
+    assert given == [shortlist, shortlist, None]
+
+
+@pytest.mark.parametrize("gone", ["supply", "session"])
+def test_without_what_spoke_for_it_nothing_is_left_of_an_effect(gone):
+    """An effect of one visit alone; without that visit all is as if it had never been measured."""
+    data = campaign(7, visits=2)
+    odd = data.visit == data.visit.max()
+    if gone == "supply":
+        known = data.covariates
+        data = replace(
+            data,
+            lift_N=np.where(odd, 0.85 * data.lift_N, data.lift_N),
+            covariates=known | {"supply_V": known["supply_V"] - 0.8 * odd},
+        )
+    else:
+        sessions = np.where(odd, 2, np.where(data.visit > np.median(data.visit), 1, 0))
+        gain = np.array([1.0, 1.1, 0.9])[sessions]
+        data = replace(data, session=sessions, lift_N=gain * data.lift_N)
+    ground, library, _ = set_up(data, GROUND, (), Options())
+    declared, rate = loop.declared_sizes((), library), ground.options.false_alarm_rate
+    like = loop.decide(ground, False, rate)
+    about = like.answer.stage.about
+    assert about is not None
+    assert ("session_gain" in about[0].name) == (gone == "session")
+    keep = ground.data.visit != ground.data.visit.max()
+    without = loop._without(ground, keep, rate, like, declared)
+    afresh = diagnose(data.take(data.visit != data.visit.max()), GROUND, (), Options()).quoted
+    assert without.verdict == afresh.verdict
+    value, low, high = without.intervals["K_b"]
+    expected = afresh.coefficients["K_b"]
+    width = expected.hi90 - expected.lo90
+    assert value == pytest.approx(expected.value, abs=0.02 * width)
+    if gone == "supply":
+        assert without.verdict == "adequate"
+        assert high - low == pytest.approx(width, rel=0.02)

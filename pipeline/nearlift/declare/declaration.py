@@ -34,9 +34,10 @@ def keywords(evaluate: Evaluate) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Declaration:
-    """What models and effects have in common; see `LiftModel` and `Effect`.
+    """What models and effects have in common; see `LiftModel` and `Effect`. Each is equal to itself
+    alone.
 
     Attributes
     ----------
@@ -132,7 +133,7 @@ class Declaration:
         )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LiftModel(Declaration):
     """Lift near a boundary over lift far away, as a function of `z_hat`.
 
@@ -209,7 +210,7 @@ class LiftModel(Declaration):
         return kind_fits and all(n in geometry for n in self.needs)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effect(Declaration):
     """Something that a model may lack; it does nothing at its declared parameter values.
 

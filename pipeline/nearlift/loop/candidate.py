@@ -6,13 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, compose
+from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, Prior, compose
 from nearlift.likelihood.problem import needed
 from nearlift.likelihood.subspace import cosines
 from nearlift.loop.families import indicators
@@ -59,7 +59,7 @@ class Candidate:
     @cached_property
     def model(self) -> LiftModel:
         """The composed lift model."""
-        return compose(self.base, *self.effects) if self.effects else self.base
+        return _composed(self.base, *self.effects) if self.effects else self.base
 
     @cached_property
     def slots(self) -> tuple[Slot, ...]:
@@ -248,6 +248,10 @@ class Candidate:
         return self.data.covariates.get(name)
 
 
+#: A search composes the same parts again for each of its visits left out.
+_composed = lru_cache(maxsize=1024)(compose)
+
+
 def bends_along(effect: Effect) -> tuple[str, ...]:
     """Covariates along which an effect's true form may depart from the declared one: its own,
     throttle, and distance unless it acts on force.
@@ -266,6 +270,11 @@ def moments(parameter: Parameter) -> tuple[float, float]:
         return prior.loc, prior.scale
     if prior.distribution == "uniform":
         return prior.loc + prior.scale / 2, prior.scale / np.sqrt(12)
+    return _by_scipy(prior)
+
+
+@lru_cache(maxsize=256)
+def _by_scipy(prior: Prior) -> tuple[float, float]:
     frozen = prior.frozen()
     return float(frozen.mean()), float(frozen.std())
 

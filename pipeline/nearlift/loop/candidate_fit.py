@@ -9,6 +9,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import Problem
 from nearlift.loop.candidate import Candidate
+from nearlift.loop.screen import Screen
 
 #: Most bisections of a start beyond a pole towards the null.
 HALVINGS = 8
@@ -135,50 +136,20 @@ def _step(
     return step
 
 
-def search(candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray) -> Fitted:
+def search(candidate: Candidate, screen: Screen, log_lift: FloatArray) -> Fitted:
     """Best fit over the shapes' starting values."""
-    return optima(candidate, space, log_lift, theta)[0]
+    return optima(candidate, screen, log_lift)[0]
 
 
-def optima(
-    candidate: Candidate, space: Problem, log_lift: FloatArray, theta: FloatArray
-) -> list[Fitted]:
-    """Fits over the shapes' starting values, the best first: all screened to first order, the best
-    two refined.
+def optima(candidate: Candidate, screen: Screen, log_lift: FloatArray) -> list[Fitted]:
+    """Fits from the two best starts of the `screen`, the best first.
 
     A start beyond a pole of the model, where some trial has no predicted value, is bisected towards
     the null. If that does not help, the result's chi2 is nan.
     """
-    p = len(candidate.entries_of(""))
-    starts: list[tuple[float, int, FloatArray, FloatArray]] = []
-    sizes = candidate.sizes()
-    mean, sd = candidate.prior
-    for vector in candidate.shapes():
-        vector = vector.copy()
-        vector[:p] = theta
-        # a shape's derivative vanishes at the null, so the screen is linear in the sizes alone
-        active = np.r_[np.arange(p), sizes]
-        j = space.project(candidate.jacobian(vector).T[active]).T
-        r = space.project(log_lift - candidate.log_ratio(vector))
-        weight = 1 / sd[active]
-        solution = np.linalg.lstsq(
-            np.vstack([j, np.diag(weight)]), np.r_[r, weight * (mean - vector)[active]], rcond=None
-        )[0]
-        rest = r - j @ solution
-        start = vector.copy()
-        start[active] += solution
-        starts.append(
-            (
-                float(rest @ rest + np.sum((weight * (start - mean)[active]) ** 2)),
-                len(starts),
-                start,
-                vector,
-            )
-        )
-    starts.sort()
     fits = [
-        fit(candidate, space, log_lift, _short_of_pole(candidate, start, null))
-        for _, _, start, null in starts[:2]
+        fit(candidate, screen.space, log_lift, _short_of_pole(candidate, start.vector, start.null))
+        for start in screen.starts(candidate, log_lift)[:2]
     ]
     return sorted(fits, key=lambda f: np.nan_to_num(f.cost, nan=np.inf))
 

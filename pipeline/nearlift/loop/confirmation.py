@@ -79,12 +79,12 @@ def folds(data: Observations) -> list[NDArray[np.bool_]]:
 
 def held_out(
     stage: SearchProblem,
-    again: Callable[[SearchProblem], Answer] = run,
+    again: Callable[[SearchProblem], Answer] | None = run,
     named: tuple[Effect, ...] = (),
     progress: Progress = ignore_progress,
 ) -> HeldOut:
     """Held-out residuals of the search, repeated by `again` in every fold, and of the effects
-    `named`, refitted in every fold.
+    `named`, refitted in every fold; of these alone where `again` is None.
     """
     data = stage.data
     before, after, by_name = (
@@ -104,20 +104,21 @@ def held_out(
             stage,
             data=data.take(train),
             log_lift=stage.log_lift[train],
+            drawn=stage.null,
         )
-        answer = again(part)
-        part = answer.stage
-        chosen.append(answer.accepted[0].name if answer.accepted else answer.verdict)
-        truth = np.log(data.lift_N[known])
-        before[known] = truth - predict(part, part.base_fit, data.take(known))
-        after[known] = truth - predict(part, answer.best, data.take(known))
-        if answer.best.candidate.effects == named:
-            by_name[known] = after[known]
-        elif named:
-            refitted = search(
-                part.candidate(*named), part.space, part.log_lift, part.base_fit.vector
-            )
-            by_name[known] = truth - predict(part, refitted, data.take(known))
+        best = None
+        if again:
+            answer = again(part)
+            part, best = answer.stage, answer.best
+            chosen.append(answer.accepted[0].name if answer.accepted else answer.verdict)
+        mine = (
+            best
+            if best and best.candidate.effects == named
+            else search(part.candidate(*named), part.screen, part.log_lift)
+        )
+        truth, there = np.log(data.lift_N[known]), data.take(known)
+        for residual, fitted in ((before, part.base_fit), (by_name, mine), (after, best or mine)):
+            residual[known] = truth - predict(part, fitted, there)
     return HeldOut(
         before=before, after=after, named=by_name, visit=blocks(data), chosen=tuple(chosen)
     )

@@ -19,6 +19,7 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
+from nearlift.likelihood.variance_components import PRIORS
 from nearlift.loop import (
     absorption,
     adequacy,
@@ -38,14 +39,19 @@ from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
-from nearlift.loop.search import Answer, run, settle
+from nearlift.loop.search import Answer, Shortlist, run, settle
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.visibility import SILENT
 from nearlift.loop.within_trial import heating
-from nearlift.results import Observations
+from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
 from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
+
+#: Noise of the fit from which the search's own noise is estimated: the scales of its priors.
+USUAL = Noise(
+    relative=PRIORS["relative"][0], height_m=PRIORS["height_m"][0], common=PRIORS["common"][0]
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -201,20 +207,25 @@ def decide(
     confirm: bool,
     rate: float,
     like: Decided | None = None,
+    shortlist: Shortlist | None = None,
     progress: Progress = ignore_progress,
 ) -> Decided:
     """Search, and with `confirm` cross-validate by visits; where the search agrees with `like`, the
-    confirmation and contradictions of the latter are taken over.
+    confirmation and contradictions of the latter are taken over, and where it does not, everything
+    is tried, and not what is on the `shortlist` alone.
 
     `rate` is the false-alarm rate of a claim. At an interim look it is below that of the options,
     and an adequate model is not tested for contradictions.
     """
     few = few_visits.applies(stage.data)
-    answer = few_visits.run(stage) if few else settle(stage)
+    answer = few_visits.run(stage) if few else settle(stage, shortlist)
     early = rate < stage.options.false_alarm_rate
     if early:
         answer = answer.claimed_below((stage if few else answer.stage).null.threshold(rate))
     decided = Decided(answer=answer, refuted=(), scored=None)
+    if like is not None and shortlist and decided.would_name != like.would_name:
+        del answer, decided
+        return decide(stage, confirm, rate, like, progress=progress)
     if like is not None and decided.would_name == like.would_name:
         unconfirmed = bool(like.refuted)
         answer = dataclasses.replace(answer, contradicted=like.answer.contradicted)
@@ -223,7 +234,11 @@ def decide(
         named = answer.best.candidate.effects
         scored = (
             confirmation.held_out(
-                stage if few else answer.stage, few_visits.run if few else run, named, progress
+                stage if few else answer.stage,
+                # what a fold's own search would choose is told of the whole diagnosis alone
+                few_visits.run if few else run if like is None else None,
+                named,
+                progress,
             )
             if confirm
             else None
@@ -265,20 +280,31 @@ def _without(
     """The diagnosis of the trials `keep` alone: noise, search and coefficients; None where they
     cannot be diagnosed.
     """
-    data = ground.data.take(keep)
+    data, whole = ground.data.take(keep), like.answer.stage
     if len(np.unique(data.visit)) < 2 or not np.isfinite(data.z_hat).any():
         return None
+    about, begin = whole.about, whole
+    if about is not None:
+        candidate = dataclasses.replace(about[0], data=data)
+        about = candidate, about[1]
+        if candidate.size != len(about[1]):
+            # the last session, of which nothing is left, had a size of its own
+            about, begin = None, ground
     try:
         stage = prepare(
             data,
-            ground.base,
-            ground.effects,
-            ground.parts,
-            ground.theta,
-            ground.options,
-            start=ground.noise,
+            whole.base,
+            whole.effects,
+            whole.parts,
+            begin.theta,
+            whole.options,
+            about=about,
+            start=begin.noise,
         )
-        answer = decide(stage, True, rate, like).answer
+        named = like.refuted or like.answer.accepted
+        # where visits are few, they decide, and no evidence
+        shortlist = None if whole.independent else like.answer.shortlist(named, ~keep)
+        answer = decide(stage, True, rate, like, shortlist).answer
         after = coefficients_of(answer, declared).estimates().after
     except NotConverged:
         return None
@@ -317,7 +343,7 @@ def set_up(
             "at least two visits are wanted, to leave one out",
         )
     admit(where, kept, base)
-    first = fit(base, kept, parts, plan=HeightPlan())
+    first = fit(base, kept, parts, USUAL, plan=HeightPlan())
     kept = derive(
         kept,
         kept.lift_inf_N(first.level_coefficients),

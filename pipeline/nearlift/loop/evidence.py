@@ -17,7 +17,7 @@ from functools import cached_property
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.subspace import left_singular, orthonormal
+from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.results import IntArray
 
@@ -78,13 +78,15 @@ class Deformation:
 
     def __init__(self, columns: FloatArray) -> None:
         self.columns = columns
-        self.basis, length = left_singular(columns)
-        self.shrink = 1 - 1 / np.sqrt(1 + length**2)
-        self.log_det = float(np.log1p(length**2).sum())
+        squares, turn = np.linalg.eigh(columns.T @ columns)
+        squares = np.maximum(squares, 0.0)
+        root = np.sqrt(1 + squares)
+        self.turned, self.shrink = columns @ turn, 1 / (root * (1 + root))
+        self.log_det = float(np.log1p(squares).sum())
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Applied to columns (d, m)."""
-        result: FloatArray = x - (self.basis * self.shrink) @ (self.basis.T @ x)
+        result: FloatArray = x - (self.turned * self.shrink) @ (self.turned.T @ x)
         return result
 
 
@@ -99,10 +101,20 @@ class Integrated:
     deform: Deformation
     log_det: float
 
+    def padded(self, columns: FloatArray) -> FloatArray:
+        """Columns of the first of these coordinates (d', m), d' <= d, in all of them, (d, m)."""
+        result = np.zeros((len(self.scores), columns.shape[1]))
+        result[: len(columns)] = columns
+        return result
+
     def beside(self, columns: FloatArray) -> FloatArray:
-        """Columns of the first of these coordinates (d', m), d' <= d, as the scores are, (d, m)."""
-        missing = len(self.scores) - len(columns)
-        return self.deform(np.pad(columns, ((0, missing), (0, 0))))
+        """The same, deformed as the scores are."""
+        return self.deform(self.padded(columns))
+
+    def left_of(self, columns: FloatArray) -> FloatArray:
+        """The same, with what is removed projected out, too."""
+        columns = self.beside(columns)
+        return np.asarray(columns - self.removed @ (self.removed.T @ columns))
 
     @property
     def log_likelihood(self) -> FloatArray:
@@ -124,13 +136,13 @@ class Linearised:
 
     @property
     def coefficients(self) -> IntArray:
-        """Entries of the base model."""
+        """Entries of the base model, the first ones."""
         return self.fitted.candidate.entries_of("").astype(np.int64)
 
     @cached_property
     def entries(self) -> IntArray:
         """Those of the effects."""
-        return np.setdiff1d(np.arange(len(self.fitted.vector)), self.coefficients)
+        return np.arange(len(self.coefficients), len(self.fitted.vector))
 
     @cached_property
     def free(self) -> IntArray:
@@ -150,7 +162,9 @@ class Linearised:
         left = deform(self.jacobian[:, self.entries])
         left = left - absorbed @ (absorbed.T @ left)
         information = np.sum(left**2, axis=0) * candidate.prior[1][self.entries] ** 2
-        asked = (information > candidate.data.n) | ~np.isin(self.entries, self.free)
+        low, high = candidate.bounds
+        held = (self.fitted.vector <= low) | (self.fitted.vector >= high)
+        asked = (information > candidate.data.n) | held[self.entries]
         vague: IntArray = self.entries[asked & ~candidate.by_session[self.entries]]
         return vague
 
@@ -177,9 +191,9 @@ class Linearised:
         free to be anywhere else.
         """
         integrated = self.integrated(scores, self.coefficients, self.free)
-        held = np.setdiff1d(self.entries, self.free)
-        if not len(held):
+        if len(self.free) == len(self.entries):
             return integrated
+        held = np.setdiff1d(self.entries, self.free)
         columns = self.jacobian[:, held] * self.fitted.candidate.prior[1][held]
         log_det = Deformation(np.hstack([integrated.deform.columns, columns])).log_det
         return replace(integrated, log_det=log_det)
@@ -188,8 +202,9 @@ class Linearised:
         """The scores with the coefficients and all that is `vague` projected out, and the rest
         integrated over: what differs by session is one population.
         """
-        vague = np.intersect1d(self.vague, self.free)
-        rest = np.setdiff1d(self.free, vague)
+        asked = np.zeros(len(self.fitted.vector), dtype=bool)
+        asked[self.vague] = True
+        vague, rest = self.free[asked[self.free]], self.free[~asked[self.free]]
         return self.integrated(scores, np.r_[self.coefficients, vague], rest)
 
     def log(self, left: Integrated) -> FloatArray:
@@ -206,18 +221,20 @@ class Linearised:
 
 @dataclass(frozen=True, kw_only=True)
 class FormReading:
-    """A fit, linearised with its form certain or not and a `wander` beside it, in the orthonormal
-    `basis` (n, d).
+    """A fit, linearised with its form certain or not and a `wander` beside it, in the coordinates
+    of an orthonormal `basis` (n, c) and of the `rest` (n, d - c).
     """
 
     here: Linearised
     basis: FloatArray
+    rest: FloatArray
     wander: float
 
     @cached_property
     def scores(self) -> FloatArray:
         """The fit's residual there, (d, 1)."""
-        return np.asarray((self.basis.T @ self.here.fitted.residual)[:, None])
+        residual = self.here.fitted.residual
+        return np.concatenate([self.basis.T @ residual, self.rest.T @ residual])[:, None]
 
     @cached_property
     def left(self) -> Integrated:
@@ -227,7 +244,8 @@ class FormReading:
     @property
     def without_each(self) -> FloatArray:
         """To first order what it leaves without each trial, (d, n)."""
-        each = self.left.deform(self.basis.T * self.here.fitted.residual)
+        basis = np.hstack([self.basis, self.rest])
+        each = self.left.deform(basis.T * self.here.fitted.residual)
         return np.asarray(self.left.scores - each)
 
     @cached_property

@@ -54,7 +54,7 @@ class Foresight:
         ranks.
         """
         hypotheses, basis = self.stage.hypotheses
-        remove = orthonormal(basis.T @ self.stage.base_fit.jacobian)
+        remove = self.stage.absorbed
         _, stacked, ranks = structure.bases(hypotheses, remove)
         return basis, remove, stacked, ranks
 
@@ -222,10 +222,7 @@ class Foresight:
         structure = self._left(base, elsewhere)
         by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
         for effect in self.candidates:
-            fits = [
-                search(c, stage.space, log_lift, stage.base_fit.vector)
-                for c in self._variants(effect)
-            ]
+            fits = [search(c, stage.screen, log_lift) for c in self._variants(effect)]
             fits = [f for f in fits if not f.at_bound]
             if fits:
                 each = np.stack([self._evidence(f, elsewhere) for f in fits])
@@ -286,7 +283,7 @@ class Foresight:
         def reading(tube: FloatArray) -> tuple[FloatArray, FloatArray]:
             here = Linearised(fitted=fitted, jacobian=jacobian, tube=basis.T @ tube)
             left = here.by_unit_information(scores)
-            wander = worth(left.scores, self.stage.waves_beside(left), self.stage.data.n)
+            wander = worth(left.scores, left.left_of(basis.T @ self.stage.waves), self.stage.data.n)
             return here.log(left) + wander, here.by_priors(scores).log_likelihood + wander
 
         printed, uncertain = reading(tube[:, :0]), reading(tube)

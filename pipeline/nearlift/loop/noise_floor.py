@@ -10,7 +10,6 @@ from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.problem import height_slope
 from nearlift.loop.candidate import Candidate, library_columns
-from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Noise, Observations
@@ -43,22 +42,19 @@ def prepare(
     parts: tuple[budget.Component, ...],
     theta: FloatArray,
     options: Options,
-    about: Fitted | None = None,
+    about: tuple[Candidate, FloatArray] | None = None,
     start: Noise | None = None,
 ) -> SearchProblem:
     """The search problem at its noise floor, by penalised restricted maximum likelihood.
 
     The noise is estimated about the base model, from `theta` on in alternation with the
-    coefficients, or about the explanation `about`: where an effect is many times the noise, the
-    base model's slope and the families' curvature cannot tell noise from outliers. `start` is the
-    noise of nearly the same trials, as a starting value.
+    coefficients, or about an explanation, a candidate at a vector: where an effect is many times
+    the noise, the base model's slope and the families' curvature cannot tell noise from outliers.
+    `start` is the noise of nearly the same trials, as a starting value.
     """
     p, noise_floor = len(theta), start
-    candidate, vector = (
-        (Candidate(base=base, effects=(), data=data), theta)
-        if about is None
-        else (about.candidate, about.vector)
-    )
+    candidate, vector = about or (Candidate(base=base, effects=(), data=data), theta)
+    lacking = what_may_be(candidate, vector, effects)
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
@@ -66,7 +62,7 @@ def prepare(
             data,
             np.log(data.lift_N) - log_ratio,
             np.hstack([data.level_columns, candidate.jacobian(vector)]),
-            what_may_be(candidate, vector, effects),
+            lacking,
             slope,
             budget.shared(data, parts, slope),
             budget.own_variance(data, parts, slope),
@@ -81,6 +77,7 @@ def prepare(
             log_lift=target + log_ratio,
             theta=vector[:p],
             options=options,
+            about=about,
         )
         if about is not None or not p:
             break

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nearlift.declare import Effect
-from nearlift.loop import structure
-from nearlift.loop.candidate import bends_along
+from nearlift.declare import Effect, FloatArray
+from nearlift.loop import plain_change, structure
+from nearlift.loop.candidate import Candidate, bends_along
 from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import SearchProblem
@@ -25,10 +27,14 @@ from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import Verdict
 
-#: Pairs that are tried.
-PAIRS = 40
+#: Pairs that are tried at most, and at least.
+PAIRS, FIRST_PAIRS = 40, 8
+#: How much more a pair may gain than is foretold, as a share and in chi2.
+BEYOND, BEYOND_CHI2 = 0.1, 10.0
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
 LARGE = 0.3
+#: Log evidence by which an explanation on a `Shortlist` may trail: first order is not exact.
+SLACK = 3.0
 #: An explanation that leaves something may still be named if it accounts for this share of the
 #: structure, and plainly (log evidence), its form granted this many times the usual uncertainty.
 NEARLY_ALL = 0.8
@@ -41,27 +47,47 @@ SECOND = 16.0
 ALSO = {"previous_lift_N": ("previous_throttle", "previous_distance")}
 
 
-def settle(stage: SearchProblem) -> Answer:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shortlist:
+    """Names of the effects of each explanation that may come first where a few trials are left out,
+    and how many single effects it was chosen from.
+    """
+
+    explanations: frozenset[tuple[str, ...]]
+    singles: int
+
+
+def settle(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """Search; where the structure is large beside the noise, take the noise floor about the best
-    explanation and search again.
+    explanation and search again, until that is about the best, but at most twice. Where the noise
+    was taken about an explanation of more trials that these do not show, it is taken about the base
+    model. With a `shortlist`, nothing else is tried.
     """
     # a search keeps what it worked out; a copy of the stage, so that it goes with the search
     stage = dataclasses.replace(stage)
-    answer = run(stage)
-    for _ in range(2):
-        tried = answer.accepted or sorted(
-            (*answer.singles, *answer.pairs), key=lambda e: -e.evidence.log
-        )
-        if not tried or tried[0].gain < LARGE * stage.data.n:
+    answer = run(stage, shortlist)
+    for again in range(2):
+        about = large(answer)
+        # once taken about an explanation, that of these trials stays so
+        if about is None and (again or stage.about is None):
             break
-        ground, about = (
-            (stage.data, stage.base, stage.effects, stage.parts, stage.theta, stage.options),
-            tried[0].fitted,
-        )
-        del answer, tried, stage
+        if about and stage.about and about[0].effects == stage.about[0].effects:
+            break
+        ground = stage.data, stage.base, stage.effects, stage.parts, stage.theta, stage.options
+        del answer, stage
         stage = prepare(*ground, about=about)
-        answer = run(stage)
+        answer = run(stage, shortlist)
     return answer
+
+
+def large(answer: Answer) -> tuple[Candidate, FloatArray] | None:
+    """The best explanation, named or not, where it is large beside the noise."""
+    tried = answer.accepted or sorted(
+        (*answer.singles, *answer.pairs), key=lambda e: -e.evidence.log
+    )
+    if not tried or tried[0].gain < LARGE * answer.stage.data.n:
+        return None
+    return tried[0].fitted.candidate, tried[0].fitted.vector
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,22 +127,50 @@ class Answer:
         size = self.accepted[0].wander if self.accepted else self.stage.base_wander
         return rms(self.stage.data, size)
 
+    def shortlist(self, named: tuple[Explanation, ...], left_out: NDArray[np.bool_]) -> Shortlist:
+        """What may come first, or stand beside it, where the trials `left_out` (n,) are; `named`
+        are the explanations that came first, confirmed or not.
+
+        To first order an explanation then gains in evidence what those trials cost it.
+        """
+        dropped = left_out[self.stage.space.covariance.order]
+
+        def without(log: float, fitted: Fitted) -> float:
+            return log + 0.5 * float(np.sum(fitted.residual[dropped] ** 2))
+
+        least = (
+            max(without(e.evidence.log, e.fitted) for e in named) - RIVAL_MAX_2LNB / 2
+            if named
+            else without(self.stage.unnamed, self.stage.base_fit) + CREDIT
+        )
+        kept = {
+            e.effects
+            for e in (*self.singles, *self.pairs)
+            if without(e.evidence.log, e.fitted) > least - SLACK
+        }
+        # a pair is held against what each of its effects accounts for
+        kept |= {(name,) for names in kept for name in names}
+        return Shortlist(explanations=frozenset(kept), singles=len(self.singles))
+
     @property
     def best(self) -> Fitted:
         """The model to predict with: the best explanation, else the base model."""
         return self.accepted[0].fitted if self.accepted else self.stage.base_fit
 
 
-def run(stage: SearchProblem) -> Answer:
-    """Test, then single effects, then pairs if no single one will do.
+def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
+    """Test, then single effects, then pairs if no single one will do; those of the `shortlist`, if
+    there is one.
 
-    An effect that would do, but that a `plain_change` leads by more than a rival may trail, is what
+    An effect that would do, but that a plain change leads by more than a rival may trail, is what
     happens along its covariate, and not that effect.
     """
     first, _ = stage.nothing_added
     if not first.present:
         return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in stage.library}
+    if shortlist:
+        seen = {name: e for name, e in seen.items() if (name,) in shortlist.explanations}
     visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
     # one that has no value at some trial, however small, explains nothing
     tried = [(e, stage.explain((e,))) for e in visible]
@@ -126,10 +180,11 @@ def run(stage: SearchProblem) -> Answer:
     clean = bool(alone)
     if not clean:
         singles = second_look(stage, singles)
+    margin = RIVAL_MAX_2LNB / 2
     disowned = {
         s.name
         for s in singles
-        if s.accepted and s.evidence.over_none < stage.plain_change(s) - RIVAL_MAX_2LNB / 2
+        if s.accepted and s.evidence.over_none < plain_change.log_evidence(stage, s) - margin
     }
     if disowned:
         singles = tuple(
@@ -139,23 +194,34 @@ def run(stage: SearchProblem) -> Answer:
     alone = [s for s in singles if s.accepted]
     best = max(alone, key=lambda e: e.evidence.log, default=None)
     gains = {s.name: s.gain for s in singles}
+    offered = (
+        promising(stage, gains, visible, best)
+        if shortlist is None
+        else [
+            (one, two)
+            for one, two in combinations(visible, 2)
+            if (one.name, two.name) in shortlist.explanations
+        ]
+    )
     pairs = tuple(
-        stage.explain((one, two), (gains[one.name], gains[two.name]))
-        for one, two in promising(stage, visible, best)
+        stage.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
     )
     if not clean and not any(p.accepted for p in pairs):
         pairs = second_look(stage, pairs)
     if stage.options.pairs:
         # so few trials leave little for any test to find
         singles, pairs = forgiven(singles, pairs)
-    accepted = contenders(stage, singles, pairs)
+    accepted = contenders(stage, singles, pairs, shortlist.singles if shortlist else 0)
     if len(accepted) == 1:
         accepted = (accepted[0].without_rivals(),)
     return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=accepted)
 
 
 def contenders(
-    stage: SearchProblem, singles: tuple[Explanation, ...], pairs: tuple[Explanation, ...]
+    stage: SearchProblem,
+    singles: tuple[Explanation, ...],
+    pairs: tuple[Explanation, ...],
+    of: int = 0,
 ) -> tuple[Explanation, ...]:
     """The explanations that this design cannot tell apart, the one to be named first; empty if none
     was accepted.
@@ -163,8 +229,9 @@ def contenders(
     Two effects take the place of one that would do alone only where the second earns it: one effect
     of uncertain form can imitate two, and two one of strange form, so the two must lead by both
     readings of the forms, and pay for how many pairs there are. What both leave is noise to that
-    judgement, so the price grows with it. Two that one effect alone leads by either reading are no
-    explanation, though that one leaves something and they leave nothing.
+    judgement, so the price grows with it; `of` is how many single effects there are, if these are
+    not all. Two that one effect alone leads by either reading are no explanation, though that one
+    leaves something and they leave nothing.
     """
     if not any(e.accepted for e in (*singles, *pairs)):
         return ()
@@ -173,7 +240,7 @@ def contenders(
     # one effect that leaves what chance may is not worse than one that leaves less, or two
     alone = sorted((e for e in singles if e.tenable), key=lambda e: -e.evidence.log)
     # of so many pairs to each single effect chance takes the likeliest
-    price = RIVAL_MAX_2LNB / 2 + float(np.log(max(len(singles) - 1, 2) / 2))
+    price = RIVAL_MAX_2LNB / 2 + float(np.log(max((of or len(singles)) - 1, 2) / 2))
     earned = not alone or any(
         p.evidence.leads(alone[0].evidence) > price * stage.dispersion(p)
         and p.gain > alone[0].gain + SECOND
@@ -230,26 +297,38 @@ def forgiven(
 
 
 def promising(
-    stage: SearchProblem, visible: list[Effect], alone: Explanation | None
+    stage: SearchProblem, gains: dict[str, float], visible: list[Effect], alone: Explanation | None
 ) -> list[tuple[Effect, Effect]]:
-    """Pairs by what they could gain to first order, the best first; beside an effect that will do
-    alone, those that could gain plainly more.
+    """Pairs by what they could gain, the best first; beside an effect that will do alone, those
+    that could gain plainly more; else, beyond the first few, those that could account for the
+    greater part of what each effect leaves.
+
+    `gains` are those of the single effects: what one gains beyond first order it gains beside
+    another, too.
     """
     if not stage.options.pairs:
         return []
-    gains = pair_gains(stage)
-    least, known, bent = -np.inf, "", 0.0
+    projected = pair_gains(stage)
+    bent = {name: max(gain - projected[name, ""], 0.0) for name, gain in gains.items()}
+    offered = sorted(
+        (
+            (projected[one.name, two.name] + bent[one.name] + bent[two.name], one, two)
+            for one, two in combinations(visible, 2)
+        ),
+        key=lambda pair: -pair[0],
+    )[:PAIRS]
     if alone is not None:
-        least, (known,) = alone.gain + RIVAL_MAX_2LNB, alone.effects
-        # what an effect gains beyond first order it gains beside another, too
-        bent = max(alone.gain - gains[known, ""], 0.0)
-    projected = (
-        (gains[one.name, two.name] + bent * (known in (one.name, two.name)), (one, two))
-        for one, two in combinations(visible, 2)
-    )
+        least = alone.gain + RIVAL_MAX_2LNB
+        return [(one, two) for gain, one, two in offered if gain > least]
+
+    def may_be_needed(gain: float, one: Effect, two: Effect) -> bool:
+        most, beside = (1 + BEYOND) * gain + BEYOND_CHI2, max(gains[one.name], gains[two.name])
+        return bool(stage.greater_part(most - beside, stage.excess - beside))
+
     return [
-        pair
-        for _, pair in sorted((p for p in projected if p[0] > least), key=lambda p: -p[0])[:PAIRS]
+        (one, two)
+        for i, (gain, one, two) in enumerate(offered)
+        if i < FIRST_PAIRS or may_be_needed(gain, one, two)
     ]
 
 
@@ -287,7 +366,7 @@ def second_look(stage: SearchProblem, tried: tuple[Explanation, ...]) -> tuple[E
     bare step does. And what is left must lie along what its form bends along: no error of a form
     puts structure elsewhere.
     """
-    least = max(NEARLY_ALL * stage.excess, stage.best_step)
+    least = max(NEARLY_ALL * stage.excess, plain_change.best_step(stage))
 
     def again(e: Explanation) -> Explanation:
         if (
@@ -297,7 +376,7 @@ def second_look(stage: SearchProblem, tried: tuple[Explanation, ...]) -> tuple[E
             or e.fitted.candidate.by_session.any()
         ):
             return e
-        looser = stage.judged(e.fitted, LOOSER * e.form_sd, ())
+        looser = stage.tested(stage.judged(e.fitted, LOOSER * e.form_sd, ()))
         bends = [name for effect in e.fitted.candidate.effects for name in bends_along(effect)]
         along = {
             word for name in bends for word in (SCHEDULE_WORDS.get(name, name), *ALSO.get(name, ()))

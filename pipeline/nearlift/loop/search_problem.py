@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.likelihood import budget
-from nearlift.likelihood.covariates import varies
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.likelihood.subspace import framed, orthonormal
@@ -30,8 +29,9 @@ from nearlift.loop.evidence import (
     mean_evidence,
 )
 from nearlift.loop.explanation import Explanation
-from nearlift.loop.families import STEP, families
+from nearlift.loop.families import families
 from nearlift.loop.instruments import instruments
+from nearlift.loop.screen import Screen
 from nearlift.loop.structure import Hypothesis, Null, Structure
 from nearlift.loop.wander import likeliest, price, waves
 from nearlift.nomenclature import SCHEDULE_WORDS
@@ -66,7 +66,9 @@ class Options:
 class SearchProblem:
     """Trials, base fit, noise and hypotheses of one boundary.
 
-    With `independent`, trials are fitted as if nothing tied them together; see `few_visits`.
+    With `independent`, trials are fitted as if nothing tied them together; see `few_visits`. The
+    noise was estimated about the candidate and vector `about`, about the base model if None;
+    `drawn` is the null distribution of nearly the same trials, if that was drawn already.
     """
 
     data: Observations
@@ -78,6 +80,8 @@ class SearchProblem:
     theta: FloatArray
     options: Options
     independent: bool = False
+    about: tuple[Candidate, FloatArray] | None = None
+    drawn: Null | None = None
 
     @cached_property
     def space(self) -> Problem:
@@ -126,6 +130,16 @@ class SearchProblem:
         return fit(self.candidate(), self.space, self.log_lift, self.theta)
 
     @cached_property
+    def base_jacobian(self) -> FloatArray:
+        """Derivatives of the base model alone, whitened, (n, p)."""
+        return self.base_fit.jacobian
+
+    @cached_property
+    def screen(self) -> Screen:
+        """Where the fits of candidates begin."""
+        return Screen(self.space, self.candidate(), self.base_fit.vector)
+
+    @cached_property
     def library(self) -> tuple[tuple[Effect, FloatArray], ...]:
         """Each effect with its first-order columns (n, k) of log lift, one entry per shape."""
         return tuple(library_columns(self.base, self.effects, self.data, self.theta))
@@ -139,30 +153,35 @@ class SearchProblem:
         ]
         words = [(effect, name, SCHEDULE_WORDS.get(c, c)) for effect, name, c, _ in sources]
         # thousands of trials by hundreds of columns: what is done with is let go
-        white = [self.space.project(columns.T).T for *_, columns in sources]
+        ends = np.cumsum([columns.shape[1] for *_, columns in sources])[:-1]
+        white = self.space.project(np.hstack([columns for *_, columns in sources]).T).T
         del sources
-        basis = framed(orthonormal(np.hstack([self.base_fit.jacobian, *white])))
+        basis = framed(orthonormal(np.hstack([self.base_jacobian, white])))
         reduced = tuple(
             Hypothesis(
                 name=name,
                 covariate=covariate,
-                columns=basis.T @ (orthonormal(w) if w.shape[1] > 1 else w),
+                columns=orthonormal(columns) if columns.shape[1] > 1 else columns,
                 effect=effect,
             )
-            for (effect, name, covariate), w in zip(words, white, strict=True)
+            for (effect, name, covariate), columns in zip(
+                words, np.split(basis.T @ white, ends, axis=1), strict=True
+            )
         )
         return reduced, basis
 
     @cached_property
     def absorbed(self) -> FloatArray:
         """What the base model's coefficients absorb of the reduced space, orthonormal (d, p)."""
-        return orthonormal(self.hypotheses[1].T @ self.base_fit.jacobian)
+        return orthonormal(self.hypotheses[1].T @ self.base_jacobian)
 
     @cached_property
     def null(self) -> Null:
         """What the most significant of all tests does by chance: one for everything that this
-        search tries.
+        search tries, and with visits held out.
         """
+        if self.drawn is not None:
+            return self.drawn
         if not self.options.multiplicity:
             return structure.ALONE
         return structure.draw(
@@ -178,30 +197,42 @@ class SearchProblem:
         return self.space.project(waves(self.data).T).T
 
     @cached_property
-    def waves_in_basis(self) -> FloatArray:
-        """The same in the basis of the hypotheses, (d, k)."""
-        return self.hypotheses[1].T @ self.waves
-
-    def linearised(self, fitted: Fitted, form_sd: float, wander: float = 0.0) -> FormReading:
-        """A fit with its form uncertain by `form_sd` and a `wander` beside it, in a basis that
-        begins with that of the hypotheses and spans all that the fit moves along.
+    def common(self) -> FloatArray:
+        """Orthonormal basis (n, c) of what every explanation may move along: the coefficients, and
+        a wander.
         """
-        _, basis = self.hypotheses
+        return orthonormal(np.hstack([self.base_jacobian, self.waves]))
+
+    @cached_property
+    def waves_in_common(self) -> FloatArray:
+        """The columns of a wander there, (c, k)."""
+        return self.common.T @ self.waves
+
+    def linearised(
+        self,
+        fitted: Fitted,
+        form_sd: float,
+        wander: float = 0.0,
+        basis: FloatArray | None = None,
+    ) -> FormReading:
+        """A fit with its form uncertain by `form_sd` and a `wander` beside it, in coordinates that
+        begin with those of an orthonormal `basis` (n, d), the hypotheses' if None, and span all
+        that the fit moves along.
+        """
+        basis = self.hypotheses[1] if basis is None else basis
         tube = self.space.project(fitted.candidate.tube(fitted.vector, form_sd).T).T
         if wander:
             tube = np.hstack([tube, wander * self.waves])
-        jacobian = fitted.jacobian
-        both = np.hstack([jacobian, tube])
-        outside = both - basis @ (basis.T @ both)
+        both = np.hstack([fitted.jacobian, tube])
+        inside = basis.T @ both
+        outside = both - basis @ inside
         beyond = np.linalg.norm(outside, axis=0) > OUTSIDE * np.maximum(
             np.linalg.norm(both, axis=0), 1e-300
         )
-        whole = np.hstack([basis, framed(orthonormal(outside[:, beyond]))])
-        return FormReading(
-            here=Linearised(fitted=fitted, jacobian=whole.T @ jacobian, tube=whole.T @ tube),
-            basis=whole,
-            wander=wander,
-        )
+        rest = orthonormal(outside[:, beyond])
+        jacobian, tube = np.split(np.vstack([inside, rest.T @ outside]), [len(fitted.vector)], 1)
+        here = Linearised(fitted=fitted, jacobian=jacobian, tube=tube)
+        return FormReading(here=here, basis=basis, rest=rest, wander=wander)
 
     def remaining(self, left: Integrated) -> Structure:
         """The whole test on what an explanation leaves."""
@@ -230,11 +261,6 @@ class SearchProblem:
             return e.left
         return self.remaining(self.linearised(e.fitted, e.form_sd, e.wander).left)
 
-    def waves_beside(self, left: Integrated) -> FloatArray:
-        """The columns of a wander where these scores are, (d, k)."""
-        columns = left.beside(self.waves_in_basis)
-        return np.asarray(columns - left.removed @ (left.removed.T @ columns))
-
     def explain(
         self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)
     ) -> Explanation:
@@ -246,37 +272,45 @@ class SearchProblem:
             if any(p.per == "session" for e in effects for p in e.parameters)
             else (1.0,)
         )
-        candidates = (
+        first, *others = (
             dataclasses.replace(self.candidate(*effects), session_spread=s) for s in spreads
         )
-        fits = (search(c, self.space, self.log_lift, self.base_fit.vector) for c in candidates)
-        return max(
+        fits = [search(first, self.screen, self.log_lift)]
+        for candidate in others:
+            fits.append(fit(candidate, self.space, self.log_lift, fits[-1].vector))
+        likeliest = max(
             (self.judged(f, self.options.form_sd, without) for f in fits),
             key=lambda e: e.evidence.log,
         )
+        return self.tested(likeliest)
 
     def readings(self, fitted: Fitted, form_sd: float) -> tuple[FormReading, FormReading]:
         """A fit with its form as printed, and uncertain by `form_sd`; each with the likeliest
         wander beside it.
         """
-        uncertain = self.linearised(fitted, form_sd)
+        uncertain = self.linearised(fitted, form_sd, basis=self.common)
         certain = dataclasses.replace(uncertain.here, tube=uncertain.here.tube[:, :0])
         printed = dataclasses.replace(uncertain, here=certain)
-        return self.with_wander(printed, 0.0), self.with_wander(uncertain, form_sd)
+        return self.with_wander(printed), self.with_wander(uncertain)
 
-    def with_wander(self, reading: FormReading, form_sd: float) -> FormReading:
-        """A reading, or where a wander beside it is worth its price, that."""
-        left = reading.left_by_unit_information
-        wander = likeliest(left.scores[:, 0], self.waves_beside(left), self.data.n)
-        return self.linearised(reading.here.fitted, form_sd, wander) if wander else reading
+    def with_wander(self, reading: FormReading) -> FormReading:
+        """A reading in coordinates that begin with the `common` ones, or where a wander beside it
+        is worth its price, that.
+        """
+        left, here = reading.left_by_unit_information, reading.here
+        wander = likeliest(left.scores[:, 0], left.left_of(self.waves_in_common), self.data.n)
+        if not wander:
+            return reading
+        tube = np.hstack([here.tube, wander * left.padded(self.waves_in_common)])
+        return dataclasses.replace(
+            reading, here=dataclasses.replace(here, tube=tube), wander=wander
+        )
 
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
-        """A fit whose form is uncertain by `form_sd`; what it leaves is tested where the effects
-        could then be named.
-        """
+        """A fit whose form is uncertain by `form_sd`, what it leaves not yet tested."""
         printed, uncertain = self.readings(fitted, form_sd)
         gain = self.gain(fitted, form_sd)
-        explanation = Explanation(
+        return Explanation(
             fitted=fitted,
             form_sd=form_sd,
             wander=uncertain.wander,
@@ -290,9 +324,12 @@ class SearchProblem:
                 plausibility=float(mean_evidence(printed.plausibility, uncertain.plausibility)),
             ),
         )
-        if explanation.eligible and explanation.evidence.over_none > CREDIT:
-            return dataclasses.replace(explanation, left=self.remaining(uncertain.left))
-        return explanation
+
+    def tested(self, e: Explanation) -> Explanation:
+        """The same; what it leaves is tested where its effects could then be named."""
+        if e.eligible and e.evidence.over_none > CREDIT:
+            return dataclasses.replace(e, left=self.left_by(e))
+        return e
 
     def gain(self, fitted: Fitted, form_sd: float) -> float:
         """Drop of chi2 by effects of declared form; the size of one that restarts with every
@@ -322,33 +359,6 @@ class SearchProblem:
         _, basis = self.hypotheses
         return float(max(np.sum((basis.T @ self.base_fit.residual) ** 2) - basis.shape[1], 1e-12))
 
-    def plain_change(self, e: Explanation) -> float:
-        """Log evidence of a plain change along the covariates of an explanation's effects, over
-        that of what has no name: a straight line in gain or in force, or where a size differs by
-        session a step in gain at any time; the largest.
-
-        To first order, by unit information; minus infinity where no covariate of its own was
-        logged.
-        """
-        data, absorbed = self.data, orthonormal(self.base_fit.jacobian)
-        lift_N = data.covariates["lift_inf_N"] * np.exp(
-            self.base_fit.candidate.log_ratio(self.base_fit.vector)
-        )
-        gains = [-np.inf]
-        for name in (effect.varies_with for effect in e.fitted.candidate.effects):
-            if name in data.covariates and varies(data, name):
-                along = data.covariates[name] - data.covariates[name].mean()
-                white = self.space.project(np.stack([along, along * np.median(lift_N) / lift_N])).T
-                white = white - absorbed @ (absorbed.T @ white)
-                gain = (white.T @ self.base_fit.residual) ** 2 / np.maximum(
-                    np.sum(white**2, axis=0), 1e-300
-                )
-                gains.append(float(gain.max()))
-        if e.fitted.candidate.by_session.any():
-            gains.append(self.best_step)
-        beyond = self.unnamed - self.nothing_added[1]
-        return 0.5 * (max(gains) - float(np.log(data.n))) - beyond
-
     def dispersion(self, e: Explanation) -> float:
         """Variance along the families and effects that an explanation leaves, in units of the noise
         floor's; 1 where it leaves nothing.
@@ -358,18 +368,6 @@ class SearchProblem:
         ) / float(self.hypotheses[1].shape[1])
 
     @cached_property
-    def best_step(self) -> float:
-        """Drop of chi2 by one step at the best of the times tried."""
-        hypotheses, basis = self.hypotheses
-        steps = [h.columns for h in hypotheses if h.name == STEP]
-        if not steps:
-            return 0.0
-        columns = np.hstack(steps)
-        columns = columns - self.absorbed @ (self.absorbed.T @ columns)
-        along = columns.T @ (basis.T @ self.base_fit.residual)
-        return float(np.max(along**2 / np.maximum(np.sum(columns**2, axis=0), 1e-12)))
-
-    @cached_property
     def base_reading(self) -> FormReading:
         """The base model alone."""
         return self.linearised(self.base_fit, 0.0)
@@ -377,7 +375,7 @@ class SearchProblem:
     @cached_property
     def _unnamed(self) -> FormReading:
         """What has no name: the base model, with a wander beside it if that is likelier."""
-        return self.with_wander(self.base_reading, 0.0)
+        return self.with_wander(self.linearised(self.base_fit, 0.0, basis=self.common))
 
     @property
     def base_wander(self) -> float:

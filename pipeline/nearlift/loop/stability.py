@@ -3,10 +3,11 @@
 Candidates are the trial of largest closed-form influence on the headline coefficient, those to
 which a choice owes most of a narrow margin (see `choices`), and those without which a test would
 turn: that for structure, or that of what the likeliest explanation leaves. The whole diagnosis,
-noise and search included, is repeated without each: the answer rests on a trial if the headline
-then moves by more than one standard uncertainty, or the verdict changes. Visits are left out
-likewise, selected by the first two criteria; of a small table each trial and each visit is left
-out.
+noise and search included, is repeated without each, first with those explanations alone that may
+then come first (`search.Shortlist`), and with all where these name another: the answer rests on a
+trial if the headline then moves by more than one standard uncertainty, or the verdict changes.
+Visits are left out likewise, selected by the first two criteria; of a small table each trial and
+each visit is left out.
 """
 
 from __future__ import annotations
@@ -84,7 +85,7 @@ def choices(
         return [(stage.base_fit, fitted, -margin)] if margin < 0 else []
     # where visits are few, those left out decide, and no evidence
     chosen = [] if stage.independent else [(fitted, stage.base_fit, margin)]
-    for other in optima(fitted.candidate, stage.space, stage.log_lift, stage.base_fit.vector):
+    for other in optima(fitted.candidate, stage.screen, stage.log_lift):
         if abs(other.vector[i] - fitted.vector[i]) > headline.u and np.isfinite(other.cost):
             chosen.append((fitted, other, (other.cost - fitted.cost) / 2))
     alike = [e for e in answer.accepted if e.tenable and len(e.effects) == len(first.effects)]

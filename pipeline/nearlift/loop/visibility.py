@@ -16,11 +16,13 @@ def visibility(stage: SearchProblem, effect: Effect) -> float:
     """Share of the squared norm of an effect's whitened columns outside the span of theta and
     L_inf, the largest over its shapes; 0 without columns.
     """
-    shares, basis = [], orthonormal(stage.base_fit.jacobian)
-    for e, columns in stage.library:
-        if e.name == effect.name:
-            whole = stage.space.covariance.whiten(columns.T).T
-            white = stage.space.project(columns.T).T
-            left = white - basis @ (basis.T @ white)
-            shares.append(float(np.sum(left**2) / max(np.sum(whole**2), 1e-300)))
-    return max(shares, default=0.0)
+    shapes = [columns for e, columns in stage.library if e.name == effect.name]
+    if not shapes:
+        return 0.0
+    together = np.hstack(shapes).T
+    whole, white = stage.space.covariance.whiten(together), stage.space.project(together)
+    basis = orthonormal(stage.base_jacobian)
+    left = white - (white @ basis) @ basis.T
+    first = np.cumsum([0, *(columns.shape[1] for columns in shapes[:-1])])
+    part, of = (np.add.reduceat(np.sum(x**2, axis=1), first) for x in (left, whole))
+    return float(np.max(part / np.maximum(of, 1e-300)))

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.likelihood.subspace import cosines, left_singular
+from nearlift.likelihood.subspace import cosines
 from nearlift.likelihood.variance_components import ENOUGH
 from nearlift.results import Observations
 
@@ -65,7 +65,8 @@ def worth(scores: FloatArray, columns: FloatArray, n: int) -> FloatArray:
 
 def _gain(scores: FloatArray, columns: FloatArray) -> FloatArray:
     """Log likelihood ratio of scores (d, m) for a wander of each of `SIZES`; (sizes, m)."""
-    u, lengths = left_singular(columns)
-    variance = np.square(np.outer(SIZES, lengths))
-    explained = variance / (1 + variance) @ (u.T @ scores) ** 2
+    squares, turn = np.linalg.eigh(columns.T @ columns)
+    size2 = SIZES[:, None] ** 2
+    variance = size2 * np.maximum(squares, 0.0)
+    explained = size2 / (1 + variance) @ (turn.T @ (columns.T @ scores)) ** 2
     return np.asarray(0.5 * (explained - np.log1p(variance).sum(axis=1, keepdims=True)))

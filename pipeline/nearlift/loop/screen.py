@@ -1,0 +1,121 @@
+"""Where the fits of candidates begin: every combination of shapes, fitted to first order about the
+base model.
+
+Beside an effect of size zero no other has anything to act on: a candidate's first-order columns are
+those of its effects one by one, so that all candidates share them and their products.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+
+import numpy as np
+
+from nearlift.declare import Effect, FloatArray
+from nearlift.likelihood.problem import Problem
+from nearlift.loop.candidate import Candidate
+
+#: Added to the diagonal of a normal matrix of unit diagonal, so that it has an inverse.
+RIDGE = 1e-12
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Start:
+    """A vector to first order, (P,), with its penalised chi2, and the vector of the same shapes
+    without effects.
+    """
+
+    cost: float
+    vector: FloatArray
+    null: FloatArray
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Signature:
+    """One effect: the entries of its `shapes` (m, entries), and its whitened columns at each,
+    (m, k, n).
+    """
+
+    shapes: FloatArray
+    columns: FloatArray
+
+
+class Screen:
+    """First-order fits about the coefficients `theta` (p,) of the base model that `base`, a
+    candidate without effects, holds; `space` whitens and projects out L_inf.
+    """
+
+    def __init__(self, space: Problem, base: Candidate, theta: FloatArray) -> None:
+        self.space, self.base, self.theta = space, base, theta
+        columns = space.project(base.jacobian(theta).T)[None]
+        self._signatures = {"": _Signature(shapes=np.zeros((1, 0)), columns=columns)}
+        self._products: dict[tuple[str, str], FloatArray] = {}
+
+    def _signature(self, effect: Effect) -> _Signature:
+        if effect.name not in self._signatures:
+            alone, p = (
+                Candidate(base=self.base.base, effects=(effect,), data=self.base.data),
+                len(self.theta),
+            )
+            shapes = np.array([*alone.shapes()])
+            shapes[:, :p] = self.theta
+            sizes = alone.sizes()
+            columns = np.array(
+                [self.space.project(alone.jacobian(shape).T[sizes]) for shape in shapes]
+            )
+            self._signatures[effect.name] = _Signature(shapes=shapes[:, p:], columns=columns)
+        return self._signatures[effect.name]
+
+    def _product(self, one: str, two: str) -> FloatArray:
+        """Of the columns of two effects, "" the base model's, (m, m', k, k')."""
+        if (one, two) not in self._products:
+            a, b = (self._signatures[name].columns for name in (one, two))
+            flat = a.reshape(-1, a.shape[-1]) @ b.reshape(-1, b.shape[-1]).T
+            self._products[one, two] = flat.reshape(*a.shape[:2], *b.shape[:2]).swapaxes(1, 2)
+        return self._products[one, two]
+
+    def starts(self, candidate: Candidate, log_lift: FloatArray) -> list[Start]:
+        """First-order fits of a candidate to log lift (n,), one for each combination of shapes, the
+        best first.
+        """
+        each = [self._signatures[""], *map(self._signature, candidate.effects)]
+        names = ["", *(effect.name for effect in candidate.effects)]
+        shape = np.array([*product(*(range(len(s.shapes)) for s in each))])
+        ends = np.cumsum([0, *(s.columns.shape[1] for s in each)])
+        places = [slice(a, b) for a, b in pairwise(ends)]
+        residual = self.space.project(log_lift - self.base.log_ratio(self.theta))
+        normal, along = np.empty((len(shape), ends[-1], ends[-1])), np.empty((len(shape), ends[-1]))
+        for i, mine in enumerate(places):
+            along[:, mine] = (each[i].columns @ residual)[shape[:, i]]
+            for j, theirs in enumerate(places[: i + 1]):
+                block = self._product(names[i], names[j])[shape[:, i], shape[:, j]]
+                normal[:, mine, theirs] = block
+                normal[:, theirs, mine] = block.swapaxes(1, 2)
+        p, sizes = len(self.theta), candidate.sizes()
+        null = np.tile(candidate.null, (len(shape), 1))
+        null[:, :p] = self.theta
+        for i, effect in enumerate(candidate.effects, 1):
+            null[:, candidate.entries_of(effect.name)] = each[i].shapes[shape[:, i]]
+        mean, sd = candidate.prior
+        active = np.r_[np.arange(p), sizes]
+        weight2 = 1 / sd[active] ** 2
+        diagonal = np.arange(len(active))
+        chi2_of = normal.copy()
+        normal[:, diagonal, diagonal] += weight2
+        length = np.sqrt(normal[:, diagonal, diagonal])
+        length = np.where(length > 0, length, 1.0)
+        scaled = normal / (length[:, :, None] * length[:, None, :])
+        scaled[:, diagonal, diagonal] += RIDGE
+        pull = along + weight2 * (mean - null)[:, active]
+        moved = np.linalg.solve(scaled, (pull / length)[:, :, None])[:, :, 0] / length
+        vector = null.copy()
+        vector[:, active] += moved
+        cost = (
+            residual @ residual
+            + np.einsum("ci,cij,cj->c", moved, chi2_of, moved)
+            - 2 * np.sum(moved * along, axis=1)
+            + np.sum(weight2 * (vector - mean)[:, active] ** 2, axis=1)
+        )
+        order = np.argsort(np.nan_to_num(cost, nan=np.inf), kind="stable")
+        return [Start(cost=float(cost[c]), vector=vector[c], null=null[c]) for c in order]
