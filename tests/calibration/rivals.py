@@ -33,8 +33,8 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import next_visits
 from nearlift.loop.candidate_fit import Fitted, fit, search
-from nearlift.loop.screen import Screen
 from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.loop.starts import Starts
 from nearlift.results import IntArray, Noise
 from nearlift.results.diagnosis import FORM_SD
 
@@ -159,7 +159,7 @@ def parted(
         fits = [
             fit(c, space, y, f.vector)
             if f
-            else search(c, Screen(space, stage.candidate(), stage.theta), y)
+            else search(c, Starts(space, stage.candidate(), stage.theta), y)
             for c, f in zip(candidates, fits or (None, None), strict=True)
         ]
         apart = 2 * (_evidence(fits[0], forms, len(order)) - _evidence(fits[1], forms, len(order)))

@@ -266,7 +266,7 @@ def supply(boundary: str, seed: int) -> dict[str, Any]:
             data = dataclasses.replace(data, lift_N=data.lift_N * factor)
             stage = known(data, pool, ("supply_sag", "gain_drift"))
             one, other = (
-                search(stage.candidate(e), stage.screen, stage.log_lift) for e in stage.effects
+                search(stage.candidate(e), stage.starts, stage.log_lift) for e in stage.effects
             )
             apart = 2 * (evidence(one) - evidence(other))
             if abs(apart) > APART or len(order) >= most:

@@ -565,7 +565,7 @@ def test_leaving_out_every_visit_at_once_is_leaving_out_each(names):
     )
     stage = dataclasses.replace(set_up(data, GROUND, (), Options())[0], independent=True)
     effects = tuple(catalogue.effect(n) for n in names)
-    whole = candidate_search(stage.candidate(*effects), stage.screen, stage.log_lift)
+    whole = candidate_search(stage.candidate(*effects), stage.starts, stage.log_lift)
     vectors, left = few_visits.without_each(stage, whole), few_visits.left_out(stage, effects)
     assert vectors.shape == (9, whole.candidate.size)
     scale = 1 / np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / whole.candidate.prior[1] ** 2)

@@ -191,9 +191,10 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         None,
     ):
         assert worst(unlimited) == pytest.approx((1, 40, False))
+    limit["bias_at_detection_limit"] = 8.0
     seen = known(u, "height", found=diagnosed("adequate", **limit))
     [own] = doubts._hidden(seen, "ground")
-    assert "0.12 mm in distance datum" in own
+    assert "0.1 mm in distance datum" in own
     assert own.endswith(" (more would show)")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood.problem import Problem
 from nearlift.loop.candidate import Candidate
-from nearlift.loop.screen import Screen
+from nearlift.loop.starts import Starts
 
 #: Most bisections of a start beyond a pole towards the null.
 HALVINGS = 8
@@ -136,20 +136,20 @@ def _step(
     return step
 
 
-def search(candidate: Candidate, screen: Screen, log_lift: FloatArray) -> Fitted:
+def search(candidate: Candidate, starts: Starts, log_lift: FloatArray) -> Fitted:
     """Best fit over the shapes' starting values."""
-    return optima(candidate, screen, log_lift)[0]
+    return optima(candidate, starts, log_lift)[0]
 
 
-def optima(candidate: Candidate, screen: Screen, log_lift: FloatArray) -> list[Fitted]:
-    """Fits from the two best starts of the `screen`, the best first.
+def optima(candidate: Candidate, starts: Starts, log_lift: FloatArray) -> list[Fitted]:
+    """Fits from the two best `starts`, the best first.
 
     A start beyond a pole of the model, where some trial has no predicted value, is bisected towards
     the null. If that does not help, the result's chi2 is nan.
     """
     fits = [
-        fit(candidate, screen.space, log_lift, _short_of_pole(candidate, start.vector, start.null))
-        for start in screen.starts(candidate, log_lift)[:2]
+        fit(candidate, starts.space, log_lift, _short_of_pole(candidate, start.vector, start.null))
+        for start in starts.ranked(candidate, log_lift)[:2]
     ]
     return sorted(fits, key=lambda f: np.nan_to_num(f.cost, nan=np.inf))
 

@@ -114,7 +114,7 @@ def held_out(
         mine = (
             best
             if best and best.candidate.effects == named
-            else search(part.candidate(*named), part.screen, part.log_lift)
+            else search(part.candidate(*named), part.starts, part.log_lift)
         )
         truth, there = np.log(data.lift_N[known]), data.take(known)
         for residual, fitted in ((before, part.base_fit), (by_name, mine), (after, best or mine)):

@@ -285,9 +285,8 @@ def _without(
         return None
     about, begin = whole.about, whole
     if about is not None:
-        candidate = dataclasses.replace(about[0], data=data)
-        about = candidate, about[1]
-        if candidate.size != len(about[1]):
+        about = dataclasses.replace(about[0], data=data), about[1]
+        if about[0].size != len(about[1]):
             # the last session, of which nothing is left, had a size of its own
             about, begin = None, ground
     try:

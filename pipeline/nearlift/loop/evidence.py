@@ -26,8 +26,11 @@ CREDIT = 2.0
 
 
 def mean_evidence(as_printed: FloatArray | float, uncertain: FloatArray | float) -> FloatArray:
-    """Log of the mean of two readings' evidence, which are given as logarithms."""
-    return np.asarray(np.logaddexp(as_printed, uncertain) - np.log(2.0))
+    """Log of the mean of two readings' evidence, which are given as logarithms; nan of a fit that
+    has no value at some trial.
+    """
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.logaddexp(as_printed, uncertain) - np.log(2.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -53,7 +53,7 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
     these do not determine its L_inf.
     """
     whole = (
-        search(stage.candidate(*effects), stage.screen, stage.log_lift)
+        search(stage.candidate(*effects), stage.starts, stage.log_lift)
         if effects
         else stage.base_fit
     )
@@ -218,7 +218,7 @@ def _explanation(
     score = (
         0.5 * len(squares) * float(np.log(none.sum() / total)) if np.isfinite(total) else -np.inf
     )
-    fitted = search(stage.candidate(*effects), stage.screen, stage.log_lift)
+    fitted = search(stage.candidate(*effects), stage.starts, stage.log_lift)
     return Explanation(
         fitted=fitted,
         form_sd=0.0,

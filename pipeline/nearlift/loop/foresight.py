@@ -222,7 +222,7 @@ class Foresight:
         structure = self._left(base, elsewhere)
         by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
         for effect in self.candidates:
-            fits = [search(c, stage.screen, log_lift) for c in self._variants(effect)]
+            fits = [search(c, stage.starts, log_lift) for c in self._variants(effect)]
             fits = [f for f in fits if not f.at_bound]
             if fits:
                 each = np.stack([self._evidence(f, elsewhere) for f in fits])

@@ -79,7 +79,7 @@ def changes(
         kept.append(pair)
         one: Point = ((pair.handle.effect,), foresight.vector(pair.handle, pair.size))
         log_lift = stage.candidate(*one[0]).log_ratio(one[1])
-        fitted = search(stage.candidate(effects[pair.rival]), stage.screen, log_lift)
+        fitted = search(stage.candidate(effects[pair.rival]), stage.starts, log_lift)
         other: Point = (fitted.candidate.effects, fitted.vector)
         now = parted(stage, stage.data, one, other)
         by_form = now >= APART

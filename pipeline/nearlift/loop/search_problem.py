@@ -31,7 +31,7 @@ from nearlift.loop.evidence import (
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import families
 from nearlift.loop.instruments import instruments
-from nearlift.loop.screen import Screen
+from nearlift.loop.starts import Starts
 from nearlift.loop.structure import Hypothesis, Null, Structure
 from nearlift.loop.wander import likeliest, price, waves
 from nearlift.nomenclature import SCHEDULE_WORDS
@@ -135,9 +135,9 @@ class SearchProblem:
         return self.base_fit.jacobian
 
     @cached_property
-    def screen(self) -> Screen:
+    def starts(self) -> Starts:
         """Where the fits of candidates begin."""
-        return Screen(self.space, self.candidate(), self.base_fit.vector)
+        return Starts(self.space, self.candidate(), self.base_fit.vector)
 
     @cached_property
     def library(self) -> tuple[tuple[Effect, FloatArray], ...]:
@@ -275,7 +275,7 @@ class SearchProblem:
         first, *others = (
             dataclasses.replace(self.candidate(*effects), session_spread=s) for s in spreads
         )
-        fits = [search(first, self.screen, self.log_lift)]
+        fits = [search(first, self.starts, self.log_lift)]
         for candidate in others:
             fits.append(fit(candidate, self.space, self.log_lift, fits[-1].vector))
         likeliest = max(

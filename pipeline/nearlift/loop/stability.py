@@ -85,7 +85,7 @@ def choices(
         return [(stage.base_fit, fitted, -margin)] if margin < 0 else []
     # where visits are few, those left out decide, and no evidence
     chosen = [] if stage.independent else [(fitted, stage.base_fit, margin)]
-    for other in optima(fitted.candidate, stage.screen, stage.log_lift):
+    for other in optima(fitted.candidate, stage.starts, stage.log_lift):
         if abs(other.vector[i] - fitted.vector[i]) > headline.u and np.isfinite(other.cost):
             chosen.append((fitted, other, (other.cost - fitted.cost) / 2))
     alike = [e for e in answer.accepted if e.tenable and len(e.effects) == len(first.effects)]

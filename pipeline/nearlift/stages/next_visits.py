@@ -342,7 +342,7 @@ def _points(
 ) -> tuple[Point, Point]:
     def fitted(names: Sequence[str], log_lift: FloatArray) -> Point:
         candidate = stage.candidate(*(known[n] for n in names))
-        optimum = search(candidate, stage.screen, log_lift)
+        optimum = search(candidate, stage.starts, log_lift)
         return candidate.effects, optimum.vector
 
     mine = stage.explain(tuple(known[n] for n in one))

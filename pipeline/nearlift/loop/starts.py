@@ -41,7 +41,7 @@ class _Signature:
     columns: FloatArray
 
 
-class Screen:
+class Starts:
     """First-order fits about the coefficients `theta` (p,) of the base model that `base`, a
     candidate without effects, holds; `space` whitens and projects out L_inf.
     """
@@ -75,7 +75,7 @@ class Screen:
             self._products[one, two] = flat.reshape(*a.shape[:2], *b.shape[:2]).swapaxes(1, 2)
         return self._products[one, two]
 
-    def starts(self, candidate: Candidate, log_lift: FloatArray) -> list[Start]:
+    def ranked(self, candidate: Candidate, log_lift: FloatArray) -> list[Start]:
         """First-order fits of a candidate to log lift (n,), one for each combination of shapes, the
         best first.
         """

@@ -51,7 +51,7 @@ def test_a_start_is_a_dense_fit_to_first_order_at_its_shapes(stage, names):
     expected = sorted(
         (by_hand(stage, candidate, shape) for shape in candidate.shapes()), key=lambda s: s[0]
     )
-    starts = stage.screen.starts(candidate, stage.log_lift)
+    starts = stage.starts.ranked(candidate, stage.log_lift)
     assert len(starts) == len(expected)
     length = np.sqrt(np.sum(stage.space.project(candidate.jacobian(expected[0][1]).T) ** 2, axis=1))
     for start, (cost, vector, null) in zip(starts, expected, strict=True):
@@ -69,6 +69,6 @@ def test_what_the_trials_do_not_tell_stays_at_its_prior(stage):
     )
     part = dataclasses.replace(stage, data=still)
     candidate = part.candidate(catalogue.effect("supply_sag"))
-    fitted = search(candidate, part.screen, part.log_lift)
+    fitted = search(candidate, part.starts, part.log_lift)
     assert fitted.chi2 == pytest.approx(part.base_fit.chi2, rel=1e-9)
     assert fitted.vector[1:] == pytest.approx(candidate.prior[0][1:], abs=1e-6)
