@@ -48,7 +48,7 @@ FAR = 30.0
 #: How often outliers are pulled in.
 PASSES = 2
 #: A step in the logarithm of a size that is a last one, before outliers are in place and after.
-ROUGH_STEP, LAST_STEP = 0.1, 1e-4
+ROUGH_STEP, LAST_STEP = 0.1, 1e-6
 
 
 def trial_variance(data: Observations, noise: Noise) -> FloatArray:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -235,14 +234,11 @@ def draw(
         Degrees of freedom of the noise estimate, whose scale is drawn, too.
     """
     _, stacked, ranks = bases(hypotheses, remove)
-    # single precision moves log10 p by a millionth, far less than another draw would
-    narrow: Any = stacked.astype(np.float32)
     least = np.zeros(DRAWS)
     for first in range(0, DRAWS if len(ranks) else 0, AT_ONCE):
-        draws: Any = rng.standard_normal((AT_ONCE, len(stacked)), dtype=np.float32)
+        draws = rng.standard_normal((AT_ONCE, len(stacked)), dtype=np.float32).astype(float)
         scale = np.sqrt(dof / rng.chisquare(dof, size=(AT_ONCE, 1)))
-        draws *= scale
-        least[first : first + AT_ONCE] = least_log10_p(draws, narrow, ranks)
+        least[first : first + AT_ONCE] = least_log10_p(draws * scale, stacked, ranks)
     return Null(np.sort(least))
 
 
