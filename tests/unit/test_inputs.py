@@ -191,10 +191,11 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         None,
     ):
         assert worst(unlimited) == pytest.approx((1, 40, False))
-    limit["bias_at_detection_limit"] = 8.0
+    # 0.12 of a millimetre, and not 0.125, which the last digit of u would round
+    limit["bias_at_detection_limit"] = 9.6
     seen = known(u, "height", found=diagnosed("adequate", **limit))
     [own] = doubts._hidden(seen, "ground")
-    assert "0.1 mm in distance datum" in own
+    assert "0.12 mm in distance datum" in own
     assert own.endswith(" (more would show)")
 
 

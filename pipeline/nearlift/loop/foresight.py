@@ -278,12 +278,12 @@ class Foresight:
         basis = self._space[0]
         scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
         tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
-        jacobian = basis.T @ fitted.jacobian
+        jacobian, waves = basis.T @ fitted.jacobian, basis.T @ self.stage.waves
 
         def reading(tube: FloatArray) -> tuple[FloatArray, FloatArray]:
             here = Linearised(fitted=fitted, jacobian=jacobian, tube=basis.T @ tube)
             left = here.by_unit_information(scores)
-            wander = worth(left.scores, left.left_of(basis.T @ self.stage.waves), self.stage.data.n)
+            wander = worth(left.scores, left.left_of(waves), self.stage.data.n)
             return here.log(left) + wander, here.by_priors(scores).log_likelihood + wander
 
         printed, uncertain = reading(tube[:, :0]), reading(tube)
