@@ -85,8 +85,10 @@ def held_out(
 ) -> HeldOut:
     """Held-out residuals of the search, repeated by `again` in every fold, and of the effects
     `named`, refitted in every fold; of these alone where `again` is None.
+
+    Declared errors that visits share are predicted too: the trials of a fold tell them.
     """
-    data = stage.data
+    data, declared = stage.data, declared_errors(stage)
     before, after, by_name = (
         np.full(data.n, np.nan),
         np.full(data.n, np.nan),
@@ -116,9 +118,9 @@ def held_out(
             if best and best.candidate.effects == named
             else search(part.candidate(*named), part.starts, part.log_lift)
         )
-        truth, there = np.log(data.lift_N[known]), data.take(known)
+        there = data.take(known)
         for residual, fitted in ((before, part.base_fit), (by_name, mine), (after, best or mine)):
-            residual[known] = truth - predict(part, fitted, there)
+            residual[known] = left(part, fitted, declared[train], there, declared[known])
     return HeldOut(
         before=before, after=after, named=by_name, visit=blocks(data), chosen=tuple(chosen)
     )
@@ -135,6 +137,32 @@ def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArra
     )
     result: FloatArray = far + fitted.candidate.log_ratio(vector, at)
     return result
+
+
+def declared_errors(stage: SearchProblem) -> FloatArray:
+    """Sensitivities (n, m) of log lift to the declared errors that trials share, each per standard
+    uncertainty.
+    """
+    return budget.shared(stage.data, stage.parts, stage.slope)
+
+
+def left(
+    stage: SearchProblem,
+    fitted: Fitted,
+    declared: FloatArray,
+    at: Observations,
+    declared_at: FloatArray,
+) -> FloatArray:
+    """Relative residuals of trials `at`, less the declared errors as a fit's own trials tell them;
+    `declared` and `declared_at` are the `declared_errors` of both.
+
+    The estimate is the best linear unbiased prediction (Robinson 1991, Statistical Science 6, 15).
+    A fit as if nothing tied trials together tells none.
+    """
+    residual = np.log(at.lift_N) - predict(stage, fitted, at)
+    if not stage.independent:
+        residual -= declared_at @ (fitted.space.project(declared.T) @ fitted.residual)
+    return np.asarray(residual, dtype=np.float64)
 
 
 def improves(stage: SearchProblem, scored: HeldOut) -> bool:

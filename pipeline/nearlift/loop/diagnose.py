@@ -111,12 +111,11 @@ def diagnose(
     decided = decide(ground, confirm, rate, progress=progress)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
     stage = answer.stage
+    shared = confirmation.declared_errors(stage)
     residuals: dict[str, NDArray[Any]] = {
         "trial": stage.data.trial,
-        "before": (
-            np.log(stage.data.lift_N) - confirmation.predict(stage, stage.base_fit, stage.data)
-        ),
-        "after": np.log(stage.data.lift_N) - confirmation.predict(stage, answer.best, stage.data),
+        "before": confirmation.left(stage, stage.base_fit, shared, stage.data, shared),
+        "after": confirmation.left(stage, answer.best, shared, stage.data, shared),
     }
     error = scores = None
     if scored is not None:
