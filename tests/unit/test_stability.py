@@ -10,8 +10,8 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
+from nearlift.loop import coefficients, search, stability
 from nearlift.loop import diagnose as loop
-from nearlift.loop import search, stability
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import MARGINAL
@@ -394,7 +394,7 @@ def test_a_shortlist_holds_what_may_come_first_without_a_trial(sagging):
 def test_a_shortlist_changes_no_answer_without_a_trial(monkeypatch):
     data = campaign(31, visits=3, gain=lambda known: 1 - 0.1 * (4.05 - known["supply_V"]))
     ground, library, _ = set_up(data, GROUND, (), Options())
-    declared, rate = loop.declared_sizes((), library), ground.options.false_alarm_rate
+    declared, rate = coefficients.declared_sizes((), library), ground.options.false_alarm_rate
     like = loop.decide(ground, True, rate)
     tried = []
     run = search.run
@@ -455,7 +455,7 @@ def test_without_what_spoke_for_it_nothing_is_left_of_an_effect(gone):
         gain = np.array([1.0, 1.1, 0.9])[sessions]
         data = replace(data, session=sessions, lift_N=gain * data.lift_N)
     ground, library, _ = set_up(data, GROUND, (), Options())
-    declared, rate = loop.declared_sizes((), library), ground.options.false_alarm_rate
+    declared, rate = coefficients.declared_sizes((), library), ground.options.false_alarm_rate
     like = loop.decide(ground, False, rate)
     about = like.answer.stage.about
     assert about is not None

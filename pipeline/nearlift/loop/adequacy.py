@@ -1,5 +1,5 @@
 """Adequacy of a base model without structure: held-out visits are predicted within the noise, and
-declared errors are estimated within their declared uncertainties.
+declared errors are as large as declared.
 """
 
 from __future__ import annotations
@@ -14,10 +14,9 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.confirmation import HeldOut, misfit
 from nearlift.loop.search_problem import SearchProblem
 
-#: Significance level of the test of held-out visits against the noise, one-sided.
+#: Significance level of the test of held-out visits against the noise, one-sided, and of that of
+#: each declared error against its uncertainty, two-sided.
 STRAY = 0.01
-#: Largest estimate of a declared error, in its declared standard uncertainties.
-SIGMAS = 2.0
 
 
 def contradictions(stage: SearchProblem, scored: HeldOut | None) -> tuple[str, ...]:
@@ -55,8 +54,8 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
 
 
 def _strained(stage: SearchProblem) -> list[str]:
-    """Declared errors estimated beyond `SIGMAS` of their declared standard uncertainties, with a
-    Bonferroni correction for an error of several unknowns.
+    """Two-sided z test of each declared error's estimate against its declared standard uncertainty,
+    with a Bonferroni correction for an error of several unknowns.
     """
     from scipy.stats import norm
 
@@ -69,7 +68,7 @@ def _strained(stage: SearchProblem) -> list[str]:
             continue
         residual = stage.base_fit.residual - absorbed @ (absorbed.T @ stage.base_fit.residual)
         stands = np.abs(stage.space.project(columns.T) @ residual).max()
-        if stands > norm.isf(norm.sf(SIGMAS) / columns.shape[1]):
+        if stands > norm.isf(STRAY / 2 / columns.shape[1]):
             reasons.append(
                 f"{part.name} stands {stands:.2g} of its declared standard uncertainties off"
             )

@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import gum
-from nearlift.likelihood import student
+from nearlift.likelihood import budget, student
 from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import discrepancy
 from nearlift.loop.candidate import WIDE, Candidate, moments
@@ -76,6 +76,25 @@ def _inverse(information: FloatArray) -> FloatArray:
         information / np.outer(scale, scale), rcond=1e-13
     ) / np.outer(scale, scale)
     return result
+
+
+def declared_sizes(
+    parts: tuple[budget.Component, ...], library: tuple[Effect, ...]
+) -> dict[str, float]:
+    """Declared standard uncertainty of each effect that is the error of a budget input, over the
+    scale of its prior: root sum of squares of the components that all trials share.
+    """
+    sizes = {}
+    for effect in library:
+        declared = [
+            p.standard
+            for p in parts
+            if p.on == effect.error_of and p.scope in ("boundary", "campaign")
+        ]
+        if declared:
+            prior = next(p for p in effect.parameters if not p.grid).prior
+            sizes[effect.name] = float(np.hypot.reduce(declared)) / prior.scale
+    return sizes
 
 
 def constrained_columns(

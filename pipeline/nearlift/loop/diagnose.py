@@ -34,6 +34,7 @@ from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
+from nearlift.loop.datum import datum
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
@@ -106,7 +107,7 @@ def diagnose(
         or the base model cannot be fitted.
     """
     ground, library, untestable = set_up(data, base, parts, options, effects)
-    declared = declared_sizes(parts, library)
+    declared = coefficients.declared_sizes(parts, library)
     rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
     decided = decide(ground, confirm, rate, progress=progress)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
@@ -279,7 +280,9 @@ def _without(
     """The diagnosis of the trials `keep` alone: noise, search and coefficients; None where they
     cannot be diagnosed.
     """
-    data, whole = ground.data.take(keep), like.answer.stage
+    whole = like.answer.stage
+    trials = whole.recorded.take(keep)
+    data = trials.recorded
     if len(np.unique(data.visit)) < 2 or not np.isfinite(data.z_hat).any():
         return None
     about, begin = whole.about, whole
@@ -290,7 +293,7 @@ def _without(
             about, begin = None, ground
     try:
         stage = prepare(
-            data,
+            trials,
             whole.base,
             whole.effects,
             whole.parts,
@@ -356,29 +359,9 @@ def set_up(
     between = tuple(e for e in between if e.name not in absorbed)
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
-    stage = prepare(
-        kept, base, between, inputs.acting(parts, base, first.theta), first.theta, options
-    )
+    acting = inputs.acting(parts, base, first.theta)
+    stage = prepare(datum(first, kept), base, between, acting, first.theta, options)
     return stage, known, untestable
-
-
-def declared_sizes(
-    parts: tuple[budget.Component, ...], library: tuple[Effect, ...]
-) -> dict[str, float]:
-    """Declared standard uncertainty of each effect that is the error of a budget input, over the
-    scale of its prior: root sum of squares of the components that all trials share.
-    """
-    sizes = {}
-    for effect in library:
-        declared = [
-            p.standard
-            for p in parts
-            if p.on == effect.error_of and p.scope in ("boundary", "campaign")
-        ]
-        if declared:
-            prior = next(p for p in effect.parameters if not p.grid).prior
-            sizes[effect.name] = float(np.hypot.reduce(declared)) / prior.scale
-    return sizes
 
 
 def _correlation(stage: SearchProblem, answer: Answer, unnamed: FloatArray) -> Correlation:

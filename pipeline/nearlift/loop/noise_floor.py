@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import defaultdict
 
 import numpy as np
@@ -10,9 +11,10 @@ from nearlift.declare import Effect, FloatArray, LiftModel
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.problem import height_slope
 from nearlift.loop.candidate import Candidate, library_columns
+from nearlift.loop.datum import Datum
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options, SearchProblem
-from nearlift.results import Noise, Observations
+from nearlift.results import Noise
 
 #: Covariates of time, whose families are no nuisances here: the drift components stand for them.
 TIME = ("start", "session")
@@ -36,7 +38,7 @@ def what_may_be(
 
 
 def prepare(
-    data: Observations,
+    datum: Datum,
     base: LiftModel,
     effects: tuple[Effect, ...],
     parts: tuple[budget.Component, ...],
@@ -53,11 +55,15 @@ def prepare(
     `start` is the noise of nearly the same trials, as a starting value.
     """
     p, noise_floor = len(theta), start
+    data = dataclasses.replace(datum.recorded, z_hat=datum.z_hat)
+    if about is not None:
+        about = dataclasses.replace(about[0], data=data), about[1]
     candidate, vector = about or (Candidate(base=base, effects=(), data=data), theta)
     lacking = what_may_be(candidate, vector, effects)
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
+        data = dataclasses.replace(data, lift_N=datum.lift_N(slope))
         noise_floor, target = noise.estimate(
             data,
             np.log(data.lift_N) - log_ratio,
@@ -78,6 +84,7 @@ def prepare(
             theta=vector[:p],
             options=options,
             about=about,
+            datum=datum,
         )
         if about is not None or not p:
             break

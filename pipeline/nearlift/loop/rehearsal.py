@@ -13,6 +13,7 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.admission import admit, could_act
+from nearlift.loop.datum import Datum
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -92,7 +93,9 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
             stage.options.seed, "rehearsal", str(i)
         ).standard_normal(stage.data.n)
         data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
-        drawn = prepare(data, stage.base, stage.effects, stage.parts, stage.theta, stage.options)
+        drawn = prepare(
+            Datum(recorded=data), stage.base, stage.effects, stage.parts, stage.theta, stage.options
+        )
         freedom = data.n - data.unknown_levels - len(stage.theta)
         floors.append(drawn.noise)
         quiet.append(drawn.base_fit.chi2 / freedom)

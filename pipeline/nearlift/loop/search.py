@@ -61,21 +61,23 @@ def settle(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """Search; where the structure is large beside the noise, take the noise floor about the best
     explanation and search again, until that is about the best, but at most twice. Where the noise
     was taken about an explanation of more trials that these do not show, it is taken about the base
-    model. With a `shortlist`, nothing else is tried.
+    model. The datum is taken where the best explanation has it. With a `shortlist`, nothing else is
+    tried.
     """
     # a search keeps what it worked out; a copy of the stage, so that it goes with the search
     stage = dataclasses.replace(stage)
     answer = run(stage, shortlist)
     for again in range(2):
-        about = large(answer)
+        about, datum = large(answer), stage.recorded.likeliest(answer.best, stage.slope)
         # once taken about an explanation, that of these trials stays so
-        if about is None and (again or stage.about is None):
+        settled = about is None and (again or stage.about is None)
+        if about and stage.about:
+            settled = about[0].effects == stage.about[0].effects
+        if settled and datum.error_m == stage.recorded.error_m:
             break
-        if about and stage.about and about[0].effects == stage.about[0].effects:
-            break
-        ground = stage.data, stage.base, stage.effects, stage.parts, stage.theta, stage.options
+        ground = stage.base, stage.effects, stage.parts, stage.theta, stage.options
         del answer, stage
-        stage = prepare(*ground, about=about)
+        stage = prepare(datum, *ground, about=about)
         answer = run(stage, shortlist)
     return answer
 

@@ -19,6 +19,7 @@ from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate import SESSION_SPREADS, Candidate, library_columns
 from nearlift.loop.candidate_fit import Fitted, fit, search
+from nearlift.loop.datum import Datum
 from nearlift.loop.evidence import (
     CREDIT,
     Deformation,
@@ -68,7 +69,8 @@ class SearchProblem:
 
     With `independent`, trials are fitted as if nothing tied them together; see `few_visits`. The
     noise was estimated about the candidate and vector `about`, about the base model if None;
-    `drawn` is the null distribution of nearly the same trials, if that was drawn already.
+    `drawn` is the null distribution of nearly the same trials, if that was drawn already. `data`
+    are at the likeliest heights of their `datum`.
     """
 
     data: Observations
@@ -82,27 +84,28 @@ class SearchProblem:
     independent: bool = False
     about: tuple[Candidate, FloatArray] | None = None
     drawn: Null | None = None
+    datum: Datum | None = None
+
+    @property
+    def recorded(self) -> Datum:
+        """The trials as recorded, with the datum at which they count here."""
+        return self.datum or Datum(recorded=self.data)
 
     @cached_property
     def space(self) -> Problem:
         """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""
-        slope = self.slope
-        if self.independent:
-            return Problem(
-                model=self.base,
-                data=self.data,
-                covariance=trial_covariance(self.data, self.assumed_noise, slope),
+        data, slope = self.data, self.slope
+        tied = (
+            ()
+            if self.independent
+            else (
+                budget.shared(data, self.parts, slope),
+                budget.own_variance(data, self.parts, slope),
+                instruments(data),
             )
-        shared = budget.shared(self.data, self.parts, slope)
-        covariance = trial_covariance(
-            self.data,
-            self.assumed_noise,
-            slope,
-            shared,
-            budget.own_variance(self.data, self.parts, slope),
-            instruments(self.data),
         )
-        return Problem(model=self.base, data=self.data, covariance=covariance)
+        covariance = trial_covariance(data, self.assumed_noise, slope, *tied)
+        return Problem(model=self.base, data=data, covariance=covariance)
 
     @property
     def assumed_noise(self) -> Noise:

@@ -1,0 +1,79 @@
+"""The distance datum, where it is declared so uncertain that the slope of the curve does not carry
+its error: taken to first order about its likeliest value, and not about zero.
+
+With a datum error e, likeliest m, and f the log ratio, ``f(z + e) = f(z + m) + (e - m) f'(z + m)``.
+So trials count at z + m, their log lift greater by ``m f'``, and e has its declared distribution.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import FloatArray
+from nearlift.fit import heights
+from nearlift.fit.least_squares import LeastSquaresFit, fit
+from nearlift.likelihood.budget import Component, shared
+from nearlift.loop.candidate_fit import Fitted
+from nearlift.results import Observations
+
+#: Largest datum error that is allowed for, in declared standard uncertainties: beyond, an effect is
+#: likelier.
+FARTHEST = 3.0
+#: Change of the likeliest error, in declared standard uncertainties, that first order carries.
+NEAR = 0.25
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Datum:
+    """Trials as `recorded`, the declared errors of their datum that the slope does not carry, and
+    its likeliest error.
+    """
+
+    recorded: Observations
+    parts: tuple[Component, ...] = ()
+    error_m: float = 0.0
+
+    @property
+    def z_hat(self) -> FloatArray:
+        """Likeliest heights, (n,)."""
+        return self.recorded.z_hat + self.error_m / self.recorded.radius_m
+
+    def lift_N(self, slope: FloatArray) -> FloatArray:
+        """Lift (n,) that goes with them; `slope` (n,) is that of the log ratio there, per m."""
+        return self.recorded.lift_N * np.exp(self.error_m * slope)
+
+    def at(self, error_m: float) -> Datum:
+        """The same with another likeliest error, as far as it is allowed for."""
+        most = FARTHEST * self._standard_m
+        return replace(self, error_m=float(np.clip(error_m, -most, most)))
+
+    def likeliest(self, fitted: Fitted, slope: FloatArray) -> Datum:
+        """The datum as a fit to these heights has it, or this one, where that is near."""
+        columns = shared(fitted.candidate.data, self.parts, slope)
+        errors = fitted.space.project(columns.T) @ fitted.residual
+        moved = self.at(float(errors @ [part.standard for part in self.parts]))
+        near = abs(moved.error_m - self.error_m) <= NEAR * self._standard_m
+        return self if near else moved
+
+    def take(self, keep: NDArray[np.bool_]) -> Datum:
+        """The same of the trials that a mask selects."""
+        return replace(self, recorded=self.recorded.take(keep))
+
+    @property
+    def _standard_m(self) -> float:
+        return float(np.sqrt(sum(part.standard**2 for part in self.parts)))
+
+
+def datum(first: LeastSquaresFit, data: Observations) -> Datum:
+    """The datum of the trials of a first fit, which leaves it to the slope."""
+    plan = heights.measure(first.problem, first.theta, first.parts, first.noise, first.slope)
+    if not plan.shared:
+        return Datum(recorded=data)
+    exact = fit(
+        first.model, data, first.parts, first.noise, plan=heights.HeightPlan(shared=plan.shared)
+    )
+    assert exact.marginal is not None
+    return Datum(recorded=data, parts=plan.shared).at(exact.marginal.offset()[0])
