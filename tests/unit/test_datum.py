@@ -96,3 +96,14 @@ def test_a_null_under_a_ceiling_with_a_wrong_datum_is_adequate():
 def test_beyond_three_declared_uncertainties_it_is_no_datum():
     data = near_ceiling(3, off_m=1.5e-3, visits=6)
     assert set_up(data, CEILING, (datum(0.3e-3),), Options())[0].datum.error_m == 0.9e-3
+
+
+def test_no_trial_is_taken_through_the_boundary():
+    """2 mm declared at stations from 2.3 mm on: the rotor stands above the boundary whatever a fit
+    says.
+    """
+    data = near_ceiling(3, off_m=-1.2e-3, visits=6)
+    stage = set_up(data, CEILING, (datum(2e-3),), Options())[0]
+    assert stage.datum.error_m == pytest.approx(-1.2e-3, abs=0.1e-3)
+    assert (stage.datum.at(-1.0).z_hat > 0).all()
+    assert diagnose(data, CEILING, (datum(2e-3),), Options()).findings.verdict == "adequate"

@@ -22,6 +22,8 @@ from nearlift.results import Observations
 #: Largest datum error that is allowed for, in declared standard uncertainties: beyond, an effect is
 #: likelier.
 FARTHEST = 3.0
+#: Share of the nearest trial's distance within the model's range that the error may take.
+CLOSEST = 0.9
 #: Change of the likeliest error, in declared standard uncertainties, that first order carries.
 NEAR = 0.25
 
@@ -29,11 +31,12 @@ NEAR = 0.25
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Datum:
     """Trials as `recorded`, the declared errors of their datum that the slope does not carry, and
-    its likeliest error.
+    its likeliest error, which leaves the nearest trial some distance: `least_m`, negative.
     """
 
     recorded: Observations
     parts: tuple[Component, ...] = ()
+    least_m: float = 0.0
     error_m: float = 0.0
 
     @property
@@ -48,7 +51,7 @@ class Datum:
     def at(self, error_m: float) -> Datum:
         """The same with another likeliest error, as far as it is allowed for."""
         most = FARTHEST * self._standard_m
-        return replace(self, error_m=float(np.clip(error_m, -most, most)))
+        return replace(self, error_m=float(np.clip(error_m, max(-most, self.least_m), most)))
 
     def likeliest(self, fitted: Fitted, slope: FloatArray) -> Datum:
         """The datum as a fit to these heights has it, or this one, where that is near."""
@@ -76,4 +79,6 @@ def datum(first: LeastSquaresFit, data: Observations) -> Datum:
         first.model, data, first.parts, first.noise, plan=heights.HeightPlan(shared=plan.shared)
     )
     assert exact.marginal is not None
-    return Datum(recorded=data, parts=plan.shared).at(exact.marginal.offset()[0])
+    room_m = data.radius_m * (data.z_hat.min() - first.model.valid_z_hat[0])
+    trials = Datum(recorded=data, parts=plan.shared, least_m=-CLOSEST * room_m)
+    return trials.at(exact.marginal.offset()[0])
