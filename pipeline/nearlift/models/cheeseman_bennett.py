@@ -20,32 +20,27 @@ Nobahari and Sharifi's equivalent radius of 2.5 R is k = 6.25, whose pole stands
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import clear_of_boundary, gain, image
+from nearlift.models.inflow import chained, clear_of_boundary, gain, image, inflow_left
 
 
-def cancelled(z_hat: Any, k: Any) -> Any:
+def cancelled(z_hat: Any, /, *, k: Any) -> Any:
     """Fraction of inflow cancelled by k times the rotor's own image: k / (16 z_hat^2)."""
     return k * image(2.0 * clear_of_boundary(z_hat))
 
 
-def evaluate(z_hat: Any, /, *, k: Any) -> Any:
-    """L / L_inf; nan at and below the pole sqrt(k) / 4. Shapes broadcast."""
-    return gain(cancelled(z_hat, k))
+evaluate = chained(cancelled, gain)
+downwash = chained(cancelled, inflow_left)
 
 
 def gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
     """Derivative of `evaluate` with respect to k."""
     return (np.square(evaluate(z_hat, k=k)) * image(2.0 * clear_of_boundary(z_hat)),)
-
-
-def downwash(z_hat: Any, /, *, k: Any) -> Any:
-    """Induced velocity at the disk over its value far away, 1 - s."""
-    return 1.0 - cancelled(z_hat, k)
 
 
 COEFFICIENT = Parameter(
@@ -123,17 +118,15 @@ def constant_power_gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
     return (2.0 / 3.0 * evaluate(z_hat, k=k) ** (-1.0 / 3.0) * plain,)
 
 
-CONSTANT_POWER = LiftModel(
+CONSTANT_POWER = replace(
+    MODEL,
     name="cheeseman_bennett_constant_power",
     title="Cheeseman-Bennett, constant power",
     formula=r"\frac{L}{L_\infty} = \left(1 - \frac{k}{16 \hat{z}^2}\right)^{-2/3}",
+    closed_form="",
     evaluate=constant_power,
     gradient=constant_power_gradient,
-    downwash=downwash,
-    boundary="ground",
     rotors="one",
-    parameters=(COEFFICIENT,),
-    valid_z_hat=(0.25, float("inf")),
     source=Source(
         citation=(
             "Own derivation from momentum theory and the image of Cheeseman and Bennett (ARC R&M"
@@ -180,11 +173,8 @@ THEORY = LiftModel(
     downwash=theory_downwash,
     boundary="ground",
     valid_z_hat=(0.25, float("inf")),
-    source=Source(
-        citation=MODEL.source.citation,
-        equation=MODEL.source.equation,
-        bibtex=MODEL.source.bibtex,
-        doubts=("Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant.",),
+    source=replace(
+        MODEL.source, doubts=("Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant.",)
     ),
     checks=(
         Check(x=1.0, expected=1.066667, quoted_by="golden value, exact from the formula"),

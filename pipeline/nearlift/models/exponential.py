@@ -16,6 +16,7 @@ correlated where no station lies below z_hat = 1 / b.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -96,13 +97,9 @@ MODEL = LiftModel(
 )
 
 
-CEILING = LiftModel(
+CEILING = replace(
+    MODEL,
     name="ceiling_exponential",
-    title="Exponential",
-    formula=r"\frac{L}{L_\infty} = 1 + a \, e^{-b \hat{z}}",
-    closed_form="1 + a*exp(-b*z)",
-    evaluate=evaluate,
-    gradient=gradient,
     boundary="ceiling",
     parameters=(
         Parameter(

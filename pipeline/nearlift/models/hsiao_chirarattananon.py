@@ -23,6 +23,7 @@ alpha_1 (recirculation) is left out.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,8 @@ def constant_power_gradient(z_hat: Any, /, *, alpha: Any) -> tuple[Any, ...]:
     return (2.0 / 3.0 * gamma(z_hat, alpha) ** (-1.0 / 3.0) * slope(z_hat, alpha),)
 
 
-CONSTANT_POWER = LiftModel(
+CONSTANT_POWER = replace(
+    MODEL,
     name="hsiao_chirarattananon_constant_power",
     title="Hsiao-Chirarattananon, constant power",
     formula=(
@@ -141,10 +143,6 @@ CONSTANT_POWER = LiftModel(
     closed_form=f"pow({_GAMMA}, 2/3)",
     evaluate=constant_power,
     gradient=constant_power_gradient,
-    downwash=downwash,
-    boundary="ceiling",
-    parameters=(COEFFICIENT,),
-    source=SOURCE,
     checks=(
         Check(x=0.1, expected=1.761, tolerance=5e-4, quoted_by="own table of gamma^(2/3)"),
         Check(x=0.5, expected=1.074, tolerance=5e-4, quoted_by="the same table"),
@@ -190,7 +188,8 @@ def free_exponent_downwash(
     return 1.0 / gamma(z_hat, alpha) * np.ones_like(n)
 
 
-FREE_EXPONENT = LiftModel(
+FREE_EXPONENT = replace(
+    MODEL,
     name="hsiao_chirarattananon_free_exponent",
     title="Hsiao-Chirarattananon, free exponent",
     formula=(
@@ -201,7 +200,6 @@ FREE_EXPONENT = LiftModel(
     evaluate=free_exponent,
     gradient=free_exponent_gradient,
     downwash=free_exponent_downwash,
-    boundary="ceiling",
     parameters=(
         COEFFICIENT,
         Parameter(
@@ -216,7 +214,6 @@ FREE_EXPONENT = LiftModel(
             ),
         ),
     ),
-    source=SOURCE,
     checks=(
         Check(x=0.1, expected=2.337117, quoted_by="golden value of gamma, n = 1"),
         Check(

@@ -25,12 +25,13 @@ gives the flat boundary, an edge far away the whole one.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from nearlift.declare import Check, FloatArray, LiftModel, Source
-from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
+from nearlift.models.inflow import clear_of_boundary, image, over_rotors, tabulated
 
 
 def cancelled_per_rotor(
@@ -75,64 +76,22 @@ def share(edge_hat: Any, height_hat: Any, separation_hat: Any) -> Any:
     return 0.5 + sine * (0.75 - 0.25 * np.square(sine))
 
 
-def gain_per_rotor(
-    z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any = 0.0, edge_hat: Any = math.inf
-) -> FloatArray:
-    """Lift of each rotor over its lift far away, shape (..., rotors); arguments as
-    `cancelled_per_rotor`.
-    """
-    return gain(
-        cancelled_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad, edge_hat=edge_hat)
-    )
+def _level(z_hat: Any, /, *, layout_hat: Any) -> FloatArray:
+    return cancelled_per_rotor(z_hat, layout_hat=layout_hat)
 
 
-def each_level(z_hat: Any, /, *, layout_hat: Any) -> Any:
-    """L / L_inf of each rotor over a boundary without end, parallel to the vehicle."""
-    return gain_per_rotor(z_hat, layout_hat=layout_hat)
+def _tilted(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> FloatArray:
+    return cancelled_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad)
 
 
-def evaluate(z_hat: Any, /, *, layout_hat: Any) -> Any:
-    """L / L_inf of the whole vehicle over a boundary without end, parallel to it. Shapes
-    broadcast.
-    """
-    return each_level(z_hat, layout_hat=layout_hat).mean(axis=-1)
+def _at_edge(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> FloatArray:
+    return cancelled_per_rotor(z_hat, layout_hat=layout_hat, edge_hat=edge_hat)
 
 
-def downwash(z_hat: Any, /, *, layout_hat: Any) -> Any:
-    """Induced velocity at the disks over its value far away, mean over the rotors."""
-    return 1.0 - cancelled_per_rotor(z_hat, layout_hat=layout_hat).mean(axis=-1)
-
-
-def each_tilted(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
-    """L / L_inf of each rotor over a tilted boundary."""
-    return gain_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad)
-
-
-def tilted(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
-    """L / L_inf of the whole vehicle, force along the rotor axes, over a tilted boundary."""
-    return each_tilted(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad).mean(axis=-1)
-
-
-def tilted_downwash(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
-    """Induced velocity at the disks over its value far away, mean over the rotors."""
-    cancelled = cancelled_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad)
-    return 1.0 - cancelled.mean(axis=-1)
-
-
-def each_at_edge(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> Any:
-    """L / L_inf of each rotor over a boundary that ends at an edge."""
-    return gain_per_rotor(z_hat, layout_hat=layout_hat, edge_hat=edge_hat)
-
-
-def at_edge(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> Any:
-    """L / L_inf of the whole vehicle over a boundary that ends at an edge."""
-    return each_at_edge(z_hat, layout_hat=layout_hat, edge_hat=edge_hat).mean(axis=-1)
-
-
-def edge_downwash(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> Any:
-    """Induced velocity at the disks over its value far away, mean over the rotors."""
-    cancelled = cancelled_per_rotor(z_hat, layout_hat=layout_hat, edge_hat=edge_hat)
-    return 1.0 - cancelled.mean(axis=-1)
+evaluate, downwash, each_level = over_rotors(_level)
+#: Force along the rotor axes.
+tilted, tilted_downwash, each_tilted = over_rotors(_tilted)
+at_edge, edge_downwash, each_at_edge = over_rotors(_at_edge)
 
 
 def square(spacing_hat: float) -> tuple[tuple[float, float], ...]:
@@ -184,7 +143,8 @@ MODEL = LiftModel(
     notes=__doc__ or "",
 )
 
-TILTED = LiftModel(
+TILTED = replace(
+    MODEL,
     name="images_tilted",
     title="Images of all rotors, tilted",
     formula=(
@@ -196,11 +156,7 @@ TILTED = LiftModel(
     evaluate=tilted,
     downwash=tilted_downwash,
     per_rotor=each_tilted,
-    boundary="ground",
-    rotors="several",
     needs=("layout_hat", "tilt_rad"),
-    valid_z_hat=(0.25, math.inf),
-    source=MODEL.source,
     checks=(
         Check(
             x=1.0,
@@ -237,7 +193,8 @@ the effect `tilt` has it, and has the second order of this model with a free str
 """,
 )
 
-EDGE = LiftModel(
+EDGE = replace(
+    MODEL,
     name="images_edge",
     title="Images of all rotors, partial ground",
     formula=(
@@ -251,10 +208,7 @@ EDGE = LiftModel(
     evaluate=at_edge,
     downwash=edge_downwash,
     per_rotor=each_at_edge,
-    boundary="ground",
-    rotors="several",
     needs=("layout_hat", "edge_hat"),
-    valid_z_hat=(0.25, math.inf),
     source=Source(
         citation=(
             "Own derivation from the images of Cheeseman and Bennett, per rotor after"

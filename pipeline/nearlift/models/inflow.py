@@ -11,12 +11,13 @@ image and a ratio of exactly 1.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, FloatArray
+from nearlift.declare import Check, Evaluate, FloatArray
 
 
 def clear_of_boundary(z_hat: Any) -> FloatArray:
@@ -51,6 +52,32 @@ def gain(cancelled: Any) -> FloatArray:
     left = 1.0 - np.asarray(cancelled, dtype=float)
     result: FloatArray = np.divide(1.0, left, out=np.full(left.shape, np.nan), where=left > 0)
     return result
+
+
+def inflow_left(cancelled: Any) -> Any:
+    """Induced velocity at the disk over its value far away, 1 - s."""
+    return 1.0 - cancelled
+
+
+def chained(cancelled: Evaluate, result: Callable[[Any], Any]) -> Evaluate:
+    """`result` of the fraction of inflow that `cancelled` gives, with the latter's arguments."""
+
+    def evaluate(z_hat: Any, /, **arguments: Any) -> Any:
+        return result(cancelled(z_hat, **arguments))
+
+    evaluate.__signature__ = inspect.signature(cancelled)  # type: ignore[attr-defined]
+    return evaluate
+
+
+def over_rotors(cancelled: Evaluate) -> tuple[Evaluate, Evaluate, Evaluate]:
+    """From the inflow cancelled at each rotor, a last axis: L / L_inf and downwash of the whole
+    vehicle, means over the rotors, and L / L_inf of each rotor.
+    """
+    return (
+        chained(cancelled, lambda s: gain(s).mean(axis=-1)),
+        chained(cancelled, lambda s: inflow_left(s.mean(axis=-1))),
+        chained(cancelled, gain),
+    )
 
 
 def tabulated(*rows: tuple[float, float, Mapping[str, Any], str]) -> tuple[Check, ...]:

@@ -17,6 +17,7 @@ the gain that the paper measures.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +39,22 @@ def gradient(z_hat: Any, /, *, a: Any, p: Any) -> tuple[Any, ...]:
     return power, -a * power * np.log(np.where(np.isinf(z), 1.0, z))
 
 
+AMPLITUDE = Parameter(
+    name="a",
+    unit="1",
+    value=0.0625,
+    bounds=(-1.0, 5.0),
+    prior=normal(0.0625, 0.5),
+    meaning="relative lift gained at z_hat = 1",
+)
+POWER = Parameter(
+    name="p",
+    unit="1",
+    value=2.0,
+    bounds=(0.1, 8.0),
+    prior=Prior(distribution="lognorm", shape=(0.75,), scale=2.0),
+    meaning="power with which the gain falls off with height",
+)
 _SIMULATOR = {"a": 11.36859 / 16, "p": 2.0}
 
 MODEL = LiftModel(
@@ -48,24 +65,7 @@ MODEL = LiftModel(
     evaluate=evaluate,
     gradient=gradient,
     boundary="ground",
-    parameters=(
-        Parameter(
-            name="a",
-            unit="1",
-            value=0.0625,
-            bounds=(-1.0, 5.0),
-            prior=normal(0.0625, 0.5),
-            meaning="relative lift gained at z_hat = 1",
-        ),
-        Parameter(
-            name="p",
-            unit="1",
-            value=2.0,
-            bounds=(0.1, 8.0),
-            prior=Prior(distribution="lognorm", shape=(0.75,), scale=2.0),
-            meaning="power with which the gain falls off with height",
-        ),
-    ),
+    parameters=(AMPLITUDE, POWER),
     source=Source(
         citation=(
             "Carter, Bouchard and Quinn 2021 ('power law dependencies between lift and ground"
@@ -97,31 +97,13 @@ MODEL = LiftModel(
 )
 
 
-CEILING = LiftModel(
+CEILING = replace(
+    MODEL,
     name="ceiling_power_law",
-    title="Power law",
-    formula=r"\frac{L}{L_\infty} = 1 + a \, \hat{z}^{-p}",
-    closed_form="1 + a*pow(z, -p)",
-    evaluate=evaluate,
-    gradient=gradient,
     boundary="ceiling",
     parameters=(
-        Parameter(
-            name="a",
-            unit="1",
-            value=0.03125,
-            bounds=(-1.0, 2.0),
-            prior=normal(0.03125, 0.25),
-            meaning="relative lift gained at z_hat = 1",
-        ),
-        Parameter(
-            name="p",
-            unit="1",
-            value=2.0,
-            bounds=(0.1, 8.0),
-            prior=Prior(distribution="lognorm", shape=(0.75,), scale=2.0),
-            meaning="power with which the gain falls off with distance",
-        ),
+        replace(AMPLITUDE, value=0.03125, bounds=(-1.0, 2.0), prior=normal(0.03125, 0.25)),
+        replace(POWER, meaning="power with which the gain falls off with distance"),
     ),
     source=Source(
         citation="Hsiao and Chirarattananon's gamma to first order far away (own expansion)",

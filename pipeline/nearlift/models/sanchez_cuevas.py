@@ -27,12 +27,20 @@ mm across the diagonal.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from nearlift.declare import LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
+from nearlift.models.inflow import (
+    chained,
+    clear_of_boundary,
+    gain,
+    image,
+    inflow_left,
+    tabulated,
+)
 
 
 def four_images(z_hat: Any, spacing_hat: Any) -> Any:
@@ -45,27 +53,21 @@ def four_images(z_hat: Any, spacing_hat: Any) -> Any:
     )
 
 
-def cancelled(z_hat: Any, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
+def cancelled(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
     """Fraction of inflow cancelled by images and fountain."""
     return four_images(z_hat, spacing_hat) + 4.0 * K_b * image(
         2.0 * clear_of_boundary(z_hat), diagonal_hat
     )
 
 
-def evaluate(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
-    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
-    return gain(cancelled(z_hat, spacing_hat, diagonal_hat, K_b))
+evaluate = chained(cancelled, gain)
+downwash = chained(cancelled, inflow_left)
 
 
 def gradient(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> tuple[Any, ...]:
     """Derivative of `evaluate` with respect to K_b."""
     ratio = evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b)
     return (np.square(ratio) * (4.0 * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)),)
-
-
-def downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
-    """Induced velocity at the disk over its value far away, 1 - s."""
-    return 1.0 - cancelled(z_hat, spacing_hat, diagonal_hat, K_b)
 
 
 FOUNTAIN = Parameter(
@@ -228,7 +230,8 @@ EXPONENT = Parameter(
     ),
 )
 
-FREE_EXPONENT = LiftModel(
+FREE_EXPONENT = replace(
+    MODEL,
     name="sanchez_cuevas_free_exponent",
     title="Sanchez-Cuevas, free exponent",
     formula=r"\frac{L}{L_\infty} = \left(1 - s(\hat{z}; \hat{d}, \hat{b}, K_b)\right)^{-n}",
@@ -236,11 +239,7 @@ FREE_EXPONENT = LiftModel(
     evaluate=free_exponent,
     gradient=free_exponent_gradient,
     downwash=free_exponent_downwash,
-    boundary="ground",
-    rotors="several",
     parameters=(FOUNTAIN, EXPONENT),
-    needs=("spacing_hat", "diagonal_hat"),
-    valid_z_hat=(0.25, float("inf")),
     source=Source(
         citation="Own unification of what published ratios hold constant, over " + SOURCE.citation,
         doi=SOURCE.doi,
