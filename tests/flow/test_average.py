@@ -14,7 +14,6 @@ from nearlift.flow.field import (
     on_grid,
     orient,
     sign_doubt,
-    take_columns,
 )
 from nearlift.flow.outliers import spurious
 
@@ -164,12 +163,16 @@ def test_a_mask_takes_vectors_away():
 
 def test_a_measured_half_is_reflected():
     half = np.linspace(-0.005, 0.05, 12)
-    x, position, sign = mirrored(half, "right")
+    square = np.tile(half**2, (3, 1))
+    measured = VelocityField(
+        x_m=half, y_m=np.arange(3.0), vx_m_s=np.ones_like(square), vy_m_s=square
+    )
+    whole = mirrored(measured, "right")
+    x, sign = whole.x_m, whole.vx_m_s
     np.testing.assert_allclose(x, -x[::-1])
-    values = take_columns(half[None] ** 2, position)[0]
-    np.testing.assert_allclose(values, x**2, atol=1e-12)
-    assert (sign[x < -1e-9] == -1).all()
-    assert (sign[x >= 0] == 1).all()
+    np.testing.assert_allclose(whole.vy_m_s, np.tile(x**2, (3, 1)), atol=1e-12)
+    assert (sign[:, x < -1e-9] == -1).all()
+    assert (sign[:, x >= 0] == 1).all()
 
 
 def test_scattered_rows_find_their_nodes():

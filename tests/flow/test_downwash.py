@@ -13,7 +13,6 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.flow.average import average
-from nearlift.flow.contrast import difference
 from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
 from nearlift.flow.downwash import (
     Cut,
@@ -24,7 +23,7 @@ from nearlift.flow.downwash import (
     reduction,
     span_weights,
 )
-from nearlift.flow.field import VelocityField
+from nearlift.flow.field import VelocityField, difference
 from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
 from nearlift.synthetic.wake import Camera, Wake, fields

@@ -9,8 +9,9 @@ a ring of the latest fields.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,11 +109,9 @@ class Moments:
     def add(self, batch: FloatArray) -> None:
         """Merge rows (k, columns)."""
         # about the present mean, or about the first rows: sums of squares then lose no digits
-        shift = (
-            np.where(self.count > 0, self.mean, _first(batch))
-            if self.count.min() == 0
-            else self.mean
-        )
+        shift = self.mean
+        if self.count.min() == 0:
+            shift = np.where(self.count > 0, self.mean, _first(batch))
         away = batch - shift
         known = np.isfinite(away)
         n = known.sum(axis=0)
@@ -167,10 +166,8 @@ class Lags:
         filled = np.where(known, all_rows, 0.0)
         late, late_known = filled[LAGS:], known[LAGS:]
         for lag in range(LAGS + 1):
-            early, both = (
-                filled[LAGS - lag : len(filled) - lag],
-                known[LAGS - lag : len(filled) - lag] & late_known,
-            )
+            then = slice(LAGS - lag, len(filled) - lag)
+            early, both = filled[then], known[then] & late_known
             self.products[lag] += np.einsum("ij,ij->j", late, early)
             self.heads[lag] += np.einsum("ij,ij->j", both, early)
             self.tails[lag] += np.einsum("ij,ij->j", late, both)
@@ -228,86 +225,79 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
     InputRefused
         No field, or one on another grid than the first.
     """
-    first: VelocityField | None = None
-    moments, noise, lags = Moments(0), Moments(0), Lags(0)
-    sample = np.zeros(0, dtype=np.int64)
-    batch = np.zeros((BATCH, 0))
-    variances: list[FloatArray] = []
-    size, held, n, due = 0, 0, 0, 2
-    before: FloatArray | None = None
-    steps: list[tuple[int, float]] = []
-
-    def merge() -> None:
-        nonlocal held
-        if held:
-            rows = batch[:held]
-            # a vector that lacks one component is none
-            whole = np.isfinite(rows[:, :size]) == np.isfinite(rows[:, size:])
-            if not whole.all():
-                rows[np.tile(~whole, 2)] = np.nan
-            lags.add(rows[:, sample])
-            moments.add(rows)
-            held = 0
-        if variances:
-            noise.add(np.stack(variances))
-            variances.clear()
-
-    def note() -> None:
-        nonlocal before
-        now = moments.known_mean()
-        moved = math.nan
-        if before is not None:
-            both = np.isfinite(now) & np.isfinite(before)
-            size = math.sqrt(float(np.mean(now[both] ** 2))) if both.any() else 0.0
-            moved = (
-                math.sqrt(float(np.mean((now - before)[both] ** 2))) / size
-                if size > 0
-                else math.nan
-            )
-        before = now
-        steps.append((n, moved))
-
-    for field in fields:
-        if first is None:
-            first, size = field, field.vx_m_s.size
-            batch = np.empty((BATCH, 2 * size))
-            moments, noise = Moments(2 * size), Moments(size)
-            sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
-            lags = Lags(len(sample))
-        elif not same_grid(first, field):
-            raise InputRefused(
-                where,
-                f"field {n + 1} stands on another grid than the first",
-                "one case has one grid; list others as another case",
-            )
-        batch[held, :size], batch[held, size:] = field.vx_m_s.ravel(), field.vy_m_s.ravel()
-        held += 1
-        if field.u_m_s is not None:
-            variances.append(np.where(field.valid, field.u_m_s, np.nan).ravel() ** 2)
-        n += 1
-        if held == BATCH or n == due:
-            merge()
-        if n == due:
-            note()
-            due *= 2
-    merge()
+    stream = iter(fields)
+    first = next(stream, None)
     if first is None:
         raise InputRefused(where, "holds no field", "check the pattern of files")
-    if not steps or steps[-1][0] != n:
-        note()
-    return _finish(first, moments, noise, n, lags.tau(), steps)
+    size = first.vx_m_s.size
+    moments, noise = Moments(2 * size), Moments(size)
+    sample = np.unique(np.linspace(0, 2 * size - 1, min(SAMPLE, 2 * size)).astype(np.int64))
+    lags = Lags(len(sample))
+    n, means = 0, dict[int, FloatArray]()
+    for batch in _batches(first, stream, where):
+        rows = np.stack([np.append(field.vx_m_s, field.vy_m_s) for field in batch])
+        # a vector that lacks one component is none
+        halves = np.isfinite(rows[:, :size]) != np.isfinite(rows[:, size:])
+        rows[np.tile(halves, 2)] = np.nan
+        lags.add(rows[:, sample])
+        moments.add(rows)
+        given = [
+            np.where(field.valid, field.u_m_s, np.nan).ravel() ** 2
+            for field in batch
+            if field.u_m_s is not None
+        ]
+        if given:
+            noise.add(np.stack(given))
+        n += len(batch)
+        if _doubled(n):
+            means[n] = moments.known_mean()
+    means[n] = moments.known_mean()
+    return _finish(first, moments, noise, means, lags.tau())
+
+
+def _batches(
+    first: VelocityField, others: Iterable[VelocityField], where: str
+) -> Iterator[list[VelocityField]]:
+    """The fields in their order, on one grid, in batches of at most `BATCH` that end where fields
+    have doubled.
+    """
+    batch: list[VelocityField] = []
+    for n, field in enumerate(chain([first], others), 1):
+        if not same_grid(first, field):
+            raise InputRefused(
+                where,
+                f"field {n} stands on another grid than the first",
+                "one case has one grid; list others as another case",
+            )
+        batch.append(field)
+        if len(batch) == BATCH or _doubled(n):
+            yield batch
+            batch = []
+    if batch:
+        yield batch
+
+
+def _doubled(n: int) -> bool:
+    return n > 1 and n.bit_count() == 1
+
+
+def _moved(before: FloatArray, now: FloatArray) -> float:
+    both = np.isfinite(now) & np.isfinite(before)
+    change, level = (
+        math.sqrt(float(np.mean(v[both] ** 2))) if both.any() else 0.0 for v in (now - before, now)
+    )
+    return change / level if level > 0 else math.nan
 
 
 def _finish(
     first: VelocityField,
     moments: Moments,
     noise: Moments,
-    n: int,
+    means: dict[int, FloatArray],
     tau: float,
-    steps: list[tuple[int, float]],
 ) -> Average:
-    shape, size = first.shape, first.vx_m_s.size
-    mean, variance = moments.known_mean(), moments.variance()
+    shape, size, n = first.shape, first.vx_m_s.size, max(means)
+    mean, variance = means[n], moments.variance()
     given = noise.known_mean()
     with np.errstate(invalid="ignore", divide="ignore"):
         u_m_s = (
@@ -331,8 +321,8 @@ def _finish(
         n=n,
         tau=tau,
         convergence=MeanConvergence(
-            n=np.array([k for k, _ in steps], dtype=np.int64),
-            moved=np.array([m for _, m in steps]),
+            n=np.array(list(means), dtype=np.int64),
+            moved=np.array([math.nan, *(_moved(*two) for two in pairwise(means.values()))]),
             error=error,
             needed=math.ceil(n * (error / WANTED) ** 2) if math.isfinite(error) else math.nan,
         ),

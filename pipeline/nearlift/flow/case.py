@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,11 +14,10 @@ from nearlift.flow import downwash, topology
 from nearlift.flow.average import Average, average
 from nearlift.flow.bootstrap import Resamples
 from nearlift.flow.downwash import Cut, CutDownwash
-from nearlift.flow.field import VelocityField, mirrored, take_columns
+from nearlift.flow.field import Half, VelocityField, mirrored
 from nearlift.flow.outliers import spurious
 from nearlift.flow.scene import Scene
 
-Half = Literal["left", "right"]
 Rows = Iterator[dict[str, object]]
 
 
@@ -63,7 +61,7 @@ def recorded(
             wrong_of[:] += wrong.sum(), one.valid.sum()
             vx, vy = (np.where(wrong, np.nan, v) for v in (one.vx_m_s, one.vy_m_s))
             whole = replace(one, vx_m_s=vx, vy_m_s=vy)
-            whole = whole if half is None else _reflected(whole, half)
+            whole = whole if half is None else mirrored(whole, half)
             profiles.append(downwash.along_cut(whole.vy_m_s, whole.y_m, below_m))
             if resampled is not None:
                 resampled.add(np.concatenate([whole.vx_m_s.ravel(), whole.vy_m_s.ravel()]))
@@ -75,18 +73,6 @@ def recorded(
         series=np.stack(profiles),
         outliers=float(wrong_of[0] / max(wrong_of[1], 1)),
         resamples=np.zeros((0, 0)) if resampled is None else resampled.means(),
-    )
-
-
-def _reflected(one: VelocityField, half: Half) -> VelocityField:
-    """The whole of which one half was measured."""
-    x, position, sign = mirrored(one.x_m, half)
-    return VelocityField(
-        x_m=x,
-        y_m=one.y_m,
-        vx_m_s=sign * take_columns(one.vx_m_s, position),
-        vy_m_s=take_columns(one.vy_m_s, position),
-        u_m_s=None if one.u_m_s is None else take_columns(one.u_m_s, position),
     )
 
 
@@ -233,8 +219,7 @@ class FlowCase:
             vx, vy = row.reshape(2, *mean.shape)
             drawn = replace(mean, vx_m_s=seen * vx, vy_m_s=seen * vy, u_m_s=None)
             draws.append(topology.wake_topology(drawn, self.scene, reference_m_s).numbers)
-        for name in topology.QUANTITIES:
-            value = self.topology.numbers[name]
+        for name, value in self.topology.numbers.items():
             spread = np.array([d[name] for d in draws])
             if name == "asymmetry" and not self.measured.all():
                 # a mirrored half is as the measured one by construction

@@ -16,6 +16,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 
 Direction = Literal["+x", "-x", "+y", "-y"]
+Half = Literal["left", "right"]
 #: Neighbouring nodes may be this much more or less apart than the grid's spacing.
 EVEN = 0.02
 #: A transposed grid has 36 times the square of divergence that it would have with x and y changed
@@ -105,12 +106,9 @@ def on_grid(
             f"has {len(x)} vectors on a grid of {len(across)} x {len(up)} nodes",
             "a rectangular grid with at least half its nodes is wanted",
         )
-    out = []
-    for column in values:
-        grid = np.full((len(up), len(across)), np.nan)
-        grid[j, i] = column
-        out.append(grid)
-    return across, up, tuple(out)
+    grids = np.full((len(values), len(up), len(across)), np.nan)
+    grids[:, j, i] = values
+    return across, up, tuple(grids)
 
 
 def _axis(values: FloatArray, name: str, where: str) -> tuple[FloatArray, NDArray[np.int64]]:
@@ -168,21 +166,19 @@ def orient(
     right = across or ("+x" if thrust[1] == "y" else "+y")
     axes = {"x": field.x_m - origin_m[0], "y": field.y_m - origin_m[1]}
     flow = {"x": field.vx_m_s, "y": v_sign * field.vy_m_s}
-    noise = field.u_m_s
     x, y = axes[right[1]], axes[thrust[1]]
-    vx, vy = flow[right[1]], flow[thrust[1]]
+    noise = [] if field.u_m_s is None else [field.u_m_s]
+    grids = np.stack([flow[right[1]], flow[thrust[1]], *noise])
     if right[1] == "y":
-        vx, vy, noise = vx.T, vy.T, None if noise is None else noise.T
+        grids = grids.swapaxes(1, 2)
     if right[0] == "-":
-        x, vx, vy, noise = (
-            -x[::-1],
-            -vx[:, ::-1],
-            vy[:, ::-1],
-            None if noise is None else noise[:, ::-1],
-        )
+        x, grids = -x[::-1], grids[:, :, ::-1]
+        grids[0] *= -1
     if thrust[0] == "-":
-        y, vx, vy, noise = -y[::-1], vx[::-1], -vy[::-1], None if noise is None else noise[::-1]
-    return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy, u_m_s=noise)
+        y, grids = -y[::-1], grids[:, ::-1]
+        grids[1] *= -1
+    u_m_s = grids[2] if noise else None
+    return VelocityField(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=u_m_s)
 
 
 def masked(
@@ -203,24 +199,23 @@ def masked(
     )
 
 
-def mirrored(
-    x_m: FloatArray, half: Literal["left", "right"]
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """An even grid that is symmetric about x = 0, where each of its nodes is found in the measured
-    half, and the sign of vx there.
-
-    Returns
-    -------
-    x, position, sign : (n,)
-        `position` is the fractional index into `x_m`.
+def mirrored(field: VelocityField, half: Half) -> VelocityField:
+    """The whole of which one half was measured: on an even grid that is symmetric about x = 0, with
+    vx of the other sign on the other side.
     """
-    dx = (x_m[-1] - x_m[0]) / (len(x_m) - 1)
-    reach = x_m[-1] if half == "right" else -x_m[0]
+    dx, side = field.dx_m, 1.0 if half == "right" else -1.0
+    reach = field.x_m[-1] if half == "right" else -field.x_m[0]
     n = int(np.floor(reach / dx + 1e-6))
-    x = dx * np.arange(-n, n + 1)
-    side = 1.0 if half == "right" else -1.0
-    position = (side * np.abs(x) - x_m[0]) / dx
-    return x, position, np.where(x * side < -1e-9 * dx, -1.0, 1.0)
+    x = np.asarray(dx * np.arange(-n, n + 1), dtype=float)
+    position = (side * np.abs(x) - field.x_m[0]) / dx
+    sign = np.where(x * side < -1e-9 * dx, -1.0, 1.0)
+    return VelocityField(
+        x_m=x,
+        y_m=field.y_m,
+        vx_m_s=sign * take_columns(field.vx_m_s, position),
+        vy_m_s=take_columns(field.vy_m_s, position),
+        u_m_s=None if field.u_m_s is None else take_columns(field.u_m_s, position),
+    )
 
 
 def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
@@ -264,11 +259,22 @@ def stands_transposed(field: VelocityField) -> bool:
 
     Beneath a rotor the wake's edge has much shear, which a transposed grid takes for divergence.
     """
-    by_y, by_x = (
-        np.gradient(v, step, axis=axis)
-        for v, step, axis in ((field.vx_m_s, field.dy_m, 0), (field.vy_m_s, field.dx_m, 1))
+    (vx_y, vx_x), (vy_y, vy_x) = (
+        np.gradient(v, field.dy_m, field.dx_m) for v in (field.vx_m_s, field.vy_m_s)
     )
-    divergence = np.gradient(field.vx_m_s, field.dx_m, axis=1) + np.gradient(
-        field.vy_m_s, field.dy_m, axis=0
-    )
-    return bool(np.nansum(divergence**2) > TRANSPOSED * np.nansum((by_y + by_x) ** 2))
+    return bool(np.nansum((vx_x + vy_y) ** 2) > TRANSPOSED * np.nansum((vx_y + vy_x) ** 2))
+
+
+def difference(case: VelocityField, control: VelocityField) -> FloatArray:
+    """Airspeed of the case less that of the control, in vehicle axes, on the case's nodes (ny, nx);
+    linear between the control's nodes, nan outside them and beside missing vectors.
+    """
+
+    def at(values: FloatArray, position: FloatArray) -> FloatArray:
+        inside = (position > -1e-6) & (position < values.shape[-1] - 1 + 1e-6)
+        return np.where(inside, take_columns(values, position), np.nan)
+
+    across = at(control.speed_m_s, (case.x_m - control.x_m[0]) / control.dx_m)
+    there = at(across.T, (case.y_m - control.y_m[0]) / control.dy_m).T
+    result: FloatArray = case.speed_m_s - there
+    return result

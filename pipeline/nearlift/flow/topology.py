@@ -73,17 +73,6 @@ class WakeTopology:
     numbers: dict[str, float]
 
 
-QUANTITIES = (
-    "vortices_ccw",
-    "vortices_cw",
-    "vortex_pairs",
-    "stagnation_area_hat2",
-    "stagnation_height_hat",
-    "split_angle_deg",
-    "asymmetry",
-)
-
-
 def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> FloatArray:
     """Mean sine of the angle between a neighbour's direction and its velocity, (ny, nx): Gamma_2,
     or Gamma_1 if not `moving`.

@@ -12,8 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nearlift.declare import FloatArray
-from nearlift.flow.contrast import difference
-from nearlift.flow.field import VelocityField
+from nearlift.flow.field import VelocityField, difference
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
