@@ -20,31 +20,52 @@ def closed_form(model: LiftModel) -> ast.expr | None:
     return ast.parse(model.closed_form, mode="eval").body if model.closed_form else None
 
 
+#: Operations by the type of their node, as `fold` names them; a power is a call, since not every
+#: language has an operator.
+SIGNS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "pow"}
+FUNCTIONS: dict[str, np.ufunc] = {
+    "+": np.add,
+    "-": np.subtract,
+    "*": np.multiply,
+    "/": np.divide,
+    "negative": np.negative,
+    "pow": np.power,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+}
+
+
 def fold(node: ast.expr, values: Mapping[str, float]) -> ast.expr:
-    """Constant folding in double precision: `values` replace every name but `z`."""
+    """Constant folding in double precision: `values` replace every name but `z`. What is left are
+    `z`, constants, and calls of `FUNCTIONS`.
+    """
     if isinstance(node, ast.Name):
         return node if node.id == "z" else ast.Constant(float(values[node.id]))
     if isinstance(node, ast.Constant):
         return ast.Constant(_number(node))
-    whole: ast.expr
     if isinstance(node, ast.UnaryOp):
-        parts = [fold(node.operand, values)]
-        whole = ast.UnaryOp(node.op, *parts)
+        name, parts = "negative", [node.operand]
     elif isinstance(node, ast.BinOp):
-        parts = [fold(node.left, values), fold(node.right, values)]
-        whole = ast.BinOp(parts[0], node.op, parts[1])
+        name, parts = SIGNS[type(node.op)], [node.left, node.right]
     else:
-        assert isinstance(node, ast.Call)
-        parts = [fold(a, values) for a in node.args]
-        whole = ast.Call(node.func, parts, [])
+        name, parts = _call(node)
+    parts = [fold(part, values) for part in parts]
+    whole = ast.Call(ast.Name(name), parts, [])
     if all(isinstance(part, ast.Constant) for part in parts):
         return ast.Constant(float(evaluate(whole, np.zeros(1))[0]))
     return whole
 
 
-def _number(node: ast.expr) -> float:
-    assert isinstance(node, ast.Constant)
+def _number(node: ast.Constant) -> float:
     return float(node.value)  # type: ignore[arg-type]
+
+
+def _call(node: ast.expr) -> tuple[str, list[ast.expr]]:
+    """Name of the function called, and its arguments."""
+    assert isinstance(node, ast.Call)
+    assert isinstance(node.func, ast.Name)
+    return node.func.id, node.args
 
 
 def evaluate(node: ast.expr, z: FloatArray) -> FloatArray:
@@ -53,47 +74,24 @@ def evaluate(node: ast.expr, z: FloatArray) -> FloatArray:
         return z
     if isinstance(node, ast.Constant):
         return np.full(z.shape, _number(node))
-    if isinstance(node, ast.UnaryOp):
-        return -evaluate(node.operand, z)
-    if isinstance(node, ast.BinOp):
-        does = {
-            ast.Add: np.add,
-            ast.Sub: np.subtract,
-            ast.Mult: np.multiply,
-            ast.Div: np.divide,
-            ast.Pow: np.power,
-        }[type(node.op)]
-        binary: FloatArray = does(evaluate(node.left, z), evaluate(node.right, z))
-        return binary
-    assert isinstance(node, ast.Call)
-    assert isinstance(node.func, ast.Name)
-    function = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "pow": np.power}[node.func.id]
-    called: FloatArray = function(*(evaluate(a, z) for a in node.args))
-    return called
+    name, parts = _call(node)
+    value: FloatArray = FUNCTIONS[name](*(evaluate(part, z) for part in parts))
+    return value
 
 
 def write(node: ast.expr, *, number: str, call: str) -> str:
     """Source text of a folded expression, fully bracketed; `number` formats a constant, `call` a
     function's name (``"{}f"`` for C).
-
-    Powers become calls of `pow`, since not every language has an operator.
     """
-
-    def text(n: ast.expr) -> str:
-        if isinstance(n, ast.Name):
-            return n.id
-        if isinstance(n, ast.Constant):
-            written = number.format(repr(_number(n)))
-            return f"({written})" if _number(n) < 0 else written
-        if isinstance(n, ast.UnaryOp):
-            return f"(-{text(n.operand)})"
-        if isinstance(n, ast.BinOp):
-            if isinstance(n.op, ast.Pow):
-                return f"{call.format('pow')}({text(n.left)}, {text(n.right)})"
-            sign = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}[type(n.op)]
-            return f"({text(n.left)} {sign} {text(n.right)})"
-        assert isinstance(n, ast.Call)
-        assert isinstance(n.func, ast.Name)
-        return f"{call.format(n.func.id)}({', '.join(text(a) for a in n.args)})"
-
-    return text(node)
+    if isinstance(node, ast.Name):
+        return node.id
+    if isinstance(node, ast.Constant):
+        written = number.format(repr(_number(node)))
+        return f"({written})" if _number(node) < 0 else written
+    name, parts = _call(node)
+    texts = [write(part, number=number, call=call) for part in parts]
+    if name == "negative":
+        return f"(-{texts[0]})"
+    if name in SIGNS.values() and name != "pow":
+        return f"({texts[0]} {name} {texts[1]})"
+    return f"{call.format(name)}({', '.join(texts)})"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
@@ -110,6 +110,7 @@ def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> Boun
         located = _located(lift, sigma)
     except InputRefused as refusal:
         refused = f"{refusal.what}; {refusal.remedy}"
+    best, lo90, hi90 = reaches(lift.ratios, chosen.significant, *lift.measured_z_hat)
     return BoundaryProximity(
         model=lift.model.name,
         title=lift.title,
@@ -117,7 +118,7 @@ def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> Boun
         effects=lift.effects,
         measured_z_hat=lift.measured_z_hat,
         largest_change=lift.largest_change,
-        significant=_significant(lift, chosen.significant),
+        significant=SignificantHeight(change=chosen.significant, z_hat=best, lo90=lo90, hi90=hi90),
         noticed=_noticed(lift, device, chosen),
         short_per_sqrt_Hz=device.short_per_sqrt_Hz,
         floor=device.floor,
@@ -128,11 +129,6 @@ def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> Boun
     )
 
 
-def _significant(lift: FittedLift, change: float) -> SignificantHeight:
-    best, lo90, hi90 = reaches(lift.ratios, change, *lift.measured_z_hat)
-    return SignificantHeight(change=change, z_hat=best, lo90=lo90, hi90=hi90)
-
-
 def _noticed(lift: FittedLift, device: Sensor, chosen: Detect) -> tuple[Noticed, ...]:
     """Sequential tests at TRIED heights, with the first of the payload and supply uncertainties."""
     heights = np.geomspace(*lift.measured_z_hat, TRIED)
@@ -140,12 +136,10 @@ def _noticed(lift: FittedLift, device: Sensor, chosen: Detect) -> tuple[Noticed,
     sigma = max(device.short_per_sqrt_Hz / math.sqrt(device.every_s), 1e-9)
     noticed = []
     for z_hat, change in zip(heights.tolist(), (lift.ratio()(heights) - 1.0).tolist(), strict=True):
-        test = sequential_test(
+        threshold, delay_s = sequential_test(
             change, sigma, math.hypot(*stays), device.every_s, chosen.false_alarms_per_hour
         )
-        noticed.append(
-            Noticed(z_hat=z_hat, change=change, threshold=test.threshold, delay_s=test.delay_s)
-        )
+        noticed.append(Noticed(z_hat=z_hat, change=change, threshold=threshold, delay_s=delay_s))
     return tuple(noticed)
 
 
@@ -156,16 +150,7 @@ def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:
     for z_hat in np.geomspace(low, high, TRIED):
         ratio = float(best(np.array([z_hat]))[0])
         height = inverse.locate(ratio, sigma, draws, low, high)
-        trials.append(
-            HeightTrial(
-                z_hat=float(z_hat),
-                ratio=ratio,
-                median=height.median,
-                lo90=height.lo90,
-                hi90=height.hi90,
-                beyond=height.beyond,
-            )
-        )
+        trials.append(HeightTrial(z_hat=float(z_hat), ratio=ratio, **asdict(height)))
     return tuple(trials)
 
 

@@ -25,27 +25,21 @@ NONE = 1e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Located:
-    """Posterior of the height of a boundary.
+class HeightInterval:
+    """Median and 90 % interval of a height."""
 
-    Attributes
-    ----------
-    z_hat : array (n,)
-        Grid of heights.
-    density : array (n,)
-        Posterior density of z_hat, given a boundary within the grid.
-    beyond : float
-        Posterior probability that there is none.
-    median, lo90, hi90 : float
-        Of z_hat, given a boundary within the grid.
-    """
-
-    z_hat: FloatArray
-    density: FloatArray
-    beyond: float
     median: float
     lo90: float
     hi90: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Located(HeightInterval):
+    """Posterior of z_hat, given a boundary within the range; and the posterior probability `beyond`
+    that there is none.
+    """
+
+    beyond: float
 
 
 def grid(low: float, high: float) -> FloatArray:
@@ -138,14 +132,7 @@ def locate(
     mass = likelihood * width
     cumulative = np.cumsum(mass) / mass.sum()
     lo90, median, hi90 = (float(np.interp(q, cumulative, z_hat)) for q in (0.05, 0.5, 0.95))
-    return Located(
-        z_hat=z_hat,
-        density=likelihood / z_hat / mass.sum(),
-        beyond=beyond * none / total,
-        median=median,
-        lo90=lo90,
-        hi90=hi90,
-    )
+    return Located(median=median, lo90=lo90, hi90=hi90, beyond=beyond * none / total)
 
 
 def ratio_of_hover(

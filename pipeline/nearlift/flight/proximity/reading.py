@@ -18,15 +18,6 @@ SAG_EXPONENT = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeightInterval:
-    """Median and 90 % interval of a height."""
-
-    median: float
-    lo90: float
-    hi90: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class HeightReading:
     """A reading and its posterior; `beyond` is the probability of no boundary within
     `within_z_hat`, `alike` the heights of other boundaries with the same ratio, which one reading
@@ -38,8 +29,8 @@ class HeightReading:
     throttle: float | None
     ratio: float
     u: float
-    z_hat: HeightInterval
-    z_m: HeightInterval
+    z_hat: inverse.HeightInterval
+    z_m: inverse.HeightInterval
     beyond: float
     within_z_hat: tuple[float, float]
     alike: Mapping[Boundary, float] = field(default_factory=dict)
@@ -127,9 +118,10 @@ def read_height(
             reading.u,
         )
     height = inverse.locate(ratio, u, lift.ratios[1:], *lift.measured_z_hat)
-    ends = height.median, height.lo90, height.hi90
     z_hat, z_m = (
-        HeightInterval(median=factor * ends[0], lo90=factor * ends[1], hi90=factor * ends[2])
+        inverse.HeightInterval(
+            median=factor * height.median, lo90=factor * height.lo90, hi90=factor * height.hi90
+        )
         for factor in (1.0, radius_m)
     )
     return HeightReading(

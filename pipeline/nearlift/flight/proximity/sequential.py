@@ -10,21 +10,12 @@ m sigma and b = h + 1.166.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from nearlift.likelihood import student
 
 #: Siegmund's correction for the overshoot at the barriers, in standard deviations.
 OVERSHOOT = 1.166
 HOUR_S = 3600.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SequentialTest:
-    """Threshold in sigma and mean delay in s; both infinite where the offset hides the change."""
-
-    threshold: float
-    delay_s: float
 
 
 def run_length(drift: float, threshold: float) -> float:
@@ -38,8 +29,9 @@ def run_length(drift: float, threshold: float) -> float:
 
 def sequential_test(
     change: float, sigma: float, offset_u: float, every_s: float, alarms_per_hour: float
-) -> SequentialTest:
-    """Threshold and mean delay for a relative change of lift.
+) -> tuple[float, float]:
+    """Threshold in sigma and mean delay in s for a relative change of lift; both infinite where the
+    offset hides it.
 
     Parameters
     ----------
@@ -54,7 +46,7 @@ def sequential_test(
     """
     drift = (0.5 * abs(change) - student.NORMAL_90 * offset_u) / sigma
     if drift <= 0:
-        return SequentialTest(threshold=math.inf, delay_s=math.inf)
+        return math.inf, math.inf
     wanted = HOUR_S / (alarms_per_hour * every_s)
     low, high = 0.0, 1.0
     while run_length(-drift, high) < wanted:
@@ -62,4 +54,4 @@ def sequential_test(
     for _ in range(60):
         middle = 0.5 * (low + high)
         low, high = (low, middle) if run_length(-drift, middle) >= wanted else (middle, high)
-    return SequentialTest(threshold=high, delay_s=every_s * run_length(drift, high))
+    return high, every_s * run_length(drift, high)

@@ -180,15 +180,6 @@ CLAIMS = (
 )
 
 
-def verdict(low: float, high: float, holds: tuple[float, float]) -> str:
-    """Holds, fails or undecided by an interval; undecided where the interval has no end."""
-    if not (math.isfinite(low) and math.isfinite(high)):
-        return "undecided"
-    if holds[0] <= low and high <= holds[1]:
-        return "holds"
-    return "fails" if high < holds[0] or low > holds[1] else "undecided"
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JudgedNumber:
     """A claim's number under one preset, and its verdict."""
@@ -231,8 +222,12 @@ def judge(presets: Mapping[str, CrashLevels]) -> tuple[JudgedClaim, ...]:
 
 
 def _judged(values: FloatArray, holds: tuple[float, float]) -> JudgedNumber:
-    # nan, where the set-points do not hold the level, leaves that end of the interval open
+    # nan, where the set-points do not hold the level, leaves that end of the interval open, and any
+    # comparison with it is false
     low, high = -spread90(-values)[1], spread90(values)[1]
-    return JudgedNumber(
-        value=float(values[0]), lo90=low, hi90=high, verdict=verdict(low, high, holds)
-    )
+    verdict = "undecided"
+    if holds[0] <= low and high <= holds[1]:
+        verdict = "holds"
+    elif math.isfinite(low) and math.isfinite(high) and (high < holds[0] or low > holds[1]):
+        verdict = "fails"
+    return JudgedNumber(value=float(values[0]), lo90=low, hi90=high, verdict=verdict)

@@ -1,4 +1,6 @@
-"""Rotorcraft in vertical flight: blade-element lift, weight, and scales of the paper's Eq. 6."""
+"""Rotorcraft in vertical flight and the gusts that push it: blade-element lift, weight, force, and
+scales of the paper's Eq. 6.
+"""
 
 from __future__ import annotations
 
@@ -51,3 +53,23 @@ class Craft:
 CRAZYFLIE_AS_PRINTED = Craft(
     radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6
 )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disturbance:
+    """Random vertical force: standard deviation in N, hold and correlation time in s.
+
+    The force is constant for `hold_s`, then drawn anew with an autocorrelation of exp(-hold_s /
+    correlation_s) (0: white). A standard deviation alone says nothing without a bandwidth: the
+    paper's 0.015 N "white noise" is one value per step of 0.1 s, that is hold_s = 0.1, a two-sided
+    power spectral density of sd^2 hold = 2.25e-5 N^2 s at low frequency, with its first zero at
+    10 Hz. The same sd drawn for every 0.01 s step has a tenth of it, and no vehicle crashes.
+    """
+
+    sd_N: float
+    hold_s: float
+    correlation_s: float = 0.0
+
+
+#: The paper's white noise, held for its step of 0.1 s.
+PAPER_DISTURBANCE = Disturbance(sd_N=0.015, hold_s=0.1)

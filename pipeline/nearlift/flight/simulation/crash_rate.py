@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import UsageError
 from nearlift.results import IntArray
+from nearlift.results.serial import optional
 
 #: Bootstrap resamples of the flights for the interval of a level.
 RESAMPLES = 400
@@ -202,9 +203,10 @@ def spread90(values: FloatArray) -> tuple[float, float]:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrashLevel:
     """Lowest set-point at a risk, with its 90 % bootstrap interval over the flights; an upper bound
-    where it is `lowest_flown`.
+    where it is `lowest_flown`. `exponent` is the power of the paper's model, where it is of that.
     """
 
+    exponent: float | None = optional()
     risk: float
     value: float
     lo90: float
@@ -212,10 +214,17 @@ class CrashLevel:
     lowest_flown: float
 
     @classmethod
-    def resampled(cls, target_z_hat: FloatArray, values: FloatArray, risk: float) -> CrashLevel:
+    def resampled(
+        cls,
+        target_z_hat: FloatArray,
+        values: FloatArray,
+        risk: float,
+        exponent: float | None = None,
+    ) -> CrashLevel:
         """From levels under resampling, the first as flown."""
         lo90, hi90 = spread90(values)
         return cls(
+            exponent=exponent,
             risk=risk,
             value=float(values[0]),
             lo90=lo90,

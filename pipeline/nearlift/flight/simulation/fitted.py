@@ -18,10 +18,9 @@ from nearlift.errors import ManifestError
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.simulation import crash_rate, energy, presets
 from nearlift.flight.simulation.control import Gains, stable
-from nearlift.flight.simulation.craft import Craft
+from nearlift.flight.simulation.craft import Craft, Disturbance
 from nearlift.flight.simulation.crash_rate import CrashLevel
 from nearlift.flight.simulation.curve import Curves, tabulate
-from nearlift.flight.simulation.disturbance import Disturbance
 from nearlift.flight.simulation.energy import BestSetPoint
 from nearlift.flight.simulation.flight import FlightSetting, Spread, steps_per_hold
 from nearlift.flight.simulation.groups import (

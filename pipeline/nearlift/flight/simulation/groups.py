@@ -17,8 +17,7 @@ import math
 from dataclasses import dataclass
 
 from nearlift.flight.simulation.control import Gains
-from nearlift.flight.simulation.craft import Craft
-from nearlift.flight.simulation.disturbance import Disturbance
+from nearlift.flight.simulation.craft import Craft, Disturbance
 from nearlift.results.serial import Unbounded
 
 

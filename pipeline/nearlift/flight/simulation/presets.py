@@ -12,9 +12,13 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
 from nearlift.flight.simulation.control import PAPER_GAINS, stable
-from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, Craft
+from nearlift.flight.simulation.craft import (
+    CRAZYFLIE_AS_PRINTED,
+    PAPER_DISTURBANCE,
+    Craft,
+    Disturbance,
+)
 from nearlift.flight.simulation.curve import Curves, tabulate
-from nearlift.flight.simulation.disturbance import PAPER_DISTURBANCE, Disturbance
 from nearlift.flight.simulation.flight import Scheme, Spread, steps_per_hold
 from nearlift.flight.simulation.groups import Groups, dimensionless
 from nearlift.flight.simulation.monte_carlo import MonteCarlo
@@ -91,14 +95,12 @@ PRESETS = (
 
 def preset(name: str) -> FlightPreset:
     """Preset of that name; raises ManifestError if there is none."""
-    for item in PRESETS:
-        if item.name == name:
-            return item
-    raise ManifestError(
-        "simulate.presets",
-        f"{name!r} is not a preset",
-        f"presets are {', '.join(p.name for p in PRESETS)}",
-    )
+    by_name = {p.name: p for p in PRESETS}
+    if name not in by_name:
+        raise ManifestError(
+            "simulate.presets", f"{name!r} is not a preset", f"presets are {', '.join(by_name)}"
+        )
+    return by_name[name]
 
 
 def set_points(boundary: Boundary, contact_z_hat: float) -> list[float]:

@@ -6,7 +6,7 @@ unaffected", it says), and sample time histories.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -52,18 +52,6 @@ LOOKED_AT, PICKED = 60, 2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PublishedLevel:
-    """A `CrashLevel` of the paper's model to a power."""
-
-    exponent: float
-    risk: float
-    value: float
-    lo90: float
-    hi90: float
-    lowest_flown: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class PublishedFlights:
     """The paper's models at one boundary under one preset; `convergence` and `variants` are the
     step tests of the preset's own gains and noise, and of the variants.
@@ -72,7 +60,7 @@ class PublishedFlights:
     convergence: StepTest
     groups: Groups
     flights: int
-    levels: tuple[PublishedLevel, ...]
+    levels: tuple[CrashLevel, ...]
     variants: StepTest
 
 
@@ -111,8 +99,7 @@ def published_flights(
         for risk in risks:
             values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], risk, weights)
             levels.flown[boundary, k, risk] = crash_rate.levels_held(flown.target_z_hat, values)
-            level = CrashLevel.resampled(flown.target_z_hat, values, risk)
-            listed.append(PublishedLevel(exponent=k, **asdict(level)))
+            listed.append(CrashLevel.resampled(flown.target_z_hat, values, risk, exponent=k))
     rng = generator(how.key % 2**32, "variants", preset.name, boundary)
     varied, tested = varied_levels(boundary, groups, how, rng)
     levels.varied.update(varied)

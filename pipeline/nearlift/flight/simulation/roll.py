@@ -32,11 +32,6 @@ INERTIA_SPREAD = (
 )
 
 
-def torque_N_m(difference: float, mass_kg: float, gravity_m_s2: float, arm_m: float) -> float:
-    """Torque when the near pair (half the weight) loses the fraction `difference` of its lift."""
-    return difference * mass_kg * gravity_m_s2 / 2 * arm_m
-
-
 def acceleration_deg_s2(torque: float, inertia_kg_m2: float) -> float:
     """Angular acceleration in degrees per second squared."""
     return math.degrees(torque / inertia_kg_m2)
@@ -58,8 +53,10 @@ class RollReading:
 def reading(
     assumption: str, difference: float, arm_m: float, inertia: tuple[float, float]
 ) -> RollReading:
-    """Torque and range of acceleration for the paper's vehicle (27 g, 9.8 m/s^2)."""
-    torque = torque_N_m(difference, 0.027, 9.8, arm_m)
+    """Torque and range of acceleration when the near pair of the paper's vehicle (27 g, 9.8 m/s^2)
+    loses the fraction `difference` of its lift, half the weight.
+    """
+    torque = difference * 0.027 * 9.8 / 2 * arm_m
     return RollReading(
         assumption=assumption,
         arm_m=arm_m,

@@ -101,6 +101,8 @@ def ways(
         ends.append(i * len(grid.z_m) + k)
     rows, columns, energy, hazard = _legs(grid, pilot)
     n = grid.free.size
+    key = rows * n + columns
+    order = np.argsort(key)
     straight = float(np.hypot(goal[0] - start[0], goal[1] - start[1])) / pilot.speed_m_s
     front: list[Way] = []
     for price in PRICES:
@@ -119,7 +121,7 @@ def ways(
             way.append(int(before[way[-1]]))
         nodes = np.array(way[::-1])
         along, up = np.divmod(nodes, len(grid.z_m))
-        leg = _flown(nodes, rows, columns, n)
+        leg = order[np.searchsorted(key, nodes[:-1] * n + nodes[1:], sorter=order)]
         spent, danger = float(energy[leg].sum()), float(hazard[leg].sum())
         time = np.hypot(np.diff(grid.x_m[along]), np.diff(grid.z_m[up])) / pilot.speed_m_s
         lo90, hi90 = (
@@ -162,13 +164,6 @@ def _legs(
         parts.append((index[here][both], index[there][both], mean * time + climb, danger * time))
     rows, columns, energy, hazard = (np.concatenate([p[i] for p in parts]) for i in range(4))
     return rows, columns, energy, hazard
-
-
-def _flown(nodes: IntArray, rows: FloatArray, columns: FloatArray, n: int) -> IntArray:
-    """The legs of a way, of all moves."""
-    key = rows * n + columns
-    order = np.argsort(key)
-    return order[np.searchsorted(key, nodes[:-1] * n + nodes[1:], sorter=order)]
 
 
 def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:

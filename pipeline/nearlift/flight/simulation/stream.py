@@ -100,10 +100,3 @@ def fill(start: Any, out: Any) -> None:
     """Standard normals 0, 1, ... from a flight's first address."""
     for i in range(out.size):
         out[i] = normal(start + U(i) * GOLDEN)
-
-
-def normals(key: int, flight: int, n: int, salt: int = 0) -> FloatArray:
-    """First `n` standard normals of a flight, reproducible to the last digits of log and exp."""
-    out = np.empty(n)
-    fill(U(begin(U(key), U(flight), U(salt))), out)
-    return out
