@@ -42,8 +42,8 @@ def test_without_boundaries_the_way_is_straight_and_costs_one():
     free = nearness(np.ones_like, np.zeros_like)
     grid = corridor.corridor_grid(CORRIDOR, PILOT, {"ground": free, "ceiling": free})
     (way,) = route.ways(grid, PILOT, **ENDS)
-    assert way.energy == pytest.approx(1.0, abs=1e-9)
-    assert way.risk == 0.0
+    assert way.cost.energy == pytest.approx(1.0, abs=1e-9)
+    assert way.cost.risk == 0.0
     assert np.ptp(way.z_m) < 1e-9
 
 
@@ -51,12 +51,15 @@ def test_energy_and_risk_are_traded_along_the_front():
     grid = corridor.corridor_grid(LONG, PILOT, {"ground": GROUND, "ceiling": CEILING})
     found = route.ways(grid, PILOT, **FAR)
     assert len(found) >= 3
-    assert all(b.risk < a.risk and b.energy > a.energy for a, b in itertools.pairwise(found))
+    assert all(
+        b.cost.risk < a.cost.risk and b.cost.energy > a.cost.energy
+        for a, b in itertools.pairwise(found)
+    )
     cheap, safe = found[0], found[-1]
     assert np.median(cheap.z_m) < 2 * RADIUS < np.median(safe.z_m)
     best = route.cheapest(found, 0.01, 1000)
-    assert best.hi90 <= 0.01
-    assert all(w.energy >= best.energy for w in found if w.hi90 <= 0.01)
+    assert best.cost.hi90 <= 0.01
+    assert all(w.cost.energy >= best.cost.energy for w in found if w.cost.hi90 <= 0.01)
     with pytest.raises(
         InputRefused,
         match=(
@@ -84,10 +87,10 @@ def test_a_way_is_chosen_by_what_is_shown_and_not_by_the_estimate():
         for spread in (0.0, 3.0)
     }
     sure, unsure = (route.cheapest(found, 0.01, 1000) for found in ways.values())
-    assert unsure.energy > sure.energy
-    assert unsure.risk < sure.risk <= 0.01
-    assert unsure.lo90 < unsure.risk < unsure.hi90 <= 0.01
-    assert sure.lo90 == pytest.approx(sure.risk)
+    assert unsure.cost.energy > sure.cost.energy
+    assert unsure.cost.risk < sure.cost.risk <= 0.01
+    assert unsure.cost.lo90 < unsure.cost.risk < unsure.cost.hi90 <= 0.01
+    assert sure.cost.lo90 == pytest.approx(sure.cost.risk)
 
 
 def test_every_point_says_what_its_risk_rests_on():
@@ -117,8 +120,10 @@ def test_energy_and_risk_of_a_way_are_those_of_its_points():
         0.5 * (v[tuple(at)][1:] + v[tuple(at)][:-1]) for v in (grid.power, grid.hazard)
     )
     climb = np.maximum(np.diff(way.z_m), 0).sum() / (2 * PILOT.induced_m_s)
-    assert way.energy == pytest.approx(((power * time).sum() + climb) / (4.0 / PILOT.speed_m_s))
-    assert way.risk == pytest.approx(-math.expm1(-(hazard * time).sum()))
+    assert way.cost.energy == pytest.approx(
+        ((power * time).sum() + climb) / (4.0 / PILOT.speed_m_s)
+    )
+    assert way.cost.risk == pytest.approx(-math.expm1(-(hazard * time).sum()))
 
 
 def test_boxes_are_flown_around_and_raise_the_floor():

@@ -20,6 +20,8 @@ from nearlift.flight import Ratio
 NODES = 1200
 #: Largest change of L / L_inf between nodes that counts as rounding.
 FLAT = 1e-9
+#: Prior probability that there is no boundary within the range.
+BEYOND = 0.5
 #: Probabilities below this are stated as a bound: the likelihood's far tails are not known.
 NONE = 1e-4
 
@@ -79,9 +81,7 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
         )
 
 
-def locate(
-    measured: float, u: float, ratios: Sequence[Ratio], low: float, high: float, beyond: float = 0.5
-) -> Located:
+def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high: float) -> Located:
     """Posterior of z_hat from a measured L / L_inf.
 
     Parameters
@@ -91,9 +91,8 @@ def locate(
     ratios : sequence of callables
         Draws of the model, each monotonic (see `refuse_folds`).
     low, high : float
-        Range of the prior, uniform in ln z_hat.
-    beyond : float
-        Prior probability that there is no boundary within the range.
+        Range of the prior, uniform in ln z_hat; that there is no boundary within it has the prior
+        probability `BEYOND`.
 
     Raises
     ------
@@ -128,11 +127,11 @@ def locate(
         np.sum(likelihood * width) / (log_z[-1] - log_z[0]) * np.exp(-0.5 * (nearest - least))
     )
     none = float(np.exp(-0.5 * (alone - least)))
-    total = (1 - beyond) * evidence + beyond * none
+    total = (1 - BEYOND) * evidence + BEYOND * none
     mass = likelihood * width
     cumulative = np.cumsum(mass) / mass.sum()
     lo90, median, hi90 = (float(np.interp(q, cumulative, z_hat)) for q in (0.05, 0.5, 0.95))
-    return Located(median=median, lo90=lo90, hi90=hi90, beyond=beyond * none / total)
+    return Located(median=median, lo90=lo90, hi90=hi90, beyond=BEYOND * none / total)
 
 
 def ratio_of_hover(

@@ -25,20 +25,21 @@ Spread = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
 BLOCK = 50
 #: Number of blocks into which few flights are divided.
 LEAST_BLOCKS = 4
+#: Heights that nobody asked for.
+UNTRACKED: FloatArray = np.empty((0, 0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSetting:
-    """A set-point with its lift curve and controller: `curve` is a row of the tables, `droop` the
-    relative change of lift by the end of the flight as the supply sags (linear in time), `adjusted`
-    whether f0 allows for the boundary at the set-point, as in the paper.
+    """A set-point with its lift curve and controller, whose f0 allows for the boundary there, as in
+    the paper: `curve` is a row of the tables, `droop` the relative change of lift by the end of the
+    flight as the supply sags (linear in time).
     """
 
     target_z_hat: float
     groups: Groups
     curve: int = 0
     droop: float = 0.0
-    adjusted: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,9 +97,8 @@ class FlightPlan:
         near = self.curves.at(np.array([s.target_z_hat for s in self.settings]))
         for i, s in enumerate(self.settings):
             g = s.groups
-            delta = g.delta / np.sqrt(near[s.curve, i]) if s.adjusted else g.delta
             most = np.sqrt(g.most_lift)
-            gains = (g.alpha, g.beta, g.gamma, delta)
+            gains = (g.alpha, g.beta, g.gamma, g.delta / np.sqrt(near[s.curve, i]))
             rows.append((s.target_z_hat, *gains, g.noise, side, s.droop, g.contact, most))
         which = np.array([2 * NODES * s.curve for s in self.settings], dtype=np.int64)
         return np.ascontiguousarray(np.array(rows, dtype=float).T), which
@@ -122,17 +122,13 @@ def steps_per_hold(hold_s: float, step_s: float) -> int:
     return n
 
 
-def _block(first: int, plan: FlightPlan, flights: int, size: int, key: int) -> NDArray[np.int32]:
-    return _integrated(plan, first, min(size, flights - first), key, np.empty((0, 0)))
-
-
-def _integrated(
-    plan: FlightPlan, first: int, flights: int, key: int, track: FloatArray
+def _block(
+    first: int, *, plan: FlightPlan, end: int, size: int, key: int, track: FloatArray = UNTRACKED
 ) -> NDArray[np.int32]:
     from nearlift.flight.simulation import kernel
 
     columns, which = plan.columns()
-    ended = np.empty((len(plan.settings), flights), dtype=np.int32)
+    ended = np.empty((len(plan.settings), min(size, end - first)), dtype=np.int32)
     weather = plan.weather
     memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
     kernel.fly(
@@ -165,7 +161,7 @@ def fly(plan: FlightPlan, flights: int, key: int, spread: Spread = map) -> NDArr
     """
     # blocks of equal size, or one worker would fly nearly all of few flights
     size = min(BLOCK, math.ceil(flights / LEAST_BLOCKS))
-    block = functools.partial(_block, plan=plan, flights=flights, size=size, key=key)
+    block = functools.partial(_block, plan=plan, end=flights, size=size, key=key)
     return np.concatenate(list(spread(block, range(0, flights, size))), axis=1)
 
 
@@ -174,5 +170,5 @@ def trace(plan: FlightPlan, flight: int, key: int) -> FloatArray:
     crashed.
     """
     track = np.full((len(plan.settings), plan.holds + 1), np.nan)
-    _integrated(plan, flight, 1, key, track)
+    _block(flight, plan=plan, end=flight + 1, size=1, key=key, track=track)
     return track

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -43,27 +43,30 @@ MOVES = ((1, 0), (1, 1), (1, -1), (1, 2), (1, -2), (0, 1), (0, -1), (-1, 0), (-1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Way:
-    """A way through the corridor, its energy relative to the straight distance flown far from
-    boundaries, and its risk of a crash.
-
-    Attributes
-    ----------
-    basis : int array (n,)
-        Basis of the risk at each point, an index of `BASES`.
-    lo90, hi90 : float
-        Of the risk, over the model's draws and the flights; where no flight crashed the upper end
-        corresponds to nearly 3 / flights.
+class WayCost:
+    """Energy of a way, relative to the straight distance flown far from boundaries, and its risk of
+    a crash, with its 90 % interval over the model's draws and the flights; where no flight crashed
+    the upper end corresponds to nearly 3 / flights.
     """
 
     price: float
-    x_m: FloatArray
-    z_m: FloatArray
-    basis: IntArray
     energy: float
     risk: float
     lo90: float
     hi90: float
+    chosen: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Way:
+    """A way through the corridor by its points (n,); `basis` is that of the risk at each, an index
+    of `BASES`.
+    """
+
+    x_m: FloatArray
+    z_m: FloatArray
+    basis: IntArray
+    cost: WayCost
 
 
 def ways(
@@ -128,20 +131,19 @@ def ways(
             float(-np.expm1(-np.percentile((0.5 * (h[:, 1:] + h[:, :-1])) @ time, q)))
             for h, q in ((grid.draws(nodes, "low"), 5), (grid.draws(nodes, "high"), 95))
         )
-        new = Way(
+        new = WayCost(
             price=float(price),
-            x_m=grid.x_m[along],
-            z_m=grid.z_m[up],
-            basis=grid.basis(nodes),
             energy=spent / straight,
             risk=float(-np.expm1(-danger)),
             lo90=lo90 if lo90 > NONE else 0.0,
             hi90=hi90,
         )
-        if not front or (
-            new.risk < front[-1].risk * (1 - 1e-9) and new.energy > front[-1].energy * (1 + 1e-9)
+        last = front[-1].cost if front else None
+        if last is None or (
+            new.risk < last.risk * (1 - 1e-9) and new.energy > last.energy * (1 + 1e-9)
         ):
-            front.append(new)
+            x_m, z_m = grid.x_m[along], grid.z_m[up]
+            front.append(Way(x_m=x_m, z_m=z_m, basis=grid.basis(nodes), cost=new))
     return front
 
 
@@ -174,10 +176,10 @@ def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:
     InputRefused
         There is none; says the lowest upper end, and how many flights might lower it to the bound.
     """
-    safe = [w for w in front if w.hi90 <= risk]
+    safe = [w for w in front if w.cost.hi90 <= risk]
     if safe:
-        return min(safe, key=lambda w: w.energy)
-    least = min(front, key=lambda w: w.hi90)
+        return min(safe, key=lambda w: w.cost.energy)
+    least = min((w.cost for w in front), key=lambda cost: cost.hi90)
     shown = (
         f"the safest has {least.risk:.2g}, at most {least.hi90:.2g} by {flights} flights a"
         " set-point"
@@ -187,18 +189,6 @@ def cheapest(front: Sequence[Way], risk: float, flights: int) -> Way:
     raise InputRefused(
         "simulate.route.risk", f"no way is shown to keep the risk below {risk:g}", shown + more
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WayResult:
-    """Energy and risk of one way."""
-
-    price: float
-    energy: float
-    risk: float
-    lo90: float
-    hi90: float
-    chosen: bool
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -217,7 +207,7 @@ class RouteResult:
     flights: int
     boundaries: tuple[Boundary, ...]
     lowest_z_hat: Mapping[Boundary, float]
-    ways: tuple[WayResult, ...]
+    ways: tuple[WayCost, ...]
     energy: float
     risk: float
     lo90: float
@@ -250,26 +240,16 @@ def planned_route(
     corridor = Corridor(length_m=asked.length, height_m=asked.height, boxes=boxes)
     front = ways(corridor_grid(corridor, pilot, near), pilot, asked.start, asked.goal)
     best = cheapest(front, asked.risk, flights)
-    numbers = tuple(
-        WayResult(
-            price=w.price,
-            energy=w.energy,
-            risk=w.risk,
-            lo90=w.lo90,
-            hi90=w.hi90,
-            chosen=w is best,
-        )
-        for w in front
-    )
+    costs = tuple(replace(w.cost, chosen=w is best) for w in front)
     rows = [
         {
             "way": i,
-            **asdict(number),
+            **asdict(cost),
             "risk_from": BASES[basis],
             "x_m": float(x),
             "z_m": float(z),
         }
-        for i, (w, number) in enumerate(zip(front, numbers, strict=True))
+        for i, (w, cost) in enumerate(zip(front, costs, strict=True))
         for x, z, basis in zip(w.x_m, w.z_m, w.basis, strict=True)
     ]
     return RouteResult(
@@ -283,10 +263,10 @@ def planned_route(
         flights=flights,
         boundaries=tuple(near),
         lowest_z_hat={b: n.lowest_z_hat for b, n in near.items()},
-        ways=numbers,
-        energy=best.energy,
-        risk=best.risk,
-        lo90=best.lo90,
-        hi90=best.hi90,
+        ways=costs,
+        energy=best.cost.energy,
+        risk=best.cost.risk,
+        lo90=best.cost.lo90,
+        hi90=best.cost.hi90,
         share_by_basis={basis: float(np.mean(best.basis == i)) for i, basis in enumerate(BASES)},
     ), rows
