@@ -4,5 +4,5 @@ from collections.abc import Callable
 
 from nearlift.declare import FloatArray
 
-#: L / L_inf as a function of z_hat.
+#: L / L_inf as a function of z_hat, of its shape.
 Ratio = Callable[[FloatArray], FloatArray]

@@ -31,7 +31,6 @@ class FittedLift:
 
     Attributes
     ----------
-    boundary : Boundary
     model : LiftModel
         The base model composed with the vehicle's effects.
     arguments : mapping
@@ -76,16 +75,20 @@ class FittedLift:
 
     def parameters(self, member: int) -> dict[str, float]:
         """Parameters of draw `member`; -1 is the best estimate."""
-        return (
-            dict(self.best)
-            if member < 0
-            else {name: float(values[member]) for name, values in self.draws.items()}
-        )
+        if member < 0:
+            return dict(self.best)
+        return {name: float(values[member]) for name, values in self.draws.items()}
 
     def ratio(self, member: int = -1, **changes: float) -> Ratio:
         """L / L_inf over z_hat of draw `member` (-1: best); `changes` replace model arguments."""
         values = {**self.arguments, **self.parameters(member), **changes}
-        return lambda z_hat: np.asarray(self.model(z_hat, **values), dtype=float)
+
+        def ratio(z_hat: FloatArray) -> FloatArray:
+            # a model that is constant may return one number
+            lift = np.asarray(self.model(z_hat, **values), dtype=float)
+            return np.broadcast_to(lift, np.shape(z_hat))
+
+        return ratio
 
     @property
     def largest_change(self) -> float:
@@ -115,11 +118,8 @@ class FittedLift:
         """
         exponent = self.parameters(member).get("sag_exponent", 0.0)
         end = self.supply_V[1] if supply_end_V is None else supply_end_V
-        return (
-            float((end / self.supply_V[0]) ** exponent - 1.0)
-            if exponent and np.isfinite(end / self.supply_V[0])
-            else 0.0
-        )
+        left = end / self.supply_V[0]
+        return float(left**exponent - 1.0) if exponent and np.isfinite(left) else 0.0
 
 
 def drawn_parameters(

@@ -68,7 +68,6 @@ class Average:
         Fields.
     tau : float
         Fields per independent one, 1 if they are independent.
-    convergence : MeanConvergence
     """
 
     mean: VelocityField

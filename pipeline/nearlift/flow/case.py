@@ -27,7 +27,6 @@ class Recording:
 
     Attributes
     ----------
-    mean : Average
     series : (n, nx)
         Downwash along the cut, field by field.
     outliers : float
@@ -82,15 +81,10 @@ class FlowCase:
 
     Attributes
     ----------
-    name : str
     z_hat : float
         inf without a boundary.
-    scene : Scene
-    recording : Recording
-    cut : Cut
     measured : (nx,) bool
         Columns that were seen, not mirrored.
-    files : int
     refused : sequence of (file, reason)
     topology : WakeTopology or None
         Near a ground.

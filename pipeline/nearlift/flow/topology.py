@@ -60,7 +60,6 @@ class WakeTopology:
 
     Attributes
     ----------
-    vortices : tuple of Vortex
     stagnant : (ny, nx) bool
         The stagnation zone.
     numbers : dict of str to float

@@ -75,7 +75,7 @@ def hermite_table(ratio: Ratio, low: float, high: float) -> HermiteTable:
 
     def at(w: FloatArray) -> FloatArray:
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.broadcast_to(np.asarray(ratio(1 / w - 1), dtype=float), w.shape)
+            return ratio(1 / w - 1)
 
     probe = np.linspace(w_low, w_high, 8 * MOST + 1)
     truth = at(probe)

@@ -48,21 +48,17 @@ class ExportedLift:
 
     Attributes
     ----------
-    boundary, model, title : str
     formula : str
         LaTeX of the base model.
     effects, omitted : tuple of str
         Named effects within the ratio; and those left out, because they act in time or belong to
         the bench or to the flights in which they were found.
-    parameters : mapping of str to ExportedNumber
     covariance : mapping of str to tuple of float
         Rows of the parameters' covariance matrix over the draws.
     known : mapping of str to float
         Geometry that the model needs.
     at : mapping of float to ExportedNumber
         L / L_inf and its interval by z_hat.
-    table : HermiteTable
-    uncertainty : UncertaintyTable
     rotors : tuple of HermiteTable
         Ratio of each rotor at the tilt of the trials, where the model gives it.
     inverse : str or None

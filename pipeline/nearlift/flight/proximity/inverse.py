@@ -58,20 +58,19 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
         It folds (says above which height it does not), has no value somewhere, or is constant.
     """
     z_hat = grid(low, high)
-    values = np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape)
+    values = ratio(z_hat)
     if not np.isfinite(values).all():
         bad = float(z_hat[~np.isfinite(values)].max())
         raise InputRefused(
             where, f"the model has no value at z_hat = {bad:.3g}", f"ask above {bad:.3g}"
         )
     change = np.diff(values)
-    outer = np.sign(change[np.abs(change) > FLAT][-1]) if (np.abs(change) > FLAT).any() else 0.0
-    if outer == 0.0:
+    steep = np.flatnonzero(np.abs(change) > FLAT)
+    if not len(steep):
         raise InputRefused(
             where, "the model does not change with distance", "lift says nothing of this boundary"
         )
-    against = np.flatnonzero(np.sign(change) * outer < 0)
-    against = against[np.abs(change[against]) > FLAT]
+    against = steep[change[steep] * change[steep[-1]] < 0]
     if len(against):
         turn = float(z_hat[against[-1] + 1])
         raise InputRefused(
@@ -104,9 +103,7 @@ def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high:
             "measured ratio", f"has the uncertainty {u:g}", "give a positive standard uncertainty"
         )
     z_hat = grid(low, high)
-    values = np.stack(
-        [np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
-    )
+    values = np.stack([ratio(z_hat) for ratio in ratios])
     deviation = (measured - values) / u
     outside = max(float(values.min()) - measured, measured - float(values.max())) / u
     if min(outside, abs(measured - 1.0) / u) > 10:

@@ -43,11 +43,8 @@ class Sensor:
         """Standard deviation of the estimated L / L_inf; `payload` and `supply` are relative
         standard uncertainties of weight and of lift by the supply.
         """
-        return float(
-            np.sqrt(
-                self.short_per_sqrt_Hz**2 / averaging_s + self.floor**2 + payload**2 + supply**2
-            )
-        )
+        short = self.short_per_sqrt_Hz**2 / averaging_s
+        return float(np.sqrt(short + self.floor**2 + payload**2 + supply**2))
 
 
 def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
@@ -62,7 +59,7 @@ def reach(ratio: Ratio, change: float, low: float, high: float) -> float:
     interpolated on the grid; nan where there is none. A result of `high` is a lower bound.
     """
     z_hat = grid(low, high)
-    effect = np.abs(np.broadcast_to(np.asarray(ratio(z_hat), dtype=float), z_hat.shape) - 1.0)
+    effect = np.abs(ratio(z_hat) - 1.0)
     enough = np.flatnonzero(effect >= change)
     if not len(enough):
         return float("nan")

@@ -37,6 +37,11 @@ class Gains:
         return self.times(-1.0)
 
 
+#: Sign of gains that fly at a boundary, and why.
+RIGHT_SIGN: dict[Boundary, tuple[str, str]] = {
+    "ground": ("negative", "above a ground a vehicle that is too low must turn its rotors faster"),
+    "ceiling": ("positive", "below a ceiling a vehicle that is too close must slow its rotors"),
+}
 #: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.
 PAPER_CEILING = Gains(kP=316.0, kD=316.0, kI=31.6)
 PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.mirrored(), "ceiling": PAPER_CEILING}
@@ -68,12 +73,7 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary) -> Gains:
             " and calms it",
             "give both",
         )
-    right = "negative" if boundary == "ground" else "positive"
-    reason = (
-        "above a ground a vehicle that is too low must turn its rotors faster"
-        if boundary == "ground"
-        else "below a ceiling a vehicle that is too close must slow its rotors"
-    )
+    right, reason = RIGHT_SIGN[boundary]
     flipped = float(poles(gains.mirrored(), craft, boundary).real.max()) <= 1e-9
     remedy = (
         f"change the sign of all three: {right} at this boundary"

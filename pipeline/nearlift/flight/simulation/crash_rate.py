@@ -193,11 +193,9 @@ def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
 
 def spread90(values: FloatArray) -> tuple[float, float]:
     """5 % and 95 % points; nan (no set-point was safe enough) ranks above every level."""
-    filled = np.sort(np.where(np.isfinite(values), values, np.inf))
-    low, high = (float(filled[min(int(q / 100 * len(filled)), len(filled) - 1)]) for q in INTERVAL)
-    return (low if np.isfinite(low) else float("nan")), (
-        high if np.isfinite(high) else float("nan")
-    )
+    n, ordered = len(values), np.sort(values)
+    low, high = (float(ordered[min(int(q / 100 * n), n - 1)]) for q in INTERVAL)
+    return low, high
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

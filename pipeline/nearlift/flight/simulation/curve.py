@@ -71,9 +71,7 @@ def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
         )
     z_hat = np.linspace(low, TOP, NODES)
     with np.errstate(invalid="ignore", divide="ignore"):
-        values = np.stack(
-            [np.broadcast_to(np.asarray(f(z_hat), dtype=float), z_hat.shape) for f in ratios]
-        )
+        values = np.stack([ratio(z_hat) for ratio in ratios])
     bad = ~(np.isfinite(values) & (values > 0))
     if bad.any():
         where = float(z_hat[bad.any(axis=0)].max())

@@ -78,7 +78,6 @@ class BestSetPoint:
         None where none is advised; the interval is over draws of the model and the flights.
     farthest : bool
         Whether it is the farthest set-point flown.
-    expected_cost, relative_cost : float
     crashes : int
         In flights that had no part in the choice.
     rate, rate_hi95 : float

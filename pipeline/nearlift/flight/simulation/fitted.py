@@ -70,12 +70,8 @@ class FittedFlights:
 
     Attributes
     ----------
-    model, title : str
-    parameters : mapping of str to float
-    effects, left_on_the_bench : tuple of str
     draws_from : str
         Product that the draws come from.
-    draws : int
     contact_z_hat, contact_m : float
         Height of the rotor plane at contact, which counts as a crash.
     bound_z_hat : float
@@ -88,14 +84,8 @@ class FittedFlights:
         Relative change of lift by the end of a flight.
     held : str
         Quantity that each trial held constant.
-    flights : int
-    groups : Groups
-    spacing_hat : float or None
-    convergence : StepTest
-    levels : tuple of FittedLevel
     front_z_hat : array
         Set-points on the Pareto front of energy and risk.
-    best_set_points : tuple of BestSetPoint
     maps : StepTest or None
         Of the maps, where they were flown.
     gains : Gains or None

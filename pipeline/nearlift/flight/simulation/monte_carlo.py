@@ -157,7 +157,6 @@ class Sweep:
     crashed : bool array (curves, t, flights)
     ratio : array (curves, t)
         L / L_inf at the set-points.
-    step_test : StepTest
     """
 
     target_z_hat: FloatArray

@@ -11,13 +11,8 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
-from nearlift.flight.simulation.control import PAPER_GAINS, stable
-from nearlift.flight.simulation.craft import (
-    CRAZYFLIE_AS_PRINTED,
-    PAPER_DISTURBANCE,
-    Craft,
-    Disturbance,
-)
+from nearlift.flight.simulation.control import PAPER_GAINS
+from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, PAPER_DISTURBANCE
 from nearlift.flight.simulation.curve import Curves, tabulate
 from nearlift.flight.simulation.flight import Scheme, Spread, steps_per_hold
 from nearlift.flight.simulation.groups import Groups, dimensionless
@@ -38,29 +33,28 @@ MODELS: dict[Boundary, str] = {"ground": "sanchez_cuevas", "ceiling": "hsiao_chi
 GEOMETRY = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
 #: Height below which the paper holds L / L_inf constant, in rotor radii.
 BOUND_Z_HAT = 0.5
+#: Of each flight.
+DURATION_S = 120.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPreset:
-    """Vehicle, controller, disturbance and integration."""
+    """The paper's vehicle, controller and disturbance, and how they are integrated."""
 
     name: str
     meaning: str
     scheme: Scheme
     step_s: float
-    duration_s: float = 120.0
-    craft: Craft = CRAZYFLIE_AS_PRINTED
-    disturbance: Disturbance = PAPER_DISTURBANCE
 
     def groups(self, boundary: Boundary) -> Groups:
         """Dimensionless groups with the paper's gains, signed for the boundary."""
-        gains = stable(PAPER_GAINS[boundary], self.craft, boundary)
-        return dimensionless(self.craft, gains, self.disturbance, self.duration_s)
+        gains = PAPER_GAINS[boundary]
+        return dimensionless(CRAZYFLIE_AS_PRINTED, gains, PAPER_DISTURBANCE, DURATION_S)
 
     @property
     def steps_per_hold(self) -> int:
         """Number of time steps for which a gust is held."""
-        return steps_per_hold(self.disturbance.hold_s, self.step_s)
+        return steps_per_hold(PAPER_DISTURBANCE.hold_s, self.step_s)
 
     def monte_carlo(self, flights: int, key: int, spread: Spread = map) -> MonteCarlo:
         """Flights with this preset's scheme and step."""

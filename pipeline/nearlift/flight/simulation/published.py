@@ -13,6 +13,7 @@ import numpy as np
 from nearlift.declare import Boundary, FloatArray
 from nearlift.flight.simulation import crash_rate, presets
 from nearlift.flight.simulation.claims import CrashLevels
+from nearlift.flight.simulation.craft import PAPER_DISTURBANCE
 from nearlift.flight.simulation.crash_rate import CrashLevel
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly, trace
 from nearlift.flight.simulation.groups import Groups
@@ -170,7 +171,7 @@ def histories(preset: presets.FlightPreset, boundary: Boundary, key: int) -> Row
             "model": name,
             "target_z_hat": SHOWN[boundary],
             "flight": flight,
-            "t_s": k * preset.disturbance.hold_s,
+            "t_s": k * PAPER_DISTURBANCE.hold_s,
             "z_hat": float(heights[k]),
         }
         for flight in picked.tolist()

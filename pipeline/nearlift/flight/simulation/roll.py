@@ -153,8 +153,7 @@ def fitted_roll(
     u_inertia = INERTIA_SPREAD if u_inertia is None else u_inertia
     z_hat = np.geomspace(max(nearest_z_hat, 0.01), 2.0, 40)
     loss, far = (
-        np.stack([1.0 - np.broadcast_to(np.asarray(f(z), dtype=float), z.shape) for f in ratios])
-        for z in (z_hat, z_hat + spacing_hat)
+        np.stack([1.0 - ratio(z) for ratio in ratios]) for z in (z_hat, z_hat + spacing_hat)
     )
     # each pair's share by the same law, scaled so that together they lose what the vehicle does
     both = loss + far
