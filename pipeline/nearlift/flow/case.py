@@ -23,16 +23,9 @@ Rows = Iterator[dict[str, object]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
-    """One pass over the fields of a case.
-
-    Attributes
-    ----------
-    series : (n, nx)
-        Downwash along the cut, field by field.
-    outliers : float
-        Share of vectors left out as spurious.
-    resamples : (m, 2 ny nx)
-        Resampled mean fields, both components one behind the other; empty where not asked for.
+    """One pass over the fields of a case: their mean, the downwash along the cut field by field (n,
+    nx), the share of vectors left out as spurious, and resampled mean fields (m, 2 ny nx), both
+    components one behind the other, empty where not asked for.
     """
 
     mean: Average

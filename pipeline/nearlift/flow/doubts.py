@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.flow.downwash import DEFLECTION_HAT, Cut, along_cut, over_span, span_weights
-from nearlift.flow.field import VelocityField, sign_doubt, stands_transposed
+from nearlift.flow.field import VelocityField, one_is_flipped, stands_transposed
 from nearlift.flow.scene import Scene
 
 #: A wake's speed may be this factor above or below that of the hovering vehicle (a quarter to full
@@ -75,11 +75,10 @@ def refuse_what_cannot_be(
             "mass is conserved only with x and y in each other's place",
             "the columns of the two coordinates are changed over; name them anew",
         )
-    doubt = sign_doubt(mean)
-    if doubt:
+    if one_is_flipped(mean):
         raise InputRefused(
             where,
-            f"{doubt}: it creates air out of nothing",
+            "one component is flipped against its axis: it creates air out of nothing",
             "say v_sign = -1 under [piv], or turn thrust or across round",
         )
     wake = (

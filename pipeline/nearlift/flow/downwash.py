@@ -153,18 +153,9 @@ def measure(
     scene: Scene,
     stagnant: NDArray[np.bool_] | None = None,
 ) -> CutDownwash:
-    """Downwash through one cut.
-
-    Parameters
-    ----------
-    average : Average
-        Mean field in vehicle axes.
-    series : (n, nx)
-        Downwash along the cut of each field, as `along_cut` gives it.
-    cut : Cut
-    scene : Scene
-    stagnant : (ny, nx) bool or None
-        The measured stagnation zone.
+    """Downwash through one cut of a mean field in vehicle axes; `series` (n, nx) is the downwash
+    along it of each field, as `along_cut` gives it, `stagnant` (ny, nx) the measured stagnation
+    zone.
     """
     x, y, vy = average.mean.x_m, average.mean.y_m, average.mean.vy_m_s
     weights = span_weights(x, cut.centres_m, cut.half_span_m)

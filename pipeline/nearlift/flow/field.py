@@ -153,15 +153,10 @@ def orient(
 ) -> VelocityField:
     """The same field in vehicle axes.
 
-    Parameters
-    ----------
-    thrust, across : str
-        The picture's directions of thrust (+y of the vehicle) and of the vehicle's +x; `across` is
-        the picture's other axis if None.
-    origin_m : (float, float)
-        Where the vehicle's origin stands in the picture.
-    v_sign : int
-        -1 where the second velocity component was written positive against the second axis.
+    `thrust` and `across` are the picture's directions of thrust (+y of the vehicle) and of the
+    vehicle's +x, by default the picture's other axis; `origin_m` is where the vehicle's origin
+    stands in the picture; `v_sign` is -1 where the second velocity component was written positive
+    against the second axis.
     """
     right = across or ("+x" if thrust[1] == "y" else "+y")
     axes = {"x": field.x_m - origin_m[0], "y": field.y_m - origin_m[1]}
@@ -235,8 +230,8 @@ def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
     return result
 
 
-def sign_doubt(field: VelocityField) -> str:
-    """Which component's sign the field itself contradicts, ``""`` if none.
+def one_is_flipped(field: VelocityField) -> bool:
+    """Whether the field itself contradicts the sign of one component against its axis.
 
     Mass is conserved: dvx/dx and dvy/dy oppose each other, in a plane jet wholly, in a round one
     for the most part. With one component flipped they go together.
@@ -245,13 +240,12 @@ def sign_doubt(field: VelocityField) -> str:
     gy = np.gradient(field.vy_m_s, field.dy_m, axis=0)
     known = np.isfinite(gx) & np.isfinite(gy)
     if known.sum() < 9:
-        return ""
+        return False
     a, b = gx[known], gy[known]
     scale = np.sqrt((a @ a) * (b @ b))
     spread = float(np.sqrt(np.sum((a * b) ** 2)))
     together = float(a @ b)
-    flipped = together > DOUBT * scale and together > ERRORS * spread
-    return "one component is flipped against its axis" if flipped and spread > 0 else ""
+    return bool(together > DOUBT * scale and together > ERRORS * spread > 0)
 
 
 def stands_transposed(field: VelocityField) -> bool:

@@ -7,6 +7,7 @@ from __future__ import annotations
 import warnings
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
@@ -14,7 +15,6 @@ from nearlift.declare import FloatArray
 #: What a component's residual is divided by at least: this share of the field's own typical
 #: residual.
 FLOOR = 1.0
-NEIGHBOURS = tuple((dj, di) for dj in (-1, 0, 1) for di in (-1, 0, 1) if (dj, di) != (0, 0))
 #: Of a pixel's eight neighbours at least so many must have a vector.
 ENOUGH = 4
 
@@ -32,13 +32,8 @@ def spurious(vx: FloatArray, vy: FloatArray, threshold: float) -> NDArray[np.boo
         return bad
     total = np.zeros(vx.shape)
     for v in (vx, vy):
-        padded = np.pad(v, 1, constant_values=np.nan)
-        around = np.stack(
-            [
-                padded[1 + dj : 1 + dj + v.shape[0], 1 + di : 1 + di + v.shape[1]]
-                for dj, di in NEIGHBOURS
-            ]
-        )
+        windows = sliding_window_view(np.pad(v, 1, constant_values=np.nan), v.shape)
+        around = np.delete(windows.reshape(9, *v.shape), 4, axis=0)
         middle = _median(around)
         scatter = _median(np.abs(around - middle))
         enough = np.isfinite(around).sum(axis=0) >= ENOUGH

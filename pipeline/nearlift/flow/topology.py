@@ -56,15 +56,9 @@ class Vortex:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WakeTopology:
-    """One mean field in numbers; lengths over rotor radius, areas over its square.
-
-    Attributes
-    ----------
-    stagnant : (ny, nx) bool
-        The stagnation zone.
-    numbers : dict of str to float
-        `vortices_ccw`, `vortices_cw`, `vortex_pairs`, `stagnation_area_hat2`,
-        `stagnation_height_hat`, `split_angle_deg`, `asymmetry`.
+    """One mean field in numbers (`vortices_ccw`, `vortices_cw`, `vortex_pairs`,
+    `stagnation_area_hat2`, `stagnation_height_hat`, `split_angle_deg`, `asymmetry`; lengths over
+    rotor radius, areas over its square), with its vortices and the stagnation zone (ny, nx).
     """
 
     vortices: tuple[Vortex, ...]
@@ -156,16 +150,9 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagnationZone:
-    """Slow air that rests on the ground beneath the rotors' inner halves.
-
-    Attributes
-    ----------
-    nodes : (ny, nx) bool
-        Nodes within it.
-    area_m2, height_m : float
-        Its height is the greatest, along the boundary's normal.
-    ground_m_s : (nx,)
-        Speed on the ground, beneath the rotors or not.
+    """Slow air that rests on the ground beneath the rotors' inner halves: its nodes (ny, nx), area
+    and greatest height along the boundary's normal; and the speed on the ground (nx,), beneath the
+    rotors or not.
     """
 
     nodes: NDArray[np.bool_]

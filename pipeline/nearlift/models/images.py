@@ -37,19 +37,8 @@ from nearlift.models.inflow import clear_of_boundary, image, over_rotors, tabula
 def cancelled_per_rotor(
     z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any = 0.0, edge_hat: Any = math.inf
 ) -> FloatArray:
-    """Fraction of inflow cancelled at each rotor, shape (..., rotors).
-
-    Parameters
-    ----------
-    z_hat : array_like
-        Distance of the layout's origin from the boundary, along its normal.
-    layout_hat : array_like, shape (rotors, 2)
-        Rotor axes (x, y) in the rotor plane.
-    tilt_rad : array_like
-        Tilt about y, positive where rotors at positive x are farther from the boundary; broadcasts
-        with `z_hat`.
-    edge_hat : float
-        The boundary fills x <= edge_hat.
+    """Fraction of inflow cancelled at each rotor, shape (..., rotors); arguments as the module's
+    convention has them, `tilt_rad` about y. The boundary fills x <= edge_hat.
     """
     layout = np.asarray(layout_hat, dtype=float)
     x, y = layout[:, 0], layout[:, 1]

@@ -30,15 +30,10 @@ def clear_of_boundary(z_hat: Any) -> FloatArray:
 def image(height_hat: Any, separation_hat: Any = 0.0) -> Any:
     """Fraction of a rotor's induced inflow cancelled by one image, positive where lift is gained.
 
-    Shapes broadcast. Approximation: a point source at the image's centre, strength (rotor area) x
-    (induced velocity), its velocity taken at the rotor's centre and along the boundary's normal.
-
-    Parameters
-    ----------
-    height_hat : array_like
-        Distance between rotor and image along the boundary's normal: 2 z_hat for a flat boundary.
-    separation_hat : array_like
-        Their distance along the boundary: 0 for a rotor's own image.
+    `height_hat` is the distance of rotor and image along the boundary's normal, 2 z_hat for a flat
+    boundary, `separation_hat` that along it, 0 for a rotor's own image. Shapes broadcast.
+    Approximation: a point source at the image's centre, strength (rotor area) x (induced velocity),
+    its velocity taken at the rotor's centre and along the boundary's normal.
     """
     height = np.asarray(height_hat, dtype=float)
     slant = 1.0 + np.square(separation_hat / height)

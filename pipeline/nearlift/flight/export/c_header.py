@@ -253,13 +253,12 @@ def header(export: ModelExport) -> str:
 
 def _functions(lift: ExportedLift, campaign: str, radius_m: float) -> str:
     name = f"{campaign}_{lift.boundary}"
-    names = {"name": name, "UPPER": name.upper(), "CAMPAIGN": campaign.upper()}
     text = _function(name, campaign, lift.table, lift.uncertainty, radius_m)
     if lift.inverse is None:
-        text += INVERSE.format(**names)
+        text += INVERSE.format(name=name)
     if lift.closed is not None:
         expression = write(lift.closed, number="NEARLIFT_REAL({})", call="NEARLIFT_MATH({})")
-        text += CLOSED.format(**names, expression=expression)
+        text += CLOSED.format(name=name, CAMPAIGN=campaign.upper(), expression=expression)
     return text + "".join(
         _function(f"{name}_rotor{i}", campaign, table, lift.uncertainty, radius_m)
         for i, table in enumerate(lift.rotors)

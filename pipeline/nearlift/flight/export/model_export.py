@@ -65,8 +65,6 @@ class ExportedLift:
         Why no inverse is exported; None where one is.
     closed : ast.expr or None
         Folded expression in `z`; None where the model has no closed form.
-    closed_error : float
-        Its largest relative difference from the model, in double precision.
     """
 
     boundary: str
@@ -84,7 +82,6 @@ class ExportedLift:
     rotors: tuple[HermiteTable, ...]
     inverse: str | None
     closed: ast.expr | None
-    closed_error: float
 
 
 def exported(lift: FittedLift) -> ExportedLift:
@@ -99,7 +96,6 @@ def exported(lift: FittedLift) -> ExportedLift:
     high = min(lift.measured_z_hat[1], lift.model.valid_z_hat[1])
     known = {n: float(v) for n, v in lift.arguments.items() if np.ndim(v) == 0}
     closed = closed_form(lift.model)
-    error = 0.0
     if closed is not None:
         closed = fold(closed, {**known, **lift.best})
         z_hat = np.linspace(low, high, 2001)
@@ -145,7 +141,6 @@ def exported(lift: FittedLift) -> ExportedLift:
         rotors=_rotors(lift, low, high),
         inverse=inverse,
         closed=closed,
-        closed_error=error,
     )
 
 

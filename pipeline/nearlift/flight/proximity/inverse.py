@@ -81,17 +81,11 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
 
 
 def locate(measured: float, u: float, ratios: Sequence[Ratio], low: float, high: float) -> Located:
-    """Posterior of z_hat from a measured L / L_inf.
+    """Posterior of z_hat from a measured L / L_inf with its standard uncertainty `u`, including
+    sensor, payload and supply.
 
-    Parameters
-    ----------
-    measured, u : float
-        L / L_inf and its standard uncertainty, including sensor, payload and supply.
-    ratios : sequence of callables
-        Draws of the model, each monotonic (see `refuse_folds`).
-    low, high : float
-        Range of the prior, uniform in ln z_hat; that there is no boundary within it has the prior
-        probability `BEYOND`.
+    `ratios` are draws of the model, each monotonic (see `refuse_folds`). The prior is uniform in ln
+    z_hat from `low` to `high`; that there is no boundary within has the probability `BEYOND`.
 
     Raises
     ------
@@ -140,20 +134,12 @@ def ratio_of_hover(
     u_lift: float,
     u_throttle: float = 0.0,
 ) -> tuple[float, float]:
-    """L / L_inf at hover (weight over lift far away at that throttle) and its standard uncertainty.
+    """L / L_inf at hover (weight, payload included, over lift far away at that throttle) and its
+    standard uncertainty.
 
-    Parameters
-    ----------
-    throttle : float
-        Fraction of full.
-    weight_N, u_weight : float
-        Weight, payload included, in N, and its relative standard uncertainty.
-    levels, lift_inf_N : sequence of float
-        Throttles measured, ascending, and lift far away at each; a power law between them.
-    u_lift : float
-        Relative standard uncertainty of lift far away: levels, supply.
-    u_throttle : float
-        Standard uncertainty of `throttle`; weighted by the exponent of the power law there.
+    `levels` are the throttles measured, fractions of full, ascending, and `lift_inf_N` lift far
+    away at each; a power law holds between them. `u_weight` and `u_lift` (levels, supply) are
+    relative; `u_throttle` is weighted by the exponent of the power law there.
 
     Raises
     ------
@@ -171,11 +157,9 @@ def ratio_of_hover(
     far = float(np.exp(np.interp(np.log(throttle), log_levels, log_lift)))
     ratio = weight_N / far
     i = int(np.clip(np.searchsorted(levels, throttle), 1, max(len(levels) - 1, 1)))
-    power = (
-        float((log_lift[i] - log_lift[i - 1]) / (log_levels[i] - log_levels[i - 1]))
-        if len(levels) > 1
-        else 0.0
-    )
+    power = 0.0
+    if len(levels) > 1:
+        power = float((log_lift[i] - log_lift[i - 1]) / (log_levels[i] - log_levels[i - 1]))
     return ratio, ratio * float(
         np.sqrt(u_weight**2 + u_lift**2 + (power * u_throttle / throttle) ** 2)
     )

@@ -23,16 +23,8 @@ from nearlift.flight.proximity.inverse import grid
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
-    """Noise of a relative lift reading.
-
-    Attributes
-    ----------
-    short_per_sqrt_Hz : float
-        Standard deviation of the average over one second, relative to lift.
-    floor : float
-        Standard deviation that averaging does not reduce.
-    every_s : float
-        Time between independent readings.
+    """Noise of a relative lift reading: the standard deviation of the average over one second, that
+    which averaging does not reduce, and the time between independent readings.
     """
 
     short_per_sqrt_Hz: float

@@ -33,16 +33,9 @@ def sequential_test(
     """Threshold in sigma and mean delay in s for a relative change of lift; both infinite where the
     offset hides it.
 
-    Parameters
-    ----------
-    sigma : float
-        Standard deviation of one reading, without the constant offset.
-    offset_u : float
-        Standard uncertainty of that offset: floor, payload and supply.
-    every_s : float
-        Time between readings.
-    alarms_per_hour : float
-        Mean rate of false alarms allowed, with the offset at its 95 % end.
+    `sigma` is the standard deviation of one reading, taken every `every_s`, without the constant
+    offset; `offset_u` the standard uncertainty of that: floor, payload and supply. The mean rate of
+    false alarms is allowed with the offset at its 95 % end.
     """
     drift = (0.5 * abs(change) - student.NORMAL_90 * offset_u) / sigma
     if drift <= 0:

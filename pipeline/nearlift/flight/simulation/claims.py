@@ -23,14 +23,8 @@ INF = math.inf
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CrashLevels:
     """Levels of one preset under resampling: arrays (m,), the first as flown; nan where the
-    set-points flown do not hold the level.
-
-    Attributes
-    ----------
-    flown : mapping of (boundary, exponent, risk)
-        With the preset's own gains and noise.
-    varied : mapping of (boundary, exponent, variant)
-        At a risk of 50 %, with other gains or noise.
+    set-points flown do not hold the level. With the preset's own gains and noise by (boundary,
+    exponent, risk), and with others, at a risk of 50 %, by (boundary, exponent, variant).
     """
 
     flown: dict[tuple[str, float, float], FloatArray] = field(default_factory=dict)

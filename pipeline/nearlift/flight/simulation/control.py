@@ -29,12 +29,8 @@ class Gains:
     kI: float
 
     def times(self, factor: float) -> Gains:
-        """All three gains multiplied by `factor`."""
+        """All three gains by `factor`; -1 is the same controller at the opposite boundary."""
         return Gains(kP=factor * self.kP, kD=factor * self.kD, kI=factor * self.kI)
-
-    def mirrored(self) -> Gains:
-        """The same controller at the opposite boundary."""
-        return self.times(-1.0)
 
 
 #: Sign of gains that fly at a boundary, and why.
@@ -44,7 +40,7 @@ RIGHT_SIGN: dict[Boundary, tuple[str, str]] = {
 }
 #: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.
 PAPER_CEILING = Gains(kP=316.0, kD=316.0, kI=31.6)
-PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.mirrored(), "ceiling": PAPER_CEILING}
+PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.times(-1.0), "ceiling": PAPER_CEILING}
 
 
 def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
@@ -74,7 +70,7 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary) -> Gains:
             "give both",
         )
     right, reason = RIGHT_SIGN[boundary]
-    flipped = float(poles(gains.mirrored(), craft, boundary).real.max()) <= 1e-9
+    flipped = float(poles(gains.times(-1.0), craft, boundary).real.max()) <= 1e-9
     remedy = (
         f"change the sign of all three: {right} at this boundary"
         if flipped

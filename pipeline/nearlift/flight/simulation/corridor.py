@@ -46,16 +46,9 @@ class Corridor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Pilot:
-    """Size and speed of the vehicle on its way.
-
-    Attributes
-    ----------
-    radius_m, half_width_m : float
-        Rotor radius, and half the vehicle's width, the clearance from the sides of boxes.
-    speed_m_s : float
-    induced_m_s : float
-        Induced velocity in hover far away; climbing by h costs as much as hovering for h / (2 v_i),
-        descending gives nothing back.
+    """Size and speed of the vehicle on its way: rotor radius, half its width (the clearance from
+    the sides of boxes), and the induced velocity v_i in hover far away; climbing by h costs as much
+    as hovering for h / (2 v_i), descending gives nothing back.
     """
 
     radius_m: float
@@ -97,12 +90,8 @@ def hazard_between(
     target_z_hat: FloatArray, rate: FloatArray, duration_s: float
 ) -> Callable[[FloatArray], FloatArray]:
     """Crashes per second as a function of z_hat, from crash rates (t,) or draws of them (m, t) at
-    set-points: log-linear between them, constant below the lowest and above the highest.
-
-    Returns
-    -------
-    callable
-        Heights (n,) to hazards (n,), or (m, n) for draws.
+    set-points: log-linear between them, constant below the lowest and above the highest. Heights
+    (n,) give hazards (n,), or (m, n) for draws.
     """
     safe = np.clip(np.asarray(rate, dtype=float), 1e-300, 1 - 1e-12)
     log_hazard = np.log(-np.log1p(-safe) / duration_s)

@@ -32,7 +32,7 @@ def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]
     return low, high
 
 
-def upper95(crashes: IntArray, flights: int) -> FloatArray:
+def upper95(crashes: IntArray | int, flights: int) -> FloatArray:
     """Clopper and Pearson's one-sided 95 % upper bound of a crash rate: nearly 3 / flights where no
     flight crashed (the rule of three).
     """
@@ -71,18 +71,13 @@ def rate_draws(
     safe: float = 0.5,
 ) -> FloatArray:
     """Posterior draws of crash rates from the Bayesian bootstrap of flights: shape (number,
-    set-points), each row non-increasing.
+    set-points), each row non-increasing; `crashed` is (set-points, flights), set-points ascending.
 
     The bootstrap (Rubin 1981) weights whole flights, since common gusts correlate the crashes of
     one flight over all set-points; a pseudo-crash and a pseudo-return with gamma weights (shapes
     `crash` and `safe`) at each set-point allow for events not seen. At one set-point the draws are
     Beta(k + crash, flights - k + safe): halves give Jeffreys' posterior, (1, 0) and (0, 1) have
     Clopper and Pearson's upper and lower bounds as percentiles.
-
-    Parameters
-    ----------
-    crashed : bool array (set-points, flights)
-        Set-points ascending.
     """
     weights = rng.standard_exponential((number, crashed.shape[1]))
     shape = (number, len(crashed))
@@ -94,22 +89,10 @@ def rate_draws(
 
 
 def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float) -> FloatArray:
-    """Lowest set-point above which the crash rate stays within `risk`; logits are interpolated.
-
-    Parameters
-    ----------
-    target_z_hat : array (n,)
-        Set-points, ascending.
-    rate : array (..., n)
-        Crash rates.
-    risk : float
-    least : float
-        Rates are clipped to [least, 1 - least], for their logit: half a crash among the flights.
-
-    Returns
-    -------
-    array (...)
-        nan where the highest set-point is riskier; the lowest, an upper bound, where all are safer.
+    """Lowest set-point above which the crash rate stays within `risk`, shape (...), for rates (...,
+    n) at ascending set-points (n,); logits are interpolated, of rates clipped to [least, 1 -
+    least]: half a crash among the flights. nan where the highest set-point is riskier; the lowest,
+    an upper bound, where all are safer.
     """
     safe = np.clip(np.asarray(rate, dtype=float), least, 1 - least)
     above, n = safe > risk, len(target_z_hat)
@@ -122,9 +105,8 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
     )
     share = (a - math.log(risk / (1 - risk))) / np.where(a == b, 1.0, a - b)
     between = target_z_hat[i] + (target_z_hat[i + 1] - target_z_hat[i]) * share
-    lowest: FloatArray = np.where(
-        last < 0, target_z_hat[0], np.where(last == n - 1, np.nan, between)
-    )
+    between = np.where(last == n - 1, np.nan, between)
+    lowest: FloatArray = np.where(last < 0, target_z_hat[0], between)
     return lowest
 
 

@@ -20,14 +20,8 @@ NODES = 2049
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curves:
-    """Tables of L / L_inf over a common range of z_hat.
-
-    Attributes
-    ----------
-    low : float
-        Lower end of the range, whose upper end is `TOP`; beyond both the ratio is constant, so that
-        `low` is the bound that the paper puts at 0.5.
-    values : array (m, NODES)
+    """Tables (m, NODES) of L / L_inf over a common range of z_hat, from `low` to `TOP`; beyond both
+    the ratio is constant, so that `low` is the bound that the paper puts at 0.5.
     """
 
     low: float

@@ -125,19 +125,18 @@ def choose(
     farthest = best == len(crashes) - 1
     k = int(again[best])
     rate = float(estimate(again[best : best + 1], flights)[0])
-    upper = float(upper95(np.array([k]), flights)[0])
     saving = float(relative_cost[-1] - relative_cost[best])
-    resolved = farthest or price * upper <= saving
+
+    def shown(crashes: int, flights: int) -> bool:
+        return price * float(upper95(crashes, flights)) <= saving
+
+    resolved = farthest or shown(k, flights)
     needed = None
     first = int(crashes[best])
     if not resolved and saving > price * first / flights:
         # the first flights may resolve it where the others do not: then at least twice as many
-        shown = price * float(upper95(np.array([first]), flights)[0]) <= saving
-        needed = 2 * flights if shown else flights
-        while (
-            price * float(upper95(np.array([round(first * needed / flights)]), needed)[0]) > saving
-            and needed < MOST_FLIGHTS
-        ):
+        needed = 2 * flights if shown(first, flights) else flights
+        while not shown(round(first * needed / flights), needed) and needed < MOST_FLIGHTS:
             needed = int(np.ceil(1.05 * needed))
         if needed >= MOST_FLIGHTS:
             needed = None
@@ -149,8 +148,8 @@ def choose(
         relative_cost=float(relative_cost[best]),
         crashes=k,
         rate=rate,
-        rate_hi95=upper,
-        resolved=bool(resolved),
+        rate_hi95=float(upper95(k, flights)),
+        resolved=resolved,
         flights_needed=needed,
     )
 

@@ -95,12 +95,8 @@ def scan(
 ) -> tuple[list[dict[str, object]], StepTest]:
     """Rows of crash_map.parquet for every pair of groups that the model has; step test.
 
-    Parameters
-    ----------
-    ratio : callable
-        L / L_inf with the rotor spacing multiplied by the argument.
-    spacing_hat : float or None
-        The vehicle's; None where the model does not depend on it.
+    `ratio` gives L / L_inf with the rotor spacing multiplied by its argument; `spacing_hat` is the
+    vehicle's, None where the model does not depend on it.
     """
     target = max(groups.contact + TARGETS[boundary], bound)
     rows, tested = [], []

@@ -99,17 +99,9 @@ class RollTorque:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedRoll:
-    """Roll torque by the campaign's fitted sidewall model, under two assumptions on the far pair.
-
-    Attributes
-    ----------
-    arm_m : float
-    z_hat : array (n,)
-        Gap of the nearest tip over rotor radius.
-    inertia_kg_m2, u_inertia : float
-        The manifest's, and its relative standard uncertainty.
-    near_pair_only, same_law : RollTorque
-        Without a change of the far pair's lift; with the same law for both pairs.
+    """Roll torque by the campaign's fitted sidewall model over `z_hat`, the gap of the nearest tip,
+    under two assumptions: no change of the far pair's lift, or the same law for both pairs. The
+    inertia is the manifest's, `u_inertia` its relative standard uncertainty.
     """
 
     arm_m: float
