@@ -154,14 +154,11 @@ Refusal: nan at and below the pole, z_hat = sqrt(k) / 4.
 )
 
 
-def theory(z_hat: Any, /) -> Any:
-    """L / L_inf; nan at and below z_hat = 0.25."""
-    return evaluate(z_hat, k=1.0)
+def _theory(z_hat: Any, /) -> Any:
+    return cancelled(z_hat, k=1.0)
 
 
-def theory_downwash(z_hat: Any, /) -> Any:
-    """Induced velocity at the disk over its value far away."""
-    return downwash(z_hat, k=1.0)
+theory, theory_downwash = chained(_theory, gain), chained(_theory, inflow_left)
 
 
 THEORY = LiftModel(

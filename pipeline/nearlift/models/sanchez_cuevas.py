@@ -153,14 +153,11 @@ MODEL = LiftModel(
 )
 
 
-def published(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
-    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
-    return evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
+def _published(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
+    return cancelled(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
 
 
-def published_downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
-    """Induced velocity at the disk over its value far away."""
-    return downwash(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
+published, published_downwash = chained(_published, gain), chained(_published, inflow_left)
 
 
 PUBLISHED = LiftModel(

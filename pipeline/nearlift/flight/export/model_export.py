@@ -158,11 +158,8 @@ def _rotors(lift: FittedLift, low: float, high: float) -> tuple[HermiteTable, ..
 
 def _ratios(lift: FittedLift, z_hat: FloatArray) -> dict[float, ExportedNumber]:
     bounds = np.percentile(lift.drawn(z_hat), [5, 95], axis=0)
-    rows = np.stack([lift.ratio()(z_hat), *bounds]).T.tolist()
-    return {
-        z: ExportedNumber(value=value, lo90=lo90, hi90=hi90)
-        for z, (value, lo90, hi90) in zip(z_hat.tolist(), rows, strict=True)
-    }
+    rows = np.stack([z_hat, lift.ratio()(z_hat), *bounds]).T.tolist()
+    return {z: ExportedNumber(value=value, lo90=lo, hi90=hi) for z, value, lo, hi in rows}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

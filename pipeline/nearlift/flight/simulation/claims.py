@@ -30,11 +30,6 @@ class CrashLevels:
     flown: dict[tuple[str, float, float], FloatArray] = field(default_factory=dict)
     varied: dict[tuple[str, float, str], FloatArray] = field(default_factory=dict)
 
-    @property
-    def variants(self) -> list[str]:
-        """Names of the variants, in the order flown."""
-        return list(dict.fromkeys(name for _, _, name in self.varied))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PaperClaim:
@@ -55,14 +50,11 @@ class PaperClaim:
         return f"below {high:g}" if math.isinf(low) else f"{low:g} to {high:g}"
 
 
-def _shift(levels: CrashLevels, boundary: str, risk: float) -> FloatArray:
-    """Lowering of the level by the model."""
-    return levels.flown[boundary, 0.0, risk] - levels.flown[boundary, 1.0, risk]
-
-
-def _scaling(levels: CrashLevels, boundary: str) -> FloatArray:
-    """Change of the 50 % level from the power 0.6 to 1.4."""
-    return levels.flown[boundary, 1.4, 0.5] - levels.flown[boundary, 0.6, 0.5]
+def _apart(
+    levels: CrashLevels, boundary: str, one: float, other: float, risk: float = 0.5
+) -> FloatArray:
+    """Level of one power of the model less that of another; 0 is no model."""
+    return levels.flown[boundary, one, risk] - levels.flown[boundary, other, risk]
 
 
 def _worst(levels: CrashLevels, boundary: str, one: float, other: float) -> FloatArray:
@@ -71,14 +63,14 @@ def _worst(levels: CrashLevels, boundary: str, one: float, other: float) -> Floa
     """
     if not levels.varied:
         raise KeyError("variants")
-    pairs = [(levels.flown[boundary, one, 0.5], levels.flown[boundary, other, 0.5])]
-    pairs += [
-        (levels.varied[boundary, one, v], levels.varied[boundary, other, v])
-        for v in levels.variants
+    apart = [_apart(levels, boundary, one, other)]
+    apart += [
+        levels.varied[boundary, one, variant] - levels.varied[boundary, other, variant]
+        for variant in dict.fromkeys(variant for _, _, variant in levels.varied)
     ]
     # variants have fewer resamples, paired among themselves
-    n = min(len(pairs[0][0]), *(len(v) for v in levels.varied.values()))
-    worst: FloatArray = np.min([a[:n] - b[:n] for a, b in pairs], axis=0)
+    n = min(map(len, apart))
+    worst: FloatArray = np.min([difference[:n] for difference in apart], axis=0)
     return worst
 
 
@@ -94,14 +86,14 @@ CLAIMS = (
         name="closer_with_model",
         says="With a ground model the vehicle can be so much closer (rotor radii, at 50 %)",
         paper="≈ 0.5",
-        value=lambda v: _shift(v, "ground", 0.5),
+        value=lambda v: _apart(v, "ground", 0.0, 1.0),
         holds=(0.25, 0.75),
     ),
     PaperClaim(
         name="closer_with_model_rare",
         says="The same at 1 %",
         paper="≈ 0.5",
-        value=lambda v: _shift(v, "ground", 0.01),
+        value=lambda v: _apart(v, "ground", 0.0, 1.0, 0.01),
         holds=(0.25, 0.75),
     ),
     PaperClaim(
@@ -118,7 +110,7 @@ CLAIMS = (
             " radii)"
         ),
         paper="> 0",
-        value=lambda v: -_shift(v, "ceiling", 0.5),
+        value=lambda v: -_apart(v, "ceiling", 0.0, 1.0),
         holds=(0.0, INF),
     ),
     PaperClaim(
@@ -128,7 +120,7 @@ CLAIMS = (
             " (rotor radii)"
         ),
         paper="slight",
-        value=lambda v: _scaling(v, "ground"),
+        value=lambda v: _apart(v, "ground", 1.4, 0.6),
         holds=(-0.1, 0.1),
     ),
     PaperClaim(
@@ -138,7 +130,9 @@ CLAIMS = (
             " rotor radii)"
         ),
         paper="stronger",
-        value=lambda v: np.abs(_scaling(v, "ceiling")) - np.abs(_scaling(v, "ground")),
+        value=lambda v: (
+            np.abs(_apart(v, "ceiling", 1.4, 0.6)) - np.abs(_apart(v, "ground", 1.4, 0.6))
+        ),
         holds=(0.0, INF),
     ),
     PaperClaim(
