@@ -168,10 +168,10 @@ def orient(
         grids = grids.swapaxes(1, 2)
     if right[0] == "-":
         x, grids = -x[::-1], grids[:, :, ::-1]
-        grids[0] *= -1
+        grids[0] = -grids[0]
     if thrust[0] == "-":
         y, grids = -y[::-1], grids[:, ::-1]
-        grids[1] *= -1
+        grids[1] = -grids[1]
     u_m_s = grids[2] if noise else None
     return VelocityField(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=u_m_s)
 

@@ -33,14 +33,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import (
-    chained,
-    clear_of_boundary,
-    gain,
-    image,
-    inflow_left,
-    tabulated,
-)
+from nearlift.models.inflow import chained, clear_of_boundary, gain, image, inflow_left, tabulated
 
 
 def four_images(z_hat: Any, spacing_hat: Any) -> Any:

@@ -26,14 +26,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import (
-    chained,
-    clear_of_boundary,
-    gain,
-    image,
-    inflow_left,
-    tabulated,
-)
+from nearlift.models.inflow import chained, clear_of_boundary, gain, image, inflow_left, tabulated
 from nearlift.models.sanchez_cuevas import four_images
 
 

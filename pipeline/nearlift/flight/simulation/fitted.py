@@ -23,19 +23,8 @@ from nearlift.flight.simulation.crash_rate import CrashLevel
 from nearlift.flight.simulation.curve import Curves, tabulate
 from nearlift.flight.simulation.energy import BestSetPoint
 from nearlift.flight.simulation.flight import FlightSetting, Spread, steps_per_hold
-from nearlift.flight.simulation.groups import (
-    Groups,
-    dimensionless,
-    disturbance_for,
-    gains_for,
-)
-from nearlift.flight.simulation.monte_carlo import (
-    MonteCarlo,
-    Statements,
-    StepTest,
-    Sweep,
-    sweep,
-)
+from nearlift.flight.simulation.groups import Groups, dimensionless, disturbance_for, gains_for
+from nearlift.flight.simulation.monte_carlo import MonteCarlo, Statements, StepTest, Sweep, sweep
 from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
 from nearlift.results import IntArray

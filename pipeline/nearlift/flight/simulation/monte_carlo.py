@@ -10,13 +10,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.flight.simulation import energy
-from nearlift.flight.simulation.crash_rate import (
-    PER_DRAW,
-    binomial90,
-    levels,
-    resamples,
-    wide_gaps,
-)
+from nearlift.flight.simulation.crash_rate import PER_DRAW, binomial90, levels, resamples, wide_gaps
 from nearlift.flight.simulation.curve import Curves
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, Scheme, Spread, fly
 from nearlift.flight.simulation.groups import Groups

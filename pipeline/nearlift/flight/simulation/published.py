@@ -17,13 +17,7 @@ from nearlift.flight.simulation.craft import PAPER_DISTURBANCE
 from nearlift.flight.simulation.crash_rate import CrashLevel
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly, trace
 from nearlift.flight.simulation.groups import Groups
-from nearlift.flight.simulation.monte_carlo import (
-    MonteCarlo,
-    Statements,
-    StepTest,
-    combined,
-    sweep,
-)
+from nearlift.flight.simulation.monte_carlo import MonteCarlo, Statements, StepTest, combined, sweep
 from nearlift.randomness import generator
 
 Rows = list[dict[str, object]]
