@@ -30,19 +30,11 @@ WANTED = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanConvergence:
-    """How the mean moves as fields are added.
+    """How the mean moves as fields are added: at numbers `n` of fields (k,), doubling, the last one
+    all of them, by how much the mean `moved` since half as many (k,), nan for the first.
 
-    Attributes
-    ----------
-    n : (k,) int
-        Numbers of fields, doubling, the last one all of them.
-    moved : (k,)
-        Root mean square change of the mean since half as many fields, over the mean's own root mean
-        square; nan for the first.
-    error : float
-        Root mean square standard error of the mean over the mean's own root mean square.
-    needed : float
-        Fields at which `error` would be a thousandth, as the paper states of its 150 pairs.
+    Changes and the standard `error` of the mean are root mean squares over the mean's own; `needed`
+    fields would make the error a thousandth, as the paper states of its 150 pairs.
     """
 
     n: NDArray[np.int64]
@@ -53,21 +45,12 @@ class MeanConvergence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Average:
-    """The mean of a set of fields.
+    """The mean of `n` fields, nan where no field has a vector; its `u_m_s` is the correlating
+    software's own uncertainty of a mean vector, where it gave one.
 
-    Attributes
-    ----------
-    mean : VelocityField
-        nan where no field has a vector. `u_m_s` is the correlating software's own uncertainty of a
-        mean vector, where it gave one.
-    var_x, var_y : (ny, nx)
-        Variance of one field's component in (m/s)^2; nan where fewer than two fields have a vector.
-    count : (ny, nx)
-        Fields with a vector there.
-    n : int
-        Fields.
-    tau : float
-        Fields per independent one, 1 if they are independent.
+    `var_x` and `var_y` (ny, nx) are variances of one field's component in (m/s)^2, nan where fewer
+    than two fields have a vector; `count` (ny, nx) the fields with a vector there; `tau` the fields
+    per independent one, 1 if they are independent.
     """
 
     mean: VelocityField

@@ -70,19 +70,10 @@ def recorded(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowCase:
-    """A case worked out.
+    """A case worked out; z_hat is inf without a boundary, and only a ground has a topology.
 
-    Attributes
-    ----------
-    z_hat : float
-        inf without a boundary.
-    measured : (nx,) bool
-        Columns that were seen, not mirrored.
-    refused : sequence of (file, reason)
-    topology : WakeTopology or None
-        Near a ground.
-    cuts : mapping of str to CutDownwash
-        Beneath each measured rotor by its place, and beneath all of them.
+    `measured` (nx,) are the columns that were seen, not mirrored; `refused` files with the reason;
+    `cuts` those beneath each measured rotor by its place, and beneath all of them.
     """
 
     name: str

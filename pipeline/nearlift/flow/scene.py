@@ -14,19 +14,11 @@ from nearlift.declare import FloatArray
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scene:
-    """One case's geometry.
+    """One case's geometry: a ground beneath the wake, a ceiling above the inflow, or neither.
 
-    Attributes
-    ----------
-    boundary : str
-        ``"ground"`` beneath the wake, ``"ceiling"`` above the inflow, or ``"none"``.
-    distance_m : float
-        Origin (midway between the rotors) to boundary along its normal; inf without one.
-    tilt_rad : float
-        Positive where the +x side is farther from the boundary.
-    rotors_m : tuple of float
-        x of the rotor axes in the light sheet.
-    radius_m : float
+    `distance_m` is from the origin (midway between the rotors) to the boundary along its normal,
+    inf without one; the tilt is positive where the +x side is farther from the boundary; `rotors_m`
+    are x of the rotor axes in the light sheet.
     """
 
     boundary: Literal["ground", "ceiling", "none"]

@@ -59,22 +59,13 @@ class Pilot:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Nearness:
-    """Effects of one boundary as functions of z_hat.
+    """Effects of one boundary as functions of z_hat: relative power, hazard in crashes per second,
+    and draws of the hazard, (m, n) for n heights: the 5 % point of `low` and the 95 % point of
+    `high` bound it.
 
-    Attributes
-    ----------
-    power : callable
-        Relative power.
-    hazard : callable
-        Crashes per second.
-    low, high : callable
-        Draws of the hazard, (m, n) for n heights; the 5 % point of `low` and the 95 % point of
-        `high` bound it.
-    lowest_z_hat : float
-        Lowest height allowed: below it nothing was flown or measured, or the two extrapolations of
-        lift give different crash rates.
-    seen_z_hat, flown_z_hat : float
-        Highest set-point at which a flight crashed, and highest flown.
+    Below `lowest_z_hat` nothing was flown or measured, or the two extrapolations of lift give
+    different crash rates. `seen_z_hat` is the highest set-point at which a flight crashed,
+    `flown_z_hat` the highest flown.
     """
 
     power: Callable[[FloatArray], FloatArray]

@@ -18,8 +18,6 @@ from nearlift.results.serial import optional
 RESAMPLES = 400
 #: Resamples for each draw of a model.
 PER_DRAW = 50
-#: Percentiles of a 90 % interval.
-INTERVAL = (5.0, 95.0)
 
 
 def binomial90(crashes: IntArray, flights: int) -> tuple[FloatArray, FloatArray]:
@@ -57,7 +55,7 @@ def falling(rate: FloatArray) -> FloatArray:
 
 
 def estimate(crashes: IntArray, flights: int) -> FloatArray:
-    """Crash rates (n,) over ascending set-points: (k + 1/2) / (flights + 1), the posterior mean
+    """Crash rates (..., n) over ascending set-points: (k + 1/2) / (flights + 1), the posterior mean
     under Jeffreys' prior, made non-increasing.
     """
     return falling((np.asarray(crashes, dtype=float) + 0.5) / (flights + 1))
@@ -176,7 +174,7 @@ def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
 def spread90(values: FloatArray) -> tuple[float, float]:
     """5 % and 95 % points; nan (no set-point was safe enough) ranks above every level."""
     n, ordered = len(values), np.sort(values)
-    low, high = (float(ordered[min(int(q / 100 * n), n - 1)]) for q in INTERVAL)
+    low, high = (float(ordered[min(int(q * n), n - 1)]) for q in (0.05, 0.95))
     return low, high
 
 
@@ -192,22 +190,3 @@ class CrashLevel:
     lo90: float
     hi90: float
     lowest_flown: float
-
-    @classmethod
-    def resampled(
-        cls,
-        target_z_hat: FloatArray,
-        values: FloatArray,
-        risk: float,
-        exponent: float | None = None,
-    ) -> CrashLevel:
-        """From levels under resampling, the first as flown."""
-        lo90, hi90 = spread90(values)
-        return cls(
-            exponent=exponent,
-            risk=risk,
-            value=float(values[0]),
-            lo90=lo90,
-            hi90=hi90,
-            lowest_flown=float(target_z_hat[0]),
-        )

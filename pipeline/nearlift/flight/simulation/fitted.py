@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -268,9 +268,12 @@ def _level(flown: Sweep, risk: float, rng: np.random.Generator) -> FittedLevel:
     )
     lo90, hi90 = crash_rate.spread90(np.concatenate(per_draw))
     agrees, lo90, hi90 = _both(float(held[0]), lo90, hi90)
-    level = replace(CrashLevel.resampled(z_hat, best, risk), lo90=lo90, hi90=hi90)
     return FittedLevel(
-        **asdict(level),
+        risk=risk,
+        value=float(best[0]),
+        lo90=lo90,
+        hi90=hi90,
+        lowest_flown=float(z_hat[0]),
         model_only=crash_rate.spread90(np.array([v[0] for v in per_draw])),
         held=float(held[0]),
         agrees=agrees,
@@ -308,15 +311,9 @@ def _again(
     droop: float,
 ) -> IntArray:
     """Crashes (curves, set-points) of other flights at each price's best set-point; 0 elsewhere."""
-    at = sorted(
-        {
-            energy.best_set_point(
-                costs[i], crash_rate.estimate(flown.crashes[i], flown.flights), price
-            )[0]
-            for i in (FORM, HELD)
-            for price in prices
-        }
-    )
+    rate = crash_rate.estimate(flown.crashes, flown.flights)
+    best = {energy.best_set_point(costs[i], rate[i], p)[0] for i in (FORM, HELD) for p in prices}
+    at = sorted(best)
     settings = [
         FlightSetting(
             target_z_hat=float(flown.target_z_hat[j]), groups=groups, curve=i, droop=droop

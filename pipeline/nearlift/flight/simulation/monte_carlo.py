@@ -28,21 +28,9 @@ OTHERS = 1 << 40
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepTest:
-    """Change of crash rates on halving the time step.
-
-    Attributes
-    ----------
-    converged : bool
-        Whether `beyond` is 0.
-    worst : float
-        Largest change of a crash rate.
-    worst_target_z_hat : float
-        Set-point of that change.
-    beyond : int
-        Settings whose two crash rates lie outside each other's binomial 90 % intervals.
-    settings, flights : int
-        Number of settings compared, and of flights in each.
-    step_s, halved_s : float
+    """Change of crash rates on halving the time step, in so many settings with so many flights
+    each: the largest, its set-point, and the number of settings `beyond`, whose two crash rates lie
+    outside each other's binomial 90 % intervals. Converged is a step with none beyond.
     """
 
     converged: bool
@@ -143,14 +131,8 @@ class MonteCarlo:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sweep:
-    """Crashes of every curve at every set-point.
-
-    Attributes
-    ----------
-    target_z_hat : array (t,)
-    crashed : bool array (curves, t, flights)
-    ratio : array (curves, t)
-        L / L_inf at the set-points.
+    """Crashes (curves, t, flights) of every curve at every set-point (t,), and L / L_inf (curves,
+    t) there.
     """
 
     target_z_hat: FloatArray

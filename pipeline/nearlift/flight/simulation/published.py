@@ -94,7 +94,17 @@ def published_flights(
         for risk in risks:
             values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], risk, weights)
             levels.flown[boundary, k, risk] = crash_rate.levels_held(flown.target_z_hat, values)
-            listed.append(CrashLevel.resampled(flown.target_z_hat, values, risk, exponent=k))
+            lo90, hi90 = crash_rate.spread90(values)
+            listed.append(
+                CrashLevel(
+                    exponent=k,
+                    risk=risk,
+                    value=float(values[0]),
+                    lo90=lo90,
+                    hi90=hi90,
+                    lowest_flown=float(flown.target_z_hat[0]),
+                )
+            )
     rng = generator(how.key % 2**32, "variants", preset.name, boundary)
     varied, tested = varied_levels(boundary, groups, how, rng)
     levels.varied.update(varied)
