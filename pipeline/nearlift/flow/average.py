@@ -76,8 +76,7 @@ class Average:
             error = np.sqrt(variance * self.tau / self.count)
         if self.mean.u_m_s is not None:
             error = np.where(np.isfinite(error), error, self.mean.u_m_s)
-        result: FloatArray = np.where(self.mean.valid, error, np.nan)
-        return result
+        return np.where(self.mean.valid, error, np.nan)
 
 
 class Moments:
@@ -159,9 +158,8 @@ class Lags:
     def tau(self) -> float:
         """Fields per independent one: `integrated` of the autocovariance pooled over columns."""
         with np.errstate(invalid="ignore", divide="ignore"):
-            covariance = self.products / self.pairs - (self.heads / self.pairs) * (
-                self.tails / self.pairs
-            )
+            head, tail = self.heads / self.pairs, self.tails / self.pairs
+            covariance = self.products / self.pairs - head * tail
         pooled = np.array(
             [c[np.isfinite(c)].sum() if np.isfinite(c).any() else math.nan for c in covariance]
         )

@@ -226,8 +226,7 @@ def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
     left, right = values[..., low], values[..., high]
     mixed = np.where(share == 0, left, (1 - share) * left + share * right)
     inside = (near >= 0) & (near <= nx - 1 + 1e-6)
-    result: FloatArray = np.where(inside, mixed, np.nan)
-    return result
+    return np.where(inside, mixed, np.nan)
 
 
 def one_is_flipped(field: VelocityField) -> bool:

@@ -58,5 +58,4 @@ def _median(stack: FloatArray) -> FloatArray:
             np.take_along_axis(ordered, low[None], 0)[0]
             + np.take_along_axis(ordered, high[None], 0)[0]
         )
-    result: FloatArray = np.where(count > 0, middle, np.nan)
-    return result
+    return np.where(count > 0, middle, np.nan)

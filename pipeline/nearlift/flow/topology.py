@@ -104,8 +104,7 @@ def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> Floa
             sine = np.where(size > 0, (px * uy - py * ux) / size, 0.0)
         total += np.where(shifted(known, j, i), sine, 0.0)
     enough = field.valid & (count - 1 >= 0.5 * len(offsets))
-    result: FloatArray = np.where(enough, total / np.maximum(count - 1, 1), np.nan)
-    return result
+    return np.where(enough, total / np.maximum(count - 1, 1), np.nan)
 
 
 def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[Vortex, ...]:

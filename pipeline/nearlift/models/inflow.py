@@ -23,8 +23,7 @@ from nearlift.declare import Check, Evaluate, FloatArray
 def clear_of_boundary(z_hat: Any) -> FloatArray:
     """`z_hat` as an array, nan where it is not positive."""
     z = np.asarray(z_hat, dtype=float)
-    result: FloatArray = np.where(z > 0, z, np.nan)
-    return result
+    return np.where(z > 0, z, np.nan)
 
 
 def image(height_hat: Any, separation_hat: Any = 0.0) -> Any:

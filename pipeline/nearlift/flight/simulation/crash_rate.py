@@ -37,10 +37,7 @@ def upper95(crashes: IntArray | int, flights: int) -> FloatArray:
     from scipy.special import betaincinv
 
     k = np.asarray(crashes, dtype=float)
-    bound: FloatArray = np.where(
-        k >= flights, 1.0, betaincinv(k + 1.0, np.maximum(flights - k, 1e-9), 0.95)
-    )
-    return bound
+    return np.where(k >= flights, 1.0, betaincinv(k + 1.0, np.maximum(flights - k, 1e-9), 0.95))
 
 
 def falling(rate: FloatArray) -> FloatArray:
@@ -48,10 +45,9 @@ def falling(rate: FloatArray) -> FloatArray:
     from scipy.optimize import isotonic_regression
 
     rows = np.atleast_2d(np.asarray(rate, dtype=float))
-    result: FloatArray = np.stack(
-        [isotonic_regression(row, increasing=False).x for row in rows]
-    ).reshape(np.shape(rate))
-    return result
+    return np.stack([isotonic_regression(row, increasing=False).x for row in rows]).reshape(
+        np.shape(rate)
+    )
 
 
 def estimate(crashes: IntArray, flights: int) -> FloatArray:
@@ -104,8 +100,7 @@ def level(target_z_hat: FloatArray, rate: FloatArray, risk: float, least: float)
     share = (a - math.log(risk / (1 - risk))) / np.where(a == b, 1.0, a - b)
     between = target_z_hat[i] + (target_z_hat[i + 1] - target_z_hat[i]) * share
     between = np.where(last == n - 1, np.nan, between)
-    lowest: FloatArray = np.where(last < 0, target_z_hat[0], between)
-    return lowest
+    return np.where(last < 0, target_z_hat[0], between)
 
 
 def refuse_few(risk: float, flights: int) -> None:
@@ -167,8 +162,7 @@ def wide_gaps(target_z_hat: FloatArray, levels_by_curve: Sequence[FloatArray]) -
 
 def levels_held(target_z_hat: FloatArray, values: FloatArray) -> FloatArray:
     """Levels above the lowest set-point; at it they are only upper bounds, and become nan."""
-    result: FloatArray = np.where(values > target_z_hat[0], values, np.nan)
-    return result
+    return np.where(values > target_z_hat[0], values, np.nan)
 
 
 def spread90(values: FloatArray) -> tuple[float, float]:
