@@ -28,7 +28,7 @@ from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED, PAPER_DISTURB
 from nearlift.flight.simulation.curve import tabulate
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly, steps_per_hold, trace
 from nearlift.flight.simulation.groups import dimensionless, disturbance_for, gains_for
-from nearlift.flight.simulation.monte_carlo import Statements, combined, sweep
+from nearlift.flight.simulation.monte_carlo import combined, sweep
 
 KEY = 20210401
 
@@ -138,8 +138,7 @@ def test_a_level_is_read_across_no_gap_wider_than_half_its_interval():
     """
     curves, own = presets.scaled_curves("ground", (1.0,)), CONVERGED.groups("ground")
     how, coarse = CONVERGED.monte_carlo(200, KEY), np.array([0.4, 0.6, 0.8])
-    stated = Statements(curves=[[0]], risks=(0.5,))
-    flown = sweep("ground", curves, coarse, own, how, stated=stated)
+    flown = sweep("ground", curves, coarse, own, how, risks=(0.5,))
     weights = crash_rate.resamples(200, np.random.default_rng(1))
     values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], 0.5, weights)
     low, high = crash_rate.spread90(values)

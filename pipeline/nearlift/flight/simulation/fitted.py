@@ -24,7 +24,7 @@ from nearlift.flight.simulation.curve import Curves, tabulate
 from nearlift.flight.simulation.energy import BestSetPoint
 from nearlift.flight.simulation.flight import FlightSetting, Spread, steps_per_hold
 from nearlift.flight.simulation.groups import Groups, dimensionless, disturbance_for, gains_for
-from nearlift.flight.simulation.monte_carlo import MonteCarlo, Statements, StepTest, Sweep, sweep
+from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, Sweep, sweep
 from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
 from nearlift.results import IntArray
@@ -206,9 +206,10 @@ def fitted_flights(
     curves = tabulate([np.ones_like, form, held_below, *drawn], bound)
     droop = lift.droop(chosen.supply_end)
     droops = [0.0, droop, droop, *(lift.droop(chosen.supply_end, m) for m in range(lift.number))]
-    together = list(range(FIRST_DRAW, FIRST_DRAW + lift.number))
-    stated = Statements(curves=[[NONE], [FORM], [HELD], together], risks=chosen.risks)
-    flown = sweep(boundary, curves, targets, groups, how, droops=droops, stated=stated)
+    stated = [[NONE], [FORM], [HELD], range(FIRST_DRAW, FIRST_DRAW + lift.number)]
+    flown = sweep(
+        boundary, curves, targets, groups, how, droops=droops, stated=stated, risks=chosen.risks
+    )
     rows = [
         row
         for i in range(len(droops))

@@ -180,24 +180,21 @@ class Sweep:
 ROUNDS = 8
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Statements:
-    """Levels to be stated of a sweep: at each of `risks` for each group of `curves`, whose spread
-    is one interval. The first curve of each group has its step tested.
-    """
-
-    curves: Sequence[Sequence[int]]
-    risks: Sequence[float] = ()
-
-    def missing(self, z_hat: FloatArray, crashed: NDArray[np.bool_], key: int) -> FloatArray:
-        """Set-points without which a level would be interpolated across too wide a gap."""
-        weights = resamples(crashed.shape[2], generator(key % 2**32, "refine"))
-        wanted: set[float] = set()
-        for risk in self.risks:
-            for members in self.curves:
-                rows = weights if len(members) == 1 else weights[:PER_DRAW]
-                wanted |= wide_gaps(z_hat, [levels(z_hat, crashed[c], risk, rows) for c in members])
-        return np.array(sorted(wanted - set(z_hat.tolist())))
+def _missing(
+    z_hat: FloatArray,
+    crashed: NDArray[np.bool_],
+    key: int,
+    stated: Sequence[Sequence[int]],
+    risks: Sequence[float],
+) -> FloatArray:
+    """Set-points without which a level would be interpolated across too wide a gap."""
+    weights = resamples(crashed.shape[2], generator(key % 2**32, "refine"))
+    wanted: set[float] = set()
+    for risk in risks:
+        for members in stated:
+            rows = weights if len(members) == 1 else weights[:PER_DRAW]
+            wanted |= wide_gaps(z_hat, [levels(z_hat, crashed[c], risk, rows) for c in members])
+    return np.array(sorted(wanted - set(z_hat.tolist())))
 
 
 def sweep(
@@ -208,15 +205,17 @@ def sweep(
     how: MonteCarlo,
     *,
     droops: Sequence[float] = (),
-    stated: Statements | None = None,
+    stated: Sequence[Sequence[int]] = (),
+    risks: Sequence[float] = (),
 ) -> Sweep:
     """Sweep of every curve over set-points, refined until levels are resolved, with its step test.
 
-    `droops` gives each curve's relative change of lift by the end of a flight (0 by default),
-    `stated` the levels wanted (by default none: no refinement, and every curve's step is tested).
+    `droops` gives each curve's relative change of lift by the end of a flight (0 by default). A
+    level is wanted at each of `risks` for each group of curves that is `stated` as one interval (by
+    default each curve by itself); the first of each group has its step tested.
     """
     n = len(curves.values)
-    stated = stated or Statements(curves=[[c] for c in range(n)])
+    stated = stated or [[c] for c in range(n)]
 
     def settings(targets: FloatArray, which: Sequence[int]) -> list[FlightSetting]:
         return [
@@ -238,14 +237,13 @@ def sweep(
         z_hat = np.concatenate([z_hat, new])[order]
         both = [crashed, flown.reshape(n, len(new), how.flights)]
         crashed = np.concatenate(both, axis=1)[:, order]
-        new = stated.missing(z_hat, crashed, how.key)
+        new = _missing(z_hat, crashed, how.key, stated, risks)
         if not len(new):
             break
     # the step is tested at the set-points asked for: those added lie where flights graze
-    tested = [members[0] for members in stated.curves]
     asked = np.isin(z_hat, target_z_hat)
     again, before = list[FlightSetting](), list[NDArray[np.bool_]]()
-    for c in tested:
+    for c, *_ in stated:
         seen = crashed[c][asked]
         hit = np.flatnonzero(seen.any(axis=1))
         upto = (int(hit[-1]) + 1 if len(hit) else 0) + BEYOND

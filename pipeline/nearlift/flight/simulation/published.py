@@ -17,7 +17,7 @@ from nearlift.flight.simulation.craft import PAPER_DISTURBANCE
 from nearlift.flight.simulation.crash_rate import CrashLevel
 from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly, trace
 from nearlift.flight.simulation.groups import Groups
-from nearlift.flight.simulation.monte_carlo import MonteCarlo, Statements, StepTest, combined, sweep
+from nearlift.flight.simulation.monte_carlo import MonteCarlo, StepTest, combined, sweep
 from nearlift.randomness import generator
 
 Rows = list[dict[str, object]]
@@ -69,7 +69,7 @@ def published_flights(
     """Crash rates and levels of all powers over all set-points, with the rows of
     crash_rates.parquet; the levels that the claims are judged by are added to `levels`.
     """
-    groups, stated = preset.groups(boundary), Statements(curves=[[0]], risks=risks)
+    groups = preset.groups(boundary)
     # one bootstrap for all curves: they met the same gusts
     rng = generator(how.key % 2**32, "levels", preset.name, boundary)
     weights = crash_rate.resamples(how.flights, rng)
@@ -78,7 +78,7 @@ def published_flights(
     for k in presets.EXPONENTS:
         curves = presets.scaled_curves(boundary, (k,))
         targets = presets.TARGETS[boundary]
-        flown = sweep(boundary, curves, targets, groups, how, stated=stated)
+        flown = sweep(boundary, curves, targets, groups, how, risks=risks)
         tests.append(flown.step_test)
         model = presets.MODELS[boundary] if k else "none"
         labels = {
@@ -128,7 +128,6 @@ def varied_levels(
     """
     few = how.at_most(max(round(VARIED_SHARE * how.flights), LEAST_VARIED))
     weights = crash_rate.resamples(few.flights, rng)
-    stated = Statements(curves=[[0]], risks=(0.5,))
     levels: dict[tuple[str, float, str], FloatArray] = {}
     tests = []
     for name, gain, noise in VARIANTS:
@@ -141,7 +140,7 @@ def varied_levels(
         )
         for k in VARIED_EXPONENTS:
             curves = presets.scaled_curves(boundary, (k,))
-            flown = sweep(boundary, curves, VARIED_TARGETS[boundary], g, few, stated=stated)
+            flown = sweep(boundary, curves, VARIED_TARGETS[boundary], g, few, risks=(0.5,))
             z_hat = flown.target_z_hat
             values = crash_rate.levels(z_hat, flown.crashed[0], 0.5, weights)
             levels[boundary, k, name] = crash_rate.levels_held(z_hat, values)
