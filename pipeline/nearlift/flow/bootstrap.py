@@ -51,10 +51,7 @@ class Resamples:
         self._draw()
         drawn = self.fields > 0
         with np.errstate(invalid="ignore", divide="ignore"):
-            return np.asarray(
-                np.where(self.count[drawn] > 0, self.total[drawn] / self.count[drawn], np.nan),
-                dtype=np.float64,
-            )
+            return np.where(self.count[drawn] > 0, self.total[drawn] / self.count[drawn], np.nan)
 
 
 def block_length(n: int) -> int:

@@ -65,22 +65,11 @@ def share(edge_hat: Any, height_hat: Any, separation_hat: Any) -> Any:
     return 0.5 + sine * (0.75 - 0.25 * np.square(sine))
 
 
-def _level(z_hat: Any, /, *, layout_hat: Any) -> FloatArray:
-    return cancelled_per_rotor(z_hat, layout_hat=layout_hat)
-
-
-def _tilted(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> FloatArray:
-    return cancelled_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad)
-
-
-def _at_edge(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> FloatArray:
-    return cancelled_per_rotor(z_hat, layout_hat=layout_hat, edge_hat=edge_hat)
-
-
-evaluate, downwash, each_level = over_rotors(_level)
+LEVEL, TILT, RIM = ("layout_hat",), ("layout_hat", "tilt_rad"), ("layout_hat", "edge_hat")
+evaluate, downwash, each_level = over_rotors(cancelled_per_rotor, *LEVEL)
 #: Force along the rotor axes.
-tilted, tilted_downwash, each_tilted = over_rotors(_tilted)
-at_edge, edge_downwash, each_at_edge = over_rotors(_at_edge)
+tilted, tilted_downwash, each_tilted = over_rotors(cancelled_per_rotor, *TILT)
+at_edge, edge_downwash, each_at_edge = over_rotors(cancelled_per_rotor, *RIM)
 
 
 def square(spacing_hat: float) -> tuple[tuple[float, float], ...]:
@@ -101,7 +90,7 @@ MODEL = LiftModel(
     per_rotor=each_level,
     boundary="ground",
     rotors="several",
-    needs=("layout_hat",),
+    needs=LEVEL,
     valid_z_hat=(0.25, float("inf")),
     source=Source(
         citation=(
@@ -145,7 +134,7 @@ TILTED = replace(
     evaluate=tilted,
     downwash=tilted_downwash,
     per_rotor=each_tilted,
-    needs=("layout_hat", "tilt_rad"),
+    needs=TILT,
     checks=(
         Check(
             x=1.0,
@@ -197,7 +186,7 @@ EDGE = replace(
     evaluate=at_edge,
     downwash=edge_downwash,
     per_rotor=each_at_edge,
-    needs=("layout_hat", "edge_hat"),
+    needs=RIM,
     source=Source(
         citation=(
             "Own derivation from the images of Cheeseman and Bennett, per rotor after"

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Evaluate, FloatArray
+from nearlift.declare import Check, Evaluate, FloatArray, keywords
 
 
 def clear_of_boundary(z_hat: Any) -> FloatArray:
@@ -53,24 +53,32 @@ def inflow_left(cancelled: Any) -> Any:
     return 1.0 - cancelled
 
 
-def chained(cancelled: Evaluate, result: Callable[[Any], Any]) -> Evaluate:
-    """`result` of the fraction of inflow that `cancelled` gives, with the latter's arguments."""
+def chained(cancelled: Evaluate, result: Callable[[Any], Any], *takes: str) -> Evaluate:
+    """`result` of the fraction of inflow that `cancelled` gives, with the latter's arguments, or
+    those of them that it `takes`.
+    """
 
     def evaluate(z_hat: Any, /, **arguments: Any) -> Any:
         return result(cancelled(z_hat, **arguments))
 
-    evaluate.__signature__ = inspect.signature(cancelled)  # type: ignore[attr-defined]
+    names = takes or keywords(cancelled)
+    evaluate.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            inspect.Parameter("z_hat", inspect.Parameter.POSITIONAL_ONLY),
+            *(inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY) for n in names),
+        ]
+    )
     return evaluate
 
 
-def over_rotors(cancelled: Evaluate) -> tuple[Evaluate, Evaluate, Evaluate]:
+def over_rotors(cancelled: Evaluate, *takes: str) -> tuple[Evaluate, Evaluate, Evaluate]:
     """From the inflow cancelled at each rotor, a last axis: L / L_inf and downwash of the whole
-    vehicle, means over the rotors, and L / L_inf of each rotor.
+    vehicle, means over the rotors, and L / L_inf of each rotor; arguments as `chained`.
     """
     return (
-        chained(cancelled, lambda s: gain(s).mean(axis=-1)),
-        chained(cancelled, lambda s: inflow_left(s.mean(axis=-1))),
-        chained(cancelled, gain),
+        chained(cancelled, lambda s: gain(s).mean(axis=-1), *takes),
+        chained(cancelled, lambda s: inflow_left(s.mean(axis=-1)), *takes),
+        chained(cancelled, gain, *takes),
     )
 
 

@@ -104,9 +104,7 @@ def read_height(
         assert reading.throttle is not None
         supply = exponent * (chosen.supply[0] if reading.supply is None else reading.supply)
         levels = sorted(lift_inf_N)
-        far, u_far = (
-            np.array(column) for column in zip(*(lift_inf_N[t] for t in levels), strict=True)
-        )
+        far, u_far = np.array([lift_inf_N[t] for t in levels]).T
         relative = float(np.interp(reading.throttle, levels, u_far / far))
         ratio, u = inverse.ratio_of_hover(
             reading.throttle,
