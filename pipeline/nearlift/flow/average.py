@@ -217,8 +217,8 @@ def average(fields: Iterable[VelocityField], where: str = "fields") -> Average:
     for batch in _batches(first, stream, where):
         rows = np.stack([np.append(field.vx_m_s, field.vy_m_s) for field in batch])
         # a vector that lacks one component is none
-        halves = np.isfinite(rows[:, :size]) != np.isfinite(rows[:, size:])
-        rows[np.tile(halves, 2)] = np.nan
+        lacking = np.isfinite(rows[:, :size]) != np.isfinite(rows[:, size:])
+        rows[np.tile(lacking, 2)] = np.nan
         lags.add(rows[:, sample])
         moments.add(rows)
         given = [

@@ -32,6 +32,25 @@ OMITTED = {
 }
 
 
+#: Header comment of an exported file, a paragraph to a line.
+ABOUT = """\
+Lift near boundaries, campaign {0.campaign}: L / L_inf as a function of z_hat = z / r, r = {mm:g}
+mm,
+
+z from the rotor plane to ground or ceiling, from the nearest blade tip to a sidewall. Written by
+nearlift {0.nearlift}; do not edit.
+
+Data: SHA-256 of trials.parquet {0.digest}
+
+Date of the newest raw file: {0.date}. Held in each trial: {0.held}. Uncertainty from {0.source}.
+
+Nearer than measured, a ratio is that of the nearest station (flag -1); farther, what the boundary
+adds falls smoothly, in the end as the square of distance (+1); of what is no number it is 1 (2).
+
+Standard uncertainties are of the parameters alone; beyond the range they are those at its ends.
+"""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportedNumber:
     """A number and its 90 % interval."""
@@ -179,30 +198,7 @@ class ModelExport:
 
     def about(self) -> list[str]:
         """Header comment of an exported file, by lines."""
-        lines = [
-            (
-                f"Lift near boundaries, campaign {self.campaign}: L / L_inf as a function of z_hat"
-                f" = z / r, r = {1e3 * self.radius_m:g} mm,"
-            ),
-            (
-                "z from the rotor plane to ground or ceiling, from the nearest blade tip to a"
-                f" sidewall. Written by nearlift {self.nearlift}; do not edit."
-            ),
-            f"Data: SHA-256 of trials.parquet {self.digest}",
-            (
-                f"Date of the newest raw file: {self.date}. Held in each trial: {self.held}."
-                f" Uncertainty from {self.source}."
-            ),
-            (
-                "Nearer than measured, a ratio is that of the nearest station (flag -1); farther,"
-                " what the boundary adds falls smoothly, in the end as the square of distance (+1);"
-                " of what is no number it is 1 (2)."
-            ),
-            (
-                "Standard uncertainties are of the parameters alone; beyond the range they are"
-                " those at its ends."
-            ),
-        ]
+        lines = [p.format(self, mm=1e3 * self.radius_m) for p in ABOUT.split("\n\n")]
         for lift in self.lifts:
             effects = f" with {', '.join(lift.effects)}" if lift.effects else ""
             lines += [
