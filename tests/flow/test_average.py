@@ -112,7 +112,7 @@ def test_convergence_says_how_many_fields_a_thousandth_takes():
     """
     found = average(field(*c) for c in stack(64, offset=10.0))
     assert found.convergence.n.tolist() == [2, 4, 8, 16, 32, 64]
-    assert found.convergence.needed == pytest.approx(10000 * found.tau, rel=0.1)
+    assert found.convergence.fields_for_a_thousandth == pytest.approx(10000 * found.tau, rel=0.1)
     # the mean of 64 less that of 32 has the variance 1/64
     assert found.convergence.moved[-1] == pytest.approx(np.sqrt(1 / 64) / 10, rel=0.15)
 

@@ -33,14 +33,14 @@ class MeanConvergence:
     """How the mean moves as fields are added: at numbers `n` of fields (k,), doubling, the last one
     all of them, by how much the mean `moved` since half as many (k,), nan for the first.
 
-    Changes and the standard `error` of the mean are root mean squares over the mean's own; `needed`
-    fields would make the error a thousandth, as the paper states of its 150 pairs.
+    Changes and the mean's standard error are root mean squares over the mean's own; a thousandth is
+    what the paper states of its 150 pairs.
     """
 
     n: NDArray[np.int64]
     moved: FloatArray
-    error: float
-    needed: float
+    relative_standard_error: float
+    fields_for_a_thousandth: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -303,7 +303,9 @@ def _finish(
         convergence=MeanConvergence(
             n=np.array(list(means), dtype=np.int64),
             moved=np.array([math.nan, *(_moved(*two) for two in pairwise(means.values()))]),
-            error=error,
-            needed=math.ceil(n * (error / WANTED) ** 2) if math.isfinite(error) else math.nan,
+            relative_standard_error=error,
+            fields_for_a_thousandth=(
+                math.ceil(n * (error / WANTED) ** 2) if math.isfinite(error) else math.nan
+            ),
         ),
     )

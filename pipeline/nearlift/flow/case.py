@@ -217,7 +217,7 @@ class FlowCase:
 
     def facts(self) -> dict[str, object]:
         """Its block of flow.json."""
-        moments, moved = self.recording.mean, self.recording.mean.convergence
+        moments = self.recording.mean
         return {
             **self.place,
             "files": self.files,
@@ -227,12 +227,7 @@ class FlowCase:
             "vectors": float(np.mean(moments.count / moments.n)),
             "mirrored": not bool(self.measured.all()),
             "tau_fields": moments.tau,
-            "convergence": {
-                "n": moved.n,
-                "moved": moved.moved,
-                "relative_standard_error": moved.error,
-                "fields_for_a_thousandth": moved.needed,
-            },
+            "convergence": moments.convergence,
             "rotors_m": self.scene.rotors_m,
             "vortices": [] if self.topology is None else list(map(asdict, self.topology.vortices)),
         }

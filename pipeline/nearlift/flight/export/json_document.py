@@ -100,14 +100,14 @@ def _table(table: HermiteTable) -> dict[str, object]:
     return {
         "w_low": table.w_low,
         "per_w": table.per_w,
-        "value": table.value.tolist(),
-        "slope": table.slope.tolist(),
+        "value": table.value,
+        "slope": table.slope,
         "relative_error": table.error,
     }
 
 
 def document(export: ModelExport) -> dict[str, object]:
-    """Content of the JSON document."""
+    """Content of the JSON document, as `results.serial.encode` takes it."""
     return {
         "schema": SCHEMA_NAME,
         "campaign": export.campaign,
@@ -122,17 +122,13 @@ def document(export: ModelExport) -> dict[str, object]:
                 "formula": lift.formula,
                 "effects": list(lift.effects),
                 "omitted": list(lift.omitted),
-                "parameters": {n: asdict(p) for n, p in lift.parameters.items()},
-                "covariance": {n: list(row) for n, row in lift.covariance.items()},
-                "known": dict(lift.known),
+                "parameters": lift.parameters,
+                "covariance": lift.covariance,
+                "known": lift.known,
                 "valid_z_hat": [lift.table.low, lift.table.high],
                 "ratio": [{"z_hat": z, **asdict(r)} for z, r in lift.at.items()],
                 "table": _table(lift.table),
-                "uncertainty": {
-                    "per_w": lift.uncertainty.per_w,
-                    "ratio": lift.uncertainty.ratio.tolist(),
-                    "slope": lift.uncertainty.slope.tolist(),
-                },
+                "uncertainty": lift.uncertainty,
                 "rotors": [_table(rotor) for rotor in lift.rotors],
                 "beyond": {"power": lift.table.power},
                 "closed_form": (
