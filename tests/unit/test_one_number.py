@@ -24,7 +24,6 @@ from nearlift.results.fit import FitResults
 from nearlift.results.quotation import LEVELS, Results
 from nearlift.rounding import like, plus_minus
 from nearlift.stages import export, ledger, report
-from nearlift.study import display
 from nearlift.study.answers import BoundaryFit, Fit
 
 from . import small_run, verdicts
@@ -110,9 +109,9 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     assert entry.quoted == c
     models = job.load(FitResults).boundaries["ground"]
     fit = BoundaryFit(boundary="ground", base=models["sanchez_cuevas"], models=models)
-    shown = display.fit(
-        Fit(campaign="small", boundaries={"ground": fit}, quoted={"ground": quoted}, posterior=None)
-    )
+    shown = Fit(
+        campaign="small", boundaries={"ground": fit}, quoted={"ground": quoted}, posterior=None
+    )._repr_html_()
     assert (
         f"<td>{plus_minus(c.value, c.u)}</td><td>{like(c.lo90, c.u)} to {like(c.hi90, c.u)}</td>"
         in shown

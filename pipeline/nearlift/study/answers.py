@@ -1,18 +1,23 @@
-"""Answers of a study: reductions, fits, diagnoses, as a notebook shows them: intervals first."""
+"""Answers of a study: reductions, fits, diagnoses. A notebook shows each as a table, intervals
+first, and under it a small figure: HTML as text, nothing loaded.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import base64
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypedDict, TypeVar
 
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
+from nearlift.nomenclature import letter
 from nearlift.results.diagnosis import BoundaryDiagnosis, NotDiagnosed
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
-from nearlift.study import display
+from nearlift.rounding import plain, plus_minus
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -20,6 +25,8 @@ if TYPE_CHECKING:
 Entry = TypeVar("Entry")
 #: What a table has of each coefficient.
 QUOTED = ("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95", "unit", "holds")
+#: Trials listed by name; more are counted.
+LISTED = 5
 
 
 class AboutRun(TypedDict):
@@ -50,6 +57,29 @@ class Answered:
     rejected: tuple[tuple[str, str], ...] = ()
     notes: tuple[str, ...] = ()
     drawing: Drawing | None = field(default=None, repr=False, compare=False)
+
+    def _page(self, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+        """A table, remarks, and the figure."""
+        cells = "".join(
+            "<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows
+        )
+        names = "".join(f"<th>{escape(name)}</th>" for name in head)
+        table = (
+            f"<table><caption>{escape(self.campaign)}</caption>"
+            f"<thead><tr>{names}</tr></thead><tbody>{cells}</tbody></table>"
+        )
+        return table + self._remarks() + (self.drawing._repr_html_() if self.drawing else "")
+
+    def _remarks(self) -> str:
+        """Rejected trials and notes."""
+        lines = [f"{trial}: {reason}" for trial, reason in self.rejected[:LISTED]]
+        if len(self.rejected) > LISTED:
+            lines.append(f"and {len(self.rejected) - LISTED} more trials rejected")
+        lines += self.notes
+        if not lines:
+            return ""
+        items = "".join(f"<li>{escape(line)}</li>" for line in lines)
+        return f"<details><summary>{len(lines)} remarks</summary><ul>{items}</ul></details>"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +120,15 @@ class Drawing:
         return path
 
     def _repr_html_(self) -> str:
-        return display.drawing(self)
+        data = base64.b64encode(self.png).decode()
+        picture = (
+            f'<img src="data:image/png;base64,{data}" alt="{escape(self.alt)}"'
+            ' style="max-width:44em;width:100%;background:white">'
+        )
+        return (
+            '<figure style="margin:0.5em'
+            f' 0">{picture}<figcaption>{escape(self.caption)}</figcaption></figure>'
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,7 +151,17 @@ class Reduction(Answered):
     covariance: pd.DataFrame = field(repr=False, compare=False)
 
     def _repr_html_(self) -> str:
-        return display.reduction(self)
+        rows = []
+        for boundary, cells in self.cells.groupby("boundary", sort=False):
+            change, u, z_hat = (
+                cells[name].to_numpy() for name in ("delta_L", "u_delta_L", "z_hat")
+            )
+            top = abs(change).argmax()
+            largest = f"{plus_minus(100 * change[top], 100 * u[top])} % at {plain(z_hat[top], 3)}"
+            ends = f"{plain(z_hat.min(), 3)} to {plain(z_hat.max(), 3)}"
+            trials = str(cells["n_trials"].sum())
+            rows.append((str(boundary), trials, str(len(cells)), ends, largest))
+        return self._page(("boundary", "trials", "cells", "z/r", "largest ΔL"), rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,7 +244,16 @@ class Fit(ByBoundary[BoundaryFit]):
         )
 
     def _repr_html_(self) -> str:
-        return display.fit(self)
+        head = ("boundary", "base model", "", "value (k = 1)", "90 % interval", "", "χ²/dof")
+        rows = []
+        for boundary, result in self.quoted.items():
+            base = self[boundary].base
+            for name, c in result.coefficients.items():
+                fits = plain(base.chi2 / base.dof, 3)
+                rows.append(
+                    (boundary, base.title, letter(name), c.estimate, c.interval, c.holds, fits)
+                )
+        return self._page(head, rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -212,7 +269,33 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
         return _entry(self.boundaries, boundary, f"{boundary!r} was not diagnosed")
 
     def _repr_html_(self) -> str:
-        return display.diagnosis(self)
+        """Verdicts, named effects with rivals, coefficients to be quoted, error on what was held
+        out.
+        """
+        quantity = ("", "value (k = 1)", "90 % interval", "")
+        head = ("boundary", "verdict", "effects", *quantity, "held-out error, % of lift")
+        rows = []
+        for at in self:
+            others = (
+                {e.name: at.stand_ins(e) for e in at.effects}
+                if isinstance(at, BoundaryDiagnosis)
+                else {}
+            )
+            named = "; ".join(
+                name + (f" (or {', '.join(names)})" if names else "")
+                for name, names in others.items()
+            )
+            error = (
+                f"{plain(100 * at.held_out_before, 2)} → {plain(100 * at.held_out_after, 2)} (floor"
+                f" {plain(100 * at.noise_floor, 2)})"
+            )
+            verdict = f"{at.verdict}; {at.sensitivity}" if at.sensitivity else at.verdict
+            if at.reason:
+                verdict, error = f"not diagnosed: {at.reason}", ""
+            about = (at.boundary, verdict, named or "none")
+            for name, c in self.quoted[at.boundary].coefficients.items():
+                rows.append((*about, letter(name), c.estimate, c.interval, c.holds, error))
+        return self._page(head, rows)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,7 +306,12 @@ class Finished(Answered):
     ran: tuple[str, ...]
 
     def _repr_html_(self) -> str:
-        return display.finished(self)
+        where = self.report.resolve()
+        ran = ", ".join(self.ran) or "nothing: all was up to date"
+        return (
+            f'<p>Report: <a href="{escape(where.as_uri())}">{escape(str(where))}</a>. Ran:'
+            f" {escape(ran)}.</p>" + self._remarks()
+        )
 
 
 def _entry(entries: Mapping[Any, Entry], key: str, what: str) -> Entry:

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nearlift.errors import UsageError
 from nearlift.manifest import campaign as manifests
+from nearlift.products import LIFT, LIFT_COVARIANCE, POSTERIOR, PRODUCTS, TRIALS, Product
+from nearlift.results.diagnosis import DiagnosisResults
+from nearlift.results.fit import FitResults
+from nearlift.results.quotation import Results
+from nearlift.run import graph, store
+from nearlift.run.lock import settled
+from nearlift.run.transaction import Homes
 from nearlift.study.answers import (
     AboutRun,
     BoundaryFit,
@@ -20,12 +28,7 @@ from nearlift.study.answers import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from nearlift.declare import Boundary
     from nearlift.manifest.campaign import Campaign
-    from nearlift.products import Product
-    from nearlift.results.quotation import BoundaryResult
-    from nearlift.run.graph import Step
-    from nearlift.run.store import Loaded
 
 
 class Study:
@@ -48,10 +51,8 @@ class Study:
     def __init__(self, root: Path, out: Path, seed: int, executor: str) -> None:
         self.root, self.out, self.seed, self.executor = root, out, seed, executor
         self.manifest: Campaign = manifests.load(root)
-        self.processed, self.reports = (
-            out / "processed" / self.manifest.name,
-            out / "reports" / self.manifest.name,
-        )
+        self._homes = Homes.within(out, self.manifest.name)
+        self.processed, self.reports = self._homes.processed, self._homes.reports
 
     @property
     def name(self) -> str:
@@ -67,9 +68,7 @@ class Study:
         """Raw records to trials, and trials to the change of lift per cell."""
         import pandas as pd
 
-        from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
-
-        about = self._bring("reduce")
+        _, about = self._steps("reduce")
         cells, covariance = self.read(LIFT), self.read(LIFT_COVARIANCE)
         if len(covariance):
             places = cells[["boundary", "z_hat", "throttle"]]
@@ -84,10 +83,7 @@ class Study:
         NotConverged
             A base model does not converge, or two samplers of a posterior disagree.
         """
-        from nearlift.products import POSTERIOR
-        from nearlift.results.fit import FitResults
-
-        about = self._bring("fit")
+        _, about = self._steps("fit")
         results = self._load(FitResults)
         boundaries = {
             boundary: BoundaryFit(boundary=boundary, base=results.of_base(boundary), models=models)
@@ -97,22 +93,20 @@ class Study:
             **about,
             drawing=self.figure("fig2", bring=False),
             boundaries=boundaries,
-            quoted=self._quoted(),
+            quoted=self._load(Results).boundaries,
             posterior=self.read(POSTERIOR),
         )
 
     def diagnose(self) -> Diagnosis:
         """The loop: what the base models leave, traced to a named effect, or not."""
-        from nearlift.results.diagnosis import DiagnosisResults
-
-        about = self._bring("diagnose")
+        _, about = self._steps("diagnose")
         boundaries = self._load(DiagnosisResults).boundaries
         drawn = any(not at.reason for at in boundaries.values())
         return Diagnosis(
             **about,
             drawing=self.figure("diagnosis", bring=False) if drawn else None,
             boundaries=boundaries,
-            quoted=self._quoted(),
+            quoted=self._load(Results).boundaries,
         )
 
     def run(self) -> Finished:
@@ -126,7 +120,6 @@ class Study:
         """Each stage with the reason for which it is stale, empty if it is up to date; runs
         nothing.
         """
-        from nearlift.run import graph
         from nearlift.run.opening import open_job
 
         with open_job(self.root, self.out, "serial", self.seed, keep=False) as job:
@@ -150,7 +143,6 @@ class Study:
         from nearlift.report.figures.encoding import render
         from nearlift.report.figures.style import style
         from nearlift.report.registry import FIGURES
-        from nearlift.run import graph
         from nearlift.run.opening import open_job
         from nearlift.stages.report import gather
 
@@ -161,7 +153,7 @@ class Study:
             )
         if bring:
             makers = [stage.name for stage in graph.STAGES if set(stage.writes) & set(spec.needs)]
-            self._bring(makers[-1])
+            self._steps(makers[-1])
         with open_job(self.root, self.out, "serial", self.seed, keep=False) as job:
             evidence = gather(job)
         rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
@@ -190,9 +182,6 @@ class Study:
         """
         import pandas as pd
 
-        from nearlift.products import PRODUCTS
-        from nearlift.run import store
-
         if isinstance(product, str):
             tables = {
                 name: p
@@ -209,32 +198,18 @@ class Study:
             product = tables[product]
         return pd.DataFrame(store.read_table(self._whole(product.file), product))
 
-    def _quoted(self) -> dict[Boundary, BoundaryResult]:
-        from nearlift.results.quotation import Results
-
-        return dict(self._load(Results).boundaries)
-
-    def _load(self, kind: type[Loaded]) -> Loaded:
-        from nearlift.run import store
-
+    def _load(self, kind: type[store.Loaded]) -> store.Loaded:
         return store.load(self._whole(kind.file), kind)
 
     def _whole(self, file: str) -> Path:
         """Where a product stands, no commit half carried out."""
-        from nearlift.run.lock import settled
-        from nearlift.run.transaction import Homes
-
-        settled(Homes.within(self.out, self.name))
+        settled(self._homes)
         return self.processed / file
 
-    def _bring(self, last: str) -> AboutRun:
-        return self._steps(last)[1]
-
-    def _steps(self, last: str) -> tuple[list[Step], AboutRun]:
+    def _steps(self, last: str) -> tuple[list[graph.Step], AboutRun]:
         """Run what is stale up to and including the stage `last`: its steps, and what every answer
         says of them.
         """
-        from nearlift.run import graph
         from nearlift.run.opening import open_job
 
         wanted = graph.STAGES[: [stage.name for stage in graph.STAGES].index(last) + 1]
@@ -248,8 +223,6 @@ class Study:
         return f"Study({self.name!r}, {str(self.root)!r}, out={str(self.out)!r})"
 
     def _repr_html_(self) -> str:
-        from html import escape
-
         rows = "".join(
             f"<tr><td>{escape(stage)}</td><td>{escape(why or 'up to date')}</td></tr>"
             for stage, why in self.plan().items()
