@@ -35,9 +35,10 @@ def model(name: str) -> LiftModel:
     return find(name, models(), "model")
 
 
+@functools.cache
 def effects() -> tuple[Effect, ...]:
     """Every candidate effect; built-in ones first."""
-    return _effects()
+    return gather("nearlift.effects", Effect, EFFECTS)
 
 
 def effect(name: str) -> Effect:
@@ -101,8 +102,3 @@ def find(name: str, among: Iterable[T], kind: str) -> T:
 @functools.cache
 def _models() -> tuple[LiftModel, ...]:
     return gather("nearlift.models", LiftModel, MODELS)
-
-
-@functools.cache
-def _effects() -> tuple[Effect, ...]:
-    return gather("nearlift.effects", Effect, EFFECTS)

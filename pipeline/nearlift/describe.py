@@ -178,7 +178,7 @@ def stages_page() -> str:
     )
 
 
-def nomenclature_page(symbols: Iterable[Symbol] = SYMBOLS) -> str:
+def nomenclature_page() -> str:
     """All symbols in one table."""
     rows = [
         (
@@ -188,7 +188,7 @@ def nomenclature_page(symbols: Iterable[Symbol] = SYMBOLS) -> str:
             s.meaning,
             f"${s.paper_symbol}$" if s.paper_symbol else "",
         )
-        for s in symbols
+        for s in SYMBOLS
     ]
     return _page(["# Nomenclature", _table(("name", "symbol", "unit", "meaning", "paper"), rows)])
 

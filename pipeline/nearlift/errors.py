@@ -65,13 +65,9 @@ class DeclarationError(NearliftError):
 class InputRefused(NearliftError):
     """A file that cannot be read, or numbers that cannot be true."""
 
-    exit_code = 4
-
 
 class ProductError(NearliftError):
     """A product on disk is missing, damaged or of another schema."""
-
-    exit_code = 4
 
 
 class NotConverged(NearliftError):

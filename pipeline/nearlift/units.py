@@ -92,17 +92,13 @@ UNIT_LENGTH = 80
 
 @functools.cache
 def registry() -> pint.UnitRegistry[Any]:
-    """The unit registry: pint's own units, with the few that load cells and ESCs use."""
+    """The unit registry: pint's own units and `fraction`."""
     import pint
 
     units: pint.UnitRegistry[Any] = pint.UnitRegistry(
         cache_folder=None, autoconvert_offset_to_baseunit=True
     )
     units.define("fraction = 1")
-    if "gf" not in units:
-        units.define("gram_force = gram * standard_gravity = gf")
-    if "kgf" not in units:
-        units.define("kilogram_force = kilogram * standard_gravity = kgf")
     return units
 
 

@@ -134,9 +134,13 @@ def test_the_papers_campaign_has_3600_trials() -> None:
 # ---- Table 1
 
 
-@pytest.mark.parametrize("preset", [*table_1.PRESETS, table_1.AS_PRINTED], ids=lambda p: p.name)
-def test_each_reading_contradicts_what_it_says_it_does(preset: table_1.TableReading) -> None:
-    assert preset.contradicted() == preset.contradicts
+def test_what_each_reading_contradicts() -> None:
+    assert {p.name: p.contradicts for p in (*table_1.PRESETS, table_1.AS_PRINTED)} == {
+        "mm": ("near_ground", "ground_gain", "ceiling_excess", "near_sidewall"),
+        "percent_diameter": ("ground_reach",),
+        "feet_datum": ("ceiling_excess",),
+        "cm_as_printed": tuple(claim.name for claim in table_1.CLAIMS),
+    }
 
 
 def test_one_list_of_commands() -> None:

@@ -21,7 +21,6 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
     name are refused. An effect's need of `z_hat` is met by the composition itself, with the height
     effects applied, and is no need of the result.
     """
-    supplied = {"z_hat"}
     additive = any(e.additive for e in effects)
     parameters = model.parameters + tuple(p for e in effects for p in e.parameters)
     if len({p.name for p in parameters}) != len(parameters):
@@ -29,7 +28,7 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
             f"compose({model.name}, ...)", "two of the parts have a parameter of the same name"
         )
     needs = dict.fromkeys(model.needs)
-    needs |= dict.fromkeys(n for e in effects for n in e.needs if n not in supplied)
+    needs |= dict.fromkeys(n for e in effects for n in e.needs if n != "z_hat")
     if additive:
         needs["lift_inf_N"] = None
     by_kind = {

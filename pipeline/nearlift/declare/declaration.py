@@ -1,8 +1,5 @@
 """What models and effects declare: their evaluation, parameters, needs and checks, compared when
 they are made.
-
-The keyword-only names of `evaluate` are the table of what it needs, so a declaration whose function
-and table disagree cannot be imported.
 """
 
 from __future__ import annotations

@@ -7,33 +7,28 @@ which they finish.
 
 from __future__ import annotations
 
-import concurrent.futures
 import contextlib
 import functools
 import os
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any, TypeVar
+from concurrent import futures
+from typing import Any, TypeVar
 
 from nearlift import blas, isolation
 from nearlift.errors import InputRefused, UsageError
-
-if TYPE_CHECKING:
-    from concurrent.futures.process import ProcessPoolExecutor
 
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
 
-class SerialExecutor(concurrent.futures.Executor):
+class SerialExecutor(futures.Executor):
     """Runs each task at once, in the calling thread."""
 
-    def submit(
-        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
-    ) -> concurrent.futures.Future[Any]:
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
         """Run the task and return a finished future."""
-        future: concurrent.futures.Future[Any] = concurrent.futures.Future()
+        future: futures.Future[Any] = futures.Future()
         try:
             future.set_result(fn(*args, **kwargs))
         except Exception as fault:  # the future carries it, as any executor's would
@@ -41,7 +36,7 @@ class SerialExecutor(concurrent.futures.Executor):
         return future
 
 
-class Threads(concurrent.futures.ThreadPoolExecutor):
+class Threads(futures.ThreadPoolExecutor):
     """Threads of this process, as many as `workers`."""
 
     def __init__(self, workers: int) -> None:
@@ -49,7 +44,7 @@ class Threads(concurrent.futures.ThreadPoolExecutor):
         self.workers = workers
 
 
-class LastingProcesses(concurrent.futures.Executor):
+class LastingProcesses(futures.Executor):
     """Processes that outlive the death of one of them (by the kernel, for want of memory, say): the
     task that it ran runs again.
 
@@ -62,15 +57,11 @@ class LastingProcesses(concurrent.futures.Executor):
     TRIES = 3
 
     def __init__(self, workers: int) -> None:
-        self._threads = concurrent.futures.ThreadPoolExecutor(
-            workers, thread_name_prefix="nearlift-process"
-        )
+        self._threads = futures.ThreadPoolExecutor(workers, thread_name_prefix="nearlift-process")
         self._mine = threading.local()
-        self._all: list[ProcessPoolExecutor] = []
+        self._all: list[futures.ProcessPoolExecutor] = []
 
-    def submit(
-        self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any
-    ) -> concurrent.futures.Future[Any]:
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
         """Run the task in a process; the future survives that process."""
         return self._threads.submit(self._outlive, functools.partial(fn, *args, **kwargs))
 
@@ -88,17 +79,15 @@ class LastingProcesses(concurrent.futures.Executor):
             "use fewer workers (memory?), or serial",
         )
 
-    def _process(self) -> concurrent.futures.ProcessPoolExecutor:
+    def _process(self) -> futures.ProcessPoolExecutor:
         """The process of this thread, started when it is first needed."""
-        process: ProcessPoolExecutor | None = getattr(self._mine, "process", None)
+        process: futures.ProcessPoolExecutor | None = getattr(self._mine, "process", None)
         if process is None:
             import multiprocessing
 
             spawn = multiprocessing.get_context("spawn")
             with isolation.safe_path():
-                process = concurrent.futures.ProcessPoolExecutor(
-                    1, mp_context=spawn, initializer=_begin
-                )
+                process = futures.ProcessPoolExecutor(1, mp_context=spawn, initializer=_begin)
                 # the first task starts the process, and with it the environment is settled
                 process.submit(os.getpid)
             self._mine.process = process
@@ -122,7 +111,7 @@ def _begin() -> None:
 
 
 @contextlib.contextmanager
-def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
+def open_executor(text: str) -> Iterator[futures.Executor]:
     """The executor that ``--executor`` names: ``serial``, ``threads:N``, ``processes:N`` or
     ``dask:ADDRESS``.
     """
@@ -130,13 +119,9 @@ def open_executor(text: str) -> Iterator[concurrent.futures.Executor]:
     if kind == "serial" and not rest:
         yield SerialExecutor()
     elif kind in ("threads", "processes"):
-        workers = _count(rest, text)
-        if kind == "threads":
-            with Threads(workers) as pool:
-                yield pool
-        else:
-            with LastingProcesses(workers) as lasting:
-                yield lasting
+        executor = Threads if kind == "threads" else LastingProcesses
+        with executor(_count(rest, text)) as pool:
+            yield pool
     elif kind == "dask" and rest:
         with _client(rest, text) as client:
             # pure=False: dask would otherwise return one cached result for equal calls
@@ -188,7 +173,7 @@ def _client(address: str, whole: str) -> Any:
     try:
         # asked first, since a client that could not connect goes on complaining; in a thread, since
         # a notebook has a loop of its own
-        with concurrent.futures.ThreadPoolExecutor(1) as one:
+        with futures.ThreadPoolExecutor(1) as one:
             one.submit(lambda: asyncio.run(answer())).result()
         return library.Client(address)
     except (OSError, ValueError, TypeError) as fault:
@@ -209,7 +194,7 @@ def _count(text: str, whole: str) -> int:
 
 
 def ordered(
-    executor: concurrent.futures.Executor,
+    executor: futures.Executor,
     task: Callable[[Task], Result],
     specs: Iterable[Task],
     ahead: int = 8,
@@ -217,7 +202,7 @@ def ordered(
     """Results of `task` over `specs`, in order, with at most `ahead` in flight, so that memory
     stays flat.
     """
-    waiting: deque[concurrent.futures.Future[Result]] = deque()
+    waiting: deque[futures.Future[Result]] = deque()
     try:
         for spec in specs:
             waiting.append(executor.submit(task, spec))

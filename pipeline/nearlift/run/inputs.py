@@ -2,23 +2,18 @@
 has changed.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from nearlift.manifest.campaign import Campaign
+from nearlift.manifest.piv import PivCase
 from nearlift.readers.files import source_of
 from nearlift.run import store
 from nearlift.run.job import PIV_INPUT, FileStamp
 from nearlift.stages import ingest
-
-if TYPE_CHECKING:
-    from nearlift.manifest.piv import PivCase
 
 #: A file younger than this may change again without its time stamp telling, so its digest is not
 #: kept.

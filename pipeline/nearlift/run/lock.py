@@ -22,13 +22,9 @@ LOCK = ".lock"
 class Busy(NearliftError):
     """Another run works on the same products."""
 
-    exit_code = 4
-
 
 class NoRoom(NearliftError):
     """The disk is too full to begin."""
-
-    exit_code = 4
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ from __future__ import annotations
 import functools
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from nearlift.errors import SOME_TRIALS_REJECTED, NearliftError, UsageError
@@ -76,31 +76,33 @@ def run_one(root: str, out: str, executor: str, seed: int) -> End:
     any other.
     """
     start, used = time.perf_counter(), time.process_time()
-    end = _run(root, out, executor, seed)
-    return replace(end, wall_s=time.perf_counter() - start, cpu_s=time.process_time() - used)
-
-
-def _run(root: str, out: str, executor: str, seed: int) -> End:
-    name, ran = root, []
+    name, ran, rejected = root, [], 0
     try:
-        rejected = 0
         with open_job(Path(root), Path(out), executor, seed) as job:
             name = job.campaign.name
             for step in graph.run(job):
                 rejected += len(step.outcome.rejected)
                 ran += [step.stage.name] if step.why else []
     except NearliftError as refusal:
-        words = f"exit code {refusal.exit_code}: {str(refusal).splitlines()[0]}"
-        return End(campaign=name, exit_code=refusal.exit_code, words=words, ran=tuple(ran))
-    diagnosed = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
-    verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in diagnosed.items())
-    words = (
-        f"{verdicts or 'done'}"
-        f"{f'; {rejected} trials rejected' if rejected else ''}"
-        f"{'' if ran else '; up to date'}"
+        code = refusal.exit_code
+        words = f"exit code {code}: {str(refusal).splitlines()[0]}"
+    else:
+        diagnosed = store.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
+        verdicts = ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in diagnosed.items())
+        words = (
+            f"{verdicts or 'done'}"
+            f"{f'; {rejected} trials rejected' if rejected else ''}"
+            f"{'' if ran else '; up to date'}"
+        )
+        code = SOME_TRIALS_REJECTED if rejected else 0
+    return End(
+        campaign=name,
+        exit_code=code,
+        words=words,
+        ran=tuple(ran),
+        wall_s=time.perf_counter() - start,
+        cpu_s=time.process_time() - used,
     )
-    code = SOME_TRIALS_REJECTED if rejected else 0
-    return End(campaign=name, exit_code=code, words=words, ran=tuple(ran))
 
 
 def _verdict(loop: BoundaryDiagnosis | NotDiagnosed) -> str:

@@ -132,10 +132,10 @@ class Provenance:
         record = self.ledger.stages.get(stage.name)
         if record is None:
             return "has not run yet"
+        names, done = [s.name for s in STAGES], self.ledger.stages
+        later = [done[name] for name in names[names.index(stage.name) + 1 :] if name in done]
         for file in (f"processed/{p.file}" for p in stage.writes):
-            if file not in record.outputs and not any(
-                file in r.outputs for r in self._later(stage)
-            ):
+            if file not in record.outputs and not any(file in r.outputs for r in later):
                 return f"{file} is as an earlier stage left it"
         for file, sha in record.outputs.items():
             path = self.job.homes.place(file)
@@ -167,12 +167,6 @@ class Provenance:
                 more = f" and {len(changed) - 1} more" if len(changed) > 1 else ""
                 return f"{meaning.format(changed[0])} has changed{more}"
         return "the seed has changed" if before.seed != now.seed else ""
-
-    def _later(self, stage: Stage) -> list[StageRecord]:
-        """What is on record of the stages after this one."""
-        names = [s.name for s in STAGES]
-        done = self.ledger.stages
-        return [done[name] for name in names[names.index(stage.name) + 1 :] if name in done]
 
     def commit(
         self,

@@ -227,6 +227,24 @@ def write_table(path: Path, table: Mapping[str, NDArray[Any]], product: Product)
     write_bytes(path, table_bytes(table, product))
 
 
+def _require(path: Path) -> None:
+    if not path.is_file():
+        raise ProductError(
+            str(path),
+            "is missing",
+            "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
+        )
+
+
+def _require_schema(path: Path, content: Mapping[str, object], schema: str) -> None:
+    if content.get("schema") != schema:
+        raise ProductError(
+            str(path),
+            f"has schema {content.get('schema', 'none')}, not {schema}",
+            "it was written by another version: run again",
+        )
+
+
 def read_table(path: Path, product: Product) -> Table:
     """Read a table product back, its pages verified.
 
@@ -238,12 +256,7 @@ def read_table(path: Path, product: Product) -> Table:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if not path.is_file():
-        raise ProductError(
-            str(path),
-            "is missing",
-            "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
-        )
+    _require(path)
     try:
         # pq.read_table would import pyarrow.dataset, and with it pandas, which takes 0.3 s
         with pq.ParquetFile(path, page_checksum_verification=True) as file:
@@ -256,12 +269,7 @@ def read_table(path: Path, product: Product) -> Table:
         raise ProductError(
             str(path), f"is damaged: {str(fault).splitlines()[0]}", "delete it and run again"
         ) from None
-    if about.get("schema") != product.schema:
-        raise ProductError(
-            str(path),
-            f"has schema {about.get('schema', 'none')}, not {product.schema}",
-            "it was written by another version: run again",
-        )
+    _require_schema(path, about, product.schema)
     if about.get("layout") != layout(table.schema, table.num_rows):
         raise ProductError(
             str(path),
@@ -285,12 +293,7 @@ def write_json(path: Path, content: object) -> None:
 
 def read_json(path: Path) -> dict[str, object]:
     """Read a JSON product; raises `ProductError` where it is missing or damaged."""
-    if not path.is_file():
-        raise ProductError(
-            str(path),
-            "is missing",
-            "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
-        )
+    _require(path)
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as fault:
@@ -305,13 +308,7 @@ def load(path: Path, kind: type[Loaded]) -> Loaded:
     schema.
     """
     content = read_json(path)
-    schema = f"nearlift.{kind.file.removesuffix('.json')}/1"
-    if content.get("schema") != schema:
-        raise ProductError(
-            str(path),
-            f"has schema {content.get('schema', 'none')}, not {schema}",
-            "it was written by another version: run again",
-        )
+    _require_schema(path, content, f"nearlift.{kind.file.removesuffix('.json')}/1")
     return decode(kind, content, str(path))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, Check, Effect, Parameter, Source, normal
 from nearlift.synthetic.demo_flow import write_piv
-from nearlift.synthetic.records import GRAVITY, Simulated, SimulatedBench, write_campaign
+from nearlift.synthetic.records import GRAVITY, SimulatedBench, write_campaign
 from nearlift.synthetic.table_1 import PERCENT_DIAMETER
 from nearlift.synthetic.trial_schedule import TrialSchedule, battery_V, bench_V, randomised
 from nearlift.synthetic.truth import Truth
@@ -121,19 +121,16 @@ SUPPLY = Effect(
 )
 
 
-def design(seed: int = SEED) -> TrialSchedule:
+def design() -> TrialSchedule:
     """The demo's schedule, supply included."""
     sides: tuple[Boundary, ...] = ("ground", "ceiling", "sidewall")
     stations = {side: PERCENT_DIAMETER.z_m(side)[list(TAKEN)] for side in sides}
     stations["ground"] = np.sort(np.concatenate([stations["ground"], GAP_M]))
-    plan = randomised(stations, seed=seed, visits=VISITS, sessions=4)
-    on_battery = plan.boundary == "ground"
-    return dataclasses.replace(
-        plan,
-        further={
-            "supply_V": np.where(on_battery, battery_V(plan, seed=seed), bench_V(plan, seed=seed))
-        },
+    plan = randomised(stations, seed=SEED, visits=VISITS, sessions=4)
+    volts = np.where(
+        plan.boundary == "ground", battery_V(plan, seed=SEED), bench_V(plan, seed=SEED)
     )
+    return dataclasses.replace(plan, further={"supply_V": volts})
 
 
 def truths() -> dict[Boundary, Truth]:
@@ -170,19 +167,11 @@ def write_demo(folder: Path) -> Path:
     UsageError
         The folder holds something other than a simulated campaign.
     """
-    simulated_demo(folder)
-    return folder
-
-
-def simulated_demo(folder: Path, seed: int = SEED) -> Simulated:
-    """Write the demo campaign and return what is true in it, trial by trial."""
     bench = SimulatedBench(
         rate_Hz=500.0, tare_s=0.5, record_s=2.0, contact_m=CONTACT_M, text=UNCERTAINTY
     )
-    true = write_campaign(
-        folder, design(seed), truths(), name=NAME, note=NOTE, seed=seed, bench=bench
-    )
-    listed = write_piv(folder, bench, seed)
+    write_campaign(folder, design(), truths(), name=NAME, note=NOTE, seed=SEED, bench=bench)
+    listed = write_piv(folder, bench, SEED)
     manifest = folder / "campaign.toml"
     manifest.write_text(manifest.read_text(encoding="utf-8") + listed, encoding="utf-8")
-    return true
+    return folder

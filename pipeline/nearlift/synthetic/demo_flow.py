@@ -15,17 +15,14 @@ from nearlift.synthetic.wake import Blob, Camera, Wake, fields, write_openpiv
 
 FIELDS = 16
 SPACING_M = 3.0e-3
-GROUND, CEILING = (4.0, 3.4, 2.6, 1.8), (3.0, 2.0, 0.7, 0.3)
 #: The paper's tilts of the ground, degrees, at one distance.
 TILTS, TILT_Z_HAT = (4.6, 3.1, 1.5, -1.7, -3.2, -4.9), 3.0
 FREE_WAKE_M_S = 8.0
-#: How much less the far wake is than the control's, as the demo has it; not taken from any model.
-LESS = {("ground", 4.0): 0.02, ("ground", 3.4): 0.03, ("ground", 2.6): 0.05, ("ground", 1.8): 0.09}
-LESS |= {
-    ("ceiling", 3.0): 0.003,
-    ("ceiling", 2.0): 0.008,
-    ("ceiling", 0.7): 0.06,
-    ("ceiling", 0.3): 0.15,
+#: How much less the far wake is than the control's at each distance, as the demo has it; not taken
+#: from any model.
+LESS = {
+    "ground": {4.0: 0.02, 3.4: 0.03, 2.6: 0.05, 1.8: 0.09},
+    "ceiling": {3.0: 0.003, 2.0: 0.008, 0.7: 0.06, 0.3: 0.15},
 }
 
 
@@ -43,10 +40,10 @@ def wakes(bench: SimulatedBench) -> dict[str, Wake]:
         )
 
     cases = {"control": Wake(scene=scene("none", math.inf), speed_m_s=FREE_WAKE_M_S)}
-    for boundary, stations in (("ground", GROUND), ("ceiling", CEILING)):
-        for z_hat in stations:
+    for boundary, stations in LESS.items():
+        for z_hat, less in stations.items():
             cases[f"{boundary}-{z_hat:g}"] = Wake(
-                scene=scene(boundary, z_hat), speed_m_s=FREE_WAKE_M_S * (1 - LESS[boundary, z_hat])
+                scene=scene(boundary, z_hat), speed_m_s=FREE_WAKE_M_S * (1 - less)
             )
     for tilt in TILTS:
         lean, blobs = _tilted(tilt)

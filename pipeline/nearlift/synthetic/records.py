@@ -113,19 +113,14 @@ def record(
     rng = generator(seed, "record", trial)
     head, live = round(bench.tare_s * bench.rate_Hz), round(bench.record_s * bench.rate_Hz)
     n = head + live
-    strongest = max(truth.lift_inf_N.values())
-    share = truth.lift_inf_N[throttle] / strongest
+    share = truth.lift_inf_N[throttle] / max(truth.lift_inf_N.values())
     force = noise.sample_N * rng.standard_normal(n)
     force += (
         noise.zero_N * rng.standard_normal()
         + noise.drift_N * rng.standard_normal() * np.arange(n) / n
     )
-    phase = (
-        2
-        * np.pi
-        * (rng.random() + noise.tone_Hz * np.sqrt(share) / bench.rate_Hz * np.arange(live))
-    )
-    force[head:] += lift_N + noise.tone_N * share * np.sin(phase)
+    turns = rng.random() + noise.tone_Hz * np.sqrt(share) / bench.rate_Hz * np.arange(live)
+    force[head:] += lift_N + noise.tone_N * share * np.sin(2 * np.pi * turns)
     return np.asarray(np.round(force / noise.quantum_N), dtype=np.int32)
 
 

@@ -89,8 +89,6 @@ class TableReading:
         The unit in which a schedule records them (``"mm"``, or ``"cm"`` as printed).
     offset_m : mapping of boundary to float
         From the datum of the printed numbers to rotor plane (sidewall: blade tip), m; added.
-    contradicts : tuple of str
-        Names of the `CLAIMS` that do not hold under this reading.
     """
 
     name: str
@@ -98,7 +96,6 @@ class TableReading:
     unit_m: float
     unit: str = "mm"
     offset_m: Mapping[Boundary, float]
-    contradicts: tuple[str, ...] = ()
 
     def recorded_m(self, boundary: Boundary) -> FloatArray:
         """What the traverse shows at each station, m, nearest first; the datum's offset still wants
@@ -112,8 +109,9 @@ class TableReading:
         """
         return self.recorded_m(boundary) + self.offset_m[boundary]
 
-    def contradicted(self) -> tuple[str, ...]:
-        """The claims that do not hold, worked out anew from the distances."""
+    @property
+    def contradicts(self) -> tuple[str, ...]:
+        """Names of the `CLAIMS` that do not hold under this reading."""
         z_hat = {side: self.z_m(side) / RADIUS_M for side in TABLE_1}
         return tuple(c.name for c in CLAIMS if not c.holds(z_hat))
 
@@ -126,7 +124,6 @@ MM = TableReading(
     unit_m=1e-3,
     offset_m=_NO_OFFSET,
     # z_hat: ground 2.48 to 25, ceiling 0.217 to 22.8, sidewall 0.65 to 23.3
-    contradicts=("near_ground", "ground_gain", "ceiling_excess", "near_sidewall"),
 )
 PERCENT_DIAMETER = TableReading(
     name="percent_diameter",
@@ -136,7 +133,6 @@ PERCENT_DIAMETER = TableReading(
     # z_hat: ground 1.14 to 11.5 with nothing between 2.84 and 11.5, ceiling 0.10 to 10.5, sidewall
     # 0.30 to 10.7; the ground column's excess of 52.3 is then 24.1 mm, rotor plane to feet of a
     # Crazyflie
-    contradicts=("ground_reach",),
 )
 FEET_DATUM = TableReading(
     name="feet_datum",
@@ -149,7 +145,6 @@ FEET_DATUM = TableReading(
     # the rotor plane, sidewall entries less 10.4
     offset_m={"ground": -28.3e-3, "ceiling": 0.0, "sidewall": -10.4e-3},
     # z_hat: ground 1.25 to 23.9, ceiling 0.217 to 22.8, sidewall 0.20 to 22.8
-    contradicts=("ceiling_excess",),
 )
 PRESETS = (MM, PERCENT_DIAMETER, FEET_DATUM)
 
@@ -161,5 +156,4 @@ AS_PRINTED = TableReading(
     unit_m=1e-2,
     unit="cm",
     offset_m=_NO_OFFSET,
-    contradicts=tuple(claim.name for claim in CLAIMS),
 )

@@ -91,7 +91,14 @@ class Truth:
             A throttle has no `lift_inf_N`, or an effect needs what neither `columns`, `geometry`
             nor `constants` has.
         """
-        far = self.far_N(throttle)
+        unknown = sorted(set(np.unique(throttle)) - set(self.lift_inf_N))
+        if unknown:
+            raise DeclarationError(
+                "truth",
+                f"has no lift_inf_N for the throttles {unknown}",
+                f"it has {sorted(self.lift_inf_N)}",
+            )
+        far = np.array([self.lift_inf_N[t] for t in throttle])
         whole = compose(self.model, *(effect for effect, _ in self.effects))
         values = dict(self.parameters) | {
             name: value for _, given in self.effects for name, value in given.items()
@@ -106,14 +113,3 @@ class Truth:
         }
         needs = {name: known[name] for name in whole.needs if name in known}
         return np.asarray(far * whole(z_hat, **needs, **values), dtype=np.float64)
-
-    def far_N(self, throttle: FloatArray) -> FloatArray:
-        """`lift_inf_N` of each trial."""
-        unknown = sorted(set(np.unique(throttle)) - set(self.lift_inf_N))
-        if unknown:
-            raise DeclarationError(
-                "truth",
-                f"has no lift_inf_N for the throttles {unknown}",
-                f"it has {sorted(self.lift_inf_N)}",
-            )
-        return np.array([self.lift_inf_N[t] for t in throttle])
