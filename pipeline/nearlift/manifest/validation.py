@@ -75,19 +75,11 @@ def _explain(error: Any, kind: type[BaseModel]) -> str:
 
 def _keys_beside(kind: type[BaseModel], location: list[Any]) -> list[str]:
     """Keys allowed in the table that holds the last part of `location`."""
-    model: Any = kind
+    known = {f.alias or n: f for n, f in kind.model_fields.items()}
     for part in location[:-1]:
-        if isinstance(part, int):
-            continue
-        fields = (
-            {f.alias or n: f for n, f in model.model_fields.items()}
-            if isinstance(model, type) and issubclass(model, BaseModel)
-            else {}
-        )
-        if part not in fields:
-            continue
-        model = _section_in(fields[part].annotation) or model
-    return [f.alias or n for n, f in model.model_fields.items()]
+        if part in known and (section := _section_in(known[part].annotation)):
+            known = {f.alias or n: f for n, f in section.model_fields.items()}
+    return list(known)
 
 
 def _section_in(annotation: Any) -> Any:

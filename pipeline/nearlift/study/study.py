@@ -28,8 +28,6 @@ from nearlift.study.answers import (
 if TYPE_CHECKING:
     import pandas as pd
 
-    from nearlift.manifest.campaign import Campaign
-
 
 class Study:
     """One campaign, its products and reports. Made by `nearlift.load`.
@@ -50,7 +48,7 @@ class Study:
 
     def __init__(self, root: Path, out: Path, seed: int, executor: str) -> None:
         self.root, self.out, self.seed, self.executor = root, out, seed, executor
-        self.manifest: Campaign = manifests.load(root)
+        self.manifest = manifests.load(root)
         self._homes = Homes.within(out, self.manifest.name)
         self.processed, self.reports = self._homes.processed, self._homes.reports
 
