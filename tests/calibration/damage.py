@@ -231,9 +231,7 @@ def product_bytes(checksum: bool) -> bytes:
     }
     table = {c.name: kinds[c.kind]() for c in TRIALS.columns} | {"lift_N": np.array(FORCE)}
     if checksum:
-        with tempfile.TemporaryDirectory() as folder:
-            store.write_table(Path(folder) / "a", table, TRIALS)
-            return (Path(folder) / "a").read_bytes()
+        return store.table_bytes(table, TRIALS)
     sink = pa.BufferOutputStream()
     pq.write_table(pa.table({"lift_N": np.array(FORCE)}), sink)
     return bytes(sink.getvalue().to_pybytes())

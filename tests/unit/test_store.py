@@ -48,6 +48,10 @@ def table(n: int = 3) -> dict[str, np.ndarray]:
     }
 
 
+def write_table(path: Path, content: dict[str, np.ndarray], product: Product) -> None:
+    store.write_bytes(path, store.table_bytes(content, product))
+
+
 # ---- atomic
 
 
@@ -101,16 +105,14 @@ def test_content_reaches_the_disk_before_the_name_and_the_folder_after_it(tmp_pa
 
 def test_a_table_that_breaks_its_schema_is_not_written_at_all(tmp_path):
     path = tmp_path / "closed.parquet"
-    store.write_table(path, table(), CLOSED)
+    write_table(path, table(), CLOSED)
     before = path.read_bytes()
     with pytest.raises(
         ProductError, match=r"closed.parquet: lacks \['n'\], has undeclared \['m'\]"
     ):
-        store.write_table(
-            path, {"who": table()["who"], "lift_N": np.zeros(3), "m": np.zeros(3)}, CLOSED
-        )
+        write_table(path, {"who": table()["who"], "lift_N": np.zeros(3), "m": np.zeros(3)}, CLOSED)
     with pytest.raises(ProductError, match=r"closed.parquet: has columns of different lengths"):
-        store.write_table(path, {**table(), "n": np.arange(4)}, CLOSED)
+        write_table(path, {**table(), "n": np.arange(4)}, CLOSED)
     assert path.read_bytes() == before
 
 
@@ -130,7 +132,7 @@ def test_what_is_written_is_what_is_read(tmp_path_factory, who, lift, n):
         "lift_N": np.full(len(who), lift),
         "n": np.full(len(who), n, dtype=np.int64),
     }
-    store.write_table(path, given_table, CLOSED)
+    write_table(path, given_table, CLOSED)
     found = store.read_table(path, CLOSED)
     assert found["who"].tolist() == who
     assert np.array_equal(found["lift_N"], given_table["lift_N"], equal_nan=True)
@@ -139,7 +141,7 @@ def test_what_is_written_is_what_is_read(tmp_path_factory, who, lift, n):
 
 def test_a_column_keeps_its_order_unit_meaning_and_kind(tmp_path):
     path = tmp_path / "open.parquet"
-    store.write_table(
+    write_table(
         path,
         {"extra": np.array([1, 2, 3], dtype=np.int32), **table(), "note": np.array(["a", "b", ""])},
         OPEN,
@@ -159,7 +161,7 @@ def test_a_column_keeps_its_order_unit_meaning_and_kind(tmp_path):
 
 def test_other_readers_see_the_same(tmp_path):
     pd = pytest.importorskip("pandas")
-    store.write_table(tmp_path / "closed.parquet", table(), CLOSED)
+    write_table(tmp_path / "closed.parquet", table(), CLOSED)
     frame = pd.read_parquet(tmp_path / "closed.parquet")
     assert frame["who"].tolist() == ["é0", "é1", "é2"]
     assert frame["lift_N"].to_numpy() == pytest.approx(np.arange(3) / 7, rel=0)
@@ -168,7 +170,7 @@ def test_other_readers_see_the_same(tmp_path):
 def test_what_only_reads_products_loads_neither_pandas_nor_numba(tmp_path):
     """They take longer to import than most figures to draw."""
     path = tmp_path / CLOSED.file
-    store.write_table(path, table(), CLOSED)
+    write_table(path, table(), CLOSED)
     code = (
         "import sys; from pathlib import Path; import nearlift.report.registry\n"
         "from nearlift.run import store; from tests.unit.test_store import CLOSED\n"
@@ -181,7 +183,7 @@ def test_what_only_reads_products_loads_neither_pandas_nor_numba(tmp_path):
 
 def test_the_same_content_gives_the_same_bytes(tmp_path):
     for name in "ab":
-        store.write_table(tmp_path / name, table(500), CLOSED)
+        write_table(tmp_path / name, table(500), CLOSED)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -192,7 +194,7 @@ def test_no_flipped_bit_passes(tmp_path, bit):
     """
     path = tmp_path / "open.parquet"
     whole = {**table(400), "supply_V": np.random.default_rng(1).normal(size=400)}
-    store.write_table(path, whole, OPEN)
+    write_table(path, whole, OPEN)
     content = path.read_bytes()
     refused = 0
     for at in range(bit, len(content), 7):
@@ -238,7 +240,7 @@ def test_a_table_that_cannot_be_used_is_refused_with_what_to_do(tmp_path):
         ProductError, match=r"trials.parquet: is damaged: .*\n  delete it and run again"
     ):
         store.read_table(path, TRIALS)
-    store.write_table(path, table(), CLOSED)
+    write_table(path, table(), CLOSED)
     with pytest.raises(
         ProductError,
         match=(

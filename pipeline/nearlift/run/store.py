@@ -222,11 +222,6 @@ def table_bytes(table: Mapping[str, NDArray[Any]], product: Product) -> bytes:
     return content
 
 
-def write_table(path: Path, table: Mapping[str, NDArray[Any]], product: Product) -> None:
-    """Write a table product in one atomic step."""
-    write_bytes(path, table_bytes(table, product))
-
-
 def _require(path: Path) -> None:
     if not path.is_file():
         raise ProductError(
