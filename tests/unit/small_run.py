@@ -14,6 +14,9 @@ from click.testing import CliRunner, Result
 from nearlift import catalogue
 from nearlift.cli import main
 from nearlift.manifest import campaign as manifests
+from nearlift.report.evidence import Evidence
+from nearlift.report.page.render import page
+from nearlift.report.registry import CHAPTERS
 from nearlift.report.tidy import to_csv
 from nearlift.run import graph
 from nearlift.run.executors import SerialExecutor
@@ -108,6 +111,11 @@ def undrawn(_: Any, table: Mapping[str, Any], look: Any) -> dict[str, bytes]:
     """
     told = hashlib.sha256(to_csv(dict(table)) + repr(look).encode()).hexdigest().encode()
     return {"pdf": blank(told), "png": b"PNG " + told, "page": told}
+
+
+def chapter(evidence: Evidence, name: str) -> str:
+    """A page that has this chapter alone."""
+    return page(evidence, [], [c for c in CHAPTERS if c.name == name]).decode()
 
 
 def blank(told: bytes) -> bytes:

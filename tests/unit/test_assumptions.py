@@ -1,15 +1,18 @@
 """What the ratio takes for granted, from products to picture and page."""
 
+import re
+
 import numpy as np
 import pytest
 from tests.unit.conftest import true_ratio
 from tests.unit.manifests import raw_manifest
 
 from nearlift.products import FIT
-from nearlift.report.chapters import assumptions as page
 from nearlift.report.figures import assumptions, style
 from nearlift.report.figures import assumptions as drawing
 from nearlift.stages.report import gather
+
+from . import small_run
 
 MAP = {
     "points": [
@@ -90,10 +93,12 @@ def test_a_map_adds_the_rotor_to_picture_and_page(mapped):
     assert np.abs(on_it / table["value"][points] - 1).max() < 0.2
     assert "dashed: the constant of Carter et al. 2021" in assumptions.caption(evidence, table)
     assert "Ground: C_L per speed:" in assumptions.alt(evidence, table)
-    rows = page.facts(evidence)["rotor"][0]["rows"]
-    assert [r["throttle"] for r in rows] == ["25 %", "50 %", "75 %", "92 %"]
+    text = small_run.chapter(evidence, "assumptions")
+    rotor = text.partition("Lift coefficient of the rotor at each throttle")[2]
+    assert re.findall(r'<th scope="row">([^<]+)', rotor) == ["25 %", "50 %", "75 %", "92 %"]
+    speed = "fit.json#/rotor_coefficient/ground/per_throttle/0.25/speed_Hz"
     assert (
-        rows[0]["speed"].source == "fit.json#/rotor_coefficient/ground/per_throttle/0.25/speed_Hz"
+        f'<th scope="row">25 %</th><td><data value="{10885 / 60!r}" data-source="{speed}">' in rotor
     )
 
 
@@ -107,18 +112,21 @@ def test_supported_exponents_are_shaded(small_job):
 
 
 def test_every_number_of_the_page_has_its_place(small_job):
-    facts = page.facts(gather(small_job))
-    assert [c["boundary"] for c in facts["collapse"]] == ["ground", "ceiling", "sidewall"]
-    assert (
-        facts["collapse"][0]["p"][2].source
-        == "fit.json#/throttle_collapse/ground/tests/cells/p_value"
-    )
-    assert (
-        facts["held"][1]["rows"][0]["value"].source
-        == "fit.json#/held_quantity/ceiling/plausible/0/value"
-    )
-    assert "fixes neither speed nor power" in facts["held"][0]["declared"]
-    assert facts["rotor"][0]["rows"] == []
+    text = small_run.chapter(gather(small_job), "assumptions")
+    collapse = text.partition("<tbody>")[2].partition("</tbody>")[0]
+    rows = collapse.split("<tr>")[1:]
+    assert [re.findall(r'<th scope="row">([^<]+)', row) for row in rows] == [
+        ["Ground"],
+        ["Ceiling"],
+        ["Sidewall"],
+    ]
+    assert [re.findall(r'data-source="([^"]+)', row)[2] for row in rows] == [
+        f"fit.json#/throttle_collapse/{boundary}/tests/cells/p_value"
+        for boundary in ("ground", "ceiling", "sidewall")
+    ]
+    assert 'data-source="fit.json#/held_quantity/ceiling/plausible/0/value"' in text
+    assert "fixes neither speed nor power" in text
+    assert "Lift coefficient of the rotor at each throttle" not in text
 
 
 def test_logged_speed_reaches_held_quantity_and_rotor(make_job):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly
 from nearlift.flight.simulation.groups import gains_for
 from nearlift.manifest import campaign as manifest
 from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
-from nearlift.report.chapters import safety as chapter
 from nearlift.report.figures.crash_map import draw as draw_map
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.fig6 import touching
@@ -37,7 +37,7 @@ from nearlift.stages.export import export
 from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.report import gather
 
-from . import quoted
+from . import quoted, small_run
 from .manifests import raw_manifest
 
 QUICK = {
@@ -141,13 +141,14 @@ def test_figures_and_chapter(flown):
         if spec.name == "safety":
             assert "Not resolved by 40 flights: prices of" in spec.caption(evidence, table)
         assert "z_hat" in spec.alt(evidence, table)
-    facts = chapter.facts(evidence)
-    assert [f["boundary"] for f in facts["fitted"]] == ["ground", "ceiling"]
-    assert "not resolved by 40 flights; about" in facts["fitted"][0]["best"][-1]["refused"]
-    assert (
-        facts["claims"][0]["values"][0]["value"].source
-        == "safety.json#/claims/0/presets/paper/value"
-    )
+    text = small_run.chapter(evidence, "safety")
+    levels = re.findall(r"<summary>(\w+): levels of risk(.*?)</details>", text, re.DOTALL)
+    assert [boundary for boundary, _ in levels] == ["Ground", "Ceiling"]
+    assert "not resolved by 40 flights; about" in re.split('<th scope="row">', levels[0][1])[-1]
+    claim = text.partition("flown again</summary>")[2].partition("<tbody>")[2]
+    first = re.search(r'data-source="([^"]+)', claim)
+    assert first
+    assert first[1] == "safety.json#/claims/0/presets/paper/value"
 
 
 VEHICLE = raw_manifest()["vehicle"]
@@ -490,7 +491,8 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(remake, monk
     evidence = gather(job)
     told = spec.caption(evidence, spec.summarise(evidence))
     assert "No advice for a price of 0.1" in told
-    assert chapter.facts(evidence)["fitted"][0]["best"][0]["refused"].startswith("no advice")
+    text = small_run.chapter(evidence, "safety")
+    assert '<th scope="row">0.1</th><td colspan="3">no advice: it depends' in text
 
 
 def test_a_gain_without_a_unit_is_refused(remake):

@@ -97,6 +97,17 @@ class Place:
         """A place below this one."""
         return Place(self.evidence, self.product, (*self.path, *path))
 
+    def every(self, *path: str | int) -> list[Place]:
+        """The places of all that stands below one, a list or an object, in order."""
+        place = self.at(*path)
+        within = place.content or ()
+        return [place.at(k) for k in (range(len(within)) if isinstance(within, list) else within)]
+
+    @property
+    def key(self) -> str | int:
+        """The last of its path."""
+        return self.path[-1]
+
     @property
     def content(self) -> Any:
         """What stands there; None where there is nothing."""
