@@ -7,14 +7,15 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import re
 
 import numpy as np
 import pytest
+from markupsafe import escape
 
 from nearlift.errors import ManifestError
 from nearlift.manifest.flight import LiftReading
 from nearlift.products import DETECTION, PROXIMITY, RESULTS
-from nearlift.report.chapters import proximity as chapter
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import style
 from nearlift.report.registry import FIGURES
@@ -85,8 +86,8 @@ def test_supply_costs_range(remake, done):
         "weight ±5 %",
         "supply voltage ±2 %",
     }
-    shown = [c["case"] for c in chapter.facts(evidence)["rows"][0]["cells"]]
-    assert shown == [
+    text = small_run.chapter(evidence, "proximity")
+    assert re.findall(r'<th scope="col">range, ([^<]+)', text) == [
         "weight and supply known exactly",
         "weight ±5 %",
         "supply voltage ±2 %",
@@ -144,9 +145,10 @@ def test_readings_in_the_manifest(remake):
     assert "nothing was fitted at the ceiling" in elsewhere["refused"]
     assert [n[:17] for n in outcome.notes] == ["detect.reading[1]", "detect.reading[2]"]
     evidence = gather(job)
-    told = chapter.facts(evidence)["readings"]
-    assert told[0]["median"].source == "proximity.json#/readings/0/z_hat/median"
-    assert told[1]["refused"]
+    text = small_run.chapter(evidence, "proximity")
+    first, second, _ = text.partition("Readings of the manifest")[2].split('<th scope="row">')[1:]
+    assert 'data-source="proximity.json#/readings/0/z_hat/median"' in first
+    assert f'<td colspan="5">{escape(outside["refused"])}</td>' in second
     (spec,) = (s for s in FIGURES if s.name == "detection")
     table = spec.summarise(evidence)
     assert (table["row"] == "reading").sum() == 1
@@ -243,8 +245,7 @@ def test_distances_of_significance(remake, done):
     never = remake("sidewall", detect=SENSOR | {"significant": "20 percent"})
     detect.run(never)
     assert never.read_json(PROXIMITY)["boundaries"]["sidewall"]["significant"]["z_hat"] is None
-    told = chapter.facts(gather(never))["rows"][0]
-    assert told["significant"] is None
+    assert "at no distance that was measured" in small_run.chapter(gather(never), "proximity")
 
 
 def test_one_reading_does_not_tell_ground_from_ceiling(done):
@@ -278,6 +279,9 @@ def test_figure_and_chapter(done):
     assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
     assert "1 % false alarms and 10 % misses" in spec.caption(evidence, table)
     assert "ground: noticed from" in spec.alt(evidence, table)
-    facts = chapter.facts(evidence)
-    assert [r["boundary"] for r in facts["rows"]] == ["ground", "ceiling", "sidewall"]
-    assert facts["rows"][2]["cells"][1]["range_z_hat"].text == "nowhere"
+    text = small_run.chapter(evidence, "proximity")
+    table = text.partition("From how far away each boundary is noticed")[2]
+    rows = re.findall(r'<tr><th scope="row">(\w+)</th>(.*?)</tr>', table)
+    assert [boundary for boundary, _ in rows] == ["Ground", "Ceiling", "Sidewall"]
+    # boundary, largest change, and of each case range and change needed
+    assert ">nowhere</data>" in rows[2][1].split("<td>")[4]

@@ -38,19 +38,13 @@ def ledger(evidence: Evidence) -> dict[str, object]:
             for kind, (rows, which) in kinds.items()
         }
         counts.append({"boundary": NAMES.get(boundary, boundary), **numbers})
-    bases = {b: evidence.base(b) for b in evidence.boundaries}
     words = [set(q.split()) for q in trials["quality"]]
-    codes = [(c, n) for c in CODES if (n := sum(c.name in w for w in words))]
     return {
         "counts": counts,
         "codes": [
-            {
-                "name": c.name,
-                "rejects": c.rejects,
-                "meaning": c.meaning,
-                "n": count(TRIALS, n, f"rows with {c.name} in `quality`"),
-            }
-            for c, n in codes
+            (c, count(TRIALS, n, f"rows with {c.name} in `quality`"))
+            for c in CODES
+            if (n := sum(c.name in w for w in words))
         ],
         "rejected": [
             {
@@ -64,11 +58,7 @@ def ledger(evidence: Evidence) -> dict[str, object]:
             }
             for i in np.flatnonzero(out)
         ],
-        "excluded": [
-            {"boundary": b, "model": m.title, "trials": e.excluded}
-            for b, (m, e) in bases.items()
-            if e.excluded
-        ],
+        "bases": {b: evidence.base(b) for b in evidence.boundaries},
     }
 
 
@@ -79,9 +69,6 @@ def provenance(evidence: Evidence) -> dict[str, object]:
     seed = f" --seed {evidence.seed}" if evidence.seed else ""
     return {
         "command": f"nearlift run {shlex.quote(evidence.campaign.name)}{seed}",
-        "seed": evidence.seed,
         "nearlift": nearlift.__version__,
-        "versions": sorted(evidence.versions.items()),
-        "inputs": sorted(evidence.inputs.items()),
-        "products": sorted(evidence.digests.items()),
+        "evidence": evidence,
     }
