@@ -201,7 +201,11 @@ def test_what_was_declared_keeps_its_line_however_small(evidence):
     )
     ground = next(t for t in uncertainty.budget(known)["tables"] if t["boundary"] == "ground")
     assert (
-        next(r["u_without"].value for r in ground["rows"] if r["source"] == declared["source"])
+        next(
+            at.number("u_without").value
+            for line, at in ground["rows"]
+            if line.source == declared["source"]
+        )
         == own["u"]
     )
     assert first["source"] in ground["badly_known"]
@@ -250,7 +254,7 @@ def test_evidence_is_shown_where_it_was_computed(evidence):
     fits["power_law"]["log_evidence"] = {"value": 7.5, "u": 0.1}
     del fits["exponential"]["log_evidence"]
     found = {
-        r["title"]: r["evidence"].text if r["evidence"] else None for r in ground(known)["rows"]
+        r["fit"].title: r["evidence"].text if r["evidence"] else None for r in ground(known)["rows"]
     }
     assert found[fits["power_law"]["title"]] == "−2.5"
     assert found[fits["exponential"]["title"]] is None
@@ -269,10 +273,10 @@ def test_evidence_is_shown_where_it_was_computed(evidence):
 def test_chapters_say_it_in_words(evidence):
     ground = next(t for t in uncertainty.budget(evidence)["tables"] if t["boundary"] == "ground")
     assert ground["quoted"].name == "K_b"
-    assert all(r["u_without"].value <= ground["u"].value * (1 + 1e-9) for r in ground["rows"])
+    u = ground["place"].number("u").value
+    assert all(at.number("u_without").value <= u * (1 + 1e-9) for _, at in ground["rows"])
     (section,) = [s for s in uncertainty.limits(evidence)["sections"] if s["boundary"] == "ground"]
-    texts = section["halves"][0]["texts"]
-    assert any("would halve u(K_b)" in t or "no lower" in t for t in texts)
+    assert any("would halve u(K_b)" in t or "no lower" in t for t in section["halves"])
 
 
 def score(visits=50, **known):

@@ -33,37 +33,28 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     comparable = [n for n in fits if fits[n].n_trials == trials]
     smallest = {key: min(getattr(fits[n], key) for n in comparable) for key in ("aic", "bic")}
     names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n].aic))
-    near = any(math.isfinite(f.r2_near) for f in fits.values() if f.r2_near is not None)
     rows = []
     for name in names:
-        fit = fits[name]
-        place = Place(evidence, FIT, ("boundaries", boundary, name))
-        over = {
-            f"d{key}": place.excess(key, over=least, how="less the smallest of this boundary")
-            if name in comparable
-            else None
-            for key, least in smallest.items()
-        }
+        fit, place = fits[name], Place(evidence, FIT, ("boundaries", boundary, name))
         rows.append(
             {
-                "title": fit.title,
-                "name": name,
-                "base": name == base,
+                "fit": fit,
+                "place": place,
                 "parameters": [_coefficient(evidence, boundary, name, p) for p in fit.parameters],
                 "reduced": reduced(evidence, boundary, name),
-                "rmse": place.percent("rmse", places=2),
-                "r2": place.number("r2", places=4),
-                "r2_near": place.number("r2_near", places=4) if near else None,
-                **over,
-                "n": place.number("n_trials", digits=6),
-                "fewer": name not in comparable,
+                "over": [
+                    place.excess(key, over=least, how="less the smallest of this boundary")
+                    for key, least in smallest.items()
+                    if name in comparable
+                ],
                 "degeneracies": grouped(fit.degeneracies, fit.parameters),
             }
         )
     return {
         "boundary": boundary,
+        "base": base,
         "rows": rows,
-        "near": near,
+        "near": any(math.isfinite(f.r2_near) for f in fits.values() if f.r2_near is not None),
         "failed": sorted(evidence.fits.failed.get(boundary, {}).items()),
     }
 
@@ -168,27 +159,19 @@ def noise(evidence: Evidence) -> dict[str, object]:
     """How trials scatter, and what the manifest declares that repeats cannot show."""
     rows = []
     for boundary in evidence.boundaries:
-        place = Place(evidence, FIT, ("noise", boundary))
-        scatter, quoted = evidence.fits.noise[boundary], evidence.quoted(boundary).quotable.values()
+        quoted = evidence.quoted(boundary).quotable.values()
         rows.append(
             {
-                "boundary": boundary,
-                "relative": place.percent("relative", digits=3),
-                "force": place.number("force_N", digits=3, scale=1000, how="in mN"),
-                "height": place.number("height_m", digits=3, scale=1000, how="in mm"),
-                "common": place.percent("common", digits=3),
-                "drift": place.percent("drift", digits=3),
-                "source": scatter.source,
+                "place": Place(evidence, FIT, ("noise", boundary)),
                 "badly_known": sorted({source for c in quoted for source in badly_known(c)}),
-                "dof": place.number("dof", digits=6) if math.isfinite(scatter.dof) else None,
             }
         )
     declared = [c for c in budget.components(evidence.campaign) if not c.is_measured]
-    return {"rows": rows, "declared": [_declared(c) for c in declared]}
+    return {"rows": rows, "declared": [(c, *_standard(c)) for c in declared]}
 
 
-def _declared(part: budget.Component) -> dict[str, object]:
-    """One line of the budget, in the unit that a bench talks in."""
+def _standard(part: budget.Component) -> tuple[Number, str]:
+    """A standard uncertainty in the unit that a bench talks in, and that unit."""
     scale, unit = SCALES[part.on]
     standard = Number(
         text=plain(scale * part.standard, 3),
@@ -196,11 +179,4 @@ def _declared(part: budget.Component) -> dict[str, object]:
         source="campaign.toml",
         how=f"standard uncertainty, in {unit}",
     )
-    return {
-        "name": part.name,
-        "on": part.on,
-        "standard": standard,
-        "unit": unit,
-        "distribution": part.distribution,
-        "scope": part.scope,
-    }
+    return standard, unit

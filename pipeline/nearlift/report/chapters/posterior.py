@@ -8,7 +8,6 @@ from nearlift.declare import Boundary
 from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
-from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.rounding import plain
 
@@ -21,46 +20,17 @@ def facts(evidence: Evidence) -> dict[str, object]:
 def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     base = evidence.base(boundary)[1]
     fits = sorted(evidence.fits.boundaries[boundary].values(), key=lambda f: f.model != base.model)
-    sampled = [(f, f.posterior) for f in fits if f.posterior]
-    rows = [
-        _row(evidence, boundary, f, drawn, name, f.model == base.model)
-        for f, drawn in sampled
-        for name in drawn.parameters
-    ]
-    words = [
-        (f.title, p.words) for f, drawn in sampled for p in drawn.parameters.values() if p.words
-    ]
+    place = Place(evidence, FIT, ("boundaries", boundary))
+    drawn = [(f, f.posterior, place.at(f.model, "posterior")) for f in fits if f.posterior]
     return {
         "boundary": boundary,
-        "rows": rows,
-        "words": words,
-        "how": how(base.posterior),
-        "base": base.title,
-        "chains": any(r["r_hat"] for r in rows),
-    }
-
-
-def _row(
-    evidence: Evidence,
-    boundary: Boundary,
-    fit: ModelFit,
-    drawn: PosteriorSummary,
-    parameter: str,
-    base: bool,
-) -> dict[str, object]:
-    after = Place(
-        evidence, FIT, ("boundaries", boundary, fit.model, "posterior", "parameters", parameter)
-    )
-    return {
-        "model": fit.title,
         "base": base,
-        "of": after.quote(),
-        "prior": drawn.parameters[parameter].prior.text,
-        "prior_low": after.number("prior", "lo90", digits=3),
-        "prior_high": after.number("prior", "hi90", digits=3),
-        "ratio": after.percent("width_ratio", digits=2),
-        "ess": after.number("ess", places=0),
-        "r_hat": (after.number("r_hat", places=3) if drawn.sampler == "emcee" else None),
+        "drawn": drawn,
+        "words": [
+            (f.title, p.words) for f, d, _ in drawn for p in d.parameters.values() if p.words
+        ],
+        "how": how(base.posterior),
+        "chains": any(p.sampler == "emcee" and p.parameters for _, p, _ in drawn),
     }
 
 

@@ -44,58 +44,39 @@ TREATMENTS = {
 
 
 def budget(evidence: Evidence) -> dict[str, object]:
-    """A table for each coefficient that is quoted."""
+    """A table for each coefficient that is quoted, and how errors of height enter."""
     tables = [
         _budget(evidence, b, name, c)
         for b in evidence.boundaries
         for name, c in evidence.quoted(b).quotable.items()
         if c.budget
     ]
-    heights = [_heights(evidence, b) for b in evidence.boundaries]
-    return {"tables": tables, "heights": [h for h in heights if h["lines"]]}
+    return {
+        "tables": tables,
+        "heights": [_heights(evidence, b) for b in evidence.boundaries],
+        "treatments": TREATMENTS,
+        "scales": SCALES,
+    }
 
 
 def _budget(
     evidence: Evidence, boundary: Boundary, name: str, coefficient: CoefficientResult
 ) -> dict[str, object]:
     here = quotation(evidence, boundary, name)
-    rows, small = [], 0
-    for i, line in sorted(enumerate(coefficient.budget), key=lambda pair: pair[1].u_without):
-        if fall(line, coefficient.u) < LEAST and line.kind == "A":
-            small += 1
-            continue
-        at = here.at("budget", i)
-        scale, unit = SCALES[line.unit] if line.unit else (1.0, "")
-        known = line.u_input is not None
-        rows.append(
-            {
-                "source": line.source,
-                "type": line.kind,
-                "distribution": line.distribution,
-                "scope": line.scope,
-                "input": (
-                    at.number("u_input", digits=3, scale=scale, how=f"in {unit}") if known else None
-                ),
-                "unit": unit,
-                "sensitivity": (
-                    at.number("sensitivity", digits=3, scale=1 / scale, how=f"per {unit}")
-                    if known
-                    else None
-                ),
-                "u": at.number("u", digits=2),
-                "u_without": at.number("u_without", digits=2),
-                "dof": at.degrees("dof"),
-            }
-        )
+    lines = sorted(enumerate(coefficient.budget), key=lambda pair: pair[1].u_without)
+    rows = [
+        (line, here.at("budget", i))
+        for i, line in lines
+        if line.kind != "A" or fall(line, coefficient.u) >= LEAST
+    ]
     return {
         "boundary": boundary,
         "quoted": headline(evidence, boundary, name),
+        "place": here,
+        "u": coefficient.u,
         "rows": rows,
-        "small": small,
+        "small": len(lines) - len(rows),
         "badly_known": badly_known(coefficient),
-        "u": here.number("u", digits=3),
-        "dof": here.degrees("dof"),
-        **here.numbers("lo95", "hi95", like_u=coefficient.u),
     }
 
 
@@ -107,22 +88,15 @@ def badly_known(coefficient: CoefficientResult) -> list[str]:
 def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     model, fit = evidence.base(boundary)
     place = Place(evidence, FIT, ("boundaries", boundary, model.name))
-    lines = [
-        {
-            "component": height.component,
-            "words": TREATMENTS[height.treatment],
-            "coefficient": headline(evidence, boundary, height.coefficient),
-            "size": place.number("heights", i, "standard_m", digits=2, scale=1e3, how="in mm"),
-            "shift": place.number("heights", i, "shift", digits=2),
-            "ratio": place.percent("heights", i, "ratio", digits=2),
-        }
-        for i, height in enumerate(fit.heights)
-    ]
-    error = None
-    if fit.height_error:
-        form = {"like_u": fit.height_error.u, "scale": 1e3, "how": "in mm"}
-        error = place.at("height_error").numbers("value", "u", **form)
-    return {"boundary": boundary, "lines": lines, "error": error}
+    return {
+        "boundary": boundary,
+        "place": place,
+        "lines": [
+            (height, at, headline(evidence, boundary, height.coefficient))
+            for height, at in zip(fit.heights, place.every("heights"), strict=True)
+        ],
+        "error": fit.height_error,
+    }
 
 
 def limits(evidence: Evidence) -> dict[str, object]:
@@ -130,11 +104,9 @@ def limits(evidence: Evidence) -> dict[str, object]:
     sections = []
     for boundary in evidence.boundaries:
         halves = [
-            {
-                "texts": [k.text for k in halving.knowledge] + [halving.repeats.text],
-                "coefficient": name,
-            }
-            for name, halving in evidence.base(boundary)[1].would_halve.items()
+            text
+            for halving in evidence.base(boundary)[1].would_halve.values()
+            for text in (*(k.text for k in halving.knowledge), halving.repeats.text)
         ]
         bound = [name for name, c in evidence.quoted(boundary).quotable.items() if c.at_bound]
         sections.append({"boundary": boundary, "halves": halves, "bound": bound})
@@ -159,36 +131,32 @@ def _held_out(
     fits = evidence.fits.boundaries[boundary]
     models, base = comparison.models, comparison.reference
     scores = Place(evidence, FIT, ("comparison", boundary, "models"))
-    visits = models[base].visits
     weighed = Place(evidence, FIT, ("boundaries", boundary))
     reference = fits[base].log_evidence_value
     rows = []
     for name in sorted(
-        models, key=lambda n: (models[n].visits != visits, -np.nan_to_num(models[n].d_elpd))
+        models,
+        key=lambda n: (models[n].visits != models[base].visits, -np.nan_to_num(models[n].d_elpd)),
     ):
-        place, whole = scores.at(name), models[name].visits == visits
+        place = scores.at(name)
         known = math.isfinite(reference + fits[name].log_evidence_value)
         rows.append(
             {
-                "title": fits[name].title,
-                "base": name == base,
-                "free": len(fits[name].parameters),
-                "d_elpd": place.number("d_elpd", places=1),
-                "u_d_elpd": (None if name == base else place.number("u_d_elpd", places=1)),
-                "rmse": place.percent("rmse", places=3),
-                "d_rmse": (None if name == base else place.percent("d_rmse", places=3)),
-                "u_d_rmse": (None if name == base else place.percent("u_d_rmse", places=3)),
+                "fit": fits[name],
+                "place": place,
                 "evidence": weighed.excess(name, "log_evidence", "value", over=reference, how=LESS)
                 if known
                 else None,
-                "aic": place.excess("aic", over=models[base].aic, how=LESS) if whole else None,
-                "bic": place.excess("bic", over=models[base].bic, how=LESS) if whole else None,
-                "r2": place.number("r2", places=4),
-                "visits": None if whole else place.number("visits", digits=6),
+                "criteria": [
+                    place.excess(key, over=getattr(models[base], key), how=LESS)
+                    for key in ("aic", "bic")
+                    if models[name].visits == models[base].visits
+                ],
             }
         )
     return {
         "boundary": boundary,
+        "base": base,
         "rows": rows,
         "visits": scores.number(base, "visits", digits=6),
         "evidence": math.isfinite(reference),
