@@ -4,21 +4,27 @@ chapter says.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Sequence
 
-from nearlift.declare import BOUNDARIES, Boundary
+from nearlift import catalogue
+from nearlift.declare import BOUNDARIES, Boundary, Effect
 from nearlift.products import DIAGNOSIS
-from nearlift.report.chapters import loop_words
 from nearlift.report.documents import brief
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import to_log
-from nearlift.report.number import Number, Place
-from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.results.outlook import SilentEffect
+from nearlift.report.findings import RankedCandidate, ranked, to_log
+from nearlift.report.number import Number, Place, Quoted
+from nearlift.results.diagnosis import BoundaryDiagnosis, LoopError
+from nearlift.rounding import plain
 
 #: So many lines of structure, and of silent effects, are shown.
 LINES = 12
+#: Chances below this are not told in percent.
+RARE = 1e-3
+#: More parameters than this (a gain for every session) are told by their range.
+PARAMETERS = 3
+#: Nearer to a bound than this part of the allowed range, a parameter is at it.
+AT_BOUND = 1e-6
 
 
 def facts(evidence: Evidence) -> dict[str, object]:
@@ -32,6 +38,7 @@ def facts(evidence: Evidence) -> dict[str, object]:
         ],
         "not_diagnosed": {b: reason for b in BOUNDARIES if (reason := evidence.not_diagnosed(b))},
         "rate": None if rate.content is None else rate.percent(digits=3),
+        "rare": RARE,
     }
 
 
@@ -39,86 +46,122 @@ def _section(
     evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
 ) -> dict[str, object]:
     place = Place(evidence, DIAGNOSIS, ("boundaries", boundary))
-    tried = [c for r in diagnosis.rounds for c in r.candidates]
     structure = [
-        {
-            "covariate": s.covariate,
-            "p": place.chance("structure", i, "p_value"),
-            "significant": s.significant,
-        }
+        (s, place.chance("structure", i, "p_value"))
         for i, s in enumerate(diagnosis.structure[:LINES])
     ]
     return {
         "boundary": boundary,
-        "kind": diagnosis.verdict,
-        "carried": diagnosis.coefficients.carried,
+        "place": place,
+        "diagnosis": diagnosis,
         "verdict": brief.verdict(evidence, boundary),
-        "largest": loop_words.largest(place),
-        "look": diagnosis.look.text if diagnosis.look else "",
-        "effects": loop_words.effects(place, diagnosis),
+        "effects": _effects(place, diagnosis),
         "not_confirmed": [" + ".join(names) for names in diagnosis.not_confirmed or ()],
-        "partial": [
-            {"name": p.name, "share": place.percent("partial", i, "share", digits=2)}
-            for i, p in enumerate(diagnosis.partial or ())
-        ],
         "structure": structure,
-        "along": [s for s in structure if s["significant"]] or structure[:1],
-        "error": _error(place),
+        "along": [(s, p) for s, p in structure if s.significant] or structure[:1],
         "left_out": evidence.left_out,
-        "outcome": loop_words.outcome(diagnosis.error),
-        "folds": loop_words.folds(place, diagnosis),
-        "within": loop_words.within(place, diagnosis.within_trial),
-        "candidates": loop_words.candidates(place, diagnosis),
+        "outcome": outcome(diagnosis.error),
+        "folds": _folds(place, diagnosis),
+        "candidates": [_candidate(place, c) for c in ranked(diagnosis)],
         "nearly_all": next(
             (r.reason for r in diagnosis.rounds if r.reason.startswith("accounts for")), ""
         ),
-        "by_visits": any(c.judged_by for c in tried),
-        "rounds": diagnosis.rounds,
+        "by_visits": any(c.judged_by for r in diagnosis.rounds for c in r.candidates),
         "limits": [
             *(s.text for s in diagnosis.shifts if s.text is not None),
             *(limit.text for limit in diagnosis.limits),
         ],
-        "sensitivity": diagnosis.sensitivity,
-        "could_have_seen": str(diagnosis.sensitivity or ""),
-        "untestable": diagnosis.not_testable,
         "log": to_log(diagnosis),
-        "silent": _silent(place, diagnosis.silent),
-        "next_experiment": loop_words.proposals(place, diagnosis.next_experiment),
+        "silent": [(s, place.at("silent", i)) for i, s in enumerate(diagnosis.silent[:LINES])],
     }
 
 
-def _silent(place: Place, effects: Sequence[SilentEffect]) -> list[dict[str, object]]:
-    place = place.at("silent")
-    return [
-        {
-            "effect": s.effect,
-            "absorbed_by": s.absorbed_by,
-            "bias": place.number(i, "bias_at_detection_limit", digits=2),
-            "coefficient": s.in_units_of.removeprefix("u(").removesuffix(")"),
-            "u": place.number(i, "u", digits=2) if math.isfinite(s.u) else None,
-            "hidden": s.hidden,
-        }
-        for i, s in enumerate(effects[:LINES])
-    ]
+def _effects(place: Place, diagnosis: BoundaryDiagnosis) -> list[dict[str, object]]:
+    """The named effects with parameters and rivals."""
+    known = {e.name: e for e in catalogue.effects()}
+    listed: list[dict[str, object]] = []
+    for i, effect in enumerate(diagnosis.effects):
+        declared = known.get(effect.name)
+        sizes = {p.name for p in declared.parameters if not p.grid} if declared else set()
+        quoted = [
+            _marked(place.quote("effects", i, "parameters", name), declared)
+            for name in effect.parameters
+        ]
+        others = diagnosis.stand_ins(effect)
+        listed.append(
+            {
+                "effect": effect,
+                "rivals": [o for o in others if " + " not in o],
+                "together": [o for o in others if " + " in o],
+                "parameters": quoted if len(quoted) <= PARAMETERS else [],
+                "many": quoted if len(quoted) > PARAMETERS else [],
+                "ends": sorted(quoted, key=lambda q: q.value.value),
+                # that a length or an exponent is at an end is no wonder; a size there is
+                # implausible
+                "at_bound": any(q.at_bound and q.name.partition("[")[0] in sizes for q in quoted),
+            }
+        )
+    return listed
 
 
-def _error(place: Place) -> dict[str, Number] | None:
-    """Held-out errors in percent of lift, before and after, beside the noise floor."""
-    place = place.at("error")
-    if place.content is None:
+def _marked(quoted: Quoted, effect: Effect | None) -> Quoted:
+    """With the mark of a parameter that the fit left at an end of its allowed range."""
+    for p in effect.parameters if effect is not None else ():
+        low, high = p.bounds
+        if p.name == quoted.name.partition("[")[0] and min(
+            quoted.value.value - low, high - quoted.value.value
+        ) < AT_BOUND * (high - low):
+            return dataclasses.replace(quoted, at_bound=True)
+    return quoted
+
+
+def outcome(error: LoopError | None) -> dict[str, object]:
+    """How the held-out error moved: `falls`, `rises`, or `same` where the interval of its change,
+    visits in pairs, holds none.
+
+    Without a change on record the two errors' own intervals decide, `same` where they overlap. Also
+    whether the floor is met.
+    """
+    if not error:
+        return {}
+    before, after = error.before, error.after
+    known = all(math.isfinite(x) for e in (before, after) for x in (e.lo90, e.hi90))
+    low, high = (error.change.lo90, error.change.hi90) if error.change else (math.nan, math.nan)
+    if not (math.isfinite(low) and math.isfinite(high)):
+        low, high = (after.lo90 - before.hi90, after.hi90 - before.lo90) if known else (-1.0, 1.0)
+    return {
+        "word": "falls" if high < 0 else "rises" if low > 0 else "same",
+        "at_floor": known and after.lo90 <= error.noise_floor,
+        "lower": after.held_out_rmse < before.held_out_rmse,
+    }
+
+
+def _folds(place: Place, diagnosis: BoundaryDiagnosis) -> dict[str, Number] | None:
+    """In how many folds the search, repeated without the visits held out, came to the
+    same answer.
+    """
+    chosen = diagnosis.error.chosen_in_folds if diagnosis.error else ()
+    if not chosen or diagnosis.verdict != "effect":
         return None
-
-    def percent(*keys: str) -> Number:
-        return place.percent(*keys, digits=3, how="in percent of lift")
-
-    keys = [
-        (when, key) for when in ("before", "after") for key in ("held_out_rmse", "lo90", "hi90")
-    ]
-    cited = {"floor": percent("noise_floor")} | {
-        f"{when}_{key}": percent(when, key) for when, key in keys
+    named = {e.name for e in diagnosis.effects}
+    same = sum({part.strip() for part in c.split("+")} == named for c in chosen)
+    source = place.source("error", "chosen_in_folds")
+    return {
+        "same": Number(
+            text=str(same), value=float(same), source=source, how="count of the same answer"
+        ),
+        "all": Number(text=str(len(chosen)), value=float(len(chosen)), source=source, how="count"),
     }
-    if place.at("change", "lo90").content is not None:
-        cited |= {
-            f"change_{k}": place.percent("change", k, digits=2) for k in ("value", "lo90", "hi90")
-        }
-    return cited
+
+
+def _candidate(place: Place, candidate: RankedCandidate) -> dict[str, object]:
+    """A candidate with how far its evidence lies behind."""
+    i, j = candidate.place
+    at = place.at("rounds", i, "candidates", j)
+    behind = Number(
+        text=plain(candidate.behind, 3),
+        value=candidate.behind,
+        source=at.source("log_evidence"),
+        how="less that of the best, times −2",
+    )
+    return {"tried": candidate.tried, "place": at, "behind": behind}
