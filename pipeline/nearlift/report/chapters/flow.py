@@ -15,7 +15,7 @@ from nearlift.report.evidence import Evidence
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import cut, manifest
 from nearlift.report.number import Number, Place, pointer
-from nearlift.results.joint import JointResults
+from nearlift.results.joint import BoundaryJointFit, JointResults
 from nearlift.results.serial import decode
 from nearlift.rounding import fixed, like, plain
 
@@ -66,7 +66,7 @@ def facts(evidence: Evidence) -> dict[str, object]:
             table for b in ("ground", "ceiling") if (table := _implied(evidence, b)) is not None
         ],
         "joint": _joint(evidence),
-        "convergence": [_convergence(evidence, c.name) for c in piv.case],
+        "convergence": [Place(evidence, FLOW, ("cases", c.name)) for c in piv.case],
         "topology": _topology(evidence),
         "claims": CLAIMS,
     }
@@ -174,42 +174,15 @@ def _shortfall(percent: float, source: str, values: str) -> Number:
     )
 
 
-def _joint(evidence: Evidence) -> list[dict[str, object]]:
-    """Each coefficient from lift alone, and from lift and downwash together."""
+def _joint(evidence: Evidence) -> list[tuple[Place, BoundaryJointFit]]:
+    """Each boundary's fit of lift and downwash together, and where it stands."""
     if not evidence.has(JOINT):
         return []
-    rows = []
     joint = decode(JointResults, evidence.document(JOINT), JOINT.file)
-    for boundary, entry in joint.boundaries.items():
-        place = Place(evidence, JOINT, ("boundaries", boundary))
-        rows.append(
-            {
-                "boundary": boundary,
-                "title": entry.title,
-                "alone": [place.quote("lift_alone", n) for n in entry.parameters],
-                "both": [place.quote("parameters", n) for n in entry.parameters],
-                "p_value": place.chance("p_value"),
-                "used": entry.used,
-                "left_out": entry.left_out,
-            }
-        )
-    return rows
-
-
-def _convergence(evidence: Evidence, name: str) -> dict[str, object]:
-    place = Place(evidence, FLOW, ("cases", name))
-    moved = evidence.document(FLOW)["cases"][name]["convergence"]["moved"]
-    return {
-        "name": name,
-        "fields": place.number("fields", digits=6),
-        "tau": place.number("tau_fields", digits=2),
-        "outliers": place.percent("outliers", digits=2),
-        "vectors": place.percent("vectors", places=0),
-        "moved": place.percent("convergence", "moved", len(moved) - 1, digits=2),
-        "error": place.percent("convergence", "relative_standard_error", digits=2),
-        "needed": place.number("convergence", "fields_for_a_thousandth", digits=2),
-        "left_out": evidence.document(FLOW)["cases"][name]["left_out"],
-    }
+    return [
+        (Place(evidence, JOINT, ("boundaries", boundary)), entry)
+        for boundary, entry in joint.boundaries.items()
+    ]
 
 
 def _topology(evidence: Evidence) -> dict[str, object] | None:
