@@ -50,7 +50,7 @@ def test_the_product_has_a_block_with_the_reason(out: Path):
 def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     [card] = verdict.facts(evidence)["cards"]
     what, wanted = REASON.split("; ")
-    assert (card["verdict"], card["next"]) == (
+    assert (card["brief"].verdict, card["brief"].next) == (
         f"Not diagnosed: {what}.",
         (
             f"for a diagnosis, {wanted}, in new visits, one far from the boundary (z_hat = 12"
@@ -70,7 +70,7 @@ def test_what_moves_the_headline_stands_before_what_might(evidence: report.Evide
     fits = copy.deepcopy(evidence.document(FIT))
     fits["influence"]["ground"]["suspects"] = [{**s, "without": None} for s in suspects]
     found = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: fits})
-    told = [d.text.split(",")[0] for d in doubts.reservations(found, "ground")]
+    told = [text.split(",")[0] for text in doubts.reservations(found, "ground")]
     assert told[0].startswith("it rests on visit 0 (")
     assert told[1:4] == ["most", "much", "not diagnosed"]
     assert told.count("most") == 1

@@ -141,10 +141,6 @@ class Place:
             text = plain(scale * value, digits)
         return Number(text=text, value=value, source=self.source(*path), how=how)
 
-    def numbers(self, *names: str, **form: Any) -> dict[str, Number]:
-        """Several numbers beneath one place by name, all printed as `number` has it."""
-        return {name: self.number(name, **form) for name in names}
-
     def percent(
         self,
         *path: str | int,

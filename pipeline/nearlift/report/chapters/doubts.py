@@ -5,7 +5,7 @@ other conditions.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from nearlift import catalogue
 from nearlift.declare import Boundary
@@ -61,16 +61,12 @@ def doubts(evidence: Evidence) -> list[Reservation]:
     """What a reader should hold against the numbers, the gravest first; nothing that is not in a
     product.
     """
-    merged: dict[str, Reservation] = {}
-    for reservation in (doubt for b in evidence.boundaries for doubt in reservations(evidence, b)):
-        # what is said of several boundaries is said once
-        before = merged.get(reservation.text)
-        merged[reservation.text] = (
-            replace(reservation, boundaries=before.boundaries + reservation.boundaries)
-            if before
-            else reservation
-        )
-    every = list(merged.values())
+    # what is said of several boundaries is said once
+    merged: dict[str, tuple[str, ...]] = {}
+    for boundary in evidence.boundaries:
+        for text in reservations(evidence, boundary):
+            merged[text] = (*merged.get(text, ()), boundary)
+    every = [Reservation(boundaries=of, text=text) for text, of in merged.items()]
     out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
     if out:
         trials = len(evidence.table(TRIALS)["quality"])
@@ -85,7 +81,7 @@ def doubts(evidence: Evidence) -> list[Reservation]:
     return every
 
 
-def reservations(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
+def reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
     """The doubts about one boundary, the gravest first."""
     model, fit = evidence.base(boundary)
     diagnosis, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
@@ -114,23 +110,21 @@ def reservations(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     if diagnosis:
         said += diagnosis.contradicted or ()
         said += [wandering(diagnosis.wander)] if diagnosis.wander is not None else []
-    gravest = [Reservation(boundaries=(boundary,), text=text) for text in said]
-    if diagnosis and diagnosis.verdict == "unexplained" and not diagnosis.contradicted:
-        where = structure_along(diagnosis)
-        text = (
-            f"what the base model leaves{' along ' if where else ''}{where} is unexplained, and may"
-            " be in the coefficient too"
-        )
-        gravest.append(Reservation(boundaries=(boundary,), text=text))
-    further = [s.text for s in suspects if s.text not in said]
-    further += [
+        if diagnosis.verdict == "unexplained" and not diagnosis.contradicted:
+            where = structure_along(diagnosis)
+            said.append(
+                f"what the base model leaves{' along ' if where else ''}{where} is unexplained, and"
+                " may be in the coefficient too"
+            )
+    said += [s.text for s in suspects if s.text not in said]
+    said += [
         f"{letter(name)} ends at a bound of its range"
         for name, c in quoted.quotable.items()
         if c.at_bound
     ]
     if quoted.verdict == NOT_DIAGNOSED:
         # by the noise of the fit; after the loop the conditions say it by the loop's
-        further += [d.text for d in fit.degeneracies[:1]]
+        said += [d.text for d in fit.degeneracies[:1]]
     rivals = (
         [text for e in diagnosis.effects for text in _alike(diagnosis, e, quoted)]
         if diagnosis
@@ -138,11 +132,11 @@ def reservations(evidence: Evidence, boundary: Boundary) -> list[Reservation]:
     )
     left_out = _hidden(evidence, boundary)
     # the interval is over rivals, so where they hardly differ what it leaves out is graver
-    further += [*rivals, *left_out] if _apart(quoted) else [*left_out, *rivals]
-    unlogged = [catalogue.titled(name) for name in diagnosis.untestable] if diagnosis else []
-    if unlogged:
-        further.append(f"nothing was logged that could tell of {listed(unlogged)}")
-    return gravest + [Reservation(boundaries=(boundary,), text=text) for text in further]
+    said += [*rivals, *left_out] if _apart(quoted) else [*left_out, *rivals]
+    if diagnosis and diagnosis.untestable:
+        unlogged = listed([catalogue.titled(name) for name in diagnosis.untestable])
+        said.append(f"nothing was logged that could tell of {unlogged}")
+    return said
 
 
 def _apart(quoted: BoundaryResult) -> bool:

@@ -13,7 +13,7 @@ from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import coverage, listed
-from nearlift.report.number import Number, Place, headline
+from nearlift.report.number import Place, headline
 from nearlift.results.hover import HoverComparison
 
 TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
@@ -30,23 +30,17 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
     coefficients = [headline(evidence, boundary, name) for name in quoted.quotable]
     strays, _ = doubts.goodness(evidence, boundary)
     return {
-        "boundary": boundary,
+        "brief": brief,
+        "quoted": quoted,
+        "error": Place(evidence, RESULTS, ("boundaries", boundary, "error")),
         "model": evidence.base(boundary)[0].title,
-        "kind": quoted.verdict.replace("_", " "),
-        "verdict": brief.verdict,
         "headline": coefficients[0] if coefficients else None,
         "coverage": coverage(quoted.headline),
         "others": coefficients[1:],
         "holds": next((c.holds for c in quoted.quotable.values()), ""),
         "refused": {letter(name): why for name, why in quoted.refused.items()},
         "hover": hovering(quoted.hover or (), evidence.campaign.flight),
-        "omits": brief.omits,
-        # the residual is drawn in the chapter of the loop, not on the card
-        "seen": quoted.verdict in ("effect", "unexplained"),
-        "error": _error(evidence, boundary) if quoted.error else None,
         "left_out": evidence.left_out,
-        "doubt": brief.doubts[0] if brief.doubts else "",
-        "next": brief.next,
         "tone": TONES.get(quoted.verdict, "bad" if strays else "fair"),
     }
 
@@ -63,12 +57,3 @@ def hovering(compared: Iterable[HoverComparison], flight: Flight | None) -> list
             f"in hover {listed(quiet)} {'show' if len(quiet) > 1 else 'shows'} nothing"
         )
     return sentences
-
-
-def _error(evidence: Evidence, boundary: str) -> dict[str, Number]:
-    """Held-out errors before and after, and the noise floor, in percent of lift."""
-    place = Place(evidence, RESULTS, ("boundaries", boundary, "error"))
-    return {
-        key: place.percent(key, places=2, how="in percent of lift")
-        for key in ("before", "after", "noise_floor")
-    }
