@@ -15,11 +15,11 @@ from matplotlib.mathtext import MathTextParser
 
 from nearlift.nomenclature import latex as symbol
 from nearlift.products import RESULTS
-from nearlift.report.documents import latex, methods, tables
+from nearlift.report.documents import methods, tables
 from nearlift.stages import report
 
 WRITTEN = {
-    "coefficients": latex.table,
+    "coefficients": tables.coefficients_table,
     "budget": tables.budget_table,
     "comparison": tables.comparison_table,
     "methods": methods.tex,

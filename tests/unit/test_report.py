@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from nearlift.products import DIAGNOSIS, FIT, LIFT, RESULTS
-from nearlift.report.documents.latex import escape
+from nearlift.report.documents.tables import escape
 from nearlift.report.page.render import Picture, page, scripts, with_images
 from nearlift.report.registry import CHAPTERS, FIGURES, Chapter
 from nearlift.stages import report

@@ -17,7 +17,7 @@ import pytest
 from nearlift.nomenclature import mathematics
 from nearlift.products import FIT, PROFILES, RESULTS
 from nearlift.report.chapters import models, uncertainty
-from nearlift.report.documents import latex, tables
+from nearlift.report.documents import tables
 from nearlift.report.figures import budget, profiles
 from nearlift.report.figures import budget as draw_budget
 from nearlift.report.figures import profiles as draw_profiles
@@ -398,7 +398,7 @@ def test_the_tables_compile(evidence, tmp_path):
     if len(found.stdout.split()) < 2:
         pytest.skip("pdflatex has no siunitx or no booktabs")
     parts = {
-        "coefficients": latex.table(evidence),
+        "coefficients": tables.coefficients_table(evidence),
         "budget": tables.budget_table(evidence),
         "comparison": tables.comparison_table(evidence),
     }

@@ -12,7 +12,6 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from nearlift.datasets.registry import UNKNOWN, Dataset, PublicFile
 from nearlift.errors import InputRefused, UsageError
@@ -21,13 +20,9 @@ from nearlift.run.store import sha256
 TIMEOUT_S = 30
 
 
-class Convert(Protocol):
-    """What a converter module has: ``convert(files, folder, name)`` writes ``campaign.toml`` and
-    ``trials.csv`` into an empty folder.
-    """
-
-    def __call__(self, files: dict[str, Path], folder: Path, name: str) -> None:
-        """Write the campaign."""
+#: What a converter module has: of files by name, an empty folder and the campaign's name, it writes
+#: ``campaign.toml`` and ``trials.csv``.
+Convert = Callable[[dict[str, Path], Path, str], None]
 
 
 def cache_folder() -> Path:
@@ -77,16 +72,16 @@ def get(
     made = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
     try:
         convert(files, made, wanted.name)
-        origin = [
-            f"{file.name}  sha256 {sha256(files[file.name])}  {file.url}" for file in wanted.file
-        ]
         lines = [
             f"{wanted.title}.",
             f"Cite: {wanted.citation}.",
             f"Licence: {wanted.licence}. {wanted.home}",
             wanted.note,
             "Converted by nearlift from",
-            *origin,
+            *(
+                f"{file.name}  sha256 {sha256(files[file.name])}  {file.url}"
+                for file in wanted.file
+            ),
         ]
         (made / "SOURCE.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
         made.chmod(0o755)
@@ -119,12 +114,14 @@ def _fetched(file: PublicFile, store: Path, say: Callable[[str], None]) -> Path:
             )
         )
     except RequestException as fault:
+        reason = type(fault).__name__
         if fault.response is not None:
+            reason = f"the server says {fault.response.status_code}"
             # pooch leaves it open
             fault.response.close()
         raise InputRefused(
             file.url,
-            f"cannot be fetched ({_reason(fault)})",
+            f"cannot be fetched ({reason})",
             f"are you online? or put the file there by hand: {path}",
         ) from None
     except ValueError as fault:
@@ -137,8 +134,3 @@ def _fetched(file: PublicFile, store: Path, say: Callable[[str], None]) -> Path:
             f"is not the file that is known here (its SHA-256 is not {file.sha256[:12]}...)",
             "it was changed or cut; nothing was kept: try again",
         ) from None
-
-
-def _reason(fault: Exception) -> str:
-    answer = getattr(fault, "response", None)
-    return f"the server says {answer.status_code}" if answer is not None else type(fault).__name__

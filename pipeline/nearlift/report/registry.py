@@ -13,7 +13,6 @@ from typing import Literal
 from nearlift.products import (
     DETECTION,
     DIAGNOSIS,
-    FIT,
     FLOW_PRODUCTS,
     LIFT,
     POSTERIOR,
@@ -28,7 +27,6 @@ from nearlift.report.chapters import (
     diagnosis,
     doubts,
     flow,
-    ledger,
     models,
     posterior,
     proximity,
@@ -39,20 +37,6 @@ from nearlift.report.chapters import (
 )
 from nearlift.report.documents import methods
 from nearlift.report.evidence import Evidence
-from nearlift.report.figures import assumptions as fig_assumptions
-from nearlift.report.figures import budget as fig_budget
-from nearlift.report.figures import carried as fig_carried
-from nearlift.report.figures import corner as fig_corner
-from nearlift.report.figures import crash_map as fig_crash_map
-from nearlift.report.figures import detection as fig_detection
-from nearlift.report.figures import diagnosis as fig_diagnosis
-from nearlift.report.figures import fig2, fig3, fig4, fig5, fig6
-from nearlift.report.figures import flow_topology as fig_flow_topology
-from nearlift.report.figures import prior_posterior as fig_prior_posterior
-from nearlift.report.figures import profiles as fig_profiles
-from nearlift.report.figures import residuals as fig_residuals
-from nearlift.report.figures import routes as fig_routes
-from nearlift.report.figures import safety as fig_safety
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.page.chart import Chart
 from nearlift.run.registry import STAGES
@@ -61,7 +45,8 @@ from nearlift.run.stage import Stage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chapter:
-    """One chapter. It stands on the page when every product in `needs` exists.
+    """One chapter. It stands on the page when every product in `needs` exists; a fit there is
+    always, for without one there is no report.
 
     Attributes
     ----------
@@ -90,6 +75,11 @@ class Chapter:
     pictures: Literal["above", "beneath", "within"] = "beneath"
 
 
+def _figures(*names: str) -> tuple[FigureSpec, ...]:
+    """What these modules of `figures` declare."""
+    return tuple(importlib.import_module(f"nearlift.report.figures.{n}").FIGURE for n in names)
+
+
 def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
     """The chapters that stages declare; each stands on the page when all that its stage writes
     exists.
@@ -105,10 +95,7 @@ def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
                 title=stage.chapter.title,
                 facts=getattr(importlib.import_module(module), name) if module else None,
                 needs=stage.writes,
-                figures=tuple(
-                    importlib.import_module(f"nearlift.report.figures.{figure}").FIGURE
-                    for figure in stage.chapter.figures
-                ),
+                figures=_figures(*stage.chapter.figures),
             )
         )
     return tuple(chapters)
@@ -134,8 +121,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Verdict",
         part="verdict",
         facts=verdict.facts,
-        needs=(FIT,),
-        places=(fig2.FIGURE,),
+        places=_figures("fig2"),
     ),
     Chapter(
         name="diagnosis",
@@ -143,7 +129,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="why",
         facts=diagnosis.facts,
         needs=(DIAGNOSIS,),
-        figures=(fig_diagnosis.FIGURE,),
+        figures=_figures("diagnosis"),
         pictures="above",
     ),
     Chapter(
@@ -151,15 +137,13 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What is doubtful, and what it would be if",
         part="number",
         facts=doubts.facts,
-        needs=(FIT,),
     ),
     Chapter(
         name="budget",
         title="Uncertainty budget",
         part="number",
         facts=uncertainty.budget,
-        needs=(FIT,),
-        figures=(fig_budget.FIGURE,),
+        figures=_figures("budget"),
         pictures="above",
     ),
     Chapter(
@@ -167,64 +151,60 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What the data cannot say",
         part="number",
         facts=uncertainty.limits,
-        needs=(FIT,),
-        figures=(fig_profiles.FIGURE,),
+        figures=_figures("profiles"),
     ),
     Chapter(
         name="posterior",
         title="What is believed after the data",
         part="number",
         facts=posterior.facts,
-        needs=(FIT, POSTERIOR),
-        figures=(fig_corner.FIGURE, fig_prior_posterior.FIGURE),
+        needs=(POSTERIOR,),
+        figures=_figures("corner", "prior_posterior"),
     ),
     Chapter(
         name="levels",
         title="Lift far from the boundary",
         part="number",
         facts=models.levels,
-        needs=(FIT,),
     ),
     Chapter(
         name="fig2",
         title="Figure 2: lift change near each boundary",
         part="data",
-        needs=(FIT,),
-        figures=(fig2.FIGURE,),
+        figures=_figures("fig2"),
     ),
     Chapter(
         name="residuals",
         title="Residuals",
         part="data",
-        needs=(FIT, TRIALS),
-        figures=(fig_residuals.FIGURE,),
+        needs=(TRIALS,),
+        figures=_figures("residuals"),
     ),
     Chapter(
         name="carried",
         title="Moments and forces measured beside lift",
         part="data",
         needs=(LIFT,),
-        figures=(fig_carried.FIGURE,),
+        figures=_figures("carried"),
     ),
     Chapter(
         name="noise",
         title="Noise and declared uncertainty",
         part="data",
         facts=models.noise,
-        needs=(FIT,),
     ),
     Chapter(
         name="quality",
         title="Quality ledger",
         part="data",
-        facts=records.ledger,
-        needs=(TRIALS, FIT),
+        facts=records.quality,
+        needs=(TRIALS,),
     ),
     Chapter(
         name="ledger",
         title="From raw byte to figure, and influence",
         part="data",
-        facts=ledger.facts,
+        facts=records.ledger,
         needs=(QUALITY,),
     ),
     Chapter(
@@ -232,30 +212,27 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What the ratio takes for granted",
         part="data",
         facts=assumptions.facts,
-        needs=(FIT,),
-        figures=(fig_assumptions.FIGURE,),
+        figures=_figures("assumptions"),
     ),
     Chapter(
         name="models",
         title="Models compared",
         part="others",
         facts=models.comparison,
-        needs=(FIT,),
     ),
     Chapter(
         name="prediction",
         title="Models compared by prediction",
         part="others",
         facts=uncertainty.held_out,
-        needs=(FIT,),
     ),
     Chapter(
         name="flow",
         title="Velocity fields and downwash",
         part="velocity",
         facts=flow.facts,
-        needs=(FIT, *FLOW_PRODUCTS),
-        figures=(fig3.FIGURE, fig4.FIGURE, fig5.FIGURE, fig_flow_topology.FIGURE),
+        needs=FLOW_PRODUCTS,
+        figures=_figures("fig3", "fig4", "fig5", "flow_topology"),
         pictures="within",
     ),
     Chapter(
@@ -264,7 +241,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="flight",
         facts=safety.facts,
         needs=(SAFETY,),
-        figures=(fig6.FIGURE, fig_safety.FIGURE, fig_crash_map.FIGURE, fig_routes.FIGURE),
+        figures=_figures("fig6", "safety", "crash_map", "routes"),
         pictures="within",
     ),
     Chapter(
@@ -273,7 +250,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="flight",
         facts=proximity.facts,
         needs=(DETECTION, PROXIMITY),
-        figures=(fig_detection.FIGURE,),
+        figures=_figures("detection"),
         pictures="within",
     ),
     *declared(STAGES),
@@ -282,7 +259,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Methods, for a paper",
         part="paper",
         facts=methods.facts,
-        needs=(TRIALS, FIT),
+        needs=(TRIALS,),
     ),
     Chapter(
         name="provenance",

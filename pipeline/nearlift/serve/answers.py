@@ -4,21 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from urllib.parse import parse_qs, quote
 
-HTML = "text/html; charset=utf-8"
-TEXT = "text/plain; charset=utf-8"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PageAnswer:
-    """What goes back."""
-
-    body: bytes = b""
-    kind: str = HTML
-    status: int = 200
-    headers: Mapping[str, str] = field(default_factory=dict)
+from starlette.responses import Response
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,12 +34,12 @@ class PageQuery:
         return self.one(name).replace("\r\n", "\n")
 
 
-def see(path: str, **query: str) -> PageAnswer:
+def see(path: str, **query: str) -> Response:
     """Go there."""
     where = path + ("?" + "&".join(f"{k}={quote(v)}" for k, v in query.items()) if query else "")
-    return PageAnswer(body=b"", status=303, headers={"location": where})
+    return Response(status_code=303, headers={"location": where})
 
 
-def as_json(content: object) -> PageAnswer:
+def as_json(content: object, status: int = 200) -> Response:
     """A JSON answer."""
-    return PageAnswer(body=json.dumps(content).encode(), kind="application/json")
+    return Response(json.dumps(content), status, media_type="application/json")

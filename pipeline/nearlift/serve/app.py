@@ -8,21 +8,23 @@ import functools
 import json
 import socket
 from collections.abc import AsyncIterator, Callable
-from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.requests import Request
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
+from starlette.routing import Route
+from starlette.types import ASGIApp
+
 from nearlift.errors import NearliftError, UsageError
-from nearlift.serve import answers, pages
+from nearlift.serve import pages
+from nearlift.serve.answers import PageQuery, as_json
 from nearlift.serve.bench import ServedWorkspace
 from nearlift.serve.gate import Gate
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from starlette.requests import Request
-    from starlette.responses import Response
-    from starlette.types import ASGIApp
-
     from nearlift.serve.live import Live
 
 #: Bytes of a form; seconds between looks at what is to be told, and between signs of life.
@@ -36,9 +38,6 @@ Events = AsyncIterator[tuple[str, object]]
 
 def application(workspace: ServedWorkspace) -> ASGIApp:
     """Every route of the page."""
-    from starlette.applications import Starlette
-    from starlette.routing import Route
-
     site = Site(workspace)
     routes = [
         Route(path, functools.partial(site.handle, handler), methods=[method])
@@ -71,11 +70,9 @@ class Site:
             async for part in request.stream():
                 content += part
                 if len(content) > MOST_FORM:
-                    return _response(
-                        answers.PageAnswer(body=b"too large\n", kind=answers.TEXT, status=413)
-                    )
+                    return PlainTextResponse("too large\n", 413)
             text = content.decode("utf-8", "replace")
-        return await self._answered(handler, self.workspace, answers.PageQuery.parsed(text))
+        return await self._answered(handler, self.workspace, PageQuery.parsed(text))
 
     async def file(self, request: Request) -> Response:
         """A product."""
@@ -87,14 +84,14 @@ class Site:
 
     async def icon(self, request: Request) -> Response:
         """None: a browser asks for one beside texts and pictures, and would log its absence."""
-        return _response(answers.PageAnswer(status=204))
+        return Response(status_code=204)
 
     async def work(self, request: Request) -> Response:
         """What a command says, while it says it."""
         try:
             command = self.workspace.work(request.query_params.get("key", ""))
         except NearliftError as refusal:
-            return _response(pages.refused(self.workspace, refusal))
+            return pages.refused(self.workspace, refusal)
 
         async def events() -> Events:
             count = 0
@@ -112,8 +109,6 @@ class Site:
 
     async def live(self, request: Request) -> Response:
         """Trials as they land, and looks as they end."""
-        from starlette.concurrency import run_in_threadpool
-
         from nearlift.serve.live import Live, looks, watching
 
         try:
@@ -121,7 +116,7 @@ class Site:
                 self.workspace.campaign, request.query_params.get("campaign", "")
             )
         except NearliftError as refusal:
-            return _response(pages.refused(self.workspace, refusal))
+            return pages.refused(self.workspace, refusal)
 
         async def events() -> Events:
             recording, pages_of = self.watched.get(place.root, (Live(place), 0))
@@ -158,32 +153,21 @@ class Site:
         """A dropped record."""
         from nearlift.serve.draft import receive
 
-        query = answers.PageQuery.parsed(str(request.url.query))
+        query = PageQuery.parsed(str(request.url.query))
         try:
             await receive(self.workspace, query.one("name"), query.one("file"), request.stream())
         except NearliftError as refusal:
-            refused = answers.as_json({"refusal": f"{refusal.what}; {refusal.remedy}"})
-            return _response(replace(refused, status=409))
-        return _response(answers.as_json({}))
+            return as_json({"refusal": f"{refusal.what}; {refusal.remedy}"}, 409)
+        return as_json({})
 
-    async def _answered(self, make: Callable[..., answers.PageAnswer], *given: Any) -> Response:
-        from starlette.concurrency import run_in_threadpool
-
+    async def _answered(self, make: Callable[..., Response], *given: Any) -> Response:
         try:
-            return _response(await run_in_threadpool(make, *given))
+            return await run_in_threadpool(make, *given)
         except NearliftError as refusal:
-            return _response(await run_in_threadpool(pages.refused, self.workspace, refusal))
-
-
-def _response(answer: answers.PageAnswer) -> Response:
-    from starlette.responses import Response
-
-    return Response(answer.body, answer.status, dict(answer.headers), answer.kind)
+            return await run_in_threadpool(pages.refused, self.workspace, refusal)
 
 
 def _stream(events: Events) -> Response:
-    from starlette.responses import StreamingResponse
-
     return StreamingResponse(_sent(events), media_type="text/event-stream")
 
 

@@ -88,12 +88,9 @@ def _run(job: Job, give: Give) -> Outcome:
 def _documents(job: Job, evidence: Evidence) -> None:
     """Texts and tables."""
     from nearlift.report.documents import methods, summary, tables
-    from nearlift.report.documents.latex import coefficients, table
     from nearlift.report.tidy import to_csv
 
-    job.publish("tables/coefficients.tex", table(evidence).encode())
-    job.publish("tables/coefficients.csv", to_csv(coefficients(evidence)))
-    for name in ("budget", "comparison"):
+    for name in ("coefficients", "budget", "comparison"):
         job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
         job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
     for name, written in (
@@ -129,7 +126,7 @@ def gather(job: Job) -> Evidence:
     read = (
         {p for spec in FIGURES for p in spec.needs}
         | {p for chapter in CHAPTERS for p in chapter.needs}
-        | {JOINT, RESULTS}
+        | {JOINT, *NEEDED}
     )
     tables: dict[str, store.Table] = {}
     documents: dict[str, Json] = {}

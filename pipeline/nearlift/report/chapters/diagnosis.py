@@ -137,9 +137,7 @@ def outcome(error: LoopError | None) -> dict[str, object]:
 
 
 def _folds(place: Place, diagnosis: BoundaryDiagnosis) -> dict[str, Number] | None:
-    """In how many folds the search, repeated without the visits held out, came to the
-    same answer.
-    """
+    """How many folds, searched without the visits held out, came to the same answer."""
     chosen = diagnosis.error.chosen_in_folds if diagnosis.error else ()
     if not chosen or diagnosis.verdict != "effect":
         return None

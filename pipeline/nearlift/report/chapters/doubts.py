@@ -148,9 +148,7 @@ def _apart(quoted: BoundaryResult) -> bool:
 
 
 def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult) -> list[str]:
-    """That a named effect has rivals, alone and two together, and what the headline would be with
-    each.
-    """
+    """The rivals of a named effect, alone and two together, with the headline by each."""
     others = diagnosis.stand_ins(effect)
     alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
     headline = quoted.quotable.get(quoted.headline)

@@ -104,9 +104,7 @@ def _measured(evidence: Evidence, name: str) -> dict[str, object]:
 
 
 def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None:
-    """What each model with a declared downwash implies at the distances of the untilted cases, as
-    declared and as fitted.
-    """
+    """What each model that declares a downwash implies at the untilted cases."""
     cases = sorted(
         (c for c in manifest(evidence).case if c.boundary == boundary and abs(c.tilt) < 1e-4),
         key=lambda c: -(c.z_hat or 0),

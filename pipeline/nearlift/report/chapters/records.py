@@ -1,23 +1,30 @@
-"""What became of every trial, and what made this page."""
+"""What became of every trial, from raw byte to figure, and what made this page."""
 
 from __future__ import annotations
 
+import math
 import shlex
 
 import numpy as np
 
 import nearlift
 from nearlift.declare import BOUNDARIES
-from nearlift.products import TRIALS
-from nearlift.reduction.quality import CODES, reason, rejected
+from nearlift.nomenclature import letter
+from nearlift.products import QUALITY, TRIALS
+from nearlift.reduction.quality import CODES, code, reason, rejected
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import count
+from nearlift.report.number import Number, Place, count, pointer
+from nearlift.results.quality import QualityLedger, TrialRecord
+from nearlift.results.serial import decode
 from nearlift.rounding import plain
+from nearlift.run.lock import size
 
 NAMES = {"none": "free air"}
+#: Trials that the page lists; all of them stand in quality.json.
+MOST_ROWS = 5000
 
 
-def ledger(evidence: Evidence) -> dict[str, object]:
+def quality(evidence: Evidence) -> dict[str, object]:
     """Counts per boundary and per quality code, and every rejected trial with its reason."""
     trials = evidence.table(TRIALS)
     out = rejected(trials["quality"])
@@ -60,6 +67,31 @@ def ledger(evidence: Evidence) -> dict[str, object]:
         ],
         "bases": {b: evidence.base(b) for b in evidence.boundaries},
     }
+
+
+def ledger(evidence: Evidence) -> dict[str, object]:
+    """How much went in and came out at each step, the coefficient with exclusions put back, and a
+    row for every trial.
+    """
+    whole = decode(QualityLedger, evidence.document(QUALITY), QUALITY.file)
+    bytes_read = Number(
+        text=size(whole.files.bytes),
+        value=float(whole.files.bytes),
+        source=pointer(QUALITY, "files", "bytes"),
+    )
+    return {
+        "bytes": bytes_read,
+        "ledger": whole,
+        "root": Place(evidence, QUALITY),
+        "most_rows": MOST_ROWS,
+        "letter": letter,
+        "code": code,
+        "lift_mN": _lift_mN,
+    }
+
+
+def _lift_mN(trial: TrialRecord) -> str:
+    return "\u2013" if math.isnan(trial.lift_N) else plain(1e3 * trial.lift_N, 5)
 
 
 def provenance(evidence: Evidence) -> dict[str, object]:

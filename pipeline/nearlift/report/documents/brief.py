@@ -225,9 +225,7 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
 
 
 def _better(c: CoefficientResult) -> list[str]:
-    """What would lessen a coefficient's uncertainty most, of what can be measured: not the form of
-    an effect, nor what has no name.
-    """
+    """What that can be measured would lessen a coefficient's uncertainty most."""
     lines = {line.source: line for line in c.budget}
     for source, _ in leads(c):
         if lines[source].scope:
@@ -238,9 +236,7 @@ def _better(c: CoefficientResult) -> list[str]:
 
 
 def _to_see(evidence: Evidence, boundary: Boundary) -> list[str]:
-    """What would show the effect that could move the headline most unseen, unless what tells of it
-    was logged.
-    """
+    """What would show the gravest unseen effect, unless something logged tells of it."""
     hidden = unseen(evidence, boundary)
     if hidden is None:
         return []

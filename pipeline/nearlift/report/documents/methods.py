@@ -18,8 +18,8 @@ from nearlift.nomenclature import GREEK, mathematics
 from nearlift.products import DIAGNOSIS, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
 from nearlift.report.chapters.uncertainty import SCALES, badly_known
-from nearlift.report.documents.latex import escape
 from nearlift.report.documents.references import bibtex, keys
+from nearlift.report.documents.tables import escape
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import coverage, listed, others
 from nearlift.report.number import Place

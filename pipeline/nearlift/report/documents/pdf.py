@@ -215,9 +215,7 @@ def _table(
     numbers: tuple[int, int] | None = None,
     widths: Sequence[float | None] | None = None,
 ) -> Table:
-    """As journals set them: three rules; the columns from one to another of `numbers` to the
-    right.
-    """
+    """With three rules, as journals set them; the columns `numbers` to the right."""
     rules = [
         ("LINEABOVE", (0, 0), (-1, 0), 0.8, "black"),
         ("LINEBELOW", (0, 0), (-1, 0), 0.4, "black"),
@@ -313,9 +311,7 @@ def _figure(figure: Drawn, label: str, placed: list[Space]) -> Flowable:
 
 
 def _with_figures(content: io.BytesIO, placed: Sequence[Space]) -> bytes:
-    """The pages with each figure where room was left for it: its drawing as it is, no picture of
-    it.
-    """
+    """The pages with each figure's drawing, no picture of it, where room was left."""
     whole = PdfWriter(clone_from=content)
     for i, figure in enumerate(placed):
         source: Any = figure.drawn

@@ -1,4 +1,4 @@
-"""Budget and comparison as LaTeX tables (booktabs, siunitx) and as CSV."""
+"""Coefficients, budget and comparison as LaTeX tables (booktabs, siunitx) and as CSV."""
 
 from __future__ import annotations
 
@@ -8,17 +8,37 @@ from typing import Any
 
 import numpy as np
 
+from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.nomenclature import mathematics
+from nearlift.nomenclature import VERDICTS, mathematics
 from nearlift.products import FIT, RESULTS
 from nearlift.report.chapters.uncertainty import LEAST, badly_known
-from nearlift.report.documents.latex import escape, tabular
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import FEW
 from nearlift.results.fit import ModelScore
-from nearlift.results.quotation import BudgetLine
+from nearlift.results.quotation import BudgetLine, CoefficientResult
+from nearlift.rounding import decimals, like, siunitx
 
+SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{c: "\\" + c for c in "&%$#_{}"},
+}
+COEFFICIENT = (
+    "value",
+    "u",
+    "dof",
+    "lo68",
+    "hi68",
+    "lo90",
+    "hi90",
+    "lo95",
+    "hi95",
+    "at_bound",
+    "holds",
+)
 BUDGET = (
     *("source", "type", "distribution", "scope", "u_input", "unit"),
     *("sensitivity", "u", "u_without", "dof"),
@@ -35,6 +55,60 @@ FIELDS = {
     "u_d_held_out_rmse": "u_d_rmse",
 }
 UNITS = {"1": "", "m": r"\metre", "N": r"\newton"}
+
+
+def coefficients(evidence: Evidence) -> Columns:
+    """Every coefficient to be quoted, a row each; `base_model` with `effects` is what it belongs
+    to.
+    """
+    names = ("boundary", "base_model", "verdict", "effects", "parameter", "unit", *COEFFICIENT)
+    rows = []
+    for boundary in evidence.boundaries:
+        quoted = evidence.quoted(boundary)
+        for name, c in quoted.every.items():
+            stated = COEFFICIENT if c.refused is None else ("holds",)
+            rows.append(
+                {
+                    "boundary": boundary,
+                    "base_model": quoted.base_model,
+                    "verdict": quoted.verdict,
+                    "effects": " + ".join(quoted.effects),
+                    "parameter": name,
+                    "unit": c.unit,
+                    **{field: getattr(c, field) for field in stated},
+                }
+            )
+    return stack(rows, names)
+
+
+def coefficients_table(evidence: Evidence) -> str:
+    r"""The same as a LaTeX table; needs ``\usepackage{booktabs,siunitx}``."""
+    lines = []
+    for boundary in evidence.boundaries:
+        quoted = evidence.quoted(boundary)
+        title = escape(
+            " with ".join(
+                [catalogue.model(quoted.base_model).title, *(titled(e) for e in quoted.effects)]
+            )
+        )
+        rows = [
+            rf"{mathematics(n)} refused & "
+            if c.refused is not None
+            else rf"{_equal(mathematics(n))} \num{{{_value(c)}}}$ & {_interval(c)}"
+            for n, c in quoted.every.items()
+        ] or ["none & "]
+        lines.append(
+            f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[quoted.verdict])} " + r"\\"
+        )
+        lines += [rf" & & {row} & \\" for row in rows[1:]]
+    return tabular(
+        evidence,
+        f"coefficients to quote, from {RESULTS.file}; standard uncertainties (k = 1) in"
+        " parentheses",
+        r"Boundary & Model & Coefficient & 90\,\% interval & Verdict \\",
+        "lllll",
+        lines,
+    )
 
 
 def budget(evidence: Evidence) -> Columns:
@@ -190,3 +264,45 @@ def comparison_table(evidence: Evidence) -> str:
 
 def _number(value: float) -> str:
     return f"{value:.1f}" if math.isfinite(value) else "0"
+
+
+def _equal(name: str) -> str:
+    """A name with its sign, within one formula where the name is one."""
+    return f"{name[:-1]} =" if name.endswith("$") else f"{name} $="
+
+
+def _value(c: CoefficientResult) -> str:
+    """With its uncertainty, where that says the interval."""
+    return siunitx(c.value, c.u) if c.even else like(c.value, c.u).replace("−", "-")
+
+
+def _interval(c: CoefficientResult) -> str:
+    if not (math.isfinite(c.u) and c.u > 0):
+        return "--"
+    places = max(decimals(c.u), 0)
+    return rf"\numrange{{{c.lo90:.{places}f}}}{{{c.hi90:.{places}f}}}" + (
+        " (at bound)" if c.at_bound else ""
+    )
+
+
+def tabular(evidence: Evidence, what: str, header: str, columns: str, lines: Sequence[str]) -> str:
+    """Lines of a LaTeX table within its rules, beneath a comment that says what it holds."""
+    return "\n".join(
+        [
+            f"% {' '.join(evidence.campaign.name.split())}: {what}",
+            r"% \usepackage{booktabs, siunitx}",
+            rf"\begin{{tabular}}{{{columns}}}",
+            r"\toprule",
+            header,
+            r"\midrule",
+            *lines,
+            r"\bottomrule",
+            r"\end{tabular}",
+            "",
+        ]
+    )
+
+
+def escape(text: str) -> str:
+    """Text with nothing in it that LaTeX would act upon."""
+    return "".join(SPECIAL.get(c, c) for c in text if c.isprintable())

@@ -146,9 +146,7 @@ def _columns(table: Columns) -> dict[str, object]:
 
 
 def _short(values: list[Any]) -> Any:
-    """A column in which few values return again and again as those values, and which of them each
-    row has.
-    """
+    """A column of few values as those values, and which of them each row has."""
     keys = [json.dumps(v) for v in values]
     index = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     at = [index[key] for key in keys]

@@ -130,28 +130,24 @@ def page(
             continue
         shown.append(
             {
-                "name": chapter.name,
-                "title": chapter.title,
-                "part": chapter.part,
-                "template": f"{chapter.name}.html.j2" if chapter.facts else "",
+                "chapter": chapter,
                 "facts": chapter.facts(evidence) if chapter.facts else {},
                 "pictures": figures,
                 "placed": placed,
                 "charts": interactive,
                 "tabled": [c for c in charts if any(c.name == f.name for f in chapter.figures)],
-                "where": chapter.pictures,
             }
         )
     if made:
-        bare = {"template": "", "facts": {}, "charts": [], "tabled": [], "where": "beneath"}
-        further = {"name": "further", "title": "Further figures", "part": "further"}
-        shown.append({**bare, **further, "pictures": list(made.values())})
+        further = Chapter(name="further", title="Further figures")
+        bare = {"facts": {}, "placed": None, "charts": [], "tabled": []}
+        shown.append({"chapter": further, "pictures": list(made.values()), **bare})
     parts = [
         {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
         for name, title in PARTS.items()
-        if (chapters_of := [c for c in shown if c["part"] == name])
+        if (chapters_of := [c for c in shown if c["chapter"].part == name])
     ]
-    every = [c for s in shown for c in (s.get("placed"), *s["charts"]) if c]
+    every = [c for s in shown for c in (s["placed"], *s["charts"]) if c]
     # without charts the page has only its own script
     run = scripts()[0 if every else 1 :]
     text = (
@@ -160,7 +156,7 @@ def page(
         .render(
             campaign=evidence.campaign,
             parts=parts,
-            shown=[c["name"] for c in shown],
+            shown=[c["chapter"].name for c in shown],
             names=NAMES,
             policy=Markup(policy(run)),
             scripts=[Markup(s) for s in run],
