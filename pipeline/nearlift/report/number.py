@@ -47,25 +47,11 @@ class Number:
         return repr(self.value) if math.isfinite(self.value) else ""
 
 
-def pointer(product: Product, *path: str) -> str:
+def pointer(product: Product, *path: str | int) -> str:
     """Product and JSON pointer (RFC 6901)."""
     return f"{product.file}#" + "".join(
         "/" + str(p).replace("~", "~0").replace("/", "~1") for p in path
     )
-
-
-def follow(content: Any, path: tuple[str, ...]) -> Any:
-    """What stands at a path of keys; list positions are written as digits. None where there is
-    nothing.
-    """
-    for key in path:
-        if isinstance(content, Mapping):
-            content = content.get(key)
-        elif isinstance(content, list) and key.isdigit() and int(key) < len(content):
-            content = content[int(key)]
-        else:
-            return None
-    return content
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,11 +97,19 @@ class Place:
     @property
     def content(self) -> Any:
         """What stands there; None where there is nothing."""
-        return follow(self.evidence.document(self.product), tuple(map(str, self.path)))
+        content: Any = self.evidence.document(self.product)
+        for key in self.path:
+            if isinstance(content, Mapping):
+                content = content.get(key)
+            elif isinstance(content, list) and isinstance(key, int) and key < len(content):
+                content = content[key]
+            else:
+                return None
+        return content
 
     def source(self, *path: str | int) -> str:
         """Product and JSON pointer."""
-        return pointer(self.product, *map(str, (*self.path, *path)))
+        return pointer(self.product, *self.path, *path)
 
     def number(
         self,

@@ -26,6 +26,8 @@ TELLING = 2.0
 LEAST_SCORE = 4.0
 #: A difference of AIC beyond this is explained where prediction sees none.
 AIC_APART = 10.0
+#: What is said of models that are better or worse.
+EXCLUDES = " The 95 % interval of the score difference over visits excludes zero."
 #: What is done to a criterion before it is printed.
 LESS = "less the base model's"
 #: Inputs in the units that a bench talks in.
@@ -196,22 +198,15 @@ def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, s
     def listed(names: list[str]) -> str:
         return ", ".join(titles[n] for n in names)
 
-    def apart(names: list[str]) -> str:
-        return "; ".join(f"{titles[n]} ({_difference(models[n])})" for n in names)
-
-    words = []
-    if better:
-        words.append(
-            f"Better than the base: {apart(better)}. The 95 % interval of the score difference over"
-            " visits excludes zero."
+    words = [
+        f"{lead}: {'; '.join(f'{titles[n]} ({_difference(models[n])})' for n in names)}.{tail}"
+        for names, lead, tail in (
+            (better, "Better than the base", EXCLUDES),
+            (same, "Prediction does not part these from the base", ""),
+            (worse, "Worse", EXCLUDES),
         )
-    if same:
-        words.append(f"Prediction does not part these from the base: {apart(same)}.")
-    if worse:
-        words.append(
-            f"Worse: {apart(worse)}. The 95 % interval of the score difference over visits excludes"
-            " zero."
-        )
+        if names
+    ]
     behind = {n: models[n].aic - models[base].aic for n in same}
     torn = [n for n in same if abs(behind[n]) > AIC_APART]
     if torn:
