@@ -7,14 +7,11 @@ from __future__ import annotations
 from collections.abc import Collection
 from typing import Any
 
-from markupsafe import Markup
-
 from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report.evidence import Columns, distinct
 from nearlift.report.figures import forest
 from nearlift.report.figures import forest_chart as chart
-from nearlift.report.page.chart import embedded
-from nearlift.report.page.render import Picture, policy, scripts, templates
+from nearlift.report.page.render import Picture, rendered
 
 TITLE = "Campaigns compared"
 
@@ -35,21 +32,14 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
     picture = Picture(
         name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table)
     )
-    run = scripts()
-    text = (
-        templates()
-        .get_template("comparison.html.j2")
-        .render(
-            title=TITLE,
-            chapter={"charts": (drawn,), "pictures": [picture], "tabled": (drawn,)},
-            groups=_groups(table, reports),
-            remarks=list(remarks),
-            policy=Markup(policy(run)),
-            scripts=[Markup(s) for s in run],
-            charts=Markup(embedded([drawn])),
-        )
+    return rendered(
+        "comparison.html.j2",
+        [drawn],
+        title=TITLE,
+        chapter={"charts": (drawn,), "pictures": [picture], "tabled": (drawn,)},
+        groups=_groups(table, reports),
+        remarks=list(remarks),
     )
-    return text.encode()
 
 
 def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:

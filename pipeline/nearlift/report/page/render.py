@@ -104,10 +104,23 @@ def policy(allowed: Sequence[str]) -> str:
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
         for s in allowed
     )
-    return (
-        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src"
-        f" {digests or chr(39) + 'none' + chr(39)}"
+    return f"default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src {digests}"
+
+
+def rendered(template: str, charts: Sequence[Chart], **facts: object) -> bytes:
+    """A whole page with these charts; without any it has only its own script."""
+    run = scripts()[0 if charts else 1 :]
+    text = (
+        templates()
+        .get_template(template)
+        .render(
+            policy=Markup(policy(run)),
+            scripts=[Markup(s) for s in run],
+            charts=Markup(embedded(charts)),
+            **facts,
+        )
     )
+    return text.encode()
 
 
 def page(
@@ -148,19 +161,11 @@ def page(
         if (chapters_of := [c for c in shown if c["chapter"].part == name])
     ]
     every = [c for s in shown for c in (s["placed"], *s["charts"]) if c]
-    # without charts the page has only its own script
-    run = scripts()[0 if every else 1 :]
-    text = (
-        templates()
-        .get_template("index.html.j2")
-        .render(
-            campaign=evidence.campaign,
-            parts=parts,
-            shown=[c["chapter"].name for c in shown],
-            names=NAMES,
-            policy=Markup(policy(run)),
-            scripts=[Markup(s) for s in run],
-            charts=Markup(embedded(every)),
-        )
+    return rendered(
+        "index.html.j2",
+        every,
+        campaign=evidence.campaign,
+        parts=parts,
+        shown=[c["chapter"].name for c in shown],
+        names=NAMES,
     )
-    return text.encode()
