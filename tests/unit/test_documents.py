@@ -14,6 +14,7 @@ from nearlift.catalogue import titled
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.report.documents import brief, methods, pdf, summary
 from nearlift.report.findings import coverage, listed
+from nearlift.report.page.render import Picture
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import report
 
@@ -156,7 +157,10 @@ def test_titles_stand_within_a_sentence():
 @pytest.fixture
 def printed(evidence):
     figures = [
-        pdf.Drawn(name=n, title=n, caption=f"{n} of supply_sag.", pdf=small_run.blank(n.encode()))
+        (
+            Picture(name=n, title=n, caption=f"{n} of supply_sag.", alt=""),
+            small_run.blank(n.encode()),
+        )
         for n in ("fig2", "budget", "corner")
     ]
     return pdf.pdf(evidence, figures), figures
@@ -174,7 +178,7 @@ def test_the_pdf_has_two_pages_and_its_figures_as_they_were_drawn(evidence, quot
         for name, form in page["/Resources"].get("/XObject", {}).items()
         if name.startswith("/Figure")
     ]
-    assert {s.split()[1] for s in shown} == {f.name.encode() for f in figures}
+    assert {s.split()[1] for s in shown} == {picture.name.encode() for picture, _ in figures}
     c = quoted.coefficients["K_b"]
     assert f"{plus_minus(c.value, c.u)} {like(c.lo90, c.u)} to {like(c.hi90, c.u)}" in text[0]
     assert "supply_sag" not in " ".join(text)

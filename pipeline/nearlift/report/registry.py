@@ -13,6 +13,7 @@ from typing import Literal
 from nearlift.products import (
     DETECTION,
     DIAGNOSIS,
+    FIT,
     FLOW_PRODUCTS,
     LIFT,
     POSTERIOR,
@@ -45,8 +46,7 @@ from nearlift.run.stage import Stage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chapter:
-    """One chapter. It stands on the page when every product in `needs` exists; a fit there is
-    always, for without one there is no report.
+    """One chapter. It stands on the page when every product in `needs` exists.
 
     Attributes
     ----------
@@ -69,7 +69,7 @@ class Chapter:
     title: str
     part: str = "further"
     facts: Callable[[Evidence], Mapping[str, object]] | None = None
-    needs: tuple[Product, ...] = ()
+    needs: tuple[Product, ...] = (FIT,)
     figures: tuple[FigureSpec, ...] = ()
     places: tuple[FigureSpec, ...] = ()
     pictures: Literal["above", "beneath", "within"] = "beneath"
@@ -158,7 +158,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What is believed after the data",
         part="number",
         facts=posterior.facts,
-        needs=(POSTERIOR,),
+        needs=(FIT, POSTERIOR),
         figures=_figures("corner", "prior_posterior"),
     ),
     Chapter(
@@ -177,7 +177,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         name="residuals",
         title="Residuals",
         part="data",
-        needs=(TRIALS,),
+        needs=(FIT, TRIALS),
         figures=_figures("residuals"),
     ),
     Chapter(
@@ -198,7 +198,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Quality ledger",
         part="data",
         facts=records.quality,
-        needs=(TRIALS,),
+        needs=(TRIALS, FIT),
     ),
     Chapter(
         name="ledger",
@@ -231,7 +231,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Velocity fields and downwash",
         part="velocity",
         facts=flow.facts,
-        needs=FLOW_PRODUCTS,
+        needs=(FIT, *FLOW_PRODUCTS),
         figures=_figures("fig3", "fig4", "fig5", "flow_topology"),
         pictures="within",
     ),
@@ -259,13 +259,14 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="Methods, for a paper",
         part="paper",
         facts=methods.facts,
-        needs=(TRIALS,),
+        needs=(TRIALS, FIT),
     ),
     Chapter(
         name="provenance",
         title="What made this page",
         part="origin",
         facts=records.provenance,
+        needs=(),
     ),
 )
 

@@ -59,24 +59,21 @@ def _run(job: Job, give: Give) -> Outcome:
     from nearlift.report.documents.pdf import Drawn, pdf
     from nearlift.report.page.render import Picture, page, with_images
 
-    texts = [
-        {"name": s.name, "title": s.title, "caption": s.caption(evidence, r)} for s, r, _ in made
-    ]
     pictures = [
-        Picture(**words, alt=s.alt(evidence, r))
-        for words, (s, r, _) in zip(texts, made, strict=True)
+        Picture(name=s.name, title=s.title, caption=s.caption(evidence, r), alt=s.alt(evidence, r))
+        for s, r, _ in made
     ]
     text = page(evidence, pictures, charts=charts(evidence))
     _documents(job, evidence)
     for spec, rows, _ in made:
         job.publish(f"{spec.name}.csv", to_csv(rows))
     images, printed = {}, list[Drawn]()
-    for words, (spec, _, drawn) in zip(texts, made, strict=True):
+    for picture, (_, _, drawn) in zip(pictures, made, strict=True):
         files = drawn()
         for kind in ("pdf", "png"):
-            job.publish(f"{spec.name}.{kind}", files[kind])
-        images[spec.name] = files["page"]
-        printed.append(Drawn(**words, pdf=files["pdf"]))
+            job.publish(f"{picture.name}.{kind}", files[kind])
+        images[picture.name] = files["page"]
+        printed.append((picture, files["pdf"]))
         job.say(f"report {len(images)} of {len(made)} figures", len(images) / len(made))
     job.publish("report.pdf", pdf(evidence, printed))
     job.publish("index.html", with_images(text, images))
@@ -126,7 +123,7 @@ def gather(job: Job) -> Evidence:
     read = (
         {p for spec in FIGURES for p in spec.needs}
         | {p for chapter in CHAPTERS for p in chapter.needs}
-        | {JOINT, *NEEDED}
+        | {JOINT, RESULTS}
     )
     tables: dict[str, store.Table] = {}
     documents: dict[str, Json] = {}

@@ -6,7 +6,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -38,6 +37,7 @@ from nearlift.reduction.quality import rejected
 from nearlift.report.documents import methods
 from nearlift.report.documents.brief import SOURCES, Brief, briefs
 from nearlift.report.evidence import Evidence
+from nearlift.report.page.render import Picture
 from nearlift.rounding import fixed, like, plain
 
 MARGIN = 54.0
@@ -68,14 +68,8 @@ HEADING = ParagraphStyle(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Drawn:
-    """A figure that was drawn: its PDF, and what is printed beneath."""
-
-    name: str
-    title: str
-    caption: str
-    pdf: bytes
+#: A picture, and its PDF.
+Drawn = tuple[Picture, bytes]
 
 
 def pdf(evidence: Evidence, figures: Sequence[Drawn]) -> bytes:
@@ -122,8 +116,8 @@ def _flow(evidence: Evidence, figures: Sequence[Drawn], placed: list[Space]) -> 
     vehicle = evidence.campaign.vehicle
     simulated = "; simulated records" if evidence.campaign.simulated else ""
     boundaries = briefs(evidence)
-    first = [f for f in figures if f.name == FIRST]
-    rest = [f for f in figures if f.name != FIRST]
+    first = [(picture, drawn) for picture, drawn in figures if picture.name == FIRST]
+    rest = [(picture, drawn) for picture, drawn in figures if picture.name != FIRST]
     flow: list[Flowable] = [
         Paragraph(_set(f"{evidence.campaign.name}: lift near boundaries"), TITLE),
         Paragraph(
@@ -295,16 +289,17 @@ class Space(Flowable):  # type: ignore[misc]  # reportlab has no types
 
 def _figure(figure: Drawn, label: str, placed: list[Space]) -> Flowable:
     """A figure with its caption on one page, as large as it was drawn if that goes."""
-    drawn = PdfReader(io.BytesIO(figure.pdf)).pages[0]
+    picture, content = figure
+    drawn = PdfReader(io.BytesIO(content)).pages[0]
     caption = Paragraph(
-        f"<b>{label}. {_set(figure.title)}.</b> {_set(titled(figure.caption))}", SMALL
+        f"<b>{label}. {_set(picture.title)}.</b> {_set(titled(picture.caption))}", SMALL
     )
     _, beneath = caption.wrap(WIDTH, HEIGHT)
     # a heading may stand above, and a hair between
     room = HEIGHT - beneath - 30
     box = drawn.mediabox
     scale = min(1.0, WIDTH / float(box.width), room / float(box.height))
-    space = Space(drawn, scale, f"{label}: {figure.title}")
+    space = Space(drawn, scale, f"{label}: {picture.title}")
     space.hAlign = "CENTER"
     placed.append(space)
     return KeepTogether([space, Spacer(1, 3), caption, Spacer(1, 8)])

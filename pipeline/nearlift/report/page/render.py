@@ -152,9 +152,11 @@ def page(
             }
         )
     if made:
-        further = Chapter(name="further", title="Further figures")
-        bare = {"facts": {}, "placed": None, "charts": [], "tabled": []}
-        shown.append({"chapter": further, "pictures": list(made.values()), **bare})
+        further: dict[str, Any] = {
+            "chapter": Chapter(name="further", title="Further figures"),
+            "pictures": list(made.values()),
+        }
+        shown.append(further | {"facts": {}, "placed": None, "charts": [], "tabled": []})
     parts = [
         {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
         for name, title in PARTS.items()
