@@ -1,5 +1,6 @@
 """What the ratio takes for granted, from products to picture and page."""
 
+import json
 import re
 
 import numpy as np
@@ -127,6 +128,18 @@ def test_every_number_of_the_page_has_its_place(small_job):
     assert 'data-source="fit.json#/held_quantity/ceiling/plausible/0/value"' in text
     assert "fixes neither speed nor power" in text
     assert "Lift coefficient of the rotor at each throttle" not in text
+
+
+def test_a_departure_without_an_end_has_no_number(make_job):
+    job = make_job()
+    path = job.processed / FIT.file
+    fit = json.loads(path.read_text())
+    for entry in fit["throttle_collapse"].values():
+        entry["largest_departure"]["coefficient"]["bound95"] = None
+    path.write_text(json.dumps(fit))
+    text = small_run.chapter(gather(job), "assumptions")
+    assert "largest_departure/delta_L/bound95" in text
+    assert "largest_departure/coefficient/bound95" not in text
 
 
 def test_logged_speed_reaches_held_quantity_and_rotor(make_job):

@@ -204,6 +204,7 @@ def test_what_is_no_command_of_the_page_is_not_run(client):
         b"do=run&campaign=raw/out",
         b"do=&campaign=raw/rig",
         b"x" * (3 << 20),
+        b"x=1&" * 200,
     ):
         assert client.ask("POST", "/begin", body)[0] in (404, 409, 413)
 

@@ -9,6 +9,11 @@ from urllib.parse import parse_qs, quote
 
 from starlette.responses import Response
 
+from nearlift.errors import InputRefused
+
+#: Of a form of the page, ten times over.
+MOST_FIELDS = 100
+
 
 @dataclass(frozen=True, slots=True)
 class PageQuery:
@@ -18,8 +23,17 @@ class PageQuery:
 
     @classmethod
     def parsed(cls, text: str) -> PageQuery:
-        """Those of a query or a form."""
-        return cls(parse_qs(text, keep_blank_values=True, max_num_fields=100))
+        """Those of a query or a form.
+
+        Raises
+        ------
+        InputRefused
+            They are more than `MOST_FIELDS`.
+        """
+        try:
+            return cls(parse_qs(text, keep_blank_values=True, max_num_fields=MOST_FIELDS))
+        except ValueError:
+            raise InputRefused("this form", f"has more than {MOST_FIELDS} fields") from None
 
     def one(self, name: str, otherwise: str = "") -> str:
         """A field's first value."""

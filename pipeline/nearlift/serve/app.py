@@ -72,7 +72,7 @@ class Site:
                 if len(content) > MOST_FORM:
                     return PlainTextResponse("too large\n", 413)
             text = content.decode("utf-8", "replace")
-        return await self._answered(handler, self.workspace, PageQuery.parsed(text))
+        return await self._answered(lambda: handler(self.workspace, PageQuery.parsed(text)))
 
     async def file(self, request: Request) -> Response:
         """A product."""
@@ -153,8 +153,8 @@ class Site:
         """A dropped record."""
         from nearlift.serve.draft import receive
 
-        query = PageQuery.parsed(str(request.url.query))
         try:
+            query = PageQuery.parsed(str(request.url.query))
             await receive(self.workspace, query.one("name"), query.one("file"), request.stream())
         except NearliftError as refusal:
             return as_json({"refusal": f"{refusal.what}; {refusal.remedy}"}, 409)
