@@ -4,7 +4,7 @@ and weak priors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import product
@@ -16,7 +16,7 @@ from nearlift.declare import Effect, FloatArray, LiftModel, Parameter, Prior, co
 from nearlift.likelihood.problem import needed
 from nearlift.likelihood.subspace import cosines
 from nearlift.loop.families import indicators
-from nearlift.results import Observations
+from nearlift.results import IntArray, Observations
 
 #: Cosines in the smooth relative deformation of an effect's form, with amplitudes as 1 / order.
 TUBE_ORDER = 4
@@ -104,21 +104,22 @@ class Candidate:
         return np.broadcast_to(log, (*vector.shape[:-1], where.n))
 
     @cached_property
+    def _widths(self) -> IntArray:
+        return np.array([s.stop - s.start for s in self.slots], dtype=np.int64)
+
+    def _each(self, value: Callable[[Slot], float]) -> FloatArray:
+        """What each slot says, at all of its entries, (P,)."""
+        return np.repeat(np.array([value(s) for s in self.slots], dtype=float), self._widths)
+
+    @cached_property
     def null(self) -> FloatArray:
         """Vector of the parameters' declared values, (P,)."""
-        return np.concatenate(
-            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.value) for s in self.slots)]
-        )
+        return self._each(lambda s: s.parameter.value)
 
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds, (P,) each."""
-        low = np.concatenate(
-            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[0]) for s in self.slots)]
-        )
-        high = np.concatenate(
-            [np.zeros(0), *(np.full(s.stop - s.start, s.parameter.bounds[1]) for s in self.slots)]
-        )
+        low, high = (self._each(lambda s, i=i: s.parameter.bounds[i]) for i in (0, 1))
         return low, high
 
     @cached_property
@@ -139,21 +140,11 @@ class Candidate:
     @cached_property
     def by_session(self) -> NDArray[np.bool_]:
         """Mask of the entries that differ by session, (P,)."""
-        return np.concatenate(
-            [
-                np.zeros(0, dtype=bool),
-                *(np.full(s.stop - s.start, s.parameter.per == "session") for s in self.slots),
-            ]
-        )
+        return self._each(lambda s: s.parameter.per == "session") > 0
 
-    def entries_of(self, effect: str) -> FloatArray:
+    def entries_of(self, effect: str) -> IntArray:
         """Indices of one effect's entries; of the base model's for an empty name."""
-        return np.concatenate(
-            [
-                np.zeros(0, dtype=int),
-                *(np.arange(s.start, s.stop) for s in self.slots if s.effect == effect),
-            ]
-        ).astype(int)
+        return np.flatnonzero(self._each(lambda s: s.effect == effect))
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
         """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one
@@ -168,9 +159,7 @@ class Candidate:
         width = np.where(np.isfinite(sd), sd, np.minimum(high - low, 10.0))
         step = np.maximum(1e-4 * np.abs(vector), 1e-3 * width)
         up, down = np.minimum(vector + step, high), np.maximum(vector - step, low)
-        moved = np.array(
-            [[s.start <= i < s.stop for i in range(self.size)] for s in self.slots]
-        ).reshape(-1, self.size)
+        moved = np.repeat(np.eye(len(self.slots), dtype=bool), self._widths, axis=1)
         ends = [
             np.where(moved, end[..., None, :], vector[..., None, :]).reshape(-1, self.size)
             for end in (up, down)
@@ -195,12 +184,9 @@ class Candidate:
                 vector[s.start : s.stop] = value
             yield vector
 
-    def sizes(self) -> FloatArray:
+    def sizes(self) -> IntArray:
         """Indices of the effects' entries that are not shapes."""
-        chosen = [
-            np.arange(s.start, s.stop) for s in self.slots if s.effect and not s.parameter.grid
-        ]
-        return np.concatenate([np.zeros(0, dtype=int), *chosen]).astype(int)
+        return np.flatnonzero(self._each(lambda s: s.effect != "" and not s.parameter.grid))
 
     def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
         """Contribution of one effect to log lift at `vector`, (n,); 0 where there is no value."""
@@ -218,15 +204,15 @@ class Candidate:
         """
         if sd <= 0:
             return np.zeros((self.data.n, 0))
-        columns = [np.zeros((self.data.n, 0))]
+        data, columns = self.data, []
+        along = {**data.covariates, "z_hat": data.z_hat, "throttle": data.throttle}
         weight = 1 / np.arange(1, TUBE_ORDER + 1)
         weight *= sd * np.sqrt(2 / np.sum(weight**2))
         for effect in self.effects:
             part = self.contribution(vector, effect)[:, None]
             for name in bends_along(effect):
-                along = self._along(name)
-                if along is not None:
-                    columns.append(part * cosines(along, TUBE_ORDER) * weight)
+                if name in along:
+                    columns.append(part * cosines(along[name], TUBE_ORDER) * weight)
         return np.hstack([*columns, self.restarts(vector, sd)])
 
     def restarts(self, vector: FloatArray, sd: float) -> FloatArray:
@@ -239,13 +225,6 @@ class Candidate:
                 part = self.contribution(vector, effect)[:, None]
                 columns.append(part * indicators(self.data.session) * sd)
         return np.hstack(columns)
-
-    def _along(self, name: str) -> FloatArray | None:
-        if name == "z_hat":
-            return self.data.z_hat
-        if name == "throttle":
-            return self.data.throttle
-        return self.data.covariates.get(name)
 
 
 #: A search composes the same parts again for each of its visits left out.
@@ -289,7 +268,6 @@ def library_columns(
     for effect in effects:
         candidate = Candidate(base=base, effects=(effect,), data=data)
         for vector in candidate.shapes():
-            vector = vector.copy()
             vector[: len(theta)] = theta
             columns = candidate.jacobian(vector)[:, candidate.sizes()]
             if np.any(columns):

@@ -140,7 +140,7 @@ class Linearised:
     @property
     def coefficients(self) -> IntArray:
         """Entries of the base model, the first ones."""
-        return self.fitted.candidate.entries_of("").astype(np.int64)
+        return self.fitted.candidate.entries_of("")
 
     @cached_property
     def entries(self) -> IntArray:

@@ -6,14 +6,13 @@ never become part of a model.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.covariates import varies
 from nearlift.likelihood.subspace import cosines
 from nearlift.likelihood.variance_components import ENOUGH
+from nearlift.loop.structure import Hypothesis
 from nearlift.results import Observations
 
 #: Most columns of a family, as a share of the trials and in all; smoother families stand for it.
@@ -61,15 +60,6 @@ BOOKKEEPING = "setpoint_m_"
 OF_STANDS = ("order_in_visit", "previous_throttle", "previous_distance")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Family:
-    """Columns (n, k) of log lift, and the covariate along which they vary."""
-
-    name: str
-    covariate: str
-    columns: FloatArray
-
-
 def powers(x: FloatArray, count: int) -> FloatArray:
     """Powers 1 to `count` of x scaled to [-1, 1], (n, count); zeros for a constant x."""
     low, high = x.min(), x.max()
@@ -88,11 +78,9 @@ def times(a: FloatArray, b: FloatArray) -> FloatArray:
     return (a[:, :, None] * b[:, None, :]).reshape(len(a), -1)
 
 
-def families(data: Observations) -> tuple[Family, ...]:
+def families(data: Observations) -> tuple[Hypothesis, ...]:
     """Families that these trials can carry; `data` has its derived covariates and `lift_inf_N`."""
-    known = data.covariates
-    n = data.n
-    near = data.nearness
+    known, n, near = data.covariates, data.n, data.nearness
     # L_inf and not the trial's own lift: that carries its noise, which would then seem explained
     additive = (np.median(known["lift_inf_N"]) / known["lift_inf_N"])[:, None]
     few_levels = data.curve is None and len(data.levels) <= 8
@@ -110,94 +98,57 @@ def families(data: Observations) -> tuple[Family, ...]:
     visits = len(np.unique(data.visit))
     slow = cosines(known["run_order"], min(8, visits))
     fast = cosines(known["run_order"], max(min(32, n // 12, visits // 4 - 8), 0), first=9)
+    order = indicators(np.minimum(known["order_in_visit"], 5))
+    last, came = known["previous_throttle"], known["previous_z_hat"]
+    throttled = indicators(last) if few_levels else powers(last, 3)
+    nearer = np.where(np.isfinite(came) & (came > 0), 1 / np.maximum(came, 0.1), 0.0)
     # indicators take trials by groups of memory, and are not made where they are too many
     every = []
     if distances <= most:
-        every.append(Family(name="distance", covariate="distance", columns=indicators(data.z_hat)))
+        every.append(Hypothesis("distance", "distance", indicators(data.z_hat)))
     every += [
-        Family(name="distance smooth", covariate="distance", columns=smooth_z),
-        Family(name="distance x throttle", covariate="throttle", columns=bent),
-        Family(name="time, slow", covariate="start", columns=slow),
-        Family(name="time, slow, additive", covariate="start", columns=slow * additive),
-        Family(name="time, fast", covariate="start", columns=fast),
-        Family(name="zero", covariate="throttle", columns=additive),
-        Family(
-            name="order within a visit",
-            covariate="order_in_visit",
-            columns=indicators(np.minimum(known["order_in_visit"], 5)),
-        ),
-        Family(
-            name="previous throttle",
-            covariate="previous_throttle",
-            columns=_previous(data, few_levels),
-        ),
-        Family(
-            name="previous distance",
-            covariate="previous_distance",
-            columns=_previous_distance(data),
-        ),
+        Hypothesis("distance smooth", "distance", smooth_z),
+        Hypothesis("distance x throttle", "throttle", bent),
+        Hypothesis("time, slow", "start", slow),
+        Hypothesis("time, slow, additive", "start", slow * additive),
+        Hypothesis("time, fast", "start", fast),
+        Hypothesis("zero", "throttle", additive),
+        Hypothesis("order within a visit", "order_in_visit", order),
+        Hypothesis("previous throttle", "previous_throttle", throttled),
+        Hypothesis("previous distance", "previous_distance", powers(nearer, 3)),
     ]
     if data.curve is not None:
         # structure beyond the degree of the L_inf curve
         bend = powers(np.log(data.throttle), int(min(data.curve.degree + 3, most)))
-        every.append(Family(name="throttle", covariate="throttle", columns=bend))
+        every.append(Hypothesis("throttle", "throttle", bend))
     if few_levels and distances * len(data.levels) <= most:
         cells = times(indicators(data.z_hat), indicators(data.throttle))
-        every.append(Family(name="distance x throttle, cells", covariate="throttle", columns=cells))
+        every.append(Hypothesis("distance x throttle, cells", "throttle", cells))
     if data.session.max() > 0 and sessions <= most:
-        every.append(Family(name="session", covariate="session", columns=indicators(data.session)))
-        every.append(
-            Family(
-                name="session, additive",
-                covariate="session",
-                columns=indicators(data.session) * additive,
-            )
-        )
+        each = indicators(data.session)
+        every.append(Hypothesis("session", "session", each))
+        every.append(Hypothesis("session, additive", "session", each * additive))
     if varies(data, "since_start_s"):
-        fade = np.stack(
-            [np.exp(-known["since_start_s"] / tau) for tau in (60.0, 300.0, 1500.0)], axis=1
-        )
-        every.append(
-            Family(
-                name="time since start",
-                covariate="start",
-                columns=np.hstack([fade, fade * additive]),
-            )
-        )
+        since = known["since_start_s"]
+        fade = np.stack([np.exp(-since / tau) for tau in (60.0, 300.0, 1500.0)], axis=1)
+        every.append(Hypothesis("time since start", "start", np.hstack([fade, fade * additive])))
     for name, covariate in SURROUNDINGS:
         if varies(data, name):
             shape = powers(known[name], degree)
-            every.append(Family(name=covariate, covariate=covariate, columns=shape))
-            every.append(
-                Family(
-                    name=f"{covariate}, additive",
-                    covariate=covariate,
-                    columns=shape[:, :2] * additive,
-                )
-            )
+            every.append(Hypothesis(covariate, covariate, shape))
+            every.append(Hypothesis(f"{covariate}, additive", covariate, shape[:, :2] * additive))
     closeness = np.stack([np.ones(n), near, near**2], axis=1)
     if varies(data, "approach"):
-        every.append(
-            Family(
-                name="approach",
-                covariate="approach",
-                columns=times(known["approach"][:, None], closeness),
-            )
-        )
+        sided = times(known["approach"][:, None], closeness)
+        every.append(Hypothesis("approach", "approach", sided))
     if data.ordered and visits >= ENOUGH:
         # fewer visits do not separate such curves from noise that the trials of a visit share
         every += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
     if varies(data, "tilt_rad"):
-        every.append(
-            Family(
-                name="tilt",
-                covariate="tilt",
-                columns=times(powers(known["tilt_rad"], 2), closeness),
-            )
-        )
+        every.append(Hypothesis("tilt", "tilt", times(powers(known["tilt_rad"], 2), closeness)))
     for name in sorted(known.keys() - SPOKEN_FOR):
         if varies(data, name) and not name.startswith(BOOKKEEPING):
-            every.append(Family(name=name, covariate=name, columns=powers(known[name], degree)))
+            every.append(Hypothesis(name, name, powers(known[name], degree)))
     if data.in_flight:
         every = [f for f in every if f.covariate not in OF_STANDS]
     kept = [f for f in every if 0 < f.columns.shape[1] <= most and tells(f.columns, data)]
@@ -211,23 +162,15 @@ def tells(columns: FloatArray, data: Observations) -> bool:
     return bool(np.abs(left).max() > 1e-9 * np.abs(columns).max())
 
 
-def _steps(order: FloatArray, visit: np.ndarray) -> list[Family]:
+def _steps(order: FloatArray, visit: np.ndarray) -> list[Hypothesis]:
     """Steps at up to `STEPS` changes of visit, evenly spread; each is its own hypothesis."""
     if np.ptp(order) == 0:
         return []
     changes = order[1:][visit[1:] != visit[:-1]] - 0.5
-    at = (
-        changes[
-            np.unique(np.linspace(0, len(changes) - 1, min(STEPS + 2, len(changes))).astype(int))[
-                1:-1
-            ]
-        ]
-        if len(changes) > 2
-        else changes
-    )
-    return [
-        Family(name=STEP, covariate="start", columns=(order > a).astype(float)[:, None]) for a in at
-    ]
+    if len(changes) > 2:
+        evenly = np.linspace(0, len(changes) - 1, min(STEPS + 2, len(changes)))
+        changes = changes[np.unique(evenly.astype(int))[1:-1]]
+    return [Hypothesis(STEP, "start", (order > at).astype(float)[:, None]) for at in changes]
 
 
 def _log_distance(data: Observations) -> FloatArray:
@@ -236,25 +179,25 @@ def _log_distance(data: Observations) -> FloatArray:
     return np.asarray(-np.log(np.maximum(near, near[near > 0].min() if (near > 0).any() else 1.0)))
 
 
-def moving(data: Observations) -> Family:
+def moving(data: Observations) -> Hypothesis:
     """Curves of distance (linear, quadratic) that change slowly with time."""
     shape = powers(_log_distance(data), min(2, max(len(np.unique(data.z_hat)) - 1, 1)))
     slow = cosines(data.covariates["run_order"], min(4, len(np.unique(data.visit))))
-    return Family(name=MOVING, covariate="start", columns=times(shape, slow))
+    return Hypothesis(MOVING, "start", times(shape, slow))
 
 
-def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> list[Family]:
+def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> list[Hypothesis]:
     """Curves of distance that change with session, supply or temperature, and the traverse's last
     move, as a direction and as a log ratio of distances.
     """
     known, curves = data.covariates, []
     if 0 < data.session.max() < LARGEST // shape.shape[1]:
         sessions = times(shape, indicators(data.session))
-        curves.append(Family(name="distance x session", covariate="session", columns=sessions))
+        curves.append(Hypothesis("distance x session", "session", sessions))
     for name, covariate in SURROUNDINGS:
         if varies(data, name):
             bent = times(shape, powers(known[name], 1))
-            curves.append(Family(name=f"distance x {covariate}", covariate=covariate, columns=bent))
+            curves.append(Hypothesis(f"distance x {covariate}", covariate, bent))
     before = known["previous_z_hat"]
     moved = (before > 0) & (before != data.z_hat)
     last = np.maximum.accumulate(np.where(moved, np.arange(data.n), -1))
@@ -264,17 +207,4 @@ def _bent_by(data: Observations, shape: FloatArray, additive: FloatArray) -> lis
     ratio[near] = np.log(data.z_hat[near] / origin[near])
     move = np.stack([np.sign(ratio), ratio], axis=1)
     columns = np.hstack([move, move * additive, move * shape[:, :1]])
-    return [
-        *curves,
-        Family(name="last move", covariate="previous_distance", columns=columns),
-    ]
-
-
-def _previous(data: Observations, few_levels: bool) -> FloatArray:
-    previous = data.covariates["previous_throttle"]
-    return indicators(previous) if few_levels else powers(previous, 3)
-
-
-def _previous_distance(data: Observations) -> FloatArray:
-    z = data.covariates["previous_z_hat"]
-    return powers(np.where(np.isfinite(z) & (z > 0), 1 / np.maximum(z, 0.1), 0.0), 3)
+    return [*curves, Hypothesis("last move", "previous_distance", columns)]

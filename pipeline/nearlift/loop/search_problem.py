@@ -150,24 +150,19 @@ class SearchProblem:
     @cached_property
     def hypotheses(self) -> tuple[tuple[Hypothesis, ...], FloatArray]:
         """Families and library in the reduced space, and the space's orthonormal basis (n, d)."""
-        sources = [("", f.name, f.covariate, f.columns) for f in families(self.data)]
-        sources += [
-            (e.name, f"effect {e.name}", e.varies_with, columns) for e, columns in self.library
+        sources = [
+            *families(self.data),
+            *(Hypothesis(f"effect {e.name}", e.varies_with, x, e.name) for e, x in self.library),
         ]
-        words = [(effect, name, SCHEDULE_WORDS.get(c, c)) for effect, name, c, _ in sources]
+        words = [(h.name, SCHEDULE_WORDS.get(h.covariate, h.covariate), h.effect) for h in sources]
         # thousands of trials by hundreds of columns: what is done with is let go
-        ends = np.cumsum([columns.shape[1] for *_, columns in sources])[:-1]
-        white = self.space.project(np.hstack([columns for *_, columns in sources]).T).T
+        ends = np.cumsum([h.columns.shape[1] for h in sources])[:-1]
+        white = self.space.project(np.hstack([h.columns for h in sources]).T).T
         del sources
         basis = framed(orthonormal(np.hstack([self.base_jacobian, white])))
         reduced = tuple(
-            Hypothesis(
-                name=name,
-                covariate=covariate,
-                columns=orthonormal(columns) if columns.shape[1] > 1 else columns,
-                effect=effect,
-            )
-            for (effect, name, covariate), columns in zip(
+            Hypothesis(name, covariate, orthonormal(x) if x.shape[1] > 1 else x, effect)
+            for (name, covariate, effect), x in zip(
                 words, np.split(basis.T @ white, ends, axis=1), strict=True
             )
         )

@@ -30,10 +30,10 @@ TERMS = 40
 SAME = 1e-9
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """One family, or one shape of the library effect named in `effect`, as columns (d, k) in a
-    reduced space with unit noise.
+    """One family, or one shape of the library effect named in `effect`: columns of log lift (n, k),
+    or (d, k) in a reduced space with unit noise, and the covariate along which they vary.
     """
 
     name: str
