@@ -426,10 +426,10 @@ def test_what_parts_two_explanations_grows_with_the_square_of_what_they_differ_b
 def test_a_proposed_session_adds_power(null_stage):
     answer = run(set_up(campaign(12, visits=15, datum=3e-3), GROUND, (), Options())[0])
     assert len(answer.accepted) > 1
-    one, other = answer.accepted[:2]
-    now = separation.parting(answer.stage, answer.stage.data, one, other)
+    one, other = (e.fitted.point for e in answer.accepted[:2])
+    now = separation.parted(answer.stage, answer.stage.data, one, other)
     for proposal in separation.menu(answer.stage.data):
-        more = separation.parting(
+        more = separation.parted(
             answer.stage, separation.join(answer.stage.data, proposal.added), one, other
         )
         assert more > now - 1e-6 * max(now, 1.0)

@@ -69,7 +69,7 @@ def test_noise_is_drawn_as_large_as_rehearsals_leave_it_per_degree_of_freedom(
 
 
 def test_without_an_effect_the_chance_is_the_false_alarm_rate(foresight):
-    nothing = np.zeros(foresight._space[0].shape[1])
+    nothing = np.zeros(foresight.stage.hypotheses[1].shape[1])
     # 1000 draws at 5 %, and a threshold from 6000: 3 sd of their difference is 2.2 %
     assert dataclasses.replace(foresight, quiet=1.0).seen(nothing).mean() == pytest.approx(
         0.05, abs=0.022

@@ -4,12 +4,9 @@ and in words.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.families import indicators
@@ -41,10 +38,8 @@ def shifts(
     absorbing = []
     for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
         best = answer.accepted[0].fitted
-        part, jacobian = (
-            stage.space.project(best.candidate.contribution(best.vector, effect)),
-            best.jacobian,
-        )
+        part = stage.space.project(best.candidate.contribution(best.vector, effect))
+        jacobian = best.jacobian
         for i, parameter in enumerate(stage.base.parameters):
             slope = jacobian[:, i]
             lengths = float(np.linalg.norm(part) * np.linalg.norm(slope))
@@ -78,17 +73,13 @@ def shifts(
     return tuple(absorbing)
 
 
-def limits(stage: SearchProblem, answer: Answer) -> tuple[CoefficientLimit, ...]:
-    """`unknowable` at the answer's best fit."""
-    return unknowable(stage, answer.best)
-
-
 def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
     """Coefficients that rest on a single visit, or that a gain per session (or per visit, where
     visits are few) would absorb, at a fit to measured or planned trials.
     """
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
+    places, station = np.unique(stage.data.z_hat, return_inverse=True)
     absorbing = []
     gain = next(
         e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive
@@ -98,7 +89,9 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
         whole = float(slope @ slope)
         if whole <= 0:
             continue
-        share, where = _largest(slope, stage.data.z_hat)
+        energy = np.bincount(station, slope**2)
+        most = int(np.argmax(energy))
+        share, where = float(energy[most] / energy.sum()), float(places[most])
         if share >= RESTS and len(np.unique(stage.data.visit[stage.data.z_hat == where])) == 1:
             text = (
                 f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}:"
@@ -113,11 +106,10 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
                 )
             )
         # a visit always holds one distance: a gain per visit is tried only where visits are few
-        levelled = [
-            ("session", stage.data.session),
-            *([("visit", stage.data.visit)] if applies(stage.data) else []),
-        ]
-        for label, values in levelled:
+        levelled = {"session": stage.data.session}
+        if applies(stage.data):
+            levelled["visit"] = stage.data.visit
+        for label, values in levelled.items():
             basis = orthonormal(stage.space.project(indicators(values).T).T)
             left = jacobian[:, i] - basis @ (basis.T @ jacobian[:, i])
             share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
@@ -129,19 +121,8 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
                 )
                 absorbing.append(
                     CoefficientLimit(
-                        coefficient=parameter.name,
-                        absorbed_by=gain,
-                        share=share,
-                        text=text,
+                        coefficient=parameter.name, absorbed_by=gain, share=share, text=text
                     )
                 )
                 break
     return tuple(absorbing)
-
-
-def _largest(slope: FloatArray, values: np.ndarray[Any, Any]) -> tuple[float, float]:
-    """Largest share of the squared norm of `slope` (n,) at one value, and that value."""
-    places, label = np.unique(values, return_inverse=True)
-    energy = np.bincount(label, slope**2)
-    most = int(np.argmax(energy))
-    return float(energy[most] / energy.sum()), float(places[most])

@@ -142,9 +142,13 @@ class Candidate:
         """Mask of the entries that differ by session, (P,)."""
         return self._each(lambda s: s.parameter.per == "session") > 0
 
+    def entries(self, wanted: Callable[[Slot], bool]) -> IntArray:
+        """Indices of the entries of some slots."""
+        return np.flatnonzero(self._each(wanted))
+
     def entries_of(self, effect: str) -> IntArray:
         """Indices of one effect's entries; of the base model's for an empty name."""
-        return np.flatnonzero(self._each(lambda s: s.effect == effect))
+        return self.entries(lambda s: s.effect == effect)
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
         """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one
@@ -186,7 +190,7 @@ class Candidate:
 
     def sizes(self) -> IntArray:
         """Indices of the effects' entries that are not shapes."""
-        return np.flatnonzero(self._each(lambda s: s.effect != "" and not s.parameter.grid))
+        return self.entries(lambda s: s.effect != "" and not s.parameter.grid)
 
     def contribution(self, vector: FloatArray, effect: Effect) -> FloatArray:
         """Contribution of one effect to log lift at `vector`, (n,); 0 where there is no value."""

@@ -6,11 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.declare import FloatArray
+from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood.problem import Problem
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.starts import Starts
 
+#: Effects with their flat vector, fitted or assumed: the base model's entries, then their own.
+Point = tuple[tuple[Effect, ...], FloatArray]
 #: Most bisections of a start beyond a pole towards the null.
 HALVINGS = 8
 
@@ -44,6 +46,11 @@ class Fitted:
     def chi2(self) -> float:
         """Sum of squared whitened residuals."""
         return float(np.sum(self.residual**2))
+
+    @property
+    def point(self) -> Point:
+        """Its effects and its vector."""
+        return self.candidate.effects, self.vector
 
     @property
     def cost(self) -> float:

@@ -13,8 +13,9 @@ from nearlift.fit import gum
 from nearlift.likelihood import budget, student
 from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import discrepancy
-from nearlift.loop.candidate import WIDE, Candidate, moments
+from nearlift.loop.candidate import WIDE
 from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.handle import handles
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import visibility
@@ -35,8 +36,7 @@ def spread(
     (one Gauss-Newton step).
     """
     p = len(stage.theta)
-    _, sd = fitted.candidate.prior
-    mean, _ = fitted.candidate.prior
+    mean, sd = fitted.candidate.prior
     weight2 = np.where(np.isfinite(sd), 1 / sd**2, 0.0)
     j, r = fitted.jacobian, fitted.residual
     if nuisance is not None and nuisance.shape[1]:
@@ -72,10 +72,8 @@ def joint(stage: SearchProblem, fitted: Fitted, tube: FloatArray | None = None) 
 
 def _inverse(information: FloatArray) -> FloatArray:
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
-    result: FloatArray = np.linalg.pinv(
-        information / np.outer(scale, scale), rcond=1e-13
-    ) / np.outer(scale, scale)
-    return result
+    unit = np.outer(scale, scale)
+    return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
 
 
 def declared_sizes(
@@ -110,7 +108,7 @@ def constrained_columns(
     for effect in {e.name: e for e, _ in stage.library}.values():
         if effect.name in chosen:
             continue
-        candidate = Candidate(base=stage.base, effects=(effect,), data=stage.data)
+        candidate = stage.candidate(effect)
         _, sd = candidate.prior
         sizes = candidate.sizes()
         # a search grants more than is physical, but for what differs by session
@@ -237,14 +235,10 @@ def weights(answer: Answer) -> FloatArray:
 
 
 def _freedom(stage: SearchProblem) -> FloatArray:
-    """Effective degrees of freedom (p,) of the base fit's coefficients: what is behind the sizes of
-    noise that each rests on.
-    """
-    g = (
-        gum.gain(stage.space, stage.base_fit.vector)
-        if len(stage.theta)
-        else np.zeros((0, stage.data.n))
-    )
+    """Effective degrees of freedom of the base fit's coefficients, (p,)."""
+    g = np.zeros((0, stage.data.n))
+    if len(stage.theta):
+        g = gum.gain(stage.space, stage.base_fit.vector)
     return gum.freedom(stage.space, g, stage.parts, stage.noise, stage.slope)
 
 
@@ -260,58 +254,42 @@ def silent(
     """
     if not stage.base.parameters:
         return ()
-    jacobian = stage.base_fit.jacobian
-    basis = orthonormal(jacobian)
-    information = jacobian.T @ jacobian
-    covariance = _inverse(information)
+    names = [p.name for p in stage.base.parameters]
+    jacobian = stage.base_jacobian
+    basis, covariance = orthonormal(jacobian), _inverse(jacobian.T @ jacobian)
+    u = np.sqrt(np.diag(covariance))
+
+    def described(effect: Effect, by: str, share: float, bias: float, hidden: bool) -> SilentEffect:
+        return SilentEffect(
+            effect=effect.name,
+            absorbed_by=by,
+            share_visible=share,
+            bias_at_detection_limit=bias,
+            in_units_of=f"u({names[0]})",
+            u=float(u[0]),
+            u_of="base fit, noise floor of the loop",
+            hidden=hidden,
+        )
+
     unseen = []
     for effect in effects:
         if effect not in stage.effects and not effect.within_trial:
-            unseen.append(
-                SilentEffect(
-                    effect=effect.name,
-                    absorbed_by="L_inf",
-                    share_visible=0.0,
-                    bias_at_detection_limit=0.0,
-                    in_units_of=f"u({stage.base.parameters[0].name})",
-                    u=float(np.sqrt(covariance[0, 0])),
-                    u_of="base fit, noise floor of the loop",
-                    hidden=True,
-                )
-            )
+            unseen.append(described(effect, "L_inf", 0.0, 0.0, hidden=True))
         columns = [c for e, c in stage.library if e.name == effect.name and c.shape[1] == 1]
         if not columns:
             continue
-        share = visibility(stage, effect)
         white = stage.space.project(columns[0].T).T[:, 0]
-        left = white - basis @ (basis.T @ white)
-        shift = covariance @ jacobian.T @ white / np.sqrt(np.diag(covariance))
-        most = int(np.argmax(np.abs(shift)))
-        prior_size = _size(effect)
-        hidden = share < limit
-        size = (
-            prior_size
-            if hidden
-            else min(4.0 / max(float(np.linalg.norm(left)), 1e-300), prior_size)
-        )
         if np.linalg.norm(white) == 0:
             continue
+        share = visibility(stage, effect)
+        left = white - basis @ (basis.T @ white)
+        shift = covariance @ jacobian.T @ white / u
+        most = int(np.argmax(np.abs(shift)))
+        hidden, size = share < limit, handles(effect)[0].plausible
+        if not hidden:
+            size = min(4.0 / max(float(np.linalg.norm(left)), 1e-300), size)
         if hidden or abs(shift[most]) * size > 1.0:
             unseen.append(
-                SilentEffect(
-                    effect=effect.name,
-                    absorbed_by=stage.base.parameters[most].name,
-                    share_visible=share,
-                    bias_at_detection_limit=float(abs(shift[0]) * size),
-                    in_units_of=f"u({stage.base.parameters[0].name})",
-                    u=float(np.sqrt(covariance[0, 0])),
-                    u_of="base fit, noise floor of the loop",
-                    hidden=hidden,
-                )
+                described(effect, names[most], share, float(abs(shift[0]) * size), hidden)
             )
     return tuple(sorted(unseen, key=lambda f: -f.bias_at_detection_limit))
-
-
-def _size(effect: Effect) -> float:
-    sizes = [p for p in effect.parameters if not p.grid]
-    return moments(sizes[0])[1]

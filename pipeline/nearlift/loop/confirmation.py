@@ -89,11 +89,7 @@ def held_out(
     Declared errors that visits share are predicted too: the trials of a fold tell them.
     """
     data, declared = stage.data, declared_errors(stage)
-    before, after, by_name = (
-        np.full(data.n, np.nan),
-        np.full(data.n, np.nan),
-        np.full(data.n, np.nan),
-    )
+    before, after, by_name = np.full((3, data.n), np.nan)
     chosen = []
     masks = folds(data)
     for i, test in enumerate(masks):
@@ -103,10 +99,7 @@ def held_out(
         # extrapolated
         known = test & data.level_known_from(train)
         part = dataclasses.replace(
-            stage,
-            data=data.take(train),
-            log_lift=stage.log_lift[train],
-            drawn=stage.null,
+            stage, data=data.take(train), log_lift=stage.log_lift[train], drawn=stage.null
         )
         best = None
         if again:
@@ -129,14 +122,12 @@ def held_out(
 def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArray:
     """Log lift of other trials from a fit: its ratio, and L_inf from the fit's own trials."""
     levels = stage.space.best_levels(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
-    vector = fitted.vector
     far = (
         levels[np.searchsorted(stage.data.levels, at.throttle)]
         if at.curve is None
         else at.level_columns @ levels
     )
-    result: FloatArray = far + fitted.candidate.log_ratio(vector, at)
-    return result
+    return np.asarray(far + fitted.candidate.log_ratio(fitted.vector, at))
 
 
 def declared_errors(stage: SearchProblem) -> FloatArray:
@@ -200,10 +191,8 @@ def standard_error(without: FloatArray) -> FloatArray:
     blocks = len(without)
     if blocks < 2:
         return np.full(without.shape[1:], np.inf)
-    result: FloatArray = np.sqrt(
-        (blocks - 1) / blocks * np.sum((without - without.mean(axis=0)) ** 2, axis=0)
-    )
-    return result
+    squares = np.sum((without - without.mean(axis=0)) ** 2, axis=0)
+    return np.asarray(np.sqrt((blocks - 1) / blocks * squares))
 
 
 def _half90(without: FloatArray) -> float:

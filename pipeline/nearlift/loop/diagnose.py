@@ -131,7 +131,7 @@ def diagnose(
             noise_floor=error.noise_floor,
         )
     answers = coefficients_of(answer, declared)
-    estimates, limits = answers.estimates(), absorption.limits(stage, answer)
+    estimates, limits = answers.estimates(), absorption.unknowable(stage, answer.best)
     findings = BoundaryDiagnosis(
         boundary=data.boundary,
         base_model=stage.base.name,

@@ -42,7 +42,7 @@ def covariates(structure: Structure) -> list[str]:
     """Covariates with significant structure, the most significant first."""
     return [
         covariate
-        for covariate, log10_p in structure.by_covariate().items()
+        for covariate, (log10_p, _) in structure.foremost().items()
         if log10_p < structure.threshold
     ]
 

@@ -29,7 +29,7 @@ from nearlift.loop.evidence import ExplanationEvidence
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.visibility import SILENT, visibility
+from nearlift.loop.visibility import visible
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
@@ -161,9 +161,7 @@ def run(stage: SearchProblem) -> Answer:
     working = dataclasses.replace(stage, independent=True)
     if not first.present:
         return Answer(stage=working, first=first, singles=(), pairs=(), accepted=())
-    visible = list(
-        {e.name: e for e, _ in working.library if visibility(working, e) > SILENT}.values()
-    )
+    seen = visible(working)
     alone = left_out(working, ())
     # without its visit a trial may have no L_inf, whatever the effect
     predictable = np.isfinite(alone)
@@ -174,7 +172,7 @@ def run(stage: SearchProblem) -> Answer:
     rounds: list[tuple[Explanation, ...]] = []
     while len(best) < MOST_EFFECTS:
         tried, errors = [], {}
-        for effect in (e for e in visible if e not in best):
+        for effect in (e for e in seen if e not in best):
             squares = by_visit(working, left_out(working, (*best, effect)), predictable)
             explanation = _explanation(
                 working,

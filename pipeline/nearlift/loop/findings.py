@@ -195,7 +195,7 @@ def _listing(
                 at_bound=e.fitted.at_bound,
                 log_evidence=e.evidence.log,
                 plausibility=e.evidence.plausibility,
-                left_in=next(iter(left.by_covariate()), None) if left.present else None,
+                left_in=next(iter(left.foremost()), None) if left.present else None,
             )
         )
     return tuple(rows)

@@ -9,7 +9,6 @@ for one that was not.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -19,12 +18,11 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
-from nearlift.loop.candidate import SESSION_SPREADS, Candidate
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Linearised, mean_evidence
 from nearlift.loop.handle import Contest, Handle, Power
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.visibility import SILENT, visibility
+from nearlift.loop.visibility import SILENT, visibility, visible
 from nearlift.loop.wander import worth
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
@@ -45,29 +43,35 @@ class Foresight:
     """
 
     stage: SearchProblem
-    seed: int = 0
     quiet: float = 1.0
 
+    @property
+    def _basis(self) -> FloatArray:
+        """Of the reduced space, (n, d)."""
+        return self.stage.hypotheses[1]
+
     @cached_property
-    def _space(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Basis (n, d) of the reduced space; what theta absorbs there; the hypotheses' bases; their
-        ranks.
+    def _bases(self) -> tuple[FloatArray, FloatArray]:
+        """The hypotheses' bases there, side by side, and their ranks."""
+        return structure.bases(self.stage.hypotheses[0], self.stage.absorbed)[1:]
+
+    def _reduced(self, columns: FloatArray) -> FloatArray:
+        """Columns of log lift, (n,) or (n, k), in the reduced space, unit noise, with what theta
+        absorbs projected out; (d,) or (d, k).
         """
-        hypotheses, basis = self.stage.hypotheses
-        remove = self.stage.absorbed
-        _, stacked, ranks = structure.bases(hypotheses, remove)
-        return basis, remove, stacked, ranks
+        reduced = self._basis.T @ self.stage.space.project(columns.T).T
+        absorbed = self.stage.absorbed
+        return np.asarray(reduced - absorbed @ (absorbed.T @ reduced))
 
     @cached_property
     def _noise(self) -> tuple[FloatArray, FloatArray]:
         """Draws of unit noise in the reduced space (m, d), and of the scale that the noise floor's
         own uncertainty gives them (m, 1).
         """
-        rng = generator(self.seed, "foresight")
+        rng = generator(self.stage.options.seed, "foresight")
         dof = min(self.stage.noise.dof, 1e6)
-        return self.quiet * rng.standard_normal((DRAWS, self._space[0].shape[1])), np.sqrt(
-            dof / rng.chisquare(dof, size=(DRAWS, 1))
-        )
+        draws = self.quiet * rng.standard_normal((DRAWS, self._basis.shape[1]))
+        return draws, np.sqrt(dof / rng.chisquare(dof, size=(DRAWS, 1)))
 
     @property
     def threshold(self) -> float:
@@ -77,8 +81,7 @@ class Foresight:
     @cached_property
     def candidates(self) -> tuple[Effect, ...]:
         """The effects that leave any mark beside theta and L_inf."""
-        seen = {e.name: e for e, _ in self.stage.library}
-        return tuple(e for e in seen.values() if visibility(self.stage, e) > SILENT)
+        return visible(self.stage)
 
     def vector(self, handle: Handle, size: float) -> FloatArray:
         """The flat vector of the base model with this effect turned up by `size`, within its
@@ -92,26 +95,28 @@ class Foresight:
             if s.parameter.name in handle.shape:
                 vector[s.start : s.stop] = handle.shape[s.parameter.name]
             elif s.parameter.name == handle.parameter.name:
+                several = s.stop - s.start > 1
                 vector[s.start : s.stop] += size * (
-                    handle.direction
-                    if s.stop - s.start == 1
-                    else _spread(s.stop - s.start, self.seed)
+                    self._spread(s.stop - s.start) if several else handle.direction
                 )
         return np.clip(vector, low, high)
+
+    def _added(self, handle: Handle, size: float) -> FloatArray:
+        """What an effect of this size adds to log lift, (n,)."""
+        candidate = self.stage.candidate(handle.effect)
+        return candidate.contribution(self.vector(handle, size), handle.effect)
+
+    def _foretold(self, handle: Handle, size: float) -> FloatArray:
+        """Noiseless log lift with it, (n,)."""
+        base = self.stage.base_fit
+        return base.candidate.log_ratio(base.vector) + self._added(handle, size)
 
     def signature(self, handle: Handle, size: float) -> tuple[FloatArray, FloatArray]:
         """What the effect adds to the log lift of each trial, and what of it theta and L_inf do not
         absorb; both (n,).
         """
-        raw: FloatArray = self.stage.candidate(handle.effect).contribution(
-            self.vector(handle, size), handle.effect
-        )
-        columns = np.hstack(
-            [
-                self.stage.data.level_columns,
-                self.stage.candidate().jacobian(self.stage.base_fit.vector),
-            ]
-        )
+        raw, base = self._added(handle, size), self.stage.base_fit
+        columns = np.hstack([self.stage.data.level_columns, base.candidate.jacobian(base.vector)])
         whiten = self.stage.space.covariance.whiten
         solution = np.linalg.lstsq(whiten(columns.T).T, whiten(raw), rcond=None)[0]
         left: FloatArray = raw - columns @ solution
@@ -119,55 +124,42 @@ class Foresight:
 
     def visible(self, handle: Handle, size: float) -> FloatArray:
         """The visible part in the reduced space, unit noise; (d,)."""
-        basis, remove, _, _ = self._space
-        raw = self.stage.candidate(handle.effect).contribution(
-            self.vector(handle, size), handle.effect
-        )
-        reduced = basis.T @ self.stage.space.project(raw)
-        left: FloatArray = reduced - remove @ (remove.T @ reduced)
-        return left
+        return self._reduced(self._added(handle, size))
 
     @cached_property
     def _critical(self) -> FloatArray:
         """The chi-square that each hypothesis must exceed."""
         from scipy.stats import chi2
 
-        return np.asarray(chi2.isf(10.0**self.threshold, self._space[3]), dtype=np.float64)
+        return np.asarray(chi2.isf(10.0**self.threshold, self._bases[1]), dtype=np.float64)
 
     def _elsewhere(self, handle: Handle, size: float) -> FloatArray:
         """How the visible part differs in other draws of what differs by session, (m, d); (1, d) of
         zeros for any other effect.
         """
-        basis, remove, _, _ = self._space
-        candidate = self.stage.candidate(handle.effect)
         if handle.parameter.per != "session":
-            return np.zeros((1, basis.shape[1]))
-        vector = self.vector(handle, 0.0)
-        mine = np.concatenate(
-            [
-                np.arange(s.start, s.stop)
-                for s in candidate.slots
-                if s.parameter.name == handle.parameter.name
-            ]
-        )
-        reduced = basis.T @ self.stage.space.project(candidate.jacobian(vector)[:, mine].T).T
-        reduced = reduced - remove @ (remove.T @ reduced)
-        rng = generator(self.seed, "foresight", "sessions", "all")
+            return np.zeros((1, self._basis.shape[1]))
+        candidate = self.stage.candidate(handle.effect)
+        mine = candidate.entries(lambda s: s.parameter.name == handle.parameter.name)
+        reduced = self._reduced(candidate.jacobian(self.vector(handle, 0.0))[:, mine])
+        rng = generator(self.stage.options.seed, "foresight", "sessions", "all")
         others = _standard(rng.standard_normal((DRAWS, len(mine))))
-        result: FloatArray = size * (others - _spread(len(mine), self.seed)) @ reduced.T
-        return result
+        return np.asarray(size * (others - self._spread(len(mine))) @ reduced.T)
+
+    def _spread(self, count: int) -> FloatArray:
+        """One draw per session, of mean 0 and rms 1: what they have in common is L_inf."""
+        rng = generator(self.stage.options.seed, "foresight", "sessions")
+        return _standard(rng.standard_normal(count))
 
     def seen(self, signal: FloatArray) -> NDArray[np.bool_]:
         """Of each draw, whether the test of everything exceeds its threshold with this signal (d,)
         or (m, d) in the reduced space.
         """
-        _, remove, stacked, ranks = self._space
-        draws, scale = self._noise
+        absorbed, (draws, scale) = self.stage.absorbed, self._noise
         scores = draws + signal
-        scores = (scores - (scores @ remove) @ remove.T) * scale
-        chi2 = structure.chi2_of_each(scores, stacked, ranks)
-        exceeds: NDArray[np.bool_] = np.any(chi2 > self._critical, axis=1)
-        return exceeds
+        scores = (scores - (scores @ absorbed) @ absorbed.T) * scale
+        chi2 = structure.chi2_of_each(scores, *self._bases)
+        return np.asarray(np.any(chi2 > self._critical, axis=1))
 
     def unit(self, handle: Handle) -> float:
         """The size whose visible part has a length of `VISIBLE_LENGTH` standard deviations, to
@@ -210,11 +202,7 @@ class Foresight:
         """Every candidate on noiseless data with this effect in them; noise drawn about
         the fits.
         """
-        stage = self.stage
-        truth = stage.candidate(handle.effect)
-        log_lift = stage.candidate().log_ratio(stage.base_fit.vector) + truth.contribution(
-            self.vector(handle, size), handle.effect
-        )
+        stage, log_lift = self.stage, self._foretold(handle, size)
         elsewhere = self._elsewhere(handle, size)
         seen = self.seen(self.visible(handle, size) + elsewhere)
         base = fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector)
@@ -222,7 +210,7 @@ class Foresight:
         structure = self._left(base, elsewhere)
         by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
         for effect in self.candidates:
-            fits = [search(c, stage.starts, log_lift) for c in self._variants(effect)]
+            fits = [search(c, stage.starts, log_lift) for c in stage.candidates(effect)]
             fits = [f for f in fits if not f.at_bound]
             if fits:
                 each = np.stack([self._evidence(f, elsewhere) for f in fits])
@@ -239,7 +227,7 @@ class Foresight:
         table = mean_evidence(readings[:, 0], readings[:, 1]) - none
         gain = structure - np.stack([by_name[n][1] for n in names])
         accepted = (
-            (table > CREDIT) & seen & stage.greater_part(gain, structure - self._space[0].shape[1])
+            (table > CREDIT) & seen & stage.greater_part(gain, structure - self._basis.shape[1])
         )
         best = np.where(accepted, table, -np.inf).argmax(axis=0)
         leads = np.take_along_axis(readings, best[None, None], 0) - readings
@@ -264,18 +252,12 @@ class Foresight:
             rivals=rivals,
         )
 
-    def _variants(self, effect: Effect) -> list[Candidate]:
-        candidate = self.stage.candidate(effect)
-        if not candidate.by_session.any():
-            return [candidate]
-        return [dataclasses.replace(candidate, session_spread=s) for s in SESSION_SPREADS]
-
     def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
         """Of every draw of the noise a fit's log evidence by unit information, its form as printed
         and uncertain, and its plausibility by the priors, each with a wander beside it where that
         is likelier; (3, m).
         """
-        basis = self._space[0]
+        basis = self._basis
         scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
         tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
         jacobian, waves = basis.T @ fitted.jacobian, basis.T @ self.stage.waves
@@ -293,7 +275,7 @@ class Foresight:
         """Of every draw of the noise, the chi2 that a fit in its declared form leaves in the
         reduced space; (m,).
         """
-        basis, draws = self._space[0], self._noise[0] + elsewhere
+        basis, draws = self._basis, self._noise[0] + elsewhere
         _, sd = fitted.candidate.prior
         low, high = fitted.candidate.bounds
         free = (fitted.vector > low) & (fitted.vector < high) | ~np.isfinite(sd)
@@ -306,14 +288,13 @@ class Foresight:
                 jacobian.T @ jacobian + np.diag(1 / sd[free] ** 2), rcond=1e-13, hermitian=True
             )
         )
-        left: FloatArray = draws + basis.T @ fitted.residual - moved @ jacobian.T
+        left = draws + basis.T @ fitted.residual - moved @ jacobian.T
         return np.asarray(np.sum(left**2, axis=1))
 
     def absorbed(self, handle: Handle) -> dict[str, float]:
         """Share of the visible part's energy that each other candidate takes over, at the best of
         its shapes, to first order.
         """
-        basis, remove, _, _ = self._space
         mine = self.visible(handle, 1e-3 * min(handle.plausible, handle.largest))
         energy = float(mine @ mine)
         shares: dict[str, float] = {}
@@ -322,8 +303,7 @@ class Foresight:
         for effect, columns in self.stage.library:
             if effect.name == handle.effect.name:
                 continue
-            reduced = basis.T @ self.stage.space.project(columns.T).T
-            q = orthonormal(reduced - remove @ (remove.T @ reduced))
+            q = orthonormal(self._reduced(columns))
             share = float(np.sum((q.T @ mine) ** 2) / energy)
             shares[effect.name] = max(shares.get(effect.name, 0.0), min(share, 1.0))
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
@@ -332,25 +312,13 @@ class Foresight:
         """Shift of the base model's coefficients by an effect of this size that nobody noticed;
         (p,).
         """
-        stage = self.stage
-        log_lift = stage.candidate().log_ratio(stage.base_fit.vector) + stage.candidate(
-            handle.effect
-        ).contribution(self.vector(handle, size), handle.effect)
-        shifted: FloatArray = (
-            fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector).vector
-            - stage.base_fit.vector
-        )
-        return shifted
-
-
-def _spread(count: int, seed: int) -> FloatArray:
-    """One draw per session, of mean 0 and rms 1: what they have in common is L_inf."""
-    return _standard(generator(seed, "foresight", "sessions").standard_normal(count))
+        base, log_lift = self.stage.base_fit, self._foretold(handle, size)
+        moved = fit(base.candidate, self.stage.space, log_lift, base.vector)
+        return np.asarray(moved.vector - base.vector)
 
 
 def _standard(draw: FloatArray) -> FloatArray:
     """Mean 0 and rms 1 along the last axis; zeros where there is only one."""
     centred = draw - draw.mean(axis=-1, keepdims=True)
     rms = np.sqrt(np.mean(centred**2, axis=-1, keepdims=True))
-    result: FloatArray = centred / np.where(rms > 0, rms, 1.0)
-    return result
+    return np.asarray(centred / np.where(rms > 0, rms, 1.0))

@@ -18,11 +18,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.declare import Effect, FloatArray
+from nearlift.declare import FloatArray
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import height_slope
-from nearlift.loop.candidate_fit import Fitted
+from nearlift.loop.candidate_fit import Fitted, Point
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.separation import join, session
 from nearlift.results import IntArray, Observations
@@ -63,12 +63,8 @@ class Menu:
 
     def nearest(self, z_hat: FloatArray) -> IntArray:
         """Index of the station nearest to each distance in log z_hat, (n,)."""
-        apart = np.abs(_log(z_hat)[:, None] - _log(self.z_hat))
-        return np.asarray(np.argmin(apart, axis=1), dtype=np.int64)
-
-
-def _log(z_hat: FloatArray) -> FloatArray:
-    return np.log(np.minimum(z_hat, 1e9))
+        here, there = (np.log(np.minimum(z, 1e9)) for z in (z_hat, self.z_hat))
+        return np.asarray(np.argmin(np.abs(here[:, None] - there), axis=1), dtype=np.int64)
 
 
 def menu(data: Observations, z_hat: FloatArray, move_supply: bool = False) -> Menu:
@@ -127,13 +123,9 @@ def of_coefficient(fitted: Fitted, i: int) -> Question:
     )
 
 
-def of_rivals(
-    stage: SearchProblem,
-    one: tuple[tuple[Effect, ...], FloatArray],
-    other: tuple[tuple[Effect, ...], FloatArray],
-) -> Question:
-    """Question of the weight of one explanation against another, each with its flat vector: the
-    first is held fixed, the parameters and form of the other are nuisances.
+def of_rivals(stage: SearchProblem, one: Point, other: Point) -> Question:
+    """Question of the weight of one explanation against another: the first is held fixed, the
+    parameters and form of the other are nuisances.
     """
     mine, theirs = stage.candidate(*one[0]), stage.candidate(*other[0])
 

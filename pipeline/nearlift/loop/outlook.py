@@ -7,8 +7,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from nearlift.declare import Effect
 from nearlift.loop import coefficients
 from nearlift.loop.absorption import unknowable
@@ -53,10 +51,8 @@ def outlook(
                         Pair(handle=handle, rival=rival, size=row["plausible_size"], chance=chance)
                     )
     value, u = coefficients.spread(stage, stage.base_fit)
-    chosen = np.hstack(
-        [np.zeros((stage.data.n, 0)), coefficients.constrained_columns(stage, (), {})]
-    )
-    _, u_wide = coefficients.spread(stage, stage.base_fit, chosen)
+    unseen = coefficients.constrained_columns(stage, (), {})
+    _, u_wide = coefficients.spread(stage, stage.base_fit, unseen)
     return {
         "base_model": stage.base.name,
         "trials": stage.data.n,

@@ -14,9 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood.covariates import unlogged
-from nearlift.loop.candidate_fit import search
+from nearlift.loop.candidate_fit import Point, search
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import Handle
 from nearlift.loop.separation import APART, join, menu, parted, session
@@ -28,9 +27,6 @@ FEW = 80
 MOST_PAIRS, CHECKED, LISTED = 12, 3, 4
 #: Standard uncertainty of a height datum from a touch-off with a feeler gauge, m.
 GAUGE_M = 1e-4
-
-#: Effects with their flat vector: the base model's entries, then their own.
-Point = tuple[tuple[Effect, ...], FloatArray]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +76,7 @@ def changes(
         one: Point = ((pair.handle.effect,), foresight.vector(pair.handle, pair.size))
         log_lift = stage.candidate(*one[0]).log_ratio(one[1])
         fitted = search(stage.candidate(effects[pair.rival]), stage.starts, log_lift)
-        other: Point = (fitted.candidate.effects, fitted.vector)
+        other = fitted.point
         now = parted(stage, stage.data, one, other)
         by_form = now >= APART
         options: list[dict[str, Any]] = []

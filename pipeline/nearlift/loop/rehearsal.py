@@ -114,6 +114,5 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
     )
     return Foresight(
         stage=dataclasses.replace(stage, noise=noise),
-        seed=stage.options.seed,
         quiet=float(np.sqrt(np.mean(quiet))),
     )

@@ -386,7 +386,7 @@ def second_look(stage: SearchProblem, tried: tuple[Explanation, ...]) -> tuple[E
         plain = looser.evidence.over_none > PLAIN
         left = looser.left if plain else None
         of_the_form = left is not None and (
-            not left.present or next(iter(left.by_covariate())) in along
+            not left.present or next(iter(left.foremost())) in along
         )
         return dataclasses.replace(looser, needed=e.needed, confirmed=of_the_form)
 

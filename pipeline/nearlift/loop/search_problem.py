@@ -127,6 +127,13 @@ class SearchProblem:
         """The base model with these effects."""
         return Candidate(base=self.base, effects=effects, data=self.data)
 
+    def candidates(self, *effects: Effect) -> list[Candidate]:
+        """The same, one of each of the `SESSION_SPREADS` where something differs by session."""
+        candidate = self.candidate(*effects)
+        if not candidate.by_session.any():
+            return [candidate]
+        return [dataclasses.replace(candidate, session_spread=s) for s in SESSION_SPREADS]
+
     @cached_property
     def base_fit(self) -> Fitted:
         """The base model alone, at the noise floor."""
@@ -265,14 +272,7 @@ class SearchProblem:
         """Fit one candidate and test what it leaves; `without` are the gains of what stands when
         each of its effects is taken away.
         """
-        spreads = (
-            SESSION_SPREADS
-            if any(p.per == "session" for e in effects for p in e.parameters)
-            else (1.0,)
-        )
-        first, *others = (
-            dataclasses.replace(self.candidate(*effects), session_spread=s) for s in spreads
-        )
+        first, *others = self.candidates(*effects)
         fits = [search(first, self.starts, self.log_lift)]
         for candidate in others:
             fits.append(fit(candidate, self.space, self.log_lift, fits[-1].vector))

@@ -6,7 +6,6 @@ from collections.abc import Collection
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.loop.families import STEP, families
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import LIMIT_POWER, Handle, handles
@@ -20,7 +19,8 @@ def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity
 
     Limits hold about the base fit, which is wrong where an effect was `seen`: those are left out.
     """
-    foresight = Foresight(stage=stage, seed=stage.options.seed)
+    foresight, data = Foresight(stage=stage), stage.data
+    declared = (data.u_lift_N / data.lift_N) ** 2 / stage.space.covariance.variance
     listed = [
         _limit(foresight, handle)
         for effect in foresight.candidates
@@ -28,22 +28,15 @@ def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity
         for handle in handles(effect)
     ]
     return Sensitivity(
-        trials=stage.data.n,
-        families=tuple(dict.fromkeys(f.name for f in families(stage.data) if f.name != STEP)),
+        trials=data.n,
+        families=tuple(dict.fromkeys(f.name for f in families(data) if f.name != STEP)),
         effects=tuple(e.name for e in foresight.candidates),
         chance=LIMIT_POWER,
-        declared_share=float(np.median(_declared(stage))),
+        declared_share=float(np.median(declared)),
         limits=tuple(
             sorted(listed, key=lambda row: (row.size is None, (row.size or 0.0) / row.plausible))
         ),
     )
-
-
-def _declared(stage: SearchProblem) -> FloatArray:
-    """Share of each trial's variance that its standard error `u_lift_N` makes up, (n,)."""
-    data = stage.data
-    share: FloatArray = (data.u_lift_N / data.lift_N) ** 2 / stage.space.covariance.variance
-    return share
 
 
 def _limit(foresight: Foresight, handle: Handle) -> DetectionLimit:

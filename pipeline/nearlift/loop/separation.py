@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Effect, FloatArray
+from nearlift.declare import FloatArray
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop.candidate import Candidate
-from nearlift.loop.explanation import Explanation
+from nearlift.loop.candidate_fit import Point
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import Observations
@@ -134,27 +134,10 @@ def join(a: Observations, b: Observations) -> Observations:
     )
 
 
-def parting(
-    stage: SearchProblem, data: Observations, one: Explanation, other: Explanation
-) -> float:
-    """Non-centrality with which the trials `data` discriminate `one` fitted explanation from the
-    `other`, whose parameters are free.
+def parted(stage: SearchProblem, data: Observations, one: Point, other: Point) -> float:
+    """Non-centrality with which the trials `data` discriminate `one` explanation, fitted or
+    assumed, from the `other`, whose parameters are free.
     """
-    return parted(
-        stage,
-        data,
-        (one.fitted.candidate.effects, one.fitted.vector),
-        (other.fitted.candidate.effects, other.fitted.vector),
-    )
-
-
-def parted(
-    stage: SearchProblem,
-    data: Observations,
-    one: tuple[tuple[Effect, ...], FloatArray],
-    other: tuple[tuple[Effect, ...], FloatArray],
-) -> float:
-    """`parting` for effects with their flat vectors, fitted or assumed."""
     slope = height_slope(stage.base, data, stage.base.named(stage.theta))
     space = Problem(
         model=stage.base, data=data, covariance=trial_covariance(data, stage.noise, slope)
@@ -188,10 +171,11 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
     best = compared[0]
     experiments = []
     for rival in compared[1:5]:
-        now = parting(stage, stage.data, best, rival)
+        now = parted(stage, stage.data, best.fitted.point, rival.fitted.point)
         ranked = []
         for proposal in menu(stage.data, stage.options.not_feasible):
-            gain = parting(stage, join(stage.data, proposal.added), best, rival) - now
+            whole = join(stage.data, proposal.added)
+            gain = parted(stage, whole, best.fitted.point, rival.fitted.point) - now
             ranked.append((gain / proposal.added.n, proposal))
         ranked.sort(key=lambda item: -item[0] * item[1].worth)
         rate, proposal = ranked[0]
@@ -216,7 +200,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
 
 def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment, ...]:
     """What to measure where coefficients rest on one distance or are absorbed by session gains; see
-    `absorption.limits`.
+    `absorption.unknowable`.
     """
     experiments = []
     for limit in limits:

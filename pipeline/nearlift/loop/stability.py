@@ -26,14 +26,7 @@ from nearlift.loop.explanation import MARGINAL, Explanation
 from nearlift.loop.search import PLAIN, Answer
 from nearlift.results import Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
-from nearlift.results.quotation import (
-    BoundaryResult,
-    CoefficientResult,
-    Doubt,
-    RestsOn,
-    Shift,
-    Verdict,
-)
+from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
 
 #: Closed-form influence below which the most influential trial is not left out, in standard
 #: uncertainties of the headline.
@@ -68,16 +61,15 @@ def likeliest(answer: Answer) -> Explanation | None:
     return max((e for e in tried if e.eligible), key=lambda e: e.evidence.log, default=None)
 
 
-def choices(
-    answer: Answer, coefficient: str, quoted: Mapping[str, CoefficientResult]
-) -> list[Choice]:
-    """Whether an effect is named, and if so, where more than a standard uncertainty of the
-    coefficient hangs on it: which optimum its fit takes, and whether a rival is within reach.
+def choices(answer: Answer, quoted: BoundaryResult) -> list[Choice]:
+    """Whether an effect is named, and if so, where more than a standard uncertainty of the headline
+    hangs on it: which optimum its fit takes, and whether a rival is within reach.
     """
-    first, stage, headline = likeliest(answer), answer.stage, quoted[coefficient]
-    if first is None:
+    first, stage = likeliest(answer), answer.stage
+    if first is None or not quoted.headline:
         return []
-    i = [p.name for p in stage.base.parameters].index(coefficient)
+    headline = quoted.coefficients[quoted.headline]
+    i = [p.name for p in stage.base.parameters].index(quoted.headline)
     fitted, named = first.fitted, {e.name for e in answer.accepted}
     plain = first.confirmed if named else first.by_chance
     margin = first.evidence.over_none - (PLAIN if plain else CREDIT)
@@ -105,8 +97,7 @@ def decisive(answer: Answer, quoted: BoundaryResult, label: NDArray[Any]) -> tup
     """Trials or visits, by `label` (n,), to which one of the `choices` owes most of a narrow
     margin: up to `TRIES`, those with the largest share of a margin first.
     """
-    name = quoted.headline
-    chosen = choices(answer, name, quoted.coefficients) if name else []
+    chosen = choices(answer, quoted)
     if not chosen:
         return ()
     labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
@@ -209,17 +200,11 @@ def with_decisive_trial(
         return quoted
     most, again, shift = max(
         tried,
-        key=lambda one: (
-            abs(one[2]) > headline.u or one[1].verdict != quoted.verdict,
-            abs(one[2]),
-        ),
+        key=lambda one: (abs(one[2]) > headline.u or one[1].verdict != quoted.verdict, abs(one[2])),
     )
     value, low, high = again.intervals[name]
     influence = replace(headline.influence, trial=replace(most, shift=shift))
-    coefficients = {
-        **quoted.coefficients,
-        name: replace(headline, influence=influence),
-    }
+    coefficients = {**quoted.coefficients, name: replace(headline, influence=influence)}
     result = replace(quoted, coefficients=coefficients)
     if abs(shift) <= headline.u and again.verdict == quoted.verdict:
         return result

@@ -62,10 +62,6 @@ class Structure:
         """Whether any hypothesis is significant."""
         return bool(self.log10_p.min() < self.threshold)
 
-    def by_covariate(self) -> dict[str, float]:
-        """The smallest log10 p-value of each covariate, most significant first."""
-        return {covariate: value for covariate, (value, _) in self.foremost().items()}
-
     def foremost(self) -> dict[str, tuple[float, str]]:
         """The smallest log10 p-value of each covariate and the family or effect that has it, most
         significant first.

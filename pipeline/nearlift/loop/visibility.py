@@ -12,6 +12,12 @@ from nearlift.loop.search_problem import SearchProblem
 SILENT = 1e-4
 
 
+def visible(stage: SearchProblem) -> tuple[Effect, ...]:
+    """The effects of the library that leave a mark."""
+    known = {e.name: e for e, _ in stage.library}
+    return tuple(e for e in known.values() if visibility(stage, e) > SILENT)
+
+
 def visibility(stage: SearchProblem, effect: Effect) -> float:
     """Share of the squared norm of an effect's whitened columns outside the span of theta and
     L_inf, the largest over its shapes; 0 without columns.

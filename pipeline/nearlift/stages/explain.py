@@ -158,7 +158,7 @@ def _at(
         return common | {
             "within_trial": heating_power(stage.data, stage.options.false_alarm_rate, LIMIT_POWER)
         }, []
-    foresight = Foresight(stage=stage, seed=stage.options.seed)
+    foresight = Foresight(stage=stage)
     sizes, rows = [], []
     for handle in handles(effect):
         size, table = _size(foresight, handle)

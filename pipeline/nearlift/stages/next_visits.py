@@ -21,13 +21,12 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop import next_visits
 from nearlift.loop.admission import could_act
-from nearlift.loop.candidate_fit import search
+from nearlift.loop.candidate_fit import Point, search
 from nearlift.loop.coefficients import spread
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import handles
 from nearlift.loop.next_visits import Plan, Question
-from nearlift.loop.proposals import Point
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.separation import APART
 from nearlift.loop.visibility import SILENT, visibility
@@ -342,12 +341,11 @@ def _points(
 ) -> tuple[Point, Point]:
     def fitted(names: Sequence[str], log_lift: FloatArray) -> Point:
         candidate = stage.candidate(*(known[n] for n in names))
-        optimum = search(candidate, stage.starts, log_lift)
-        return candidate.effects, optimum.vector
+        return search(candidate, stage.starts, log_lift).point
 
     mine = stage.explain(tuple(known[n] for n in one))
     if mine.gain > FITTED or len(one) > 1:
-        return (mine.fitted.candidate.effects, mine.fitted.vector), fitted(other, stage.log_lift)
+        return mine.fitted.point, fitted(other, stage.log_lift)
     effect = known[one[0]]
     if visibility(stage, effect) <= SILENT:
         raise InputRefused(
@@ -356,9 +354,7 @@ def _points(
             "another measurement is wanted, not more visits",
         )
     handle = handles(effect)[0]
-    vector = Foresight(stage=stage, seed=stage.options.seed).vector(
-        handle, min(handle.plausible, handle.largest)
-    )
+    vector = Foresight(stage=stage).vector(handle, min(handle.plausible, handle.largest))
     supposed = stage.candidate(effect).log_ratio(vector)
     return ((effect,), vector), fitted(other, supposed)
 
