@@ -58,12 +58,11 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
         else stage.base_fit
     )
     vectors = without_each(stage, whole)
-    visit_of = np.unique(stage.data.visit, return_inverse=True)[1]
-    ratio = whole.candidate.log_ratio(vectors)
-    rest = stage.log_lift - ratio
-    log_inf = _levels(stage, _weights(stage, visit_of))(rest[:, None], np.arange(len(rest)))[:, 0]
+    visit_of, weight = _weights(stage)
+    rest = stage.log_lift - whole.candidate.log_ratio(vectors)
+    log_inf = _levels(stage, weight)(rest[:, None], np.arange(len(rest)))[:, 0]
     trial = np.arange(stage.data.n)
-    result: FloatArray = rest[visit_of, trial] - log_inf[visit_of, trial]
+    result = rest[visit_of, trial] - log_inf[visit_of, trial]
     foretold = [stage.data.level_known_from(visit_of != visit) for visit in range(len(rest))]
     return np.where(np.array(foretold)[visit_of, trial], result, np.nan)
 
@@ -92,17 +91,13 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
     The trials of the visit left out have weight zero. Parameters of a session without any other
     visit then take their prior's value.
     """
-    candidate = whole.candidate
-    visit_of = np.unique(stage.data.visit, return_inverse=True)[1]
-    weight = _weights(stage, visit_of)
-    root = np.sqrt(weight)
-    levels = _levels(stage, weight)
+    candidate, (_, weight) = whole.candidate, _weights(stage)
+    root, levels = np.sqrt(weight), _levels(stage, weight)
     mean, sd = candidate.prior
 
     def free(x: FloatArray, rows: IntArray) -> FloatArray:
         """Weighted residuals of x (k, c, n) with L_inf projected out."""
-        result: FloatArray = (x - levels(x, rows)) * root[rows][:, None]
-        return result
+        return np.asarray((x - levels(x, rows)) * root[rows][:, None])
 
     def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
         left = free((stage.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
@@ -121,12 +116,13 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
     ).theta
 
 
-def _weights(stage: SearchProblem, visit: IntArray) -> FloatArray:
-    """Inverse variance of each trial, 0 in the visit left out, (visits, n)."""
-    weight: FloatArray = np.where(
-        visit == np.arange(visit.max() + 1)[:, None], 0.0, 1 / stage.space.covariance.variance
-    )
-    return weight
+def _weights(stage: SearchProblem) -> tuple[IntArray, FloatArray]:
+    """The index of each trial's visit, (n,), and the inverse variance of each trial, 0 in the visit
+    left out, (visits, n).
+    """
+    visits, visit = np.unique(stage.data.visit, return_inverse=True)
+    mine = visit == np.arange(len(visits))[:, None]
+    return visit, np.where(mine, 0.0, 1 / stage.space.covariance.variance)
 
 
 def by_visit(
@@ -170,17 +166,12 @@ def run(stage: SearchProblem) -> Answer:
     best: tuple[Effect, ...] = ()
     to_beat = none
     rounds: list[tuple[Explanation, ...]] = []
-    while len(best) < MOST_EFFECTS:
+    while len(rounds) < MOST_EFFECTS:
         tried, errors = [], {}
         for effect in (e for e in seen if e not in best):
             squares = by_visit(working, left_out(working, (*best, effect)), predictable)
-            explanation = _explanation(
-                working,
-                (*best, effect),
-                none,
-                squares,
-                convinces(to_beat, squares, scatter),
-            )
+            convincing = convinces(to_beat, squares, scatter)
+            explanation = _explanation(working, (*best, effect), none, squares, convincing)
             tried.append(explanation)
             errors[explanation.name] = squares
         rounds.append(tuple(tried))
@@ -189,17 +180,12 @@ def run(stage: SearchProblem) -> Answer:
             break
         leader = max(accepted, key=lambda e: e.evidence.log)
         best, to_beat = leader.fitted.candidate.effects, errors[leader.name]
-    singles = rounds[0] if rounds else ()
-    pairs = rounds[1] if len(rounds) > 1 else ()
+    singles, pairs = (*rounds, (), ())[:2]
     accepted = [e for e in pairs if e.accepted] or [e for e in singles if e.accepted]
     most = max((e.evidence.log for e in accepted), default=0.0)
-    rivals = tuple(
-        sorted(
-            (e for e in accepted if 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB),
-            key=lambda e: -e.evidence.plausibility,
-        )
-    )
-    return Answer(stage=working, first=first, singles=singles, pairs=pairs, accepted=rivals)
+    rivals = [e for e in accepted if 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB]
+    rivals.sort(key=lambda e: -e.evidence.plausibility)
+    return Answer(stage=working, first=first, singles=singles, pairs=pairs, accepted=tuple(rivals))
 
 
 def _explanation(
@@ -245,10 +231,9 @@ def answers(
     members = tuple((name, left_out_in_turn(fitted)) for name, fitted in fits)
     chosen = answer.accepted[0].effects if answer.accepted else ()
     best, (value, u) = fits[0][1], members[0][1]
+    unseen = coefficients.constrained_columns(stage, chosen, declared)
     _, naive = coefficients.spread(stage, best)
-    _, wide = coefficients.spread(
-        stage, best, coefficients.constrained_columns(stage, chosen, declared)
-    )
+    _, wide = coefficients.spread(stage, best, unseen)
     # the jackknife over visits does not show the variance from undetected effects
     constrained = np.sqrt(u**2 + np.maximum(wide**2 - naive**2, 0.0))
     return coefficients.Answers(

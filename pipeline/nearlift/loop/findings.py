@@ -8,10 +8,8 @@ import dataclasses
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.likelihood import student
 from nearlift.loop import coefficients, confirmation, few_visits
-from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
@@ -77,29 +75,18 @@ def _parameters(
     """
     fitted = explanation.fitted
     if stage.independent:
-        errors = confirmation.standard_error(few_visits.without_each(stage, fitted))
-        return _intervals(fitted, effect, errors, student.quantile(0.95, few_visits.freedom(stage)))
-    spread = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
-    return _intervals(fitted, effect, spread, student.NORMAL_90)
-
-
-def _intervals(
-    fitted: Fitted, effect: str, u: FloatArray, quantile: float
-) -> dict[str, LoopEstimate]:
+        u = confirmation.standard_error(few_visits.without_each(stage, fitted))
+        quantile = student.quantile(0.95, few_visits.freedom(stage))
+    else:
+        u = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
+        quantile = student.NORMAL_90
     result = {}
-    for slot in fitted.candidate.slots:
-        if slot.effect != effect:
-            continue
+    for slot in (s for s in fitted.candidate.slots if s.effect == effect):
+        name, unit = slot.parameter.name, slot.parameter.unit
         for i in range(slot.start, slot.stop):
-            name = (
-                slot.parameter.name
-                if slot.stop - slot.start == 1
-                else f"{slot.parameter.name}[{i - slot.start}]"
-            )
+            key = name if slot.stop - slot.start == 1 else f"{name}[{i - slot.start}]"
             v, half = fitted.vector[i], quantile * u[i]
-            result[name] = LoopEstimate(
-                value=v, lo90=v - half, hi90=v + half, unit=slot.parameter.unit
-            )
+            result[key] = LoopEstimate(value=v, lo90=v - half, hi90=v + half, unit=unit)
     return result
 
 
@@ -157,21 +144,19 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
         else "each one leaves structure beyond the threshold, or explains too little"
         + _impossible(answer)
     )
+    unnamed = (
+        f"a gain that wanders at random ({100 * answer.wander:.2g} % of lift) is as likely"
+        if answer.wander
+        else "no pair of declared effects does better"
+    )
     return (
         _round(singles, "no single effect will do", why_not),
         _round(
             _listing(answer.stage, answer.pairs, LISTED_PAIRS),
             f"accept {best.name}" if best is not None else "unexplained",
-            enough if best is not None else _unnamed(answer),
+            enough if best is not None else unnamed,
         ),
     )
-
-
-def _unnamed(answer: Answer) -> str:
-    """Reason why the round of pairs names nothing."""
-    if answer.wander:
-        return f"a gain that wanders at random ({100 * answer.wander:.2g} % of lift) is as likely"
-    return "no pair of declared effects does better"
 
 
 def _round(candidates: tuple[TriedCandidate, ...], decision: str, reason: str) -> LoopRound:
@@ -203,10 +188,9 @@ def _listing(
 
 def _sizes(explanation: Explanation) -> dict[str, float]:
     """Fitted parameters of an explanation's effects, without those that differ by session."""
-    slots = explanation.fitted.candidate.slots
     return {
         s.parameter.name: float(explanation.fitted.vector[s.start])
-        for s in slots
+        for s in explanation.fitted.candidate.slots
         if s.effect and s.stop - s.start == 1
     }
 
@@ -219,21 +203,15 @@ def _impossible(answer: Answer) -> str:
         for e in sorted(answer.singles, key=lambda e: -e.gain)
         if e.fitted.at_bound and e.gain > share
     ]
-    return (
-        f"; refused, since the size that it takes is not possible: {', '.join(ends)}"
-        if ends
-        else ""
-    )
+    if not ends:
+        return ""
+    return f"; refused, since the size that it takes is not possible: {', '.join(ends)}"
 
 
 def _at_end(explanation: Explanation) -> str:
     """Sizes at a bound, in words."""
-    ends = {
-        p.name: p.bounds
-        for e in explanation.fitted.candidate.effects
-        for p in e.parameters
-        if not p.grid
-    }
+    effects = explanation.fitted.candidate.effects
+    ends = {p.name: p.bounds for e in effects for p in e.parameters if not p.grid}
     return ", ".join(
         f"{name} runs into {size:.3g}"
         for name, size in _sizes(explanation).items()

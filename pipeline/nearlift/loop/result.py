@@ -15,17 +15,10 @@ from nearlift.fit.known_sources import without_each
 from nearlift.likelihood import budget
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
-from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.coefficients import Answers, Pair
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.results.quotation import (
-    BoundaryResult,
-    Correlation,
-    Doubt,
-    HeldOutError,
-    Shift,
-)
+from nearlift.results.quotation import BoundaryResult, Correlation, Doubt, HeldOutError
 
 VISITS = "visits left out in turn"
 
@@ -53,7 +46,7 @@ def result(
     )
     coefficients = {}
     for i, name in enumerate(answers.names):
-        quoted = estimator.quoted(
+        coefficients[name] = estimator.quoted(
             i,
             answers.spans(i),
             _holds(stage, answer, answers),
@@ -61,12 +54,14 @@ def result(
             which,
             max(len(answer.accepted), 1),
         )
-        if stage.independent:
-            visit = _of_visits(stage, answer.best, i)
-            quoted = dataclasses.replace(
-                quoted, influence=dataclasses.replace(quoted.influence, visit=visit)
-            )
-        coefficients[name] = quoted
+    if stage.independent:
+        # the visit whose omission moves it most, by refits
+        moved = few_visits.without_each(stage, answer.best) - answer.best.vector
+        visits = stage.data.visit
+        for i, (name, quoted) in enumerate(coefficients.items()):
+            most = largest(np.unique(visits), moved[:, i], visits, stage.data.z_hat)
+            influence = dataclasses.replace(quoted.influence, visit=most)
+            coefficients[name] = dataclasses.replace(quoted, influence=influence)
     return BoundaryResult(
         verdict=answer.verdict,
         base_model=stage.base.name,
@@ -207,10 +202,3 @@ def _with_unknowns(
     }
     covariance = dataclasses.replace(space.covariance, shared=shared)
     return Problem(model=stage.base, data=data, covariance=covariance, shift=shift), unknowns
-
-
-def _of_visits(stage: SearchProblem, fitted: Fitted, i: int) -> Shift | None:
-    """The visit whose omission moves coefficient i most, by refits."""
-    moved = few_visits.without_each(stage, fitted)[:, i] - fitted.vector[i]
-    visits = stage.data.visit
-    return largest(np.unique(visits), moved, visits, stage.data.z_hat)
