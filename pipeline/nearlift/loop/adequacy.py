@@ -25,9 +25,7 @@ def contradictions(stage: SearchProblem, scored: HeldOut | None) -> tuple[str, .
 
 
 def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
-    """One-sided t test over visits of the held-out `misfit` against its expectation under noise,
-    the prediction's own uncertainty included; a sentence if it is significant.
-    """
+    """One-sided t test over visits of the held-out `misfit` against what noise would make it."""
     from scipy.stats import t
 
     if scored is None:
@@ -54,9 +52,7 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
 
 
 def _strained(stage: SearchProblem) -> list[str]:
-    """Two-sided z test of each declared error's estimate against its declared standard uncertainty,
-    with a Bonferroni correction for an error of several unknowns.
-    """
+    """Two-sided z test of each declared error's estimate, by Bonferroni where it has several."""
     from scipy.stats import norm
 
     # a fit of few visits leaves the declared errors out of its covariance

@@ -56,19 +56,19 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
         raise NotConverged(where, f"{data.n} usable trials are too few", remedy)
     wanted = max(LEAST_CELLS, LEAST_FREEDOM + unknowns)
     if data.n < wanted:
-        what = (
+        raise NotConverged(
+            where,
+            f"{data.n} usable trials are too few",
             f"at least {wanted} trials are wanted ({unknowns} levels and coefficients are unknown),"
-            " each with its standard deviation"
+            " each with its standard deviation",
         )
-        raise NotConverged(where, f"{data.n} usable trials are too few", what)
     bare = int(np.sum(~(data.u_lift_N > 0)))
     if bare:
-        remedy = (
-            f"give lift_sd for each, or at least {LEAST_TRIALS + unknowns} trials, to tell a noise"
-            " floor from structure"
-        )
         raise NotConverged(
-            where, f"{data.n} usable trials, {bare} of them without a standard deviation", remedy
+            where,
+            f"{data.n} usable trials, {bare} of them without a standard deviation",
+            f"give lift_sd for each, or at least {LEAST_TRIALS + unknowns} trials, to tell a noise"
+            " floor from structure",
         )
 
 
@@ -93,10 +93,9 @@ def could_act(
             or not missing(e, data)
         )
         and (e.belongs_to != "tether" or not data.in_flight)
-    )
-    if "spacing_hat" not in data.geometry:
         # a single rotor has no interactions, and lacks no information on them
-        library = tuple(e for e in library if "spacing_hat" not in e.needs)
+        and ("spacing_hat" in data.geometry or "spacing_hat" not in e.needs)
+    )
     many = len(np.unique(data.session)) > MOST_SESSIONS
     needs = {
         e.name: (

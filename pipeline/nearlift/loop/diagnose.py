@@ -5,6 +5,7 @@ and the coefficients and errors before and after.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -170,17 +171,15 @@ def diagnose(
         stage, answer, answers, _correlation(stage, answer, answers.unnamed), scores
     )
     if confirm:
+
+        def without(label: NDArray[Any]) -> Callable[[str], stability.Without | None]:
+            return lambda one: _without(ground, label != one, rate, decided, declared)
+
         quoted = stability.with_decisive_trial(
-            quoted,
-            lambda trial: _without(ground, ground.data.trial != trial, rate, decided, declared),
-            stability.trials_to_try(answer, quoted),
+            quoted, without(ground.data.trial), stability.trials_to_try(answer, quoted)
         )
         quoted = stability.with_decisive_visits(
-            quoted,
-            lambda visit: _without(
-                ground, ground.data.visit.astype(str) != visit, rate, decided, declared
-            ),
-            stability.visits_to_try(answer, quoted),
+            quoted, without(ground.data.visit.astype(str)), stability.visits_to_try(answer, quoted)
         )
     return LoopDiagnosis(findings=findings, residuals=residuals, quoted=quoted)
 
@@ -232,20 +231,15 @@ def decide(
     else:
         # folds of few visits start from the original stage, which is not yet `independent`
         named = answer.best.candidate.effects
-        scored = (
-            confirmation.held_out(
-                stage if few else answer.stage,
-                # what a fold's own search would choose is told of the whole diagnosis alone
-                few_visits.run if few else run if like is None else None,
-                named,
-                progress,
-            )
-            if confirm
-            else None
-        )
-        if scored is not None and not scored.predicted.any():
-            # the other visits determine the L_inf of no held-out trial
-            scored = None
+        scored = None
+        if confirm:
+            # what a fold's own search would choose is told of the whole diagnosis alone
+            again = few_visits.run if few else run if like is None else None
+            ground = stage if few else answer.stage
+            scored = confirmation.held_out(ground, again, named, progress)
+            if not scored.predicted.any():
+                # the other visits determine the L_inf of no held-out trial
+                scored = None
         decided = dataclasses.replace(decided, scored=scored)
         unconfirmed = (
             scored is not None
@@ -277,9 +271,7 @@ def _without(
     like: Decided,
     declared: dict[str, float],
 ) -> stability.Without | None:
-    """The diagnosis of the trials `keep` alone: noise, search and coefficients; None where they
-    cannot be diagnosed.
-    """
+    """The diagnosis of the trials `keep` alone; None where they cannot be diagnosed."""
     whole = like.answer.stage
     trials = whole.recorded.take(keep)
     data = trials.recorded
@@ -369,14 +361,11 @@ def _correlation(stage: SearchProblem, answer: Answer, unnamed: FloatArray) -> C
     fitted = answer.best
     if stage.independent:
         vectors = few_visits.without_each(stage, fitted)
-        centred = (
-            vectors - vectors.mean(axis=0) if len(vectors) else np.zeros((1, fitted.candidate.size))
-        )
+        centred = vectors - vectors.mean(axis=0)
         covariance = centred.T @ centred
     else:
-        covariance = coefficients.joint(
-            stage, fitted, answer.accepted[0].tube if answer.accepted else unnamed
-        )
+        tube = answer.accepted[0].tube if answer.accepted else unnamed
+        covariance = coefficients.joint(stage, fitted, tube)
     places = {s.parameter.name: s.start for s in fitted.candidate.slots if s.stop - s.start == 1}
     entries = list(places.values())
     return loop_result.correlation(list(places), covariance[np.ix_(entries, entries)])

@@ -34,8 +34,9 @@ def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
     ]
     if data.ordered:
         carried.append(moving(data).columns)
-    shapes = [*carried, _by_throttle(stage)]
-    return np.hstack([np.zeros((stage.data.n, 0)), *(_sized(stage, columns) for columns in shapes)])
+    # a curve bent at one throttle moves the coefficients that all share
+    by_throttle = times(stage.candidate().jacobian(stage.theta), indicators(data.throttle))
+    return np.hstack([_sized(stage, shape) for shape in (*carried, by_throttle)])
 
 
 def covariates(structure: Structure) -> list[str]:
@@ -47,17 +48,8 @@ def covariates(structure: Structure) -> list[str]:
     ]
 
 
-def _by_throttle(stage: SearchProblem) -> FloatArray:
-    """Jacobian columns of each throttle by itself: a curve bent at one throttle moves the
-    coefficients that all share.
-    """
-    return times(stage.candidate().jacobian(stage.theta), indicators(stage.data.throttle))
-
-
 def _sized(stage: SearchProblem, family: FloatArray) -> FloatArray:
-    """A family's columns times the standard deviation of its coefficients; (n, 0) where the
-    estimated variance is not positive.
-    """
+    """A family's columns times the standard deviation of its coefficients; none where it is 0."""
     jacobian = orthonormal(stage.base_fit.jacobian)
     white = stage.space.project(family.T).T
     variance = _variance(white - jacobian @ (jacobian.T @ white), stage.base_fit.residual)
@@ -65,13 +57,8 @@ def _sized(stage: SearchProblem, family: FloatArray) -> FloatArray:
 
 
 def _variance(white: FloatArray, residual: FloatArray) -> float:
-    """Method-of-moments variance of a family's coefficients, from its projected columns (n, k) and
-    the residual (n,), both whitened; may be negative.
-    """
+    """Their variance by moments, from whitened columns (n, k) and residual (n,), or below 0."""
     product = white.T @ white
     energy = float(np.sum(product**2))
-    return (
-        (float(np.sum((white.T @ residual) ** 2)) - float(np.trace(product))) / energy
-        if energy > 0
-        else 0.0
-    )
+    excess = float(np.sum((white.T @ residual) ** 2)) - float(np.trace(product))
+    return excess / energy if energy > 0 else 0.0

@@ -84,10 +84,8 @@ class Explanation:
 
     @property
     def possible(self) -> bool:
-        """Whether it may stand beside one that was accepted, by its evidence alone.
-
-        A size that runs into the end of what is
-        physically possible is no explanation, nor are two effects of which one would do.
+        """Whether it may stand beside one that was accepted, by its evidence alone: no size at the
+        end of what is possible is an explanation, nor are two effects of which one would do.
         """
         return (
             self.evidence.over_none > 0

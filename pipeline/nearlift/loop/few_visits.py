@@ -195,9 +195,7 @@ def _explanation(
     squares: FloatArray,
     confirmed: bool,
 ) -> Explanation:
-    """The fit to all visits; its evidence is the log score on visits left out, each visit as one
-    observation.
-    """
+    """The fit to all visits, with the log score on visits left out, each one observation."""
     total = squares.sum()
     score = (
         0.5 * len(squares) * float(np.log(none.sum() / total)) if np.isfinite(total) else -np.inf

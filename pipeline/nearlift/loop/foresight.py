@@ -272,9 +272,7 @@ class Foresight:
         return np.stack([printed[0], uncertain[0], mean_evidence(printed[1], uncertain[1])])
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
-        """Of every draw of the noise, the chi2 that a fit in its declared form leaves in the
-        reduced space; (m,).
-        """
+        """Of every draw of the noise, the chi2 that a fit in its declared form leaves, (m,)."""
         basis, draws = self._basis, self._noise[0] + elsewhere
         _, sd = fitted.candidate.prior
         low, high = fitted.candidate.bounds

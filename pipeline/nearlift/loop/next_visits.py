@@ -220,9 +220,7 @@ class Plan:
         return self._apart(rng.permutation(chosen), last)
 
     def _round(self, count: int, made: IntArray, turn: int, rng: np.random.Generator) -> IntArray:
-        """The next `count` visits of the rotation after `turn` others, unvisited stations first and
-        supply settings in random order.
-        """
+        """The next `count` visits of the rotation after `turn` others, unvisited stations first."""
         stations = len(made)
         lap = np.random.default_rng(turn // stations).permutation(stations)
         place = np.empty(stations, dtype=np.int64)

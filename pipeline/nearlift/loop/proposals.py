@@ -206,9 +206,7 @@ def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[
 
 
 def _more(data: Observations) -> dict[str, Observations]:
-    """Additions besides those of `separation.menu`: a lower throttle, and visits of the farthest
-    distance between the others.
-    """
+    """Besides those of `separation.menu`: a lower throttle; the farthest distance in between."""
     finite = data.z_hat[np.isfinite(data.z_hat)]
     near, far = float(finite.min()), float(finite.max())
     lowest = float(data.levels.min())
@@ -238,9 +236,7 @@ def _more(data: Observations) -> dict[str, Observations]:
 
 
 def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
-    """Evidence from forces read with the rotors stopped, at every distance twice, which show only
-    additive effects that do not depend on lift.
-    """
+    """Evidence from two sweeps at rest, which show additive effects that do not depend on lift."""
     stage = foresight.stage
     sigma = float(np.hypot(stage.noise.force_N, np.median(stage.data.u_lift_N)))
     if sigma <= 0:

@@ -83,9 +83,7 @@ def planned(
 
 
 def _rehearsed(stage: SearchProblem) -> Foresight:
-    """Foresight at the noise floor of campaigns simulated from the stage, each size their root
-    mean square.
-    """
+    """Foresight at the root mean square of the noise floors of simulated campaigns."""
     root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
     floors, quiet = [], []
     for i in range(REHEARSALS):

@@ -172,9 +172,7 @@ def _estimator(stage: SearchProblem, answer: Answer, answers: Answers) -> Estima
 def _with_unknowns(
     stage: SearchProblem, answer: Answer, answers: Answers
 ) -> tuple[Problem, dict[str, slice]]:
-    """The likelihood in the base model's coefficients alone, and where its further unknowns stand
-    among the shared ones.
-    """
+    """The likelihood in the coefficients alone, and which of its shared unknowns are what."""
     fitted, space, p = answer.best, stage.space, len(answers.names)
     candidate, vector = fitted.candidate, fitted.vector
     data = dataclasses.replace(stage.data, lift_N=np.exp(stage.log_lift))

@@ -178,8 +178,7 @@ def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     tried = [(e, stage.explain((e,))) for e in visible]
     visible = [e for e, s in tried if np.isfinite(s.gain)]
     singles = tuple(s for _, s in tried if np.isfinite(s.gain))
-    alone = [s for s in singles if s.accepted]
-    clean = bool(alone)
+    clean = any(s.accepted for s in singles)
     if not clean:
         singles = second_look(stage, singles)
     margin = RIVAL_MAX_2LNB / 2

@@ -33,9 +33,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Signature:
-    """One effect: the entries of its `shapes` (m, entries), and its whitened columns at each,
-    (m, k, n).
-    """
+    """One effect: its entries at each of its `shapes`, (m, entries), whitened columns (m, k, n)."""
 
     shapes: FloatArray
     columns: FloatArray

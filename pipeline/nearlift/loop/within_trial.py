@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.declare import Effect, FloatArray
+from nearlift.declare import Effect
 from nearlift.results import Observations
 from nearlift.results.diagnosis import Change, WithinTrial
 from nearlift.results.explanation import WithinTrialPower
@@ -25,13 +25,12 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> Wit
     """
     from scipy.stats import t
 
-    means = _by_visit(data)
-    if means is None:
+    mean = _over_visits(data)
+    if mean is None:
         return None
-    blocks = len(means)
-    value, u = float(means.mean()), float(means.std(ddof=1) / np.sqrt(blocks))
-    p_value = float(2 * t.sf(abs(value) / u, blocks - 1)) if u > 0 else 0.0
-    half = float(t.ppf(0.95, blocks - 1)) * u
+    value, u, visits = mean
+    p_value = float(2 * t.sf(abs(value) / u, visits - 1)) if u > 0 else 0.0
+    half = float(t.ppf(0.95, visits - 1)) * u
     significant = p_value < rate and abs(value) > HARMLESS
     names = [e.name for e in library if e.within_trial]
     return WithinTrial(
@@ -49,23 +48,25 @@ def power(data: Observations, rate: float, chance: float) -> WithinTrialPower | 
     from scipy.optimize import brentq
     from scipy.stats import nct, t
 
-    means = _by_visit(data)
-    if means is None:
+    mean = _over_visits(data)
+    if mean is None:
         return None
-    blocks = len(means)
-    u = float(means.std(ddof=1) / np.sqrt(blocks))
-    critical = float(t.ppf(1 - rate / 2, blocks - 1))
-    limit = u * float(brentq(lambda shift: nct.sf(critical, blocks - 1, shift) - chance, 0.0, 20.0))
-    return WithinTrialPower(u_of_mean=u, visits=blocks, limit=max(limit, HARMLESS))
+    _, u, visits = mean
+    critical = float(t.ppf(1 - rate / 2, visits - 1))
+    limit = u * float(brentq(lambda shift: nct.sf(critical, visits - 1, shift) - chance, 0.0, 20.0))
+    return WithinTrialPower(u_of_mean=u, visits=visits, limit=max(limit, HARMLESS))
 
 
-def _by_visit(data: Observations) -> FloatArray | None:
-    """Mean relative change over a record for each visit; None where records are unknown or visits
-    are fewer than five.
+def _over_visits(data: Observations) -> tuple[float, float, int] | None:
+    """Mean relative change over a record and its standard uncertainty, from how many visits; None
+    where records are unknown or visits are fewer than five.
     """
     drift = data.covariates.get("drift_hat")
     if drift is None or not np.isfinite(drift).all() or not np.any(drift):
         return None
     _, visit = np.unique(data.visit, return_inverse=True)
-    means: FloatArray = np.bincount(visit, drift) / np.bincount(visit)
-    return means if len(means) >= 5 else None
+    means = np.bincount(visit, drift) / np.bincount(visit)
+    visits = len(means)
+    if visits < 5:
+        return None
+    return float(means.mean()), float(means.std(ddof=1) / np.sqrt(visits)), visits
