@@ -30,7 +30,7 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import coefficients, next_visits
 from nearlift.loop.candidate_fit import Fitted, search
-from nearlift.loop.diagnose import coefficients_of, decide, set_up
+from nearlift.loop.diagnose import decide, set_up
 from nearlift.loop.evidence import FormReading, Linearised
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -218,7 +218,7 @@ def coefficient(boundary: str, seed: int) -> dict[str, Any]:
     rate = InterimLook(trials=half, scheduled=len(order)).level(Options().false_alarm_rate)
     early = decide(_set_up(pool.run(order[:half])), False, rate).answer
     answer = decide(_set_up(pool.run(order)), False, Options().false_alarm_rate).answer
-    quoted = coefficients_of(answer, {}).estimates().after
+    quoted = coefficients.answers(answer, {}).estimates().after
     name, true = next(iter(pool.campaign.truth.theta.items()))
     return {
         **counts,

@@ -16,6 +16,7 @@ from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import missing
 from nearlift.loop import (
     adequacy,
+    coefficients,
     confirmation,
     families,
     few_visits,
@@ -24,7 +25,6 @@ from nearlift.loop import (
     separation,
     structure,
 )
-from nearlift.loop import diagnose as loop
 from nearlift.loop.candidate import Candidate, moments
 from nearlift.loop.candidate_fit import fit as candidate_fit
 from nearlift.loop.candidate_fit import search as candidate_search
@@ -266,11 +266,11 @@ def test_the_value_over_rivals_does_not_jump_where_two_change_places(ambiguous):
     assert len(answer.accepted) > 1
     first, second, *rest = answer.accepted
     swapped = dataclasses.replace(answer, accepted=(second, first, *rest))
-    found, again = (loop.coefficients_of(a, {}) for a in (answer, swapped))
+    found, again = (coefficients.answers(a, {}) for a in (answer, swapped))
     assert found.value == pytest.approx(again.value, rel=1e-9)
     odds = np.exp(second.evidence.plausibility - first.evidence.plausibility)
     alone = dataclasses.replace(answer, accepted=(first, second))
-    pair = loop.coefficients_of(alone, {})
+    pair = coefficients.answers(alone, {})
     (one, _), (other, _) = (member for _, member in pair.members)
     assert pair.value == pytest.approx((one + odds * other) / (1 + odds))
 
@@ -963,5 +963,5 @@ def test_what_contradicts_an_adequate_model_is_told_and_carried(null_stage):
     answer = run(dataclasses.replace(null_stage))
     doubted = dataclasses.replace(answer, contradicted=("the datum stands far off",))
     assert (answer.verdict, doubted.verdict) == ("adequate", "unexplained")
-    assert loop.coefficients_of(answer, {}).carried == ()
-    assert loop.coefficients_of(doubted, {}).carried == ("distance",)
+    assert coefficients.answers(answer, {}).carried == ()
+    assert coefficients.answers(doubted, {}).carried == ("distance",)

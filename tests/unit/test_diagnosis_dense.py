@@ -487,7 +487,7 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     answer = search.Answer(
         stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted
     )
-    answers = coefficients.answers(stage, answer, {})
+    answers = coefficients.answers(answer, {})
     reach, found = t.ppf(0.95, answers.dof[0]), answers.estimates()
     assert 1 <= answers.dof[0] < stage.data.n
     members = [coefficients.spread(stage, e.fitted, e.tube) for e in accepted]
@@ -522,7 +522,7 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
         stage=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=()
     )
     unnamed = discrepancy.columns(stage, ["supply"])
-    answers = coefficients.answers(stage, answer, {})
+    answers = coefficients.answers(answer, {})
     reach, after = t.ppf(0.95, answers.dof[0]), answers.estimates()
     (value,), (u,) = coefficients.spread(stage, stage.base_fit, unnamed)
     assert after.carried == ("supply",)

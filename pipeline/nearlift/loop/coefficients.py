@@ -12,7 +12,7 @@ from nearlift.declare import Effect, FloatArray
 from nearlift.fit import gum
 from nearlift.likelihood import budget, student
 from nearlift.likelihood.subspace import left_singular, orthonormal
-from nearlift.loop import discrepancy
+from nearlift.loop import confirmation, discrepancy, few_visits
 from nearlift.loop.candidate import WIDE
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.handle import handles
@@ -193,34 +193,46 @@ class Answers:
                 conditional=about(self.conditional[0][i], self.conditional[1][i]),
                 constrained=about(self.constrained[0][i], self.constrained[1][i]),
             )
-        return LoopCoefficients(before=before, after=after, carried=tuple(self.carried))
+        return LoopCoefficients(before=before, after=after, carried=self.carried)
 
 
-def answers(stage: SearchProblem, answer: Answer, declared: dict[str, float]) -> Answers:
-    """What the coefficients are before and after the loop."""
-    best = answer.best
-    conditional = spread(stage, best)
-    # structure without a name is no noise: it is carried, and the base fit leans away from it
-    carried = (
-        (discrepancy.covariates(answer.first) or ["distance"])
-        if answer.verdict == "unexplained"
-        else []
-    )
-    unnamed = discrepancy.columns(stage, carried) if carried else np.zeros((stage.data.n, 0))
+def answers(answer: Answer, declared: dict[str, float]) -> Answers:
+    """What the coefficients are before and after the loop; where visits are few, with jackknife
+    uncertainties over visits.
+    """
+    stage, best, p = answer.stage, answer.best, len(answer.stage.theta)
+
+    def known_by(fitted: Fitted, tube: FloatArray | None = None) -> Pair:
+        if not stage.independent:
+            return spread(stage, fitted, tube)
+        u = confirmation.standard_error(few_visits.without_each(stage, fitted))
+        return fitted.vector[:p], u[:p]
+
+    carried: tuple[str, ...] = ()
+    unnamed = np.zeros((stage.data.n, 0))
+    if answer.verdict == "unexplained" and not stage.independent:
+        # structure without a name is no noise: it is carried, and the base fit leans away from it
+        carried = tuple(discrepancy.covariates(answer.first)) or ("distance",)
+        unnamed = discrepancy.columns(stage, carried)
     fits = [(e.name, e.fitted, e.tube) for e in answer.accepted] or [("", stage.base_fit, unnamed)]
-    members = tuple((name, spread(stage, fitted, tube)) for name, fitted, tube in fits)
+    members = tuple((name, known_by(fitted, tube)) for name, fitted, tube in fits)
     chosen = answer.accepted[0].effects if answer.accepted else ()
+    unseen = np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])
+    exactly, constrained = spread(stage, best), spread(stage, best, unseen)
+    if stage.independent:
+        # the jackknife over visits does not show the variance from undetected effects
+        value, u = members[0][1]
+        hidden = np.maximum(constrained[1] ** 2 - exactly[1] ** 2, 0.0)
+        constrained = value, np.sqrt(u**2 + hidden)
     return Answers(
-        names=tuple(p.name for p in stage.base.parameters),
-        dof=_freedom(stage),
-        before=spread(stage, stage.base_fit),
+        names=tuple(q.name for q in stage.base.parameters),
+        dof=np.full(p, few_visits.freedom(stage)) if stage.independent else _freedom(stage),
+        before=known_by(stage.base_fit),
         members=members,
         weights=weights(answer),
-        conditional=members[0][1] if carried else conditional,
-        constrained=spread(
-            stage, best, np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])
-        ),
-        carried=tuple(carried),
+        conditional=members[0][1] if carried or stage.independent else exactly,
+        constrained=constrained,
+        carried=carried,
         unnamed=unnamed,
     )
 

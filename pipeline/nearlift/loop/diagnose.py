@@ -131,7 +131,7 @@ def diagnose(
             after=error.after.held_out_rmse,
             noise_floor=error.noise_floor,
         )
-    answers = coefficients_of(answer, declared)
+    answers = coefficients.answers(answer, declared)
     estimates, limits = answers.estimates(), absorption.unknowable(stage, answer.best)
     findings = BoundaryDiagnosis(
         boundary=data.boundary,
@@ -258,12 +258,6 @@ def decide(
     return dataclasses.replace(decided, answer=answer)
 
 
-def coefficients_of(answer: Answer, declared: dict[str, float]) -> coefficients.Answers:
-    """Coefficients under every accepted explanation, jackknifed where visits are few."""
-    answers = few_visits.answers if answer.stage.independent else coefficients.answers
-    return answers(answer.stage, answer, declared)
-
-
 def _without(
     ground: SearchProblem,
     keep: NDArray[np.bool_],
@@ -298,7 +292,7 @@ def _without(
         # where visits are few, they decide, and no evidence
         shortlist = None if whole.independent else like.answer.shortlist(named, ~keep)
         answer = decide(stage, True, rate, like, shortlist).answer
-        after = coefficients_of(answer, declared).estimates().after
+        after = coefficients.answers(answer, declared).estimates().after
     except NotConverged:
         return None
     return stability.Without(

@@ -12,6 +12,8 @@ alone, which errs on the wide side.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 
 from nearlift.declare import FloatArray
@@ -22,7 +24,7 @@ from nearlift.loop.structure import Structure
 from nearlift.nomenclature import SCHEDULE_WORDS
 
 
-def columns(stage: SearchProblem, flagged: list[str]) -> FloatArray:
+def columns(stage: SearchProblem, flagged: Collection[str]) -> FloatArray:
     """Discrepancy columns (n, t) of log lift with unit-variance unknowns; `flagged` are the
     covariates in which structure was found.
     """

@@ -22,9 +22,8 @@ from nearlift.declare import Effect, FloatArray
 from nearlift.fit import batched
 from nearlift.likelihood import noise
 from nearlift.likelihood.finite import where_finite
-from nearlift.loop import coefficients
 from nearlift.loop.candidate_fit import Fitted, search
-from nearlift.loop.confirmation import FEW_VISITS, standard_error
+from nearlift.loop.confirmation import FEW_VISITS
 from nearlift.loop.evidence import ExplanationEvidence
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.search import Answer
@@ -214,33 +213,3 @@ def _explanation(
 def freedom(stage: SearchProblem) -> float:
     """Degrees of freedom of the jackknife: visits less one, at least 1."""
     return float(max(len(np.unique(stage.data.visit)) - 1, 1))
-
-
-def answers(
-    stage: SearchProblem, answer: Answer, declared: dict[str, float]
-) -> coefficients.Answers:
-    """Coefficients before and after the loop, with jackknife uncertainties over visits."""
-    p = len(stage.theta)
-
-    def left_out_in_turn(fitted: Fitted) -> coefficients.Pair:
-        return fitted.vector[:p], standard_error(without_each(stage, fitted))[:p]
-
-    fits = [(e.name, e.fitted) for e in answer.accepted] or [("", stage.base_fit)]
-    members = tuple((name, left_out_in_turn(fitted)) for name, fitted in fits)
-    chosen = answer.accepted[0].effects if answer.accepted else ()
-    best, (value, u) = fits[0][1], members[0][1]
-    unseen = coefficients.constrained_columns(stage, chosen, declared)
-    _, naive = coefficients.spread(stage, best)
-    _, wide = coefficients.spread(stage, best, unseen)
-    # the jackknife over visits does not show the variance from undetected effects
-    constrained = np.sqrt(u**2 + np.maximum(wide**2 - naive**2, 0.0))
-    return coefficients.Answers(
-        names=tuple(q.name for q in stage.base.parameters),
-        dof=np.full(len(stage.theta), freedom(stage)),
-        before=left_out_in_turn(stage.base_fit),
-        members=members,
-        weights=coefficients.weights(answer),
-        conditional=(value, u),
-        constrained=(value, constrained),
-        unnamed=np.zeros((stage.data.n, 0)),
-    )
