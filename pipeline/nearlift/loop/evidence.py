@@ -89,8 +89,7 @@ class Deformation:
 
     def __call__(self, x: FloatArray) -> FloatArray:
         """Applied to columns (d, m)."""
-        result: FloatArray = x - (self.turned * self.shrink) @ (self.turned.T @ x)
-        return result
+        return np.asarray(x - (self.turned * self.shrink) @ (self.turned.T @ x))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,8 +167,7 @@ class Linearised:
         low, high = candidate.bounds
         held = (self.fitted.vector <= low) | (self.fitted.vector >= high)
         asked = (information > candidate.data.n) | held[self.entries]
-        vague: IntArray = self.entries[asked & ~candidate.by_session[self.entries]]
-        return vague
+        return np.asarray(self.entries[asked & ~candidate.by_session[self.entries]])
 
     def integrated(self, scores: FloatArray, fixed: IntArray, random: IntArray) -> Integrated:
         """The scores (d, m) with the entries `fixed` projected out and those `random` integrated

@@ -73,11 +73,6 @@ class Foresight:
         draws = self.quiet * rng.standard_normal((DRAWS, self._basis.shape[1]))
         return draws, np.sqrt(dof / rng.chisquare(dof, size=(DRAWS, 1)))
 
-    @property
-    def threshold(self) -> float:
-        """Log10 p that a single test must undercut."""
-        return self.stage.nothing_added[0].threshold
-
     @cached_property
     def candidates(self) -> tuple[Effect, ...]:
         """The effects that leave any mark beside theta and L_inf."""
@@ -119,8 +114,7 @@ class Foresight:
         columns = np.hstack([self.stage.data.level_columns, base.candidate.jacobian(base.vector)])
         whiten = self.stage.space.covariance.whiten
         solution = np.linalg.lstsq(whiten(columns.T).T, whiten(raw), rcond=None)[0]
-        left: FloatArray = raw - columns @ solution
-        return raw, left
+        return raw, raw - columns @ solution
 
     def visible(self, handle: Handle, size: float) -> FloatArray:
         """The visible part in the reduced space, unit noise; (d,)."""
@@ -131,7 +125,8 @@ class Foresight:
         """The chi-square that each hypothesis must exceed."""
         from scipy.stats import chi2
 
-        return np.asarray(chi2.isf(10.0**self.threshold, self._bases[1]), dtype=np.float64)
+        level = 10.0 ** self.stage.nothing_added[0].threshold
+        return np.asarray(chi2.isf(level, self._bases[1]), dtype=np.float64)
 
     def _elsewhere(self, handle: Handle, size: float) -> FloatArray:
         """How the visible part differs in other draws of what differs by session, (m, d); (1, d) of
@@ -241,7 +236,7 @@ class Foresight:
             if n != handle.effect.name
         }
         if handle.effect.name not in names:
-            return Contest(seen=float(seen.mean()), within=0.0, first=0.0, alone=0.0, rivals=rivals)
+            return Contest(seen=float(seen.mean()), rivals=rivals)
         mine = names.index(handle.effect.name)
         first = member[mine] & (leader == mine)
         return Contest(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -91,8 +91,8 @@ class Contest:
     `rivals`: probability that each other candidate is the name or a rival, given detection.
     """
 
-    seen: float
-    within: float
-    first: float
-    alone: float
-    rivals: Mapping[str, float]
+    seen: float = 0.0
+    within: float = 0.0
+    first: float = 0.0
+    alone: float = 0.0
+    rivals: Mapping[str, float] = field(default_factory=dict)

@@ -11,7 +11,7 @@ from nearlift.declare import Effect
 from nearlift.loop import coefficients
 from nearlift.loop.absorption import unknowable
 from nearlift.loop.foresight import Foresight
-from nearlift.loop.handle import LIMIT_POWER, Handle, handles
+from nearlift.loop.handle import LIMIT_POWER, Contest, Handle, handles
 from nearlift.loop.proposals import Pair, changes
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import Observations
@@ -77,13 +77,13 @@ def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
     share = visibility(stage, handle.effect)
     plausible = min(handle.plausible, handle.largest)
     limit = foresight.limit(handle)
-    contest = foresight.contest(handle, plausible) if share > SILENT else None
+    contest = foresight.contest(handle, plausible) if share > SILENT else Contest()
     hiding = plausible if limit is None else min(limit, plausible)
     shift = foresight.harm(handle, hiding)
     _, u = coefficients.spread(stage, stage.base_fit)
     if share <= SILENT:
         verdict = "silent"
-    elif contest is None or contest.seen < LIMIT_POWER:
+    elif contest.seen < LIMIT_POWER:
         verdict = "too small to see"
     elif contest.alone >= CONFUSED:
         verdict = "named"
@@ -102,14 +102,10 @@ def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
         "plausible_size": plausible,
         "detection_limit": limit,
         "verdict": verdict,
-        **{
-            k: getattr(contest, k) if contest else 0.0 for k in ("seen", "within", "first", "alone")
-        },
+        **{k: getattr(contest, k) for k in ("seen", "within", "first", "alone")},
         "rivals": {
             n: c for n, c in sorted(contest.rivals.items(), key=lambda i: -i[1]) if c >= 0.05
-        }
-        if contest
-        else {},
+        },
         "hides_up_to": hiding,
         "bias": {
             p.name: {"shift": float(d), "in_u": float(d / s) if s > 0 else 0.0}

@@ -182,21 +182,18 @@ def _with_unknowns(
         - stage.candidate().log_ratio(vector[:p])
         - jacobian[:, p:] @ (vector - mean)[p:]
     )
-    declared = space.covariance.shared
-    blocks: list[tuple[str, FloatArray]] = []
+    further: dict[str, FloatArray] = {}
     for effect in candidate.effects:
         mine = candidate.entries_of(effect.name)
-        blocks.append((f"size of {effect.name}", jacobian[:, mine] * sd[mine]))
+        further[f"size of {effect.name}"] = jacobian[:, mine] * sd[mine]
     if answer.accepted and not stage.independent:
-        blocks += answer.accepted[0].nuisances.items()
+        further |= answer.accepted[0].nuisances
     if answers.carried:
-        blocks.append((f"what has no name along {' and '.join(answers.carried)}", answers.unnamed))
-    blocks = [(name, columns) for name, columns in blocks if columns.shape[1]]
-    shared = np.hstack([declared, *(columns for _, columns in blocks)])
-    ends = declared.shape[1] + np.cumsum([0, *(columns.shape[1] for _, columns in blocks)])
-    unknowns = {
-        name: slice(int(a), int(b))
-        for (name, _), a, b in zip(blocks, ends[:-1], ends[1:], strict=True)
-    }
+        further[f"what has no name along {' and '.join(answers.carried)}"] = answers.unnamed
+    shared, unknowns = space.covariance.shared, {}
+    for name, columns in further.items():
+        if columns.shape[1]:
+            unknowns[name] = slice(shared.shape[1], shared.shape[1] + columns.shape[1])
+            shared = np.hstack([shared, columns])
     covariance = dataclasses.replace(space.covariance, shared=shared)
     return Problem(model=stage.base, data=data, covariance=covariance, shift=shift), unknowns

@@ -126,7 +126,7 @@ class Answer:
         """Root mean square, as a fraction of lift, of what the gain wanders beside the answer."""
         if not self.first.present:
             return 0.0
-        size = self.accepted[0].wander if self.accepted else self.stage.base_wander
+        size = self.accepted[0].wander if self.accepted else self.stage.unnamed_reading.wander
         return rms(self.stage.data, size)
 
     def shortlist(self, named: tuple[Explanation, ...], left_out: NDArray[np.bool_]) -> Shortlist:

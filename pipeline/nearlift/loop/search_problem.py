@@ -361,9 +361,9 @@ class SearchProblem:
         """Variance along the families and effects that an explanation leaves, in units of the noise
         floor's; 1 where it leaves nothing.
         """
-        return 1.0 + (e.left is not None and e.left.present) * max(
-            self.excess - e.gain, 0.0
-        ) / float(self.hypotheses[1].shape[1])
+        if e.left is None or not e.left.present:
+            return 1.0
+        return 1.0 + max(self.excess - e.gain, 0.0) / self.hypotheses[1].shape[1]
 
     @cached_property
     def base_reading(self) -> FormReading:
@@ -371,19 +371,14 @@ class SearchProblem:
         return self.linearised(self.base_fit, 0.0)
 
     @cached_property
-    def _unnamed(self) -> FormReading:
+    def unnamed_reading(self) -> FormReading:
         """What has no name: the base model, with a wander beside it if that is likelier."""
         return self.with_wander(self.linearised(self.base_fit, 0.0, basis=self.common))
-
-    @property
-    def base_wander(self) -> float:
-        """The likeliest wander beside the base model alone."""
-        return self._unnamed.wander
 
     @cached_property
     def unnamed(self) -> float:
         """Log evidence of what has no name."""
-        return self.log_evidence(self._unnamed)
+        return self.log_evidence(self.unnamed_reading)
 
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:

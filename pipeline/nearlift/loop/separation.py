@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.likelihood.subspace import orthonormal
@@ -145,9 +144,8 @@ def parted(stage: SearchProblem, data: Observations, one: Point, other: Point) -
     mine = Candidate(base=stage.base, effects=one[0], data=data)
     theirs = Candidate(base=stage.base, effects=other[0], data=data)
     difference = np.nan_to_num(mine.log_ratio(one[1]) - theirs.log_ratio(other[1]))
-    absorbed = space.project(theirs.jacobian(other[1]).T).T
-    white: FloatArray = space.project(difference)
-    basis = orthonormal(absorbed)
+    white = space.project(difference)
+    basis = orthonormal(space.project(theirs.jacobian(other[1]).T).T)
     left = white - basis @ (basis.T @ white)
     return float(left @ left)
 

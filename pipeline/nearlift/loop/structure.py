@@ -158,8 +158,7 @@ def chi2_of_each(scores: FloatArray, stacked: FloatArray, ranks: FloatArray) -> 
     their orthonormal bases side by side, of these ranks.
     """
     first = np.r_[0, np.cumsum(ranks)[:-1]].astype(int)
-    result: FloatArray = np.add.reduceat((scores @ stacked) ** 2, first, axis=-1)
-    return result
+    return np.asarray(np.add.reduceat((scores @ stacked) ** 2, first, axis=-1))
 
 
 @lru_cache(maxsize=512)
@@ -263,12 +262,10 @@ def examine(
         return Structure(
             names=(), covariates=(), log10_p=np.zeros(1), p_value=1.0, threshold=-np.inf
         )
-    names = tuple(hypotheses[i].name for i in which)
-    covariates = tuple(hypotheses[i].covariate for i in which)
     log10 = log10_p(scores, stacked, ranks)
     return Structure(
-        names=names,
-        covariates=covariates,
+        names=tuple(hypotheses[i].name for i in which),
+        covariates=tuple(hypotheses[i].covariate for i in which),
         log10_p=log10,
         p_value=null.p_value(log10.min()),
         threshold=null.threshold(rate),
