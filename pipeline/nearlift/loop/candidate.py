@@ -119,8 +119,8 @@ class Candidate:
     @cached_property
     def bounds(self) -> tuple[FloatArray, FloatArray]:
         """Lower and upper bounds, (P,) each."""
-        low, high = (self._each(lambda s, i=i: s.parameter.bounds[i]) for i in (0, 1))
-        return low, high
+        low = self._each(lambda s: s.parameter.bounds[0])
+        return low, self._each(lambda s: s.parameter.bounds[1])
 
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:

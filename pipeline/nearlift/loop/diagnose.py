@@ -27,7 +27,6 @@ from nearlift.loop import (
     coefficients,
     confirmation,
     few_visits,
-    sensitivity,
     separation,
     stability,
 )
@@ -41,6 +40,7 @@ from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
+from nearlift.loop.outlook import sensitivity
 from nearlift.loop.search import Answer, Shortlist, run, settle
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.visibility import SILENT
@@ -157,7 +157,7 @@ def diagnose(
         within_trial=heating(stage.data, library, rate),
         not_testable=untestable,
         sensitivity=(
-            sensitivity.sensitivity(stage, {name for e in answer.accepted for name in e.effects})
+            sensitivity(stage, {name for e in answer.accepted for name in e.effects})
             if few(stage.data, base)
             else None
         ),

@@ -1,20 +1,26 @@
-"""Assessment of a design before it is run: detectable effects, confounded effects, and the smallest
-changes that separate these.
+"""What a design shows: before it is run the effects that it detects or confounds, and the smallest
+changes that separate these; of few trials, once diagnosed, the detection limits.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
+
+import numpy as np
 
 from nearlift.declare import Effect
 from nearlift.loop import coefficients
 from nearlift.loop.absorption import unknowable
+from nearlift.loop.families import STEP, families
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import LIMIT_POWER, Contest, Handle, handles
 from nearlift.loop.proposals import Pair, changes
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import Observations
+from nearlift.results.outlook import DetectionLimit, Sensitivity
+from nearlift.rounding import plain
 
 #: Probability from which a rival counts as confounded with an effect, or the effect as named.
 CONFUSED = 0.5
@@ -125,3 +131,45 @@ def groups(rows: list[dict[str, Any]]) -> list[list[str]]:
                     group[name] = merged
     unique = {tuple(sorted(g)) for g in group.values()}
     return [list(g) for g in sorted(unique)]
+
+
+def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity:
+    """Families and effects searched for, and the detection limits of the effects.
+
+    Limits hold about the base fit, which is wrong where an effect was `seen`: those are left out.
+    """
+    foresight, data = Foresight(stage=stage), stage.data
+    declared = (data.u_lift_N / data.lift_N) ** 2 / stage.space.covariance.variance
+    listed = [
+        _limit(foresight, handle)
+        for effect in foresight.candidates
+        if effect.name not in seen
+        for handle in handles(effect)
+    ]
+    return Sensitivity(
+        trials=data.n,
+        families=tuple(dict.fromkeys(f.name for f in families(data) if f.name != STEP)),
+        effects=tuple(e.name for e in foresight.candidates),
+        chance=LIMIT_POWER,
+        declared_share=float(np.median(declared)),
+        limits=tuple(
+            sorted(listed, key=lambda row: (row.size is None, (row.size or 0.0) / row.plausible))
+        ),
+    )
+
+
+def _limit(foresight: Foresight, handle: Handle) -> DetectionLimit:
+    """Detection limit of one effect's parameter, at a power of `LIMIT_POWER`."""
+    size, parameter, text = foresight.limit(handle), handle.parameter, handle.effect.name
+    if size is not None:
+        unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+        away = "" if parameter.value == 0 else f" away from {plain(parameter.value, 3)}"
+        text += f" of {parameter.name} ≥ {plain(size, 2)}{unit}{away}"
+    return DetectionLimit(
+        effect=handle.effect.name,
+        parameter=parameter.name,
+        unit=parameter.unit,
+        size=size,
+        plausible=handle.plausible,
+        text=text,
+    )
