@@ -65,18 +65,15 @@ def changes(
     offered = menu_of(foresight, variants)
     listed: list[dict[str, object]] = []
     tally: dict[str, list[tuple[bool, float]]] = {c.text: [] for c in offered}
-    done: set[frozenset[str]] = set()
-    kept: list[Pair] = []
+    likeliest: dict[frozenset[str], Pair] = {}
     for pair in sorted(pairs, key=lambda p: -p.chance):
-        names = frozenset((pair.handle.effect.name, pair.rival))
-        if names in done or len(done) >= MOST_PAIRS:
-            continue
-        done.add(names)
-        kept.append(pair)
-        one: Point = ((pair.handle.effect,), foresight.vector(pair.handle, pair.size))
-        log_lift = stage.candidate(*one[0]).log_ratio(one[1])
-        fitted = search(stage.candidate(effects[pair.rival]), stage.starts, log_lift)
-        other = fitted.point
+        likeliest.setdefault(frozenset((pair.handle.effect.name, pair.rival)), pair)
+    kept = list(likeliest.values())[:MOST_PAIRS]
+    for pair in kept:
+        effect, rival = pair.handle.effect, effects[pair.rival]
+        one: Point = ((effect,), foresight.vector(pair.handle, pair.size))
+        log_lift = stage.candidate(effect).log_ratio(one[1])
+        other = search(stage.candidate(rival), stage.starts, log_lift).point
         now = parted(stage, stage.data, one, other)
         by_form = now >= APART
         options: list[dict[str, Any]] = []
@@ -90,9 +87,10 @@ def changes(
             if option["trials_to_part"] is not None and (other_kind or not by_form):
                 options.append(option)
         options.sort(key=lambda o: (o["trials_to_part"], -o["evidence"]))
+        missing = {x for e in (effect, rival) for x in unlogged(e, stage.data)}
         listed.append(
             {
-                "pair": [pair.handle.effect.name, pair.rival],
+                "pair": [effect.name, rival.name],
                 "parameter": pair.handle.parameter.name,
                 "size": pair.size,
                 "unit": pair.handle.parameter.unit,
@@ -100,13 +98,7 @@ def changes(
                 "evidence_now": now,
                 "held_together_by": "form" if by_form else "noise",
                 "options": options[:LISTED],
-                "log": sorted(
-                    {
-                        x
-                        for e in (pair.handle.effect, effects[pair.rival])
-                        for x in unlogged(e, stage.data)
-                    }
-                ),
+                "log": sorted(missing),
             }
         )
     ranking: list[dict[str, Any]] = [
@@ -220,9 +212,8 @@ def _more(data: Observations) -> dict[str, Observations]:
         lift_N=halved * low.lift_N,
         covariates={**low.covariates, "lift_inf_N": halved * low.covariates["lift_inf_N"]},
     )
-    options = {
-        f"a lower throttle too ({61 * lowest:.2g} %), at the closest and the farthest distance": low
-    }
+    lower = f"a lower throttle too ({61 * lowest:.2g} %), at the closest and the farthest distance"
+    options = {lower: low}
     if data.session.max() > 0 and len(np.unique(finite)) > 1:
         stops = data.take(np.flatnonzero(np.r_[True, data.visit[1:] != data.visit[:-1]]))
         pick = stops.take(np.unique(np.linspace(0, stops.n - 1, min(FEW, stops.n)).astype(int)))
@@ -247,11 +238,8 @@ def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
         for e in effects:
             # effects that grow with lift, or with previous lift, vanish when the rotors stand
             if e.additive and not e.loaded:
-                added = (
-                    np.expm1(stage.candidate(*effects).contribution(vector, e))
-                    * stage.data.covariates["lift_inf_N"]
-                )
-                force += sign * added[first]
+                share = np.expm1(stage.candidate(*effects).contribution(vector, e))
+                force += sign * (share * stage.data.covariates["lift_inf_N"])[first]
     return float(2 * np.sum((force / sigma) ** 2))
 
 
