@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import Effect, FloatArray, LiftModel
+from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import inputs
 from nearlift.fit.heights import HeightPlan
@@ -30,7 +30,6 @@ from nearlift.loop import (
     separation,
     stability,
 )
-from nearlift.loop import result as loop_result
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
@@ -41,6 +40,7 @@ from nearlift.loop.findings import named_effects, partial, rounds, structure_tes
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.outlook import sensitivity
+from nearlift.loop.result import result
 from nearlift.loop.search import Answer, Shortlist, run, settle
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.visibility import SILENT
@@ -48,7 +48,7 @@ from nearlift.loop.within_trial import heating
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
-from nearlift.results.quotation import BoundaryResult, Correlation, HeldOutError
+from nearlift.results.quotation import BoundaryResult
 
 #: Noise of the fit from which the search's own noise is estimated: the scales of its priors.
 USUAL = Noise(
@@ -119,17 +119,12 @@ def diagnose(
         "before": confirmation.left(stage, stage.base_fit, shared, stage.data, shared),
         "after": confirmation.left(stage, answer.best, shared, stage.data, shared),
     }
-    error = scores = None
+    error = None
     if scored is not None:
         after = scored.before if refuted else scored.after
         residuals |= {"held_out_before": scored.before, "held_out_after": after}
         error = confirmation.error(
             answer, scored, noise.floor(stage.data, stage.noise, stage.slope)
-        )
-        scores = HeldOutError(
-            before=error.before.held_out_rmse,
-            after=error.after.held_out_rmse,
-            noise_floor=error.noise_floor,
         )
     answers = coefficients.answers(answer, declared)
     estimates, limits = answers.estimates(), absorption.unknowable(stage, answer.best)
@@ -167,9 +162,7 @@ def diagnose(
             *separation.to_part_visits(limits),
         ),
     )
-    quoted = loop_result.result(
-        stage, answer, answers, _correlation(stage, answer, answers.unnamed), scores
-    )
+    quoted = result(answer, answers, error)
     if confirm:
 
         def without(label: NDArray[Any]) -> Callable[[str], stability.Without | None]:
@@ -348,18 +341,3 @@ def set_up(
     acting = inputs.acting(parts, base, first.theta)
     stage = prepare(datum(first, kept), base, between, acting, first.theta, options)
     return stage, known, untestable
-
-
-def _correlation(stage: SearchProblem, answer: Answer, unnamed: FloatArray) -> Correlation:
-    """Correlation of the best answer's parameters, without those that differ by session."""
-    fitted = answer.best
-    if stage.independent:
-        vectors = few_visits.without_each(stage, fitted)
-        centred = vectors - vectors.mean(axis=0)
-        covariance = centred.T @ centred
-    else:
-        tube = answer.accepted[0].tube if answer.accepted else unnamed
-        covariance = coefficients.joint(stage, fitted, tube)
-    places = {s.parameter.name: s.start for s in fitted.candidate.slots if s.stop - s.start == 1}
-    entries = list(places.values())
-    return loop_result.correlation(list(places), covariance[np.ix_(entries, entries)])

@@ -15,25 +15,20 @@ from nearlift.fit.known_sources import without_each
 from nearlift.likelihood import budget
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
-from nearlift.loop.coefficients import Answers, Pair
+from nearlift.loop.candidate import Candidate
+from nearlift.loop.coefficients import Answers, Pair, joint
 from nearlift.loop.search import Answer
-from nearlift.loop.search_problem import SearchProblem
+from nearlift.results.diagnosis import LoopError
 from nearlift.results.quotation import BoundaryResult, Correlation, Doubt, HeldOutError
 
 VISITS = "visits left out in turn"
 
 
-def result(
-    stage: SearchProblem,
-    answer: Answer,
-    answers: Answers,
-    correlation: Correlation,
-    error: HeldOutError | None,
-) -> BoundaryResult:
+def result(answer: Answer, answers: Answers, error: LoopError | None) -> BoundaryResult:
     """The boundary's part of results.json; `answers` is what the coefficients are under
-    every answer.
+    every answer, `error` that on visits left out.
     """
-    estimator = _estimator(stage, answer, answers)
+    stage, estimator = answer.stage, _estimator(answer, answers)
     named = answer.accepted[0].effects if answer.accepted else ()
     others = dict.fromkeys(
         name for e in answer.accepted[1:] for name in e.effects if name not in named
@@ -49,41 +44,57 @@ def result(
         coefficients[name] = estimator.quoted(
             i,
             answers.spans(i),
-            _holds(stage, answer, answers),
+            _holds(answer, answers),
             [*_doubts(estimator, answer, answers, i), *doubts[i]],
             which,
             max(len(answer.accepted), 1),
         )
     if stage.independent:
-        # the visit whose omission moves it most, by refits
-        moved = few_visits.without_each(stage, answer.best) - answer.best.vector
+        # by refits: what the fit varies by, and the visit whose omission moves it most
+        vectors = few_visits.without_each(stage, answer.best)
+        centred = vectors - vectors.mean(axis=0)
+        covariance = centred.T @ centred
         visits = stage.data.visit
         for i, (name, quoted) in enumerate(coefficients.items()):
-            most = largest(np.unique(visits), moved[:, i], visits, stage.data.z_hat)
+            moved = vectors[:, i] - answer.best.vector[i]
+            most = largest(np.unique(visits), moved, visits, stage.data.z_hat)
             influence = dataclasses.replace(quoted.influence, visit=most)
             coefficients[name] = dataclasses.replace(quoted, influence=influence)
+    else:
+        tube = answer.accepted[0].tube if answer.accepted else answers.unnamed
+        covariance = joint(stage, answer.best, tube)
     return BoundaryResult(
         verdict=answer.verdict,
         base_model=stage.base.name,
         effects=named,
         rivals=tuple(others),
         coefficients=coefficients,
-        error=error,
-        correlation=correlation,
+        error=HeldOutError(
+            before=error.before.held_out_rmse,
+            after=error.after.held_out_rmse,
+            noise_floor=error.noise_floor,
+        )
+        if error is not None
+        else None,
+        correlation=_correlation(answer.best.candidate, covariance),
     )
 
 
-def correlation(names: list[str], covariance: FloatArray) -> Correlation:
-    """From a covariance (k, k); what does not vary goes with nothing."""
+def _correlation(candidate: Candidate, covariance: FloatArray) -> Correlation:
+    """Without what differs by session; what does not vary goes with nothing."""
+    places = {s.parameter.name: s.start for s in candidate.slots if s.stop - s.start == 1}
+    entries = list(places.values())
+    covariance = covariance[np.ix_(entries, entries)]
     u = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     scale = np.where(u > 0, u, 1.0)
     unit = np.clip(0.5 * (covariance + covariance.T) / np.outer(scale, scale), -1.0, 1.0)
     np.fill_diagonal(unit, 1.0)
-    return Correlation(parameters=tuple(names), values=tuple(tuple(row) for row in unit.tolist()))
+    return Correlation(parameters=tuple(places), values=tuple(tuple(row) for row in unit.tolist()))
 
 
-def _holds(stage: SearchProblem, answer: Answer, answers: Answers) -> str:
+def _holds(answer: Answer, answers: Answers) -> str:
     """What an interval allows for."""
+    stage = answer.stage
     errors = (
         "the scatter of whole visits"
         if stage.independent
@@ -134,14 +145,14 @@ def _doubts(estimator: Estimator, answer: Answer, answers: Answers, i: int) -> l
     return listed
 
 
-def _estimator(stage: SearchProblem, answer: Answer, answers: Answers) -> Estimator:
+def _estimator(answer: Answer, answers: Answers) -> Estimator:
     """The best answer's, linearised about the values quoted: its effects, their form and what has
     no name are unknowns in the covariance.
     """
-    fitted, p = answer.best, len(answers.names)
+    stage, p = answer.stage, len(answers.names)
     value, u = answers.value, answers.members[0][1][1]
-    low, high = fitted.candidate.bounds
-    problem, unknowns = _with_unknowns(stage, answer, answers)
+    low, high = answer.best.candidate.bounds
+    problem, unknowns = _with_unknowns(answer, answers)
     fixed = (value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u)
     lines: tuple[gum.Line, ...] = ()
     without: dict[str, FloatArray] = {}
@@ -169,12 +180,10 @@ def _estimator(stage: SearchProblem, answer: Answer, answers: Answers) -> Estima
     )
 
 
-def _with_unknowns(
-    stage: SearchProblem, answer: Answer, answers: Answers
-) -> tuple[Problem, dict[str, slice]]:
+def _with_unknowns(answer: Answer, answers: Answers) -> tuple[Problem, dict[str, slice]]:
     """The likelihood in the coefficients alone, and which of its shared unknowns are what."""
-    fitted, space, p = answer.best, stage.space, len(answers.names)
-    candidate, vector = fitted.candidate, fitted.vector
+    stage, p = answer.stage, len(answers.names)
+    space, candidate, vector = stage.space, answer.best.candidate, answer.best.vector
     data = dataclasses.replace(stage.data, lift_N=np.exp(stage.log_lift))
     jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
     shift = (
