@@ -49,12 +49,8 @@ def shifts(
             )
             text = None
             if abs(r) >= CONFOUNDED:
-                fate = (
-                    "changes its sign"
-                    if before * after < 0
-                    else f"moves by {signed(after - before, 2)}"
-                )
-                name = letter(parameter.name)
+                moved, name = f"moves by {signed(after - before, 2)}", letter(parameter.name)
+                fate = "changes its sign" if before * after < 0 else moved
                 text = (
                     f"With {effect.name} in the model {name} {fate}: over these trials"
                     f" {effect.name} and distance go together (correlation {signed(r, 2)}), so a"

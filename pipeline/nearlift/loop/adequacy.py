@@ -32,10 +32,8 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
         return []
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     free = stage.data.unknown_levels + len(stage.theta)
-    beyond = np.bincount(
-        visit,
-        misfit(stage, stage.noise, scored, scored.before) - 1 - free / max(stage.data.n - free, 1),
-    )
+    left = misfit(stage, stage.noise, scored, scored.before)
+    beyond = np.bincount(visit, left - 1 - free / max(stage.data.n - free, 1))
     blocks = len(beyond)
     if blocks < 3 or beyond.sum() <= t.isf(STRAY, blocks - 1) * np.sqrt(blocks) * beyond.std(
         ddof=1

@@ -93,14 +93,9 @@ def fit(candidate: Candidate, space: Problem, log_lift: FloatArray, start: Float
         gradient = (j.T @ r - weight**2 * (vector - mean)) / length
         gained = 0.0
         for _ in range(8):
-            trial = np.clip(
-                vector
-                + _step(
-                    normal + damping * np.eye(len(vector)), gradient, length, vector, low, high
-                ),
-                low,
-                high,
-            )
+            damped = normal + damping * np.eye(len(vector))
+            step = _step(damped, gradient, length, vector, low, high)
+            trial = np.clip(vector + step, low, high)
             r_trial = residual(trial)
             value = cost(r_trial, trial)
             if value < best:
@@ -132,10 +127,8 @@ def _step(
     step = np.zeros(len(vector))
     for _ in range(len(vector)):
         step[:] = 0.0
-        step[free] = (
-            np.linalg.lstsq(normal[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]
-            / length[free]
-        )
+        scaled = np.linalg.lstsq(normal[np.ix_(free, free)], gradient[free], rcond=1e-12)[0]
+        step[free] = scaled / length[free]
         stuck = free & (((vector <= low) & (step < 0)) | ((vector >= high) & (step > 0)))
         if not stuck.any():
             break

@@ -1,13 +1,10 @@
 """Leave-one-visit-out selection of effects, for campaigns of few, long visits (throttle sweeps).
 
-The ordinary search asks whether an explanation leaves nothing beyond the noise floor. Few visits do
-not identify that floor: the repeatability of a visit shows only between visits, where smooth
-families in time take up every degree of freedom. Nor do they identify the correlation within a
-visit, so that a marginal likelihood mostly judges the noise model. Trials are therefore fitted as
-if independent, which is consistent whatever their correlation (working independence),
-uncertainties are jackknifed over visits, and a candidate is accepted for its prediction of visits
-left out. A gain per visit predicts nothing there and can never be accepted. See
-docs/decisions/0005-few-visits.md.
+They identify neither the noise floor, which shows only between visits, nor the correlation within a
+visit. Trials are therefore fitted as if independent, which is consistent whatever their correlation
+(working independence), uncertainties are jackknifed over visits, and a candidate is accepted for
+its prediction of visits left out. A gain per visit predicts nothing there and can never be
+accepted. See docs/decisions/0005-few-visits.md.
 """
 
 from __future__ import annotations

@@ -173,9 +173,8 @@ class Foresight:
         if visibility(self.stage, handle.effect) <= SILENT:
             return None
         size = self._sizes(handle)
-        chance = np.array(
-            [self.seen(self.visible(handle, s) + self._elsewhere(handle, s)).mean() for s in size]
-        )
+        signals = (self.visible(handle, s) + self._elsewhere(handle, s) for s in size)
+        chance = np.array([self.seen(signal).mean() for signal in signals])
         none = np.zeros_like(chance)
         return Power(size=size, seen=chance, within=none, first=none, alone=none).limit()
 
@@ -274,13 +273,8 @@ class Foresight:
         free = (fitted.vector > low) & (fitted.vector < high) | ~np.isfinite(sd)
         jacobian = basis.T @ fitted.jacobian[:, free]
         # about the optimum, where the priors' pull and the residual's balance
-        moved = (
-            draws
-            @ jacobian
-            @ np.linalg.pinv(
-                jacobian.T @ jacobian + np.diag(1 / sd[free] ** 2), rcond=1e-13, hermitian=True
-            )
-        )
+        information = jacobian.T @ jacobian + np.diag(1 / sd[free] ** 2)
+        moved = draws @ jacobian @ np.linalg.pinv(information, rcond=1e-13, hermitian=True)
         left = draws + basis.T @ fitted.residual - moved @ jacobian.T
         return np.asarray(np.sum(left**2, axis=1))
 

@@ -89,9 +89,8 @@ def prepare(
         if about is not None or not p:
             break
         moved, jacobian = stage.base_fit.vector - vector, stage.base_fit.jacobian
-        if np.all(
-            np.abs(moved) < SETTLED * np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
-        ):
+        u = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
+        if np.all(np.abs(moved) < SETTLED * u):
             break
         vector = vector + WAY * moved
     return stage

@@ -30,10 +30,8 @@ def log_evidence(stage: SearchProblem, e: Explanation) -> float:
             along = data.covariates[name] - data.covariates[name].mean()
             white = stage.space.project(np.stack([along, along * np.median(lift_N) / lift_N])).T
             white = white - absorbed @ (absorbed.T @ white)
-            gain = (white.T @ stage.base_fit.residual) ** 2 / np.maximum(
-                np.sum(white**2, axis=0), 1e-300
-            )
-            gains.append(float(gain.max()))
+            length2 = np.maximum(np.sum(white**2, axis=0), 1e-300)
+            gains.append(float(np.max((white.T @ stage.base_fit.residual) ** 2 / length2)))
     if e.fitted.candidate.by_session.any():
         gains.append(best_step(stage))
     beyond = stage.unnamed - stage.nothing_added[1]

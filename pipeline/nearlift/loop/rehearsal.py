@@ -87,9 +87,8 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
     root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
     floors, quiet = [], []
     for i in range(REHEARSALS):
-        log_lift = stage.log_lift + root @ generator(
-            stage.options.seed, "rehearsal", str(i)
-        ).standard_normal(stage.data.n)
+        rng = generator(stage.options.seed, "rehearsal", str(i))
+        log_lift = stage.log_lift + root @ rng.standard_normal(stage.data.n)
         data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
         drawn = prepare(
             Datum(recorded=data), stage.base, stage.effects, stage.parts, stage.theta, stage.options

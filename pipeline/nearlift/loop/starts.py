@@ -7,7 +7,7 @@ those of its effects one by one, so that all candidates share them and their pro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise, product
 
 import numpy as np
@@ -31,7 +31,7 @@ class Start:
     null: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class _Signature:
     """One effect: its entries at each of its `shapes`, (m, entries), whitened columns (m, k, n)."""
 
@@ -47,22 +47,17 @@ class Starts:
     def __init__(self, space: Problem, base: Candidate, theta: FloatArray) -> None:
         self.space, self.base, self.theta = space, base, theta
         columns = space.project(base.jacobian(theta).T)[None]
-        self._signatures = {"": _Signature(shapes=np.zeros((1, 0)), columns=columns)}
+        self._signatures = {"": _Signature(np.zeros((1, 0)), columns)}
         self._products: dict[tuple[str, str], FloatArray] = {}
 
     def _signature(self, effect: Effect) -> _Signature:
         if effect.name not in self._signatures:
-            alone, p = (
-                Candidate(base=self.base.base, effects=(effect,), data=self.base.data),
-                len(self.theta),
-            )
+            alone, p = replace(self.base, effects=(effect,)), len(self.theta)
             shapes = np.array([*alone.shapes()])
             shapes[:, :p] = self.theta
             sizes = alone.sizes()
-            columns = np.array(
-                [self.space.project(alone.jacobian(shape).T[sizes]) for shape in shapes]
-            )
-            self._signatures[effect.name] = _Signature(shapes=shapes[:, p:], columns=columns)
+            each = [self.space.project(alone.jacobian(shape).T[sizes]) for shape in shapes]
+            self._signatures[effect.name] = _Signature(shapes[:, p:], np.array(each))
         return self._signatures[effect.name]
 
     def _product(self, one: str, two: str) -> FloatArray:
