@@ -363,7 +363,7 @@ class SearchProblem:
         """
         if e.left is None or not e.left.present:
             return 1.0
-        return 1.0 + max(self.excess - e.gain, 0.0) / self.hypotheses[1].shape[1]
+        return 1.0 + max(self.excess - e.gain, 0.0) / float(self.hypotheses[1].shape[1])
 
     @cached_property
     def base_reading(self) -> FormReading:
