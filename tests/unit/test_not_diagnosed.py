@@ -100,4 +100,4 @@ def test_python_answers_with_the_reason_and_draws_nothing(out: Path):
 
 def test_a_comparison_counts_it_as_not_diagnosed(out: Path):
     [entry] = compare.entries(out / "processed/means")
-    assert entry.verdict == NOT_DIAGNOSED
+    assert entry.result.verdict == NOT_DIAGNOSED

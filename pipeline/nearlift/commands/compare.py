@@ -17,12 +17,13 @@ import click
 import numpy as np
 
 from nearlift.commands.common import Call, declared
-from nearlift.declare import FloatArray
+from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
 from nearlift.fit.population import FEWEST, Population, population
 from nearlift.products import PROVENANCE, RESULTS
 from nearlift.results import Estimate
-from nearlift.results.quotation import CoefficientResult, Results, Verdict
+from nearlift.results.quotation import BoundaryResult, CoefficientResult, Results
+from nearlift.rounding import like, plain
 from nearlift.run import store
 from nearlift.run.lock import settled
 from nearlift.run.transaction import JOURNAL, Homes
@@ -37,23 +38,22 @@ PRIOR_MATTERS = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Entry:
-    """One campaign's headline coefficient at one boundary.
-
-    Attributes
-    ----------
-    campaign, vehicle, boundary, model, coefficient : str
-    quoted : CoefficientResult
-    verdict : str
-        Of the loop; ``not_diagnosed`` where it has not run as well.
-    """
+    """One campaign's result at one boundary, of which the headline coefficient is compared."""
 
     campaign: str
     vehicle: str
-    boundary: str
-    model: str
-    coefficient: str
-    quoted: CoefficientResult
-    verdict: Verdict
+    boundary: Boundary
+    result: BoundaryResult
+
+    @property
+    def kind(self) -> tuple[str, str, str]:
+        """Boundary, base model and coefficient: only what has these in common is compared."""
+        return self.boundary, self.result.base_model, self.result.headline
+
+    @property
+    def quoted(self) -> CoefficientResult:
+        """The headline coefficient."""
+        return self.result.coefficients[self.result.headline]
 
     @property
     def parts(self) -> dict[str, float]:
@@ -101,29 +101,15 @@ def entries(folder: Path) -> list[Entry]:
             campaign=folder.name,
             vehicle=about.get("vehicle", ""),
             boundary=boundary,
-            model=result.base_model,
-            coefficient=result.headline,
-            quoted=result.coefficients[result.headline],
-            verdict=result.verdict,
+            result=result,
         )
         for boundary, result in results.boundaries.items()
         if result.headline
     ]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Group:
-    """Entries that may stand beside each other, and what they say together (None: too few)."""
-
-    boundary: str
-    model: str
-    coefficient: str
-    entries: tuple[Entry, ...]
-    together: Population | None
-
-
-def grouped(listed: Sequence[Entry], shared: Sequence[str] = ()) -> tuple[Group, ...]:
-    """Entries by boundary, base model and coefficient, each group with its population.
+def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> list[dict[str, Any]]:
+    """Entries by boundary, base model and coefficient, as JSON: each group with its population.
 
     Parameters
     ----------
@@ -145,28 +131,8 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str] = ()) -> tuple[Group,
                 f"no campaign has a component {name!r}",
                 f"there are: {', '.join(map(repr, known)) or 'none'}",
             )
-    keys = sorted({(e.boundary, e.model, e.coefficient) for e in listed})
-    groups = []
-    for key in keys:
-        members = tuple(e for e in listed if (e.boundary, e.model, e.coefficient) == key)
-        # an interval over rivals is lopsided, and its best value no centre: the population is
-        # fitted to the interval
-        value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])
-        together = (
-            population(value, covariance(members, shared), members[0].quoted.unit)
-            if len(members) >= FEWEST
-            else None
-        )
-        groups.append(
-            Group(
-                boundary=key[0],
-                model=key[1],
-                coefficient=key[2],
-                entries=members,
-                together=together,
-            )
-        )
-    return tuple(groups)
+    kinds = sorted({e.kind for e in listed})
+    return [_document([e for e in listed if e.kind == kind], shared) for kind in kinds]
 
 
 def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
@@ -193,28 +159,23 @@ def run(
     answer what stands in the first.
     """
     from nearlift.report.figures import forest
-    from nearlift.report.figures.encoding import render
-    from nearlift.report.figures.style import style
     from nearlift.report.page import comparison
-    from nearlift.report.tidy import to_csv
+    from nearlift.stages.report import for_print
 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     groups = grouped(listed, shared)
-    encoded = [_document(group) for group in groups]
     content: dict[str, object] = {
         "schema": "nearlift.comparison/1",
         "shared": list(shared),
-        "groups": encoded,
+        "groups": groups,
     }
     target = out / "reports" / FOLDER
     rows = forest.summarise(content)
-    files = render(forest.draw, rows, style(look))
-    for kind in ("pdf", "png"):
-        store.write_bytes(target / f"forest.{kind}", files[kind])
-    store.write_bytes(target / "forest.csv", to_csv(rows))
+    for kind, drawn in for_print(forest.draw, rows, look).items():
+        store.write_bytes(target / f"forest.{kind}", drawn)
     said = [
         f"{g['boundary'].capitalize()}, {g['coefficient']}: {remark}"
-        for g in encoded
+        for g in groups
         for remark in g["remarks"]
     ]
     reported = {
@@ -229,8 +190,6 @@ def run(
 
 def table(content: dict[str, Any]) -> list[str]:
     """comparison.json as lines of text."""
-    from nearlift.rounding import like, plain
-
     lines = []
     for group in content["groups"]:
         lines.append(f"{group['boundary']}: {group['coefficient']} of {group['model']}")
@@ -256,15 +215,13 @@ def table(content: dict[str, Any]) -> list[str]:
     return lines
 
 
-def remarks(group: Group) -> list[str]:
+def _remarks(members: Sequence[Entry], p: Population | None) -> list[str]:
     """What to hold against a group: campaigns that are one and the same, and a spread of which the
     prior decides.
     """
-    from nearlift.rounding import like
-
     listed = []
     same: dict[tuple[float, float], list[str]] = {}
-    for e in group.entries:
+    for e in members:
         same.setdefault((e.quoted.value, e.quoted.u), []).append(e.campaign)
     for names in same.values():
         if len(names) > 1:
@@ -272,41 +229,45 @@ def remarks(group: Group) -> list[str]:
                 f"{', '.join(names)} agree to the last digit: if they are the same trials, they"
                 f" count once, not {len(names)} times"
             )
-    p = group.together
     if p is not None:
         wider = max(abs(p.if_doubled.lo90 - p.mean.lo90), abs(p.if_doubled.hi90 - p.mean.hi90))
         if wider > PRIOR_MATTERS * (p.mean.hi90 - p.mean.lo90):
             ends = " to ".join(like(x, p.mean.u) for x in (p.if_doubled.lo90, p.if_doubled.hi90))
             listed.append(
-                f"of {len(group.entries)} campaigns the spread is little known, and its prior"
+                f"of {len(members)} campaigns the spread is little known, and its prior"
                 f" counts: were it twice as wide, the mean would be {ends}"
             )
     return listed
 
 
 def _chance(p: float) -> str:
-    from nearlift.rounding import plain
-
     return f"p = {plain(p, 2)}" if p > LEAST_CHANCE else f"p < {LEAST_CHANCE:g}"
 
 
-def _document(group: Group) -> dict[str, Any]:
-    p = group.together
+def _document(members: Sequence[Entry], shared: Sequence[str]) -> dict[str, Any]:
+    """Entries of one kind, and what they say together unless they are too few."""
+    p = None
+    if len(members) >= FEWEST:
+        # an interval over rivals is lopsided, and its best value no centre: the population is
+        # fitted to the interval
+        value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])
+        p = population(value, covariance(members, shared), members[0].quoted.unit)
+    boundary, model, coefficient = members[0].kind
     encoded: dict[str, object] = {
-        "boundary": group.boundary,
-        "model": group.model,
-        "coefficient": group.coefficient,
+        "boundary": boundary,
+        "model": model,
+        "coefficient": coefficient,
         "campaigns": [
             {
                 "campaign": e.campaign,
                 "vehicle": e.vehicle,
-                "verdict": e.verdict,
+                "verdict": e.result.verdict,
                 "quoted": {**_estimate(e.quoted), "holds": e.quoted.holds},
                 "in_population": _estimate(p.campaigns[i]) if p else None,
             }
-            for i, e in enumerate(group.entries)
+            for i, e in enumerate(members)
         ],
-        "remarks": remarks(group),
+        "remarks": _remarks(members, p),
     }
     if p is not None:
         encoded["population"] = {

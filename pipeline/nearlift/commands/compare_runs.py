@@ -26,11 +26,8 @@ from nearlift.run.transaction import Homes
 PARTS = ("inputs", "manifest", "options", "versions", "code", "products", "report")
 #: Those whose values are digests.
 DIGESTS = ("inputs", "manifest", "code", "products", "report")
-NOTHING = Results(boundaries={})
 #: Names of digests that differ which a line lists.
 FEW = 4
-
-
 #: By name, what A and B have; None where absent.
 Differences = Mapping[str, tuple[object, object]]
 
@@ -98,19 +95,19 @@ class RunComparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Side:
-    """One of the two runs: its provenance (None for one kept in history), what it quotes, and its
+    """One of the two runs: its provenance (empty for one kept in history), what it quotes, and its
     manifest where that was kept.
     """
 
     folder: Path
-    ledger: ProvenanceLedger | None
+    ledger: ProvenanceLedger
     quoted: Mapping[Boundary, BoundaryResult]
     manifest: bytes | None
 
     @property
     def about(self) -> RunAbout:
         """What the comparison says of it."""
-        ledger = self.ledger or ProvenanceLedger()
+        ledger = self.ledger
         return RunAbout(
             folder=str(self.folder),
             campaign=ledger.campaign,
@@ -121,8 +118,7 @@ class Side:
     @property
     def rejected(self) -> dict[str, str]:
         """Reason by trial."""
-        stages = self.ledger.stages.values() if self.ledger else ()
-        return {t: r for stage in stages for t, r in stage.rejected}
+        return {t: r for stage in self.ledger.stages.values() for t, r in stage.rejected}
 
 
 def run(a: Path, b: Path) -> RunComparison:
@@ -140,11 +136,12 @@ def run(a: Path, b: Path) -> RunComparison:
         Where a folder holds no run, or several.
     """
     one, two = (_side(path) for path in (a, b))
-    whole = one.ledger is not None and two.ledger is not None
+    # a kept run has no digests, and is not held against one that has
+    whole = bool(one.ledger.nearlift and two.ledger.nearlift)
     changed: dict[str, Any] = {}
     same: dict[str, int] = {}
     for part in PARTS:
-        pair = [_part(side.ledger, part) if side.ledger and whole else {} for side in (one, two)]
+        pair = [_part(side.ledger, part) if whole else {} for side in (one, two)]
         changed[part] = _differing(*pair)
         same[part] = len(pair[0].keys() | pair[1].keys()) - len(changed[part])
     numbers = [_numbers(side) for side in (one, two)]
@@ -180,9 +177,8 @@ def _differing(one: Mapping[str, object], two: Mapping[str, object]) -> Differen
 
 def _side(path: Path) -> Side:
     if kept := history.read(path.resolve()):
-        file = path / RESULTS.file
-        quoted = store.load(file, Results) if kept.results else NOTHING
-        return Side(folder=path, ledger=None, quoted=quoted.boundaries, manifest=kept.manifest)
+        quoted = store.load(path / RESULTS.file, Results).boundaries if kept.results else {}
+        return Side(folder=path, ledger=ProvenanceLedger(), quoted=quoted, manifest=kept.manifest)
     folder = _finished(path)
     file = folder / RESULTS.file
     results = file.read_bytes() if file.is_file() else b""
@@ -192,7 +188,7 @@ def _side(path: Path) -> Side:
     return Side(
         folder=folder,
         ledger=store.load(folder / PROVENANCE.file, ProvenanceLedger),
-        quoted=(store.load(file, Results) if results else NOTHING).boundaries,
+        quoted=store.load(file, Results).boundaries if results else {},
         manifest=next(same, None),
     )
 

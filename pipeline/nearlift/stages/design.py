@@ -31,6 +31,7 @@ from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.plans import PlannedTrials, as_schedule, draw, plan, scatter, table_of
+from nearlift.stages.report import for_print
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
 SCHEDULE = "trials.csv"
@@ -239,18 +240,9 @@ def outside(campaign: Campaign, name: str, value: float) -> str:
 
 def _draw(job: Job, answer: dict[str, object]) -> list[str]:
     """Numbers as JSON, the figure as pdf, png and csv; the paths written."""
+    # whoever wants a schedule waits for no picture
     from nearlift.report.figures import design as picture
-    from nearlift.report.figures import design as summary
-    from nearlift.report.figures.encoding import render
-    from nearlift.report.figures.style import style
-    from nearlift.report.tidy import to_csv
 
-    table = summary.rows(answer)
-    files = render(picture.draw, table, style(job.campaign.report.style))
-    content = {
-        "design.json": store.json_bytes(answer),
-        "design.pdf": files["pdf"],
-        "design.png": files["png"],
-        "design.csv": to_csv(table),
-    }
-    return [str(job.publish(f"design/{name}", data)) for name, data in content.items()]
+    files = for_print(picture.draw, picture.rows(answer), job.campaign.report.style)
+    content = {"json": store.json_bytes(answer), **files}
+    return [str(job.publish(f"design/design.{kind}", data)) for kind, data in content.items()]

@@ -5,6 +5,7 @@ is to be quoted to results.json.
 from __future__ import annotations
 
 import functools
+from pathlib import Path
 
 import numpy as np
 
@@ -15,8 +16,9 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
-from nearlift.products import LOOP_RESIDUALS, TRIALS
+from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
 from nearlift.results.diagnosis import (
+    NOTHING,
     BoundaryDiagnosis,
     DiagnosisResults,
     NotDiagnosed,
@@ -24,7 +26,7 @@ from nearlift.results.diagnosis import (
 )
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
-from nearlift.run import expense
+from nearlift.run import expense, store
 from nearlift.run.job import Job, Outcome, Say, part
 from nearlift.run.store import Table, stacked
 from nearlift.stages import flown
@@ -83,11 +85,10 @@ def run(job: Job) -> Outcome:
         if could := diagnosis.findings.sensitivity:
             notes.append(f"{boundary}: {data.n} trials {could}")
         # the same likelihood but for its noise
-        quoted[boundary] = (
-            diagnosis.quoted.doubting(shape_doubts(fitted.boundaries[boundary][base.name]))
-            if diagnosis.quoted.verdict == "adequate"
-            else diagnosis.quoted
-        )
+        quoted[boundary] = diagnosis.quoted
+        if diagnosis.quoted.verdict == "adequate":
+            doubts = shape_doubts(fitted.boundaries[boundary][base.name])
+            quoted[boundary] = diagnosis.quoted.doubting(doubts)
         notes += [
             f"{boundary}: {remark}"
             for remark in (
@@ -124,3 +125,9 @@ def chosen(job: Job) -> Options:
         false_alarm_rate=asked.false_alarm_rate,
         not_feasible=tuple(asked.not_feasible),
     )
+
+
+def diagnosed(processed: Path) -> dict[Boundary, BoundaryDiagnosis]:
+    """What the loop found at each boundary that it could diagnose; nothing where it has not run."""
+    diagnosis = store.load_if_whole(processed / DIAGNOSIS.file, NOTHING)
+    return {b: d for b, d in diagnosis.boundaries.items() if isinstance(d, BoundaryDiagnosis)}

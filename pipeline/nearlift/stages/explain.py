@@ -25,15 +25,16 @@ from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.within_trial import power as heating_power
-from nearlift.products import DIAGNOSIS, TRIALS
-from nearlift.report.evidence import Columns
-from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
+from nearlift.products import TRIALS
+from nearlift.report.evidence import Columns, stack
+from nearlift.report.figures import explain as picture
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
-from nearlift.run import store
 from nearlift.run.job import Job
-from nearlift.stages.diagnose import chosen
+from nearlift.stages.diagnose import chosen, diagnosed
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
+from nearlift.stages.report import for_print
 
 
 def run(job: Job, name: str) -> dict[str, object]:
@@ -51,8 +52,7 @@ def run(job: Job, name: str) -> dict[str, object]:
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     options = chosen(job)
-    nothing = DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries={})
-    loop = store.load_if_whole(job.processed / DIAGNOSIS.file, nothing).boundaries
+    loop = diagnosed(job.processed)
     explained: dict[str, object] = {}
     pictures: list[Columns] = []
     refused = []
@@ -67,13 +67,10 @@ def run(job: Job, name: str) -> dict[str, object]:
         except NotConverged as fault:
             refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
-        diagnosed = loop.get(boundary)
-        if isinstance(diagnosed, BoundaryDiagnosis):
+        if boundary in loop:
             # beside a large effect the noise is known only after the loop
-            stage = dataclasses.replace(stage, noise=diagnosed.noise)
-        else:
-            diagnosed = None
-        explained[boundary], rows = _at(stage, effect, library, untestable, diagnosed)
+            stage = dataclasses.replace(stage, noise=loop[boundary].noise)
+        explained[boundary], rows = _at(stage, effect, library, untestable, loop.get(boundary))
         pictures += rows
     if not explained:
         raise InputRefused(
@@ -89,7 +86,10 @@ def run(job: Job, name: str) -> dict[str, object]:
         "files": [],
     }
     if pictures:
-        answer["files"] = _draw(job, name, pictures)
+        files = for_print(picture.draw, stack(pictures), job.campaign.report.style)
+        answer["files"] = [
+            str(job.publish(f"explain/{name}.{kind}", data)) for kind, data in files.items()
+        ]
     return answer
 
 
@@ -134,13 +134,10 @@ def _at(
     loop: BoundaryDiagnosis | None,
 ) -> tuple[dict[str, object], list[Columns]]:
     """One boundary: numbers, and the rows of the figure."""
-    lacking = next((u for u in untestable if u.effect == effect.name), None)
-    if lacking is not None:
-        return {
-            "testable": False,
-            "needs": lacking.needs,
-            "log_next_time": lacking.log_next_time,
-        }, []
+    for lacking in untestable:
+        if lacking.effect == effect.name:
+            needs = {"needs": lacking.needs, "log_next_time": lacking.log_next_time}
+            return {"testable": False, **needs}, []
     if effect.name not in {e.name for e in library}:
         reason = "it does not occur at this boundary, or the base model holds it already"
         return {"testable": False, "needs": [], "log_next_time": [], "reason": reason}, []
@@ -169,8 +166,6 @@ def _at(
 
 def _size(foresight: Foresight, handle: Handle) -> tuple[dict[str, object], Columns]:
     """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
-    from nearlift.report.figures.explain import rows
-
     stage = foresight.stage
     silent = visibility(stage, handle.effect) <= SILENT
     power = None if silent else foresight.power(handle)
@@ -221,7 +216,7 @@ def _size(foresight: Foresight, handle: Handle) -> tuple[dict[str, object], Colu
     }
     noise, chance = floor(stage.data, stage.noise, stage.slope), stage.options.false_alarm_rate
     data = stage.data
-    return size, rows(data, handle.effect, data.boundary, size, raw, left, noise, chance)
+    return size, picture.rows(data, handle.effect, data.boundary, size, raw, left, noise, chance)
 
 
 def _rms(x: Any) -> float:
@@ -244,17 +239,3 @@ def _verdict(name: str, loop: BoundaryDiagnosis | None) -> dict[str, object] | N
         if tried
         else None,
     }
-
-
-def _draw(job: Job, name: str, pictures: list[Columns]) -> list[str]:
-    """pdf, png and csv; the paths written."""
-    from nearlift.report.evidence import stack
-    from nearlift.report.figures import explain as picture
-    from nearlift.report.figures.encoding import render
-    from nearlift.report.figures.style import style
-    from nearlift.report.tidy import to_csv
-
-    table = stack(pictures)
-    files = render(picture.draw, table, style(job.campaign.report.style))
-    content = {"pdf": files["pdf"], "png": files["png"], "csv": to_csv(table)}
-    return [str(job.publish(f"explain/{name}.{kind}", data)) for kind, data in content.items()]

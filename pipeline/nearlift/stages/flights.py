@@ -112,9 +112,9 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
             source=source,
             source_sha256=sha,
         )
-        return Flown(record=record, rows=Rows.gathered([row]), counts=Counter())
+        return Flown(record=record, rows=Rows.gathered([row]))
     rows = _reduced(whole)
-    rows.source[:], rows.source_sha256[:] = source, sha
+    rows.columns["source"][:], rows.columns["source_sha256"][:] = source, sha
     rows.notes = dict.fromkeys(whole.notes, (1, source))
     return Flown(
         record=record,
@@ -132,7 +132,7 @@ def _reduced(whole: Weighed) -> Rows:
     a vehicle does in a quarter of a second is no noise. What windows share, the noise model finds.
     """
     rows = Rows(len(whole.pieces))
-    rows.samples = np.diff([*whole.first, len(whole.lift_N)])
+    rows.columns["samples"] = np.diff([*whole.first, len(whole.lift_N)])
     also = tuple(c for c in whole.codes if not quality.code(c).rejects)
     known = np.isfinite(whole.lift_N)
     places = np.flatnonzero(known)
@@ -149,16 +149,16 @@ def _reduced(whole: Weighed) -> Rows:
         slope = _dot(force, along) / (along @ along)
         rest = force - mean[:, None] - slope[:, None] * along
         u = np.sqrt(_dot(rest, rest) / (n - 2)) / np.sqrt(n)
-        real = {
+        reduced = {
             "lift_N": mean,
             "u_lift_N": u,
             "n_eff": n,
             "drift_N_s": slope / whole.step_s,
             "sd_N": force.std(axis=1, ddof=1),
+            "n": n,
         }
-        for name, values in real.items():
-            rows.real[name][alike] = values
-        rows.n[alike] = n
+        for name, values in reduced.items():
+            rows.columns[name][alike] = values
     codes = {code: ((code,) if code else ()) + also for code in {*whole.codes_of}}
     empty = (*also, "NO_DATA")
     rows.codes = [
@@ -181,7 +181,7 @@ def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[st
     # a log that is there twice has flown once
     apart: dict[str, Flown] = {}
     for answer in answers.values():
-        apart.setdefault(answer.rows.source_sha256[0], answer)
+        apart.setdefault(answer.rows.columns["source_sha256"][0], answer)
     stretches = [s for a in apart.values() for s in a.stretches]
     lag = motor_lag.estimate(stretches, given)
     if lag is None:

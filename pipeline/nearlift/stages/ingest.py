@@ -252,7 +252,7 @@ def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str
     """
     if job.campaign.cuts_records or job.campaign.records.pattern.find(MARK) < 0:
         return []
-    wide = rows.real["sd_N"] > SWEEP * np.abs(rows.real["lift_N"])
+    wide = rows.columns["sd_N"] > SWEEP * np.abs(rows.columns["lift_N"])
     place = {str(schedule.trial[i]): i for i in np.flatnonzero(wide).tolist()}
     sweeps: dict[str, ramp.Ramp] = {}
     for k, (trial, (path, _)) in enumerate(per_trial(job.campaign, job.root, [*place]).items()):
@@ -325,7 +325,7 @@ def _settle(job: Job, rows: Rows) -> None:
     moving = intact.moving(job)
     asked = {*moving.changed, *moving.young}
     owners: dict[str, list[int]] = {name: [] for name in asked}
-    for i, source in enumerate(rows.source.tolist()):
+    for i, source in enumerate(rows.columns["source"].tolist()):
         if source in asked:
             owners[source].append(i)
     for name in moving.changed:
@@ -354,10 +354,12 @@ def _from_means(job: Job, schedule: Schedule) -> Rows:
     source = path.relative_to(job.root).as_posix()
     lift = means.lift_of(schedule)
     rows = Rows(len(schedule))
-    rows.real |= {name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")} | {
-        "n_eff": lift["n"].astype(float)
+    rows.columns |= {
+        **{name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")},
+        "n_eff": lift["n"].astype(float),
+        **{name: lift["n"].astype(np.int64) for name in ("n", "samples")},
     }
-    rows.n, rows.samples = (lift["n"].astype(np.int64) for _ in range(2))
+    rows.columns["source"][:] = source
+    rows.columns["source_sha256"][:] = job.inputs.get(source) or store.sha256(path)
     rows.codes = [()] * len(schedule)
-    rows.source[:], rows.source_sha256[:] = source, job.inputs.get(source) or store.sha256(path)
     return rows

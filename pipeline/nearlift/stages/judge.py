@@ -22,18 +22,22 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
     of length.
     """
     codes = [list(trial_codes) for trial_codes in rows.codes]
+    owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
     if campaign.cuts_records:
-        _whole_duplicates(rows, schedule.covariates[RECORD_COLUMN], codes)
+        _duplicates(rows, codes, owners, ("source_sha256",))
     elif campaign.records.reader != "means":
-        cell = campaign.load_cell
+        cell, samples, missing = (
+            campaign.load_cell,
+            rows.columns["samples"],
+            campaign.quality.missing,
+        )
         planned = None
         if cell.record and cell.sample_rate:
             planned = round(cell.record * cell.sample_rate)
-            plausibility.planned_length(
-                rows.samples, cell.record, cell.sample_rate, campaign.quality.missing
-            )
-        plausibility.lengths(rows.n, codes, campaign.quality.missing, rows.samples, planned)
-        _duplicates(rows, codes)
+            plausibility.planned_length(samples, cell.record, cell.sample_rate, missing)
+        plausibility.lengths(rows.columns["n"], codes, missing, samples, planned)
+        # trials of one long table are told apart by their numbers
+        _duplicates(rows, codes, owners, ("source_sha256", "lift_N", "sd_N"))
     if schedule.reached_m is not None:
         off = (
             np.abs(schedule.reached_m - schedule.z_m)
@@ -41,46 +45,31 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
         )
         for trial_codes, lost in zip(codes, off, strict=True):
             trial_codes += ["HEIGHT"] if lost else []
-    excluded, owners = campaign.quality.exclude, schedule.trial
-    if campaign.cuts_records:
-        owners = schedule.covariates[RECORD_COLUMN]
+    excluded, fault = campaign.quality.exclude, rows.columns["fault"]
     for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
         if (named := trial if trial in excluded else record) in excluded:
             codes[i].append(quality.EXCLUDED)
-            rows.fault[i] = "; ".join(filter(None, (rows.fault[i], excluded[named])))
+            fault[i] = "; ".join(filter(None, (fault[i], excluded[named])))
     texts = [quality.joined(c) for c in codes]
     return {
         **schedule.settings,
-        **rows.real,
-        "n": rows.n,
+        **rows.columns,
         "quality": np.array(texts, dtype=object),
         "visit": schedule.visit,
-        "source_sha256": rows.source_sha256,
-        "source": rows.source,
-        "samples": rows.samples,
         "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
-        "fault": rows.fault,
         **schedule.covariates,
     }
 
 
-def _duplicates(rows: Rows, codes: Sequence[list[str]]) -> None:
-    """Reject a trial whose file is that of an earlier one; trials of one long table are told apart
-    by their numbers.
-    """
-    seen: set[tuple[str, float, float]] = set()
-    for i in np.flatnonzero(rows.n).tolist():
-        key = (rows.source_sha256[i], float(rows.real["lift_N"][i]), float(rows.real["sd_N"][i]))
-        if key in seen:
-            codes[i].append("DUPLICATE")
-        seen.add(key)
-
-
-def _whole_duplicates(rows: Rows, record: NDArray[np.object_], codes: Sequence[list[str]]) -> None:
-    """Reject the pieces of a record whose file is that of an earlier record."""
-    first: dict[str, str] = {}
-    for i in np.flatnonzero(rows.n).tolist():
-        if first.setdefault(rows.source_sha256[i], record[i]) != record[i]:
+def _duplicates(
+    rows: Rows, codes: Sequence[list[str]], owners: NDArray[np.object_], same: tuple[str, ...]
+) -> None:
+    """Reject what has the file of an earlier owner, as these columns tell it."""
+    first: dict[tuple[object, ...], str] = {}
+    columns = [rows.columns[name].tolist() for name in same]
+    for i in np.flatnonzero(rows.columns["n"]).tolist():
+        key = tuple(column[i] for column in columns)
+        if first.setdefault(key, owners[i]) != owners[i]:
             codes[i].append("DUPLICATE")
 
 

@@ -31,10 +31,10 @@ from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.separation import APART
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
-from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
+from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.results import Observations
-from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
+from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.next_visits import NextVisit, NextVisits
 from nearlift.results.outlook import NextSession
 from nearlift.results.quotation import Results
@@ -42,7 +42,7 @@ from nearlift.rounding import plain
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.asked import AskedQuestion
-from nearlift.stages.diagnose import chosen
+from nearlift.stages.diagnose import chosen, diagnosed
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.traverse import Traverse, traverse
@@ -68,8 +68,7 @@ def run(
     """
     trials = job.read(TRIALS)
     options = chosen(job)
-    nothing = DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries={})
-    loop = store.load_if_whole(job.processed / DIAGNOSIS.file, nothing).boundaries
+    loop = diagnosed(job.processed)
     present = boundaries(trials)
     if not present:
         raise InputRefused(
@@ -91,20 +90,10 @@ def run(
     batches, refused = [], []
     for i, boundary in enumerate(present):
         job.say(f"next visits: {boundary}", i / len(present))
-        diagnosed = loop.get(boundary)
+        base, diagnosis = bases[boundary], loop.get(boundary)
         try:
-            batches.append(
-                _at(
-                    job,
-                    trials,
-                    observe(trials, job.campaign, boundary),
-                    bases[boundary],
-                    diagnosed if isinstance(diagnosed, BoundaryDiagnosis) else None,
-                    asked,
-                    count,
-                    options,
-                )
-            )
+            data = observe(trials, job.campaign, boundary)
+            batches.append(_at(job, trials, data, base, diagnosis, asked, count, options))
         except (NotConverged, InputRefused) as fault:
             refused.append((boundary, fault))
     if not batches:

@@ -21,6 +21,7 @@ from nearlift.stages.observe import boundaries, observe
 
 if TYPE_CHECKING:
     from nearlift.report.drawers import Files, Give
+    from nearlift.report.figures.encoding import Draw
     from nearlift.report.figures.spec import FigureSpec
 
 #: Products without which there is nothing to report.
@@ -171,3 +172,13 @@ def _expected(job: Job, spec: FigureSpec) -> bool:
 def _remove(job: Job, spec: FigureSpec) -> None:
     for kind in ("pdf", "png", "csv"):
         job.remove(f"reports/{spec.name}.{kind}")
+
+
+def for_print(draw: Draw, table: Columns, look: str) -> dict[str, bytes]:
+    """One figure beside the report: pdf, png and csv."""
+    from nearlift.report.figures.encoding import render
+    from nearlift.report.figures.style import style
+    from nearlift.report.tidy import to_csv
+
+    files = render(draw, table, style(look))
+    return {"pdf": files["pdf"], "png": files["png"], "csv": to_csv(table)}

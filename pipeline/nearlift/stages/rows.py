@@ -27,6 +27,8 @@ from nearlift.run.executors import Threads, ordered
 LONGEST_FAULT = 300
 #: Bytes of a record from which on threads are worth their turns.
 WORTH_A_THREAD = 1 << 20
+#: What of an answer is not the reduction's.
+OF_THE_FILE = {"samples", "source_sha256", "source", "fault"}
 Answer = TypeVar("Answer")
 
 
@@ -44,36 +46,28 @@ class Task:
 
 
 class Rows:
-    """The answers for n trials, column by column in run order, so that a trial's memory is that of
-    its numbers.
+    """The answers for n trials in run order: `columns` of trials.parquet, so that a trial's memory
+    is that of its numbers, and the codes of each.
 
     A trial without an answer is MISSING. `further` are numbers of `Reduced` beside the usual ones.
     """
 
     def __init__(self, n: int, further: tuple[str, ...] = ()) -> None:
-        self.real = {
-            name: np.full(n, np.nan)
-            for name in ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N", *further)
+        real = ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N", *further)
+        self.columns: store.Table = {
+            **{name: np.full(n, np.nan) for name in real},
+            **{name: np.zeros(n, dtype=np.int64) for name in ("n", "samples")},
+            **{name: np.full(n, "", dtype=object) for name in ("source_sha256", "source", "fault")},
         }
-        self.n, self.samples = (np.zeros(n, dtype=np.int64) for _ in range(2))
         self.codes: list[tuple[str, ...]] = [("MISSING",)] * n
-        self.source_sha256, self.source, self.fault = (
-            np.full(n, "", dtype=object) for _ in range(3)
-        )
         #: Each remark with the number of records that it is about, and the first of them.
         self.notes: dict[str, tuple[int, str]] = {}
 
     def put(self, i: int, row: Row) -> None:
         """The answer for trial i."""
-        for name, column in self.real.items():
-            column[i] = getattr(row.reduced, name)
-        self.n[i], self.samples[i] = row.reduced.n, row.samples
+        for name, column in self.columns.items():
+            column[i] = getattr(row if name in OF_THE_FILE else row.reduced, name)
         self.codes[i] = row.reduced.codes
-        self.source_sha256[i], self.source[i], self.fault[i] = (
-            row.source_sha256,
-            row.source,
-            row.fault,
-        )
         for note in row.notes:
             count, first = self.notes.get(note, (0, row.source))
             self.notes[note] = count + 1, first
@@ -89,12 +83,9 @@ class Rows:
     def put_all(self, at: int, rows: Rows) -> None:
         """The answers of one worker, from trial `at` on; those without a number stay without."""
         span = slice(at, at + len(rows.codes))
-        for name in self.real.keys() & rows.real.keys():
-            self.real[name][span] = rows.real[name]
-        self.n[span], self.samples[span] = rows.n, rows.samples
+        for name in self.columns.keys() & rows.columns.keys():
+            self.columns[name][span] = rows.columns[name]
         self.codes[span] = rows.codes
-        self.source_sha256[span], self.source[span] = rows.source_sha256, rows.source
-        self.fault[span] = rows.fault
         for note, (more, place) in rows.notes.items():
             count, first = self.notes.get(note, (0, place))
             self.notes[note] = count + more, first
@@ -108,10 +99,10 @@ class Rows:
 
     def reject(self, faults: Mapping[str, str]) -> None:
         """Make the trials of these files MALFORMED, with what is wrong with each."""
-        for i, source in enumerate(self.source.tolist() if faults else ()):
+        for i, source in enumerate(self.columns["source"].tolist() if faults else ()):
             if source in faults:
                 self.codes[i] = tuple(dict.fromkeys((*self.codes[i], "MALFORMED")))
-                self.fault[i] = faults[source]
+                self.columns["fault"][i] = faults[source]
 
 
 def answered(
@@ -182,13 +173,9 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
     for record in reader.read_piece(campaign, task.root, piece):
         if record.sha256 and record.source not in digests:
             digests[record.source] = record.sha256()
-        row = row_of(
-            record,
-            conditions,
-            task.tare_after_N.get(record.trial, np.nan),
-            digest_of(task, record.source, digests),
-        )
-        yield row
+        tare_after_N = task.tare_after_N.get(record.trial, np.nan)
+        sha = digest_of(task, record.source, digests)
+        yield row_of(record, conditions, tare_after_N, sha)
 
 
 def digest_of(task: Task, source: str, digests: dict[str, str]) -> str:
@@ -202,8 +189,6 @@ def malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> 
     """The row of trial i of a piece, over whose record `fault` was raised."""
     path = task.piece.paths[i if len(task.piece.paths) > 1 else 0]
     source = source_of(task.root, path)
-    if source not in digests:
-        digests[source] = store.sha256(path)
     what = (
         f"{fault.where}: {fault.what}"
         if isinstance(fault, NearliftError)
@@ -213,7 +198,7 @@ def malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> 
     return Row(
         trial=task.piece.trials[i],
         reduced=Reduced(codes=("MALFORMED",)),
-        source_sha256=digests[source],
+        source_sha256=digest_of(task, source, digests),
         source=source,
         fault="".join(c if c.isprintable() else "?" for c in text),
         refusal=fault if isinstance(fault, InputRefused) else None,

@@ -47,7 +47,7 @@ class CutRecord:
     record: str
     rows: Rows
     pieces: Pieces = field(default_factory=Pieces)
-    counts: Counter[str]
+    counts: Counter[str] = field(default_factory=Counter)
     refusal: InputRefused | None = None
 
 
@@ -160,11 +160,7 @@ def each_record(
             if not is_of_the_record(fault):
                 raise
             row = malformed(task, i, fault, digests)
-            answers.append(
-                kind(
-                    record=record, rows=Rows.gathered([row]), counts=Counter(), refusal=row.refusal
-                )
-            )
+            answers.append(kind(record=record, rows=Rows.gathered([row]), refusal=row.refusal))
     return answers
 
 
