@@ -46,19 +46,22 @@ class Finding:
     remedy: str = ""
 
 
+def _judged(
+    what: str, good: bool, text: str, remedy: str = "", otherwise: State = "note"
+) -> Finding:
+    """What was looked at, whether it is good, what was found, and what to do where it is not."""
+    return Finding(what=what, state="good" if good else otherwise, found=text, remedy=remedy)
+
+
 def examine(out: Path) -> tuple[Finding, ...]:
     """Everything; `out` is where products would be written."""
     return (*_python(), *_packages(), *_plug_ins(), *_machine(), *_folder(out))
 
 
 def _python() -> Iterator[Finding]:
+    version = f"{platform.python_version()} on {platform.system()}"
     enough = sys.version_info >= (3, 11)
-    yield Finding(
-        what="Python",
-        state="good" if enough else "bad",
-        found=f"{platform.python_version()} on {platform.system()}",
-        remedy="install Python 3.11 or newer",
-    )
+    yield _judged("Python", enough, version, "install Python 3.11 or newer", "bad")
 
 
 def _packages() -> Iterator[Finding]:
@@ -76,23 +79,15 @@ def _packages() -> Iterator[Finding]:
             continue
         if not requirement.specifier.contains(version, prereleases=True):
             wrong.append(f"{requirement.name} {version} is not {requirement.specifier}")
+    text = "; ".join(wrong) or f"all {len(core)} are there"
     remedy = "install nearlift again, or run `make` in its folder"
-    yield Finding(
-        what="packages",
-        state="bad" if wrong else "good",
-        found="; ".join(wrong) or f"all {len(core)} are there",
-        remedy=remedy,
-    )
+    yield _judged("packages", not wrong, text, remedy, "bad")
     for name, (extra, use) in EXTRAS.items():
         try:
-            yield Finding(what=name, state="good", found=metadata.version(name))
+            yield _judged(name, True, metadata.version(name))
         except metadata.PackageNotFoundError:
-            yield Finding(
-                what=name,
-                state="note",
-                found=f"not installed: no {use}",
-                remedy=f'pip install "nearlift[{extra}]"',
-            )
+            remedy = f'pip install "nearlift[{extra}]"'
+            yield _judged(name, False, f"not installed: no {use}", remedy)
 
 
 def _plug_ins() -> Iterator[Finding]:
@@ -105,34 +100,22 @@ def _plug_ins() -> Iterator[Finding]:
     try:
         models, effects = len(catalogue.models()), len(catalogue.effects())
     except NearliftError as fault:
-        yield Finding(
-            what="plug-ins",
-            state="bad",
-            found=str(fault).splitlines()[0],
-            remedy="mend or remove the package that declares it",
-        )
+        remedy = "mend or remove the package that declares it"
+        yield _judged("plug-ins", False, str(fault).splitlines()[0], remedy, "bad")
         return
-    yield Finding(what="catalogue", state="good", found=f"{models} models, {effects} effects")
+    yield _judged("catalogue", True, f"{models} models, {effects} effects")
 
 
 def _machine() -> Iterator[Finding]:
     cores = os.cpu_count() or 1
-    yield Finding(
-        what="processors",
-        state="good",
-        found=f"{cores}: --executor threads:{cores} for one campaign, processes:{cores} for many",
-    )
+    workers = f"--executor threads:{cores} for one campaign, processes:{cores} for many"
+    yield _judged("processors", True, f"{cores}: {workers}")
     threads = {name: os.environ[name] for name in blas.VARIABLES if name in os.environ}
-    single = all(value == "1" for value in threads.values())
-    yield Finding(
-        what="BLAS threads",
-        state="good" if single else "note",
-        found=", ".join(f"{name}={value}" for name, value in threads.items())
-        or "left to the library",
-        remedy=(
-            "set them to 1: small fits are slowed down many times by threads that wait for each"
-            " other"
-        ),
+    yield _judged(
+        "BLAS threads",
+        all(value == "1" for value in threads.values()),
+        ", ".join(f"{name}={value}" for name, value in threads.items()) or "left to the library",
+        "set them to 1: small fits are slowed down many times by threads that wait for each other",
     )
     entries = os.environ.get("PYTHONPATH", "")
     here = (
@@ -140,40 +123,28 @@ def _machine() -> Iterator[Finding]:
         if entries
         else []
     )
-    yield Finding(
-        what="PYTHONPATH",
-        state="note" if here else "good",
-        found=(
-            f"{', '.join(map(repr, here))}: Python imports from the current folder"
-            if here
-            else "nothing is imported from the current folder"
-        ),
-        remedy=(
-            "write whole paths, and no empty entry: whoever fills a folder of data could put code"
-            " there"
-        ),
+    yield _judged(
+        "PYTHONPATH",
+        not here,
+        f"{', '.join(map(repr, here))}: Python imports from the current folder"
+        if here
+        else "nothing is imported from the current folder",
+        "write whole paths, and no empty entry: whoever fills a folder of data could put code"
+        " there",
     )
     kept = isolation.code_folder()
-    yield Finding(
-        what="compiled code",
-        state="good" if kept else "note",
-        found=(
-            f"kept in {kept}"
-            if kept
-            else "not kept: there is no folder that only you can write, so every run compiles anew"
-        ),
-        remedy=(
-            "delete ~/.cache/nearlift/code if its mode is not 0700 or it is not yours, or set"
-            " XDG_CACHE_HOME to a folder of your own"
-        ),
+    yield _judged(
+        "compiled code",
+        bool(kept),
+        f"kept in {kept}"
+        if kept
+        else "not kept: there is no folder that only you can write, so every run compiles anew",
+        "delete ~/.cache/nearlift/code if its mode is not 0700 or it is not yours, or set"
+        " XDG_CACHE_HOME to a folder of your own",
     )
     compiler = shutil.which("cc") or shutil.which("gcc")
-    yield Finding(
-        what="C compiler",
-        state="good" if compiler else "note",
-        found=compiler or "none",
-        remedy="only for checking exported C headers",
-    )
+    remedy = "only for checking exported C headers"
+    yield _judged("C compiler", bool(compiler), compiler or "none", remedy)
 
 
 def _folder(out: Path) -> Iterator[Finding]:
@@ -182,20 +153,13 @@ def _folder(out: Path) -> Iterator[Finding]:
         with tempfile.TemporaryFile(dir=place):
             pass
     except OSError as fault:
-        yield Finding(
-            what="output folder",
-            state="bad",
-            found=f"{place}: {fault.strerror}",
-            remedy="say --out with a folder that may be written",
-        )
+        remedy = "say --out with a folder that may be written"
+        yield _judged("output folder", False, f"{place}: {fault.strerror}", remedy, "bad")
         return
     free = shutil.disk_usage(place).free
-    yield Finding(
-        what="output folder",
-        state="good" if free >= ENOUGH_DISK else "note",
-        found=f"{place}, {free / 2**30:.1f} GiB free",
-        remedy="products of a large campaign may need 1 GiB",
-    )
+    remedy = "products of a large campaign may need 1 GiB"
+    text = f"{place}, {free / 2**30:.1f} GiB free"
+    yield _judged("output folder", free >= ENOUGH_DISK, text, remedy)
 
 
 @declared("doctor")

@@ -31,11 +31,11 @@ class Inspection:
     """
 
     path: Path
-    reader: str
     contents: Contents
-    force: Channel | None
-    clock: Channel | None
     bytes: int
+    reader: str = ""
+    force: Channel | None = None
+    clock: Channel | None = None
     columns: int = 0
     dialect: RecordsDialect = field(default_factory=dict)
     grid: Grid | None = None
@@ -92,15 +92,7 @@ def inspect(
     with path.open("rb") as file:
         head = file.read(HEAD)
     if not (said or record) and (grid := grids.grid_of(path)) is not None:
-        return Inspection(
-            path=path,
-            reader="",
-            contents=grid.contents,
-            force=None,
-            clock=None,
-            bytes=length,
-            grid=grid,
-        )
+        return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
     columns = 0
     form = recognised(head, path.name)
     try:

@@ -206,10 +206,9 @@ def overdeclared(result: LeastSquaresFit) -> list[str]:
 
     if not result.dof or chi2.cdf(result.chi2, result.dof) > SURELY_LESS:
         return []
-    where = result.problem.data.boundary
     note = (
-        f"{where}: trials scatter far less than the declared errors would have them (chi² ="
-        f" {result.chi2:.3g} for {result.dof} degrees of freedom): an [[uncertainty]] is too large"
-        " for its scope"
+        f"{result.problem.data.boundary}: trials scatter far less than the declared errors would"
+        f" have them (chi² = {result.chi2:.3g} for {result.dof} degrees of freedom): an"
+        " [[uncertainty]] is too large for its scope, and intervals are too wide"
     )
-    return [f"{note}, and intervals are too wide"]
+    return [note]

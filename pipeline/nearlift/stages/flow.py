@@ -19,11 +19,11 @@ from nearlift.flow.downwash import Cut
 from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
-from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY, Product
+from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 from nearlift.randomness import generator
 from nearlift.readers.piv.cases import Stream, files_of
 from nearlift.run.job import Job, Outcome, part
-from nearlift.run.store import Table
+from nearlift.run.store import stacked
 
 #: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
 #: only.
@@ -57,8 +57,8 @@ def run(job: Job) -> Outcome:
     downwashes = [row for case in ordered for row in case.downwash_rows(control)]
     topologies = [row for case in ordered for row in case.topology_rows(reference)]
     job.write(DOWNWASH, DOWNWASH.columns_of(downwashes))
-    job.write(DOWNWASH_PROFILE, _stacked(DOWNWASH_PROFILE, [case.profile() for case in ordered]))
-    job.write(FLOW_FIELDS, _stacked(FLOW_FIELDS, [case.nodes() for case in ordered]))
+    job.write(DOWNWASH_PROFILE, stacked(DOWNWASH_PROFILE, [case.profile() for case in ordered]))
+    job.write(FLOW_FIELDS, stacked(FLOW_FIELDS, [case.nodes() for case in ordered]))
     job.write(FLOW_TOPOLOGY, FLOW_TOPOLOGY.columns_of(topologies))
     job.write_json(
         FLOW,
@@ -141,7 +141,3 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
         files=len(files),
         refused=[(file, refusal.what) for file, refusal in stream.refused],
     ).cut_through()
-
-
-def _stacked(product: Product, tables: list[dict[str, object]]) -> Table:
-    return {c.name: np.concatenate([t[c.name] for t in tables]) for c in product.columns}

@@ -46,11 +46,10 @@ def write(job: Job) -> str:
             "pip install 'nearlift[netcdf]'",
         ) from None
     draws, fits = job.read(POSTERIOR), job.load(FitResults)
-    digest = store.sha256(job.processed / TRIALS.file)
     about = {
         "created_by": f"nearlift {nearlift.__version__}",
         "campaign": job.campaign.name,
-        "data_sha256": digest,
+        "data_sha256": store.sha256(job.processed / TRIALS.file),
     }
     sink = io.BytesIO()
     with h5netcdf.File(sink, "w") as file:
@@ -89,8 +88,7 @@ def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, objec
     chains, length = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
     group.attrs.update(notes)
     posterior, stats = (
-        _group(group, "posterior", chains, length, notes),
-        _group(group, "sample_stats", chains, length, notes),
+        _group(group, name, chains, length, notes) for name in ("posterior", "sample_stats")
     )
     by_name = {
         n: draws["value"][draws["parameter"] == n].reshape(chains, length)

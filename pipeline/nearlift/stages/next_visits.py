@@ -242,11 +242,8 @@ def _ground(
             theta=first.theta,
             options=options,
         )
-        return (
-            stage,
-            library,
-            [f"{few.what} for a diagnosis; the noise is the {first.noise.source}"],
-        )
+        note = f"{few.what} for a diagnosis; the noise is the {first.noise.source}"
+        return stage, library, [note]
     if loop is not None:
         # beside a large effect the noise is known only after the loop
         stage = dataclasses.replace(stage, noise=loop.noise)
@@ -277,12 +274,11 @@ def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
     u, floor = result.coefficients[name].u, spread(stage, stage.base_fit)[1][at]
     if not u > BEYOND * floor:
         return []
-    return [
-        (
-            f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which rests on more than the"
-            " noise floor: few visits, or explanations that are not told apart"
-        )
-    ]
+    note = (
+        f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which rests on more than the"
+        " noise floor: few visits, or explanations that are not told apart"
+    )
+    return [note]
 
 
 def _rivals(

@@ -33,6 +33,8 @@ def run(job: Job) -> Outcome:
     InputRefused
         All accepted trials are in free air.
     """
+    from scipy.linalg import block_diag
+
     trials = job.read(TRIALS)
     reduced, carried, curve = {}, {}, False
     for boundary in boundaries(trials):
@@ -92,7 +94,7 @@ def run(job: Job) -> Outcome:
         )
         job.write(LIFT_COVARIANCE, {})
         return Outcome(notes=tuple(notes))
-    covariance = _block_diagonal([c.covariance() for c in reduced.values()])
+    covariance = block_diag(*(c.covariance() for c in reduced.values()))
     covariance[lacking] = covariance[:, lacking] = np.nan
     job.write(LIFT_COVARIANCE, {f"c{i}": column for i, column in enumerate(covariance.T)})
     return Outcome(notes=tuple(notes))
@@ -128,13 +130,3 @@ def _mean(values: FloatArray, u: FloatArray) -> tuple[float, float]:
     scatter = float(values.var(ddof=1)) if n > 1 else np.nan
     known = float(np.mean(u**2))
     return float(values.mean()), float(np.sqrt(np.fmax(scatter, known) / n))
-
-
-def _block_diagonal(blocks: list[FloatArray]) -> FloatArray:
-    size = sum(len(b) for b in blocks)
-    result = np.zeros((size, size))
-    at = 0
-    for block in blocks:
-        result[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
-    return result

@@ -40,50 +40,42 @@ def screen(fitted: LeastSquaresFit, parts: tuple[Component, ...], trials: Table)
     influence = influential.screen(fitted, parts, outlying, odd, odd_visits)
     return replace(
         influence,
-        suspects=tuple(
-            replace(s, text=text)
-            for s, text in zip(influence.suspects, words(fitted, influence), strict=True)
-        ),
+        suspects=tuple(replace(s, text=_said(fitted, influence, s)) for s in influence.suspects),
         unscreened=seen.unscreened,
         why_not=influence.why_not or seen.why_not,
     )
 
 
-def words(fitted: LeastSquaresFit, influence: Influence) -> list[str]:
-    """A sentence for each suspect: how far the headline moves without it."""
-    name = fitted.names[0] if fitted.names else ""
-    headline = fitted.estimates[name] if name else None
-
-    def said(s: Suspect) -> str:
-        what = (
-            s.id
-            if s.kind == "trial"
-            else f"visit {s.id} (trials {s.trials[0]} to {s.trials[-1]}, one stop)"
-        )
-        if s.without is None or headline is None:
-            return f"{what} stands out, and without it the base model does not fit"
-        alone = s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u)
-        others = (
-            " and the trials named"
-            if s.kind == "visit" and any(o.kind == "trial" for o in influence.suspects)
-            else ""
-        )
-        if s.outlying:
-            without = f"{what} stands beyond what noise allows: without it"
-        elif alone:
-            without = f"without {what}"
-        else:
-            without = f"{what} moves {name} with others that stand out: without it"
-        moved = f"{like(abs(s.shift), s.without.u)} {'higher' if s.shift > 0 else 'lower'}"
-        ratio = plain(abs(s.shift) / min(headline.u, s.without.u), 2)
-        known = (
-            f", and its u {plain(s.without.u, 2)} in place of {plain(headline.u, 2)}"
-            if abs(math.log(s.without.u / headline.u)) > ANOTHER_U
-            else ""
-        )
-        return f"{without}{others} the base fit’s {name} is {moved}, {ratio} u{known}"
-
-    return [said(s) for s in influence.suspects]
+def _said(fitted: LeastSquaresFit, influence: Influence, s: Suspect) -> str:
+    """How far the headline moves without a suspect."""
+    what = (
+        s.id
+        if s.kind == "trial"
+        else f"visit {s.id} (trials {s.trials[0]} to {s.trials[-1]}, one stop)"
+    )
+    if s.without is None or not fitted.names:
+        return f"{what} stands out, and without it the base model does not fit"
+    name = fitted.names[0]
+    headline = fitted.estimates[name]
+    in_u = abs(s.shift) / min(headline.u, s.without.u)
+    others = (
+        " and the trials named"
+        if s.kind == "visit" and any(o.kind == "trial" for o in influence.suspects)
+        else ""
+    )
+    if s.outlying:
+        without = f"{what} stands beyond what noise allows: without it"
+    elif s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u):
+        without = f"without {what}"
+    else:
+        without = f"{what} moves {name} with others that stand out: without it"
+    moved = f"{like(abs(s.shift), s.without.u)} {'higher' if s.shift > 0 else 'lower'}"
+    known = (
+        f", and its u {plain(s.without.u, 2)} in place of {plain(headline.u, 2)}"
+        if abs(math.log(s.without.u / headline.u)) > ANOTHER_U
+        else ""
+    )
+    return f"{without}{others} the base fit’s {name} is {moved}, {plain(in_u, 2)} u{known}"
 
 
 def notes(boundary: str, entry: Influence) -> Iterable[str]:
