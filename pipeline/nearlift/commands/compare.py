@@ -29,6 +29,8 @@ from nearlift.run.lock import settled
 from nearlift.run.transaction import JOURNAL, Homes
 
 FOLDER = "comparison"
+#: Style of the plot, which belongs to no one campaign.
+LOOK = "aiaa"
 #: Below this a p-value means no more than that.
 LEAST_CHANCE = 1e-12
 #: Where a prior of twice the width moves an end of the mean's interval by more than this part of
@@ -64,7 +66,7 @@ class Entry:
         return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
 
 
-def finished(out: Path, names: Sequence[str] = ()) -> list[Path]:
+def finished(out: Path, names: Sequence[str]) -> list[Path]:
     """Folders of finished runs under `out`/processed: those of the campaigns named, else all.
 
     Raises
@@ -152,9 +154,7 @@ def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
     return total
 
 
-def run(
-    out: Path, names: Sequence[str] = (), shared: Sequence[str] = (), look: str = "aiaa"
-) -> dict[str, object]:
+def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> dict[str, object]:
     """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and
     answer what stands in the first.
     """
@@ -171,7 +171,7 @@ def run(
     }
     target = out / "reports" / FOLDER
     rows = forest.summarise(content)
-    for kind, drawn in for_print(forest.draw, rows, look).items():
+    for kind, drawn in for_print(forest.draw, rows, LOOK).items():
         store.write_bytes(target / f"forest.{kind}", drawn)
     said = [
         f"{g['boundary'].capitalize()}, {g['coefficient']}: {remark}"

@@ -96,13 +96,8 @@ def write_template(folder: Path) -> tuple[list[Path], list[str]]:
 def _written(
     folder: Path, records: str, trials: str, schedule: str, held: str = BLANK
 ) -> tuple[list[Path], list[str]]:
-    """Write the manifest, and the schedule unless it is there; what was written, and what is left
-    to fill in.
-
-    Raises
-    ------
-    UsageError
-        Another schedule is there.
+    """Write the manifest, and the schedule unless it is there (another one there is refused); what
+    was written, and what is left to fill in.
     """
     made = schedule.rstrip("\n") + "\n"
     path = folder / "trials.csv"
@@ -173,8 +168,8 @@ def write_from(
             f"`nearlift inspect {shlex.quote(str(first.path))}` prints its [piv] section, for the"
             " manifest of a campaign of forces",
         )
-    means = first.table if first.table is not None and first.table.means else None
-    means = means if len(inspected) == 1 else None
+    alone = len(inspected) == 1 and first.table is not None and first.table.means
+    means = first.table if alone else None
     if means is None and listing in records:
         raise UsageError(
             str(listing),

@@ -41,16 +41,13 @@ class Table:
     def lists_trials(self) -> bool:
         """Whether it may be a schedule: a distance, what makes it one of trials, and no clock."""
         other = {"trial", "boundary", "throttle", "lift"} & self.meant.keys()
-        return "distance" in self.meant and bool(other) and not self._clocked
+        clocked = any(map(meaning.is_clock, self.names))
+        return "distance" in self.meant and bool(other) and not clocked
 
     @property
     def means(self) -> bool:
         """Whether it may be a table of mean lifts: lift by distance, and no clock."""
         return self.lists_trials and "lift" in self.meant
-
-    @property
-    def _clocked(self) -> bool:
-        return any(map(meaning.is_clock, self.names))
 
     def ids(self, wanted: Collection[str]) -> list[str] | None:
         """The trial of every row, from the column that holds all these ids, or all these files'

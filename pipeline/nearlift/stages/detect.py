@@ -117,9 +117,8 @@ def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor
     mine = (
         (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
     )
-    rate = job.campaign.load_cell.sample_rate
-    if not mine.any() or rate is None:
-        return Sensor(short_per_sqrt_Hz=0.0, floor=floor, every_s=every_s)
-    length_s = trials["n"][mine] / rate
-    noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
+    rate, noise = job.campaign.load_cell.sample_rate, 0.0
+    if mine.any() and rate is not None:
+        length_s = trials["n"][mine] / rate
+        noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
     return Sensor(short_per_sqrt_Hz=noise, floor=floor, every_s=every_s)

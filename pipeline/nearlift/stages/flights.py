@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +66,8 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
     """
     # windows come by the ten thousand
     with uncollected():
-        answers = answers_of(job, reader, schedule, cut_logs)
+        cut = partial(each_record, answer=_answer, kind=Flown)
+        answers = answers_of(job, reader, schedule, cut)
         lag, notes = _lag(job.campaign, answers)
         weights = _weights(lag)
         pieces = {r: _behind(a, lag, weights) for r, a in answers.items()}
@@ -73,21 +75,6 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         rows, unlisted = rows_of(job, schedule, trials, answers, Rows(len(trials)))
         counted = _counted(list(answers.values()))
         return trials, rows, [*unlisted, *counted, *notes, *rows.remarks()]
-
-
-def cut_logs(task: Task) -> list[Flown]:
-    """Read, weigh and cut the logs of one task; runs in any thread or process.
-
-    Whatever a log holds, it has an answer: what is raised over one makes it MALFORMED.
-
-    Raises
-    ------
-    NearliftError
-        The manifest is at fault.
-    OSError, MemoryError
-        The machine is at fault.
-    """
-    return each_record(task, _answer, Flown)
 
 
 # damaged numbers may be anything

@@ -54,24 +54,16 @@ def compared(campaign: Campaign, trials: Table, boundary: Boundary) -> list[Hove
         )
     pairs = [(c, logs, healthy) for c, logs in groups.items()]
     pairs += [(sound, (r,), tuple(q for q in healthy if q != r)) for r in healthy]
-    return [
-        HoverComparison.compared(
-            condition, logs, len(reference), _shifts(voltages, logs, reference, rate)
+    comparisons = []
+    for condition, logs, reference in pairs:
+        each, other = (np.array([voltages[r] for r in group]) for group in (logs, reference))
+        seen = hover.shifts(each, other, rate)
+        shifts = tuple(
+            HoverShift(rotor=k, value=float(value), limit=float(limit))
+            for k, (value, limit) in enumerate(zip(seen.value, seen.limit, strict=True))
         )
-        for condition, logs, reference in pairs
-    ]
-
-
-def _shifts(
-    voltages: dict[str, FloatArray], logs: tuple[str, ...], reference: tuple[str, ...], rate: float
-) -> tuple[HoverShift, ...]:
-    shifts = hover.shifts(
-        np.array([voltages[r] for r in logs]), np.array([voltages[r] for r in reference]), rate
-    )
-    return tuple(
-        HoverShift(rotor=k, value=float(value), limit=float(limit))
-        for k, (value, limit) in enumerate(zip(*shifts, strict=True))
-    )
+        comparisons.append(HoverComparison.compared(condition, logs, len(reference), shifts))
+    return comparisons
 
 
 def means(trials: Table, boundary: Boundary) -> tuple[dict[str, FloatArray], dict[str, str]]:

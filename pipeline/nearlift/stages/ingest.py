@@ -180,13 +180,7 @@ def _checked(job: Job) -> tuple[dict[str, str], list[str]]:
 
 
 def _known(exclude: Mapping[str, str], schedule: Schedule, by_record: bool = False) -> None:
-    """See that every trial that the manifest excludes is in the schedule.
-
-    Raises
-    ------
-    ManifestError
-        One is not; ids like it are proposed.
-    """
+    """Refuse a manifest that excludes a trial that is not in the schedule; propose ids like it."""
     ids = schedule.trial.tolist()
     # a whole record may be left out as well
     records = schedule.covariates["record"].tolist() if by_record else []
@@ -203,13 +197,8 @@ def _known(exclude: Mapping[str, str], schedule: Schedule, by_record: bool = Fal
 
 
 def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
-    """Rows from as many workers as the executor has; a trial without a record has none.
-
-    Raises
-    ------
-    InputRefused
-        No trial has a record, or most records cannot be read for what the manifest says of them:
-        the first one's refusal.
+    """Rows from as many workers as the executor has. Refused where no trial has a record, or where
+    most cannot be read for what the manifest says of them: the first one's refusal.
     """
     plan = reader.plan(job.campaign, job.root, list(schedule.trial))
     recorded = sum(len(piece.trials) for piece in plan.pieces)
@@ -315,12 +304,8 @@ def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterat
 
 
 def _settle(job: Job, rows: Rows) -> None:
-    """Mark the trials of files that were still being written PENDING.
-
-    Raises
-    ------
-    InputRefused
-        The manifest, the schedule or a file of many trials was changed while it was read.
+    """Mark the trials of files that were still being written PENDING; refuse what many trials rest
+    on where it was changed while it was read.
     """
     moving = intact.moving(job)
     asked = {*moving.changed, *moving.young}

@@ -21,12 +21,13 @@ from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
 from nearlift.products import POSTERIOR, TRIALS
 from nearlift.results.fit import FitResults
-from nearlift.results.posterior import PosteriorSummary
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.posteriors import LEVEL, split_level
 
 FILE = "posterior.nc"
+#: Of the draws, as attributes.
+DIAGNOSTICS = ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof")
 
 
 def write(job: Job) -> str:
@@ -63,24 +64,19 @@ def write(job: Job) -> str:
                 chosen = {name: column[mine] for name, column in draws.items()}
                 summary = fits.boundaries[boundary][model].posterior
                 assert summary is not None
+                known = ((name, getattr(summary, name)) for name in DIAGNOSTICS)
                 notes = {
                     **about,
                     "boundary": boundary,
                     "model": model,
                     "sampler": summary.sampler,
-                    **_diagnostics(summary),
+                    **{n: float(x) for n, x in known if x is not None and math.isfinite(x)},
                 }
                 _model(file.create_group(f"{boundary}/{model}"), model, chosen, notes)
                 if not root:
                     _model(file, model, chosen, notes)
                     root = True
     return str(job.put(f"processed/{FILE}", sink.getvalue()))
-
-
-def _diagnostics(summary: PosteriorSummary) -> dict[str, float]:
-    names = ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof")
-    known = {name: getattr(summary, name) for name in names}
-    return {name: float(x) for name, x in known.items() if x is not None and math.isfinite(x)}
 
 
 def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, object]) -> None:

@@ -35,12 +35,8 @@ AT_REFERENCE = ("supply_V", "supply_ref_V", "speed_hat")
 def _arguments(
     model: LiftModel, campaign: Campaign, trials: Table, mine: NDArray[np.bool_]
 ) -> dict[str, Any]:
-    """What a model needs beside its parameters, the same for a whole flight.
-
-    Raises
-    ------
-    InputRefused
-        It cannot be told from one distance, or from the trials.
+    """What a model needs beside its parameters, the same for a whole flight; refused where the
+    trials do not tell it, or one distance is not enough.
     """
     known = dict.fromkeys(AT_REFERENCE, 1.0) | campaign.geometry()
     if "gap_hat" in model.needs:

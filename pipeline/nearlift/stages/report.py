@@ -54,7 +54,8 @@ def _run(job: Job, give: Give) -> Outcome:
             made.append((spec, rows, give(partial(render, spec.draw, rows, look))))
             continue
         left_out += [spec.name] if _expected(job, spec) else []
-        _remove(job, spec)
+        for kind in ("pdf", "png", "csv"):
+            job.remove(f"reports/{spec.name}.{kind}")
     job.say(f"report {len(made)} figures", 0.0)
     # what needs no picture is written while others draw
     from nearlift.report.documents.pdf import Drawn, pdf
@@ -167,11 +168,6 @@ def _expected(job: Job, spec: FigureSpec) -> bool:
     return spec.asked(job.campaign) and all(
         stage.configured(job) for stage in STAGES if not set(stage.writes).isdisjoint(spec.needs)
     )
-
-
-def _remove(job: Job, spec: FigureSpec) -> None:
-    for kind in ("pdf", "png", "csv"):
-        job.remove(f"reports/{spec.name}.{kind}")
 
 
 def for_print(draw: Draw, table: Columns, look: str) -> dict[str, bytes]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -63,7 +64,9 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         No record is there, or most cannot be read or cut as the manifest says: the first one's
         refusal.
     """
-    answers = answers_of(job, reader, schedule, cut_records)
+    answers = answers_of(
+        job, reader, schedule, partial(each_record, answer=_answer, kind=CutRecord)
+    )
     campaign = job.campaign
     trials = schedule_of_trials(campaign, job.root, {r: a.pieces for r, a in answers.items()})
     rows, notes = rows_of(job, schedule, trials, answers, Rows(len(trials), FURTHER))
@@ -131,26 +134,13 @@ def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) 
         )
 
 
-def cut_records(task: Task) -> list[CutRecord]:
-    """Read, cut and reduce the records of one task; runs in any thread or process.
-
-    Whatever a record holds, it has an answer: what is raised over one makes it MALFORMED.
-
-    Raises
-    ------
-    NearliftError
-        The manifest is at fault.
-    OSError, MemoryError
-        The machine is at fault.
-    """
-    return each_record(task, _answer, CutRecord)
-
-
 def each_record(
-    task: Task, answer: Callable[[Task, int, dict[str, str]], CutKind], kind: type[CutKind]
+    task: Task, *, answer: Callable[[Task, int, dict[str, str]], CutKind], kind: type[CutKind]
 ) -> list[CutKind]:
     """What `answer` makes of each record of a task, from its place and the digests known so far; of
     one over which something is raised, a `kind` whose row is MALFORMED.
+
+    Runs in any thread or process, and raises as `reduce_piece`.
     """
     answers, digests = list[CutKind](), dict(task.inputs)
     for i, record in enumerate(task.piece.trials):

@@ -11,7 +11,7 @@ from dataclasses import replace
 from nearlift.declare import Boundary
 from nearlift.flight.simulation import maps, presets
 from nearlift.flight.simulation.claims import CrashLevels, judge
-from nearlift.flight.simulation.corridor import Nearness, nearness
+from nearlift.flight.simulation.corridor import nearness
 from nearlift.flight.simulation.craft import Craft
 from nearlift.flight.simulation.crash_rate import refuse_few
 from nearlift.flight.simulation.fitted import FittedFlights, conditions, fitted_flights
@@ -53,7 +53,12 @@ def run(job: Job) -> Outcome:
     fitted, flown, mapped = _fitted(job, chosen, craft, key, rates, tests)
     route, routes = None, Rows()
     if chosen.route:
-        near = {b: _nearness(job, craft, b, fitted[b], flown[b]) for b in fitted}
+        near = {}
+        for boundary, entry in fitted.items():
+            lowest = max(entry.measured_z_hat[0], entry.agreed_z_hat)
+            time_s = entry.groups.duration * craft.time_s
+            rng = generator(job.seed, "route", boundary)
+            near[boundary] = nearness(flown[boundary], entry.held, time_s, lowest, rng)
         spacing_m = job.campaign.vehicle.rotor_spacing or 0.0
         route, routes = planned_route(chosen.route, craft, spacing_m, near, chosen.flights)
     job.write(CRASH_RATES, CRASH_RATES.columns_of(rates))
@@ -167,14 +172,6 @@ def _fitted(
             tests[f"map {boundary}"] = tested
         fitted[boundary] = entry
     return fitted, flown, mapped
-
-
-def _nearness(
-    job: Job, craft: Craft, boundary: Boundary, entry: FittedFlights, flown: Sweep
-) -> Nearness:
-    lowest = max(entry.measured_z_hat[0], entry.agreed_z_hat)
-    rng = generator(job.seed, "route", boundary)
-    return nearness(flown, entry.held, entry.groups.duration * craft.time_s, lowest, rng)
 
 
 def _roll(job: Job, chosen: Simulate) -> RollResult:

@@ -64,7 +64,10 @@ def stated(root: Path, path: Path) -> dict[str, str]:
                 f"write it anew: sha256sum * > {NAME}",
             )
         escaped, sha, name = parts[1], parts[2].lower(), parts[3]
-        source = (folder / (_unescaped(name) if escaped else name)).as_posix()
+        if escaped:
+            # a backslash before anything else stands for itself
+            name = re.sub(r"\\[\\nr]", lambda pair: _ESCAPES[pair[0]], name)
+        source = (folder / name).as_posix()
         inside(root, source, where)
         if sums.setdefault(source, sha) != sha:
             raise InputRefused(
@@ -75,11 +78,6 @@ def stated(root: Path, path: Path) -> dict[str, str]:
     # written into the folder that it lists, it lists itself, empty
     sums.pop(source_of(root, path), None)
     return sums
-
-
-def _unescaped(name: str) -> str:
-    """A name as it is on the disk; a backslash before anything else stands for itself."""
-    return re.sub(r"\\[\\nr]", lambda pair: _ESCAPES[pair[0]], name)
 
 
 def check(
@@ -105,16 +103,19 @@ def check(
     faults: dict[str, str] = {}
     notes: list[str] = []
     alone = set(records)
+    known = {*alone, *shared, *job.stamps}
     for path in files(job.root, job.campaign):
         name, sums = source_of(job.root, path), stated(job.root, path)
-        digests = _digests(
-            job,
-            [
-                source
-                for source in sums
-                if source in alone or source in job.stamps or source in shared
-            ],
-        )
+        digests = {
+            source: job.stamps[source]["sha256"]
+            if source in job.stamps
+            else job.inputs.get(source, "")
+            for source in sums
+            if source in known
+        }
+        unknown = [source for source, sha in digests.items() if not sha]
+        made = store.sha256_of([job.root / source for source in unknown])
+        digests |= zip(unknown, made, strict=True)
         wrong = [source for source, sha in digests.items() if sha != sums[source]]
         remedy = f"copy it anew from the rig; if it was changed on purpose, write {name} anew"
         for source in wrong:
@@ -127,32 +128,18 @@ def check(
                 "were they copied as text, which changes line ends? copy them anew from the rig, or"
                 " write the list anew"
             )
-            what = (
-                f"states other sums for {len(wrong)} of {len(listed)} records, such as {wrong[0]}"
-            )
-            raise InputRefused(str(path), what, remedy)
+            others = f"{len(wrong)} of {len(listed)} records, such as {wrong[0]}"
+            raise InputRefused(str(path), f"states other sums for {others}", remedy)
         missing = [source for source in sums if not (job.root / source).is_file()]
         notes += _note(missing, f"{name} lists", "missing: copy anew from the rig")
-        folder = PurePosixPath(name).parent
-        in_folder = [
+        listed_too, folder = {*sums, name}, PurePosixPath(name).parent
+        unlisted = [
             source
             for source in (*shared, *records)
-            if PurePosixPath(source).parent == folder and source != name
+            if PurePosixPath(source).parent == folder and source not in listed_too
         ]
-        notes += _note(
-            [source for source in in_folder if source not in sums],
-            f"{name} does not list",
-            "read all the same, and unchecked",
-        )
+        notes += _note(unlisted, f"{name} does not list", "read all the same, and unchecked")
     return faults, notes
-
-
-def _digests(job: Job, sources: Sequence[str]) -> dict[str, str]:
-    known = {
-        s: job.stamps[s]["sha256"] if s in job.stamps else job.inputs.get(s, "") for s in sources
-    }
-    unknown = [s for s, sha in known.items() if not sha]
-    return known | dict(zip(unknown, store.sha256_of([job.root / s for s in unknown]), strict=True))
 
 
 def _note(sources: Sequence[str], begin: str, end: str) -> list[str]:
