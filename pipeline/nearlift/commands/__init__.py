@@ -244,8 +244,6 @@ def about_stage(stage: Stage) -> About:
 
 
 def everything() -> dict[str, About]:
-    """Every command of the first level by name: a run's stages in their order, all others by
-    name.
-    """
+    """Every command of the first level: a run's stages in their order, all others by name."""
     stages = {stage.name: about_stage(stage) for stage in STAGES}
     return {name: ABOUT[name] for name in sorted(ABOUT) if " " not in name} | stages

@@ -1,6 +1,4 @@
-"""A line on the terminal while something takes its time: what, how much of it is done, for how long
-already and for how long still.
-"""
+"""A line on the terminal while something takes its time: what, how much is done, how long still."""
 
 from __future__ import annotations
 
@@ -20,9 +18,7 @@ PERIOD_S = 3600.0
 
 
 class Bar:
-    """Gone when the ``with`` block of its `progress` ends; lines that are printed meanwhile stand
-    above it.
-    """
+    """Gone when its `progress` ends; lines that are printed meanwhile stand above it."""
 
     def __init__(self, title: str) -> None:
         self.activity = ""

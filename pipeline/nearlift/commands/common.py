@@ -86,9 +86,7 @@ class Call:
             click.echo(text, err=True)
 
     def progress(self, text: str, share: float | None = None, /) -> None:
-        """A passing remark and the share that is done: shown on a terminal, the remark kept only
-        with -v.
-        """
+        """A passing remark and the share done, on a terminal; elsewhere the remark, with -v."""
         if self.bar is not None:
             self.bar.show(text, share)
         elif self.verbose:
@@ -96,9 +94,7 @@ class Call:
 
     @contextlib.contextmanager
     def busy(self, text: str) -> Iterator[None]:
-        """Show what is going on, for how long, and how long it will still take; on a terminal
-        only.
-        """
+        """Show on a terminal what is going on, for how long, and how long still."""
         if self.silent or not sys.stderr.isatty():
             yield
             return
@@ -142,9 +138,7 @@ def declared(name: str) -> Callable[[Callable[..., None]], click.Command]:
 
 
 def command(function: Callable[..., None], name: str, about: About) -> click.Command:
-    """A command that ends with the contract's exit codes; the function gets its settings as
-    ``call``.
-    """
+    """A command with the contract's exit codes; the function gets its settings as ``call``."""
     settings = [SETTINGS[key] for key in about.settings] + list(EVERYWHERE)
 
     @functools.wraps(function)

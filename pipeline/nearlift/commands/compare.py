@@ -59,9 +59,7 @@ class Entry:
 
     @property
     def parts(self) -> dict[str, float]:
-        """What each declared component that is one unknown for the whole campaign contributes,
-        signed.
-        """
+        """What each declared component that all of a campaign shares contributes, signed."""
         shared = (line for line in self.quoted.budget if line.scope in ("boundary", "campaign"))
         return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
 
@@ -216,9 +214,7 @@ def table(content: dict[str, Any]) -> list[str]:
 
 
 def _remarks(members: Sequence[Entry], p: Population | None) -> list[str]:
-    """What to hold against a group: campaigns that are one and the same, and a spread of which the
-    prior decides.
-    """
+    """What to hold against a group: campaigns that are one, and a spread that the prior decides."""
     listed = []
     same: dict[tuple[float, float], list[str]] = {}
     for e in members:

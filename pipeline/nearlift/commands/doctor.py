@@ -1,6 +1,4 @@
-"""doctor: whether this machine is fit to run nearlift, line by line, with what to do where it is
-not.
-"""
+"""doctor: whether this machine is fit to run nearlift, with what to do where it is not."""
 
 from __future__ import annotations
 
@@ -91,9 +89,7 @@ def _packages() -> Iterator[Finding]:
 
 
 def _plug_ins() -> Iterator[Finding]:
-    """Declarations of other packages; a broken one is refused at import and would end every
-    command.
-    """
+    """Other packages' declarations, of which a broken one would end every command."""
     from nearlift import catalogue
     from nearlift.errors import NearliftError
 

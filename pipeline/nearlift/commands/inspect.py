@@ -1,6 +1,4 @@
-"""What a file holds: format, channels with unit, rate, range and a sparkline, and the tables of a
-manifest for it.
-"""
+"""What a file holds: format, channels, and the tables of a manifest for it."""
 
 from __future__ import annotations
 

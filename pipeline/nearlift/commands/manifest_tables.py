@@ -1,6 +1,4 @@
-"""The tables of a manifest for a file: those of a record, of a flight, of a velocity grid, of a
-table of trials.
-"""
+"""The tables of a manifest for a record, a flight, a velocity grid or a table of trials."""
 
 from __future__ import annotations
 
@@ -45,9 +43,7 @@ def _clock(channel: Channel) -> str:
 
 
 def trials_block(table: Table) -> str:
-    """[trials] of a table of trials, [records] where it holds their mean lifts, and how its columns
-    are to be called.
-    """
+    """[trials] of a table of trials, [records] of mean lifts, and how columns are to be called."""
     _, section = table.schedule(table.row_ids(), means=table.means)
     other = [
         f"{table.names[place]} -> {name}"
@@ -60,9 +56,7 @@ def trials_block(table: Table) -> str:
 
 
 def records_block(inspected: Inspection, files: str | None = None) -> str:
-    """The [load_cell] and [records] tables of a manifest, with what cannot be known
-    marked FILL IN.
-    """
+    """[load_cell] and [records] of a manifest, with what cannot be known marked FILL IN."""
     pattern = (
         files
         if files is not None

@@ -73,9 +73,7 @@ SYNONYMS = {
 
 
 def named(name: str) -> tuple[str, str]:
-    """Name and unit of ``Thrust (gf)``, ``weight[g]`` or ``h_mm``; the unit is empty where there is
-    none.
-    """
+    """Name and unit of ``Thrust (gf)``, ``weight[g]`` or ``h_mm``; no unit is empty."""
     bare, unit = split_unit(name)
     if unit:
         return bare, unit

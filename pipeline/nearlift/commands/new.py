@@ -301,9 +301,7 @@ def _within(folder: Path) -> list[Path]:
 
 
 def _around(targets: Sequence[str]) -> tuple[str, str]:
-    """What stands before and behind the trial's id in every name: the folder, and the suffix; more
-    only if all names agree in it.
-    """
+    """What stands before and behind the trial's id in every name: a folder, and a suffix."""
     name = PurePosixPath(targets[0]).name
     before, after = targets[0].removesuffix(name), name.removeprefix(trial_of(name))
     if all(

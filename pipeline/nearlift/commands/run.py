@@ -86,9 +86,7 @@ def command(
 
 
 def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
-    """Run several campaigns; one that is refused does not stop the others. Ends with the gravest
-    exit code.
-    """
+    """Run several campaigns, whichever is refused; ends with the gravest exit code."""
     from nearlift.run import many
 
     ends = []
@@ -105,9 +103,7 @@ def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
 
 
 def follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | None) -> None:
-    """Run a campaign that is being recorded, again and again, until it is interrupted; with --json
-    one object a round.
-    """
+    """Run a campaign that is being recorded until interrupted; with --json, one object a round."""
     from nearlift.run.graph import STAGES
     from nearlift.run.watch import watch
 

@@ -11,9 +11,7 @@ WIDTH = 24
 
 
 def sparkline(values: FloatArray, width: int = WIDTH) -> str:
-    """The mean of each of so many stretches of a series, as bars; a gap where there is no
-    number.
-    """
+    """The mean of each of so many stretches of a series as bars; a gap where there is no number."""
     if len(values) == 0:
         return ""
     parts = np.array_split(values, min(width, len(values)))

@@ -22,9 +22,7 @@ LISTED = 10
 
 
 def command_of(stage: Stage) -> click.Command:
-    """The stage's command: it runs the stage even if it is up to date, or answers the stage's
-    question.
-    """
+    """The stage's command: it runs the stage, up to date or not, or answers its question."""
     asked = stage.question.options if stage.question else ()
 
     def run(call: Call, campaign: Path, **given: Any) -> None:

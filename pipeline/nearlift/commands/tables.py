@@ -1,6 +1,4 @@
-"""A table of a spreadsheet as a schedule: which of its columns are those of trials.csv, in which
-units, and the same table as trials.csv wants it.
-"""
+"""A spreadsheet's table as a schedule: which columns are those of trials.csv, in which units."""
 
 from __future__ import annotations
 
@@ -50,9 +48,7 @@ class Table:
         return self.lists_trials and "lift" in self.meant
 
     def ids(self, wanted: Collection[str]) -> list[str] | None:
-        """The trial of every row, from the column that holds all these ids, or all these files'
-        names; None where none does.
-        """
+        """The trial of every row, from the column with all these ids or files' names; else None."""
         for cells in zip(*self.rows, strict=True):
             ids = [Path(cell).stem if Path(cell).suffix else cell for cell in cells]
             for candidate in (list(cells), ids):
@@ -122,9 +118,7 @@ class Table:
 
 
 def trials_section(given: Mapping[str, str], lacking: Collection[str], *, ordered: bool) -> str:
-    """[trials] of a schedule with these columns and units; what every trial needs and no column
-    says is a constant to fill in.
-    """
+    """[trials] with these columns and units; what no column says is a constant to fill in."""
     lines = ["[trials]", 'file = "trials.csv"                  # one row per trial']
     if not ordered:
         lines.append(

@@ -1,3 +1,1 @@
-"""The thin shell: each stage reads products, calls the core, writes products. Only stages touch the
-disk.
-"""
+"""The thin shell, which alone touches the disk: it reads products, calls the core, writes them."""

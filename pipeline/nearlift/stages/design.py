@@ -132,9 +132,7 @@ def _target(job: Job, write: Path | None) -> Path:
 
 
 def _read_off(campaign: Campaign, made: PlannedTrials) -> Planned:
-    """A `[design]` with the stations, throttles, visits and sessions of a schedule; what it cannot
-    tell is the manifest's or the default.
-    """
+    """A `[design]` that has what a schedule tells; the rest is the manifest's or the default."""
     table = made.table
     distances: dict[Boundary, list[float]] = {}
     visits = []
@@ -227,9 +225,7 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
 
 
 def outside(campaign: Campaign, name: str, value: float) -> str:
-    """A cell of a schedule's column in the manifest's unit, else the usual one; blank where there
-    is no number.
-    """
+    """A schedule's cell in the manifest's unit, else the usual one; blank where it is no number."""
     if not np.isfinite(value):
         return ""
     dimension = BY_NAME[name].dimension

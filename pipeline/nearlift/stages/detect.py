@@ -1,6 +1,4 @@
-"""detect: how far away each boundary shows in lift, and where it is, to detection.parquet and
-proximity.json.
-"""
+"""detect: how far away each boundary shows in lift, and where it is."""
 
 from __future__ import annotations
 

@@ -35,9 +35,7 @@ from nearlift.stages.observe import boundaries, interim_look, observe
 
 
 def run(job: Job) -> Outcome:
-    """Diagnose each boundary; one that cannot be diagnosed has a block that says why, and
-    is noted.
-    """
+    """Diagnose each boundary; of one that cannot be, its block and a note say why."""
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     options = chosen(job)

@@ -26,9 +26,7 @@ DRAWS = 2000
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """One form of export: its name on the command line, what it is, and what writes it and returns
-    the path.
-    """
+    """A form of export: its option's name, what it is, and what writes it and returns the path."""
 
     name: str
     meaning: str

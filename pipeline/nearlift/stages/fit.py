@@ -1,6 +1,4 @@
-"""fit: every lift model that suits each boundary and the vehicle, by least squares and as a
-posterior, on trials.
-"""
+"""fit: the lift models that suit each boundary, by least squares and as a posterior, on trials."""
 
 from __future__ import annotations
 
@@ -80,9 +78,7 @@ SURELY_LESS = 1e-6
 
 
 def run(job: Job) -> Outcome:
-    """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends
-    the run with exit code 5.
-    """
+    """Fit base and rivals of every boundary; a rival that fails is noted, a base ends the run."""
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     present = boundaries(trials)
@@ -199,9 +195,7 @@ def compare(
 
 
 def overdeclared(result: LeastSquaresFit) -> list[str]:
-    """A note where trials scatter far less than the manifest declares of what repeats would show;
-    empty where they do not.
-    """
+    """A note where trials scatter far less than was declared of what repeats show; else none."""
     from scipy.stats import chi2
 
     if not result.dof or chi2.cdf(result.chi2, result.dof) > SURELY_LESS:

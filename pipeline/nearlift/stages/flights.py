@@ -203,9 +203,7 @@ def _weights(lag: Lag) -> FloatArray:
 
 
 def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> Pieces:
-    """The windows with the command behind the lag for a throttle, and what log lift changes by
-    were the lag another.
-    """
+    """The windows with the command behind the lag for a throttle, and log lift's slope by lag."""
     pieces, clean = answer.pieces, answer.clean
     throttle, slope = np.full((2, len(pieces)), np.nan)
     less, throttle[clean], more = (weights @ answer.command[clean][..., None])[..., 0].T

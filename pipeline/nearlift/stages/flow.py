@@ -1,6 +1,4 @@
-"""flow: velocity grids to mean fields, downwash beneath the rotors, and the wake's topology, where
-[piv] lists any.
-"""
+"""flow: velocity grids to mean fields, downwash beneath the rotors, and the wake's topology."""
 
 from __future__ import annotations
 

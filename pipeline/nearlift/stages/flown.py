@@ -65,9 +65,7 @@ NO_HEIGHT = (
 
 
 def refusal(campaign: Campaign, data: Observations) -> str:
-    """Why these flights cannot tell a base model's coefficients, however they are fitted; empty
-    where they may, or where nothing flew.
-    """
+    """Why no fit to these flights can tell a base model's coefficients; empty where one may."""
     if campaign.flight is None:
         return ""
     if SETPOINT not in data.covariates:
@@ -299,9 +297,7 @@ def _result(
     doubts: tuple[Doubt, ...] = (),
     turn: Callable[[float], float] = float,
 ) -> CoefficientResult:
-    """One coefficient over every answer that may be right; the first is its value. `turn` makes it
-    of what was solved for.
-    """
+    """A coefficient over every answer that may be right, the first its value, all put to `turn`."""
     dof = min(a.dof for a in answers)
     reach = {level: student.quantile(0.5 + level / 200, dof) for level in LEVELS}
     spans = [(float(a.theta[k]), float(a.u[k])) for a in answers]

@@ -1,6 +1,4 @@
-"""Ingest: records to one row per trial. Every trial of the schedule has a row; a rejected one says
-why.
-"""
+"""Ingest: records to one row for every trial of the schedule; a rejected one says why."""
 
 from __future__ import annotations
 

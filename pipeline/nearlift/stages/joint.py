@@ -1,6 +1,4 @@
-"""joint: the base model of a boundary fitted to lift and downwash together, where `[fit.<boundary>]
-downwash = true`, to joint.json.
-"""
+"""joint: a boundary's base model fitted to lift and downwash together, where it is asked for."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What only the whole campaign shows of its trials: quality codes beyond a record's own, refusals
-and notes.
-"""
+"""What only the whole campaign shows of its trials: further quality codes, refusals and notes."""
 
 from __future__ import annotations
 
@@ -18,9 +16,7 @@ from nearlift.stages.rows import Rows
 
 
 def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
-    """The columns of trials.parquet in run order, with the codes that need no other trial and those
-    of length.
-    """
+    """Columns of trials.parquet in run order, with the codes that need at most others' lengths."""
     codes = [list(trial_codes) for trial_codes in rows.codes]
     owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
     if campaign.cuts_records:
@@ -145,9 +141,7 @@ def judge(table: store.Table, campaign: Campaign) -> list[str]:
 
 
 def _outlying(table: store.Table, side: str) -> list[str]:
-    """Mark the trials at one boundary that repeats and neighbours contradict, and say of each how
-    far off it is.
-    """
+    """Mark the trials that repeats and neighbours contradict, and say of each how far off it is."""
     mine = np.flatnonzero(
         (table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0)
     )

@@ -114,9 +114,7 @@ def _entry(trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str])
 
 
 def _left_out(fitted: FitResults, boundary: Boundary) -> tuple[HeadlineWithout, ...]:
-    """The headline coefficient without each trial or visit that the fit named, all of which are in
-    it.
-    """
+    """The headline coefficient without each trial or visit that the fit named, and kept."""
     u = next((e.u for e in fitted.of_base(boundary).parameters.values()), math.inf)
     return tuple(
         HeadlineWithout(

@@ -287,9 +287,7 @@ def _rivals(
     library: tuple[Effect, ...],
     loop: BoundaryDiagnosis | None,
 ) -> tuple[Question, tuple[str, ...]]:
-    """The two explanations, as they were fitted; an effect that these trials do not show at its
-    plausible size.
-    """
+    """The two explanations as fitted, or at a plausible size where these trials do not show one."""
     where = f"next visits at the {stage.data.boundary}"
     known = {e.name: e for e in library}
     one: tuple[str, ...]

@@ -1,6 +1,4 @@
-"""Further data for Figure 2, as the manifest names them: small CSV files of other groups'
-measurements.
-"""
+"""Further data for Figure 2, as the manifest names them: small CSV files of other groups."""
 
 from __future__ import annotations
 

@@ -173,9 +173,7 @@ def _levels(campaign: Campaign, throttle: FloatArray) -> tuple[FloatArray, tuple
 def _ranged(
     wanted: Planned | None, schedule: Schedule
 ) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """The schedule's covariates that hold numbers, and those that `[design]` expects; what was
-    assumed.
-    """
+    """Covariates: the schedule's numbers and what `[design]` expects; and what was assumed."""
     known = {
         k: v
         for k, v in schedule.covariates.items()

@@ -62,9 +62,7 @@ class Posteriors:
     def added(
         self, fitted: LeastSquaresFit, entry: ModelFit, base: bool, say: Say
     ) -> tuple[ModelFit, list[str]]:
-        """A model's entry of fit.json with its posterior, and notes; without one where a rival's
-        does not settle.
-        """
+        """An entry of fit.json with its posterior, unless a rival's does not settle; and notes."""
         boundary = fitted.problem.data.boundary
         try:
             evidence, drawn = self.add(fitted, base, say)

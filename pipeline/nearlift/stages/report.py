@@ -29,9 +29,7 @@ NEEDED = (TRIALS, FIT, RESULTS)
 
 
 def run(job: Job) -> Outcome:
-    """Make the whole report anew. A figure whose products are missing is not made, and what an
-    earlier run left of it is removed.
-    """
+    """Make the whole report anew; what is left of a figure without its products is removed."""
     with _drawing(job) as give:
         return _run(job, give)
 
@@ -103,9 +101,7 @@ def _documents(job: Job, evidence: Evidence) -> None:
 
 @contextlib.contextmanager
 def _drawing(job: Job) -> Iterator[Give]:
-    """What draws figures where the job's tasks run; in place of threads, processes, which begin to
-    import while products are read.
-    """
+    """What draws figures: the job's executor, or in place of threads processes, begun at once."""
     from nearlift.report.drawers import drawers
 
     if not isinstance(job.executor, Threads):
@@ -160,9 +156,7 @@ def gather(job: Job) -> Evidence:
 
 
 def _expected(job: Job, spec: FigureSpec) -> bool:
-    """Whether the campaign asks for the figure and for every stage that makes what it shows; one
-    that it does not ask for is not missed.
-    """
+    """Whether the campaign asks for the figure, and for every stage that makes what it shows."""
     from nearlift.run.registry import STAGES
 
     return spec.asked(job.campaign) and all(

@@ -1,6 +1,4 @@
-"""Records to rows: what one worker is sent, what it answers for each trial, and the answers of all
-workers column by column.
-"""
+"""Records to rows: what a worker is sent, what it answers for each trial, and all the answers."""
 
 from __future__ import annotations
 

@@ -103,9 +103,7 @@ def answers_of(
 def rows_of(
     job: Job, schedule: Schedule, trials: Schedule, answers: Mapping[str, CutRecord], rows: Rows
 ) -> tuple[Rows, list[str]]:
-    """The rows of all trials in the order of the schedule's records, and a note of files that it
-    does not list.
-    """
+    """The rows of all trials in the schedule's order, and a note of files that it does not list."""
     ids, at = schedule.trial.tolist(), 0
     for record in ids:
         # a record that is not there has a row that is MISSING

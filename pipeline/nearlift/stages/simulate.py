@@ -36,9 +36,7 @@ ROLL_DRAWS = 400
 
 
 def run(job: Job) -> Outcome:
-    """Fly the presets and this campaign's fitted models; every run tests its own time step, and
-    says where it fails.
-    """
+    """Fly the presets and this campaign's models; each run tests its own time step."""
     chosen = job.campaign.simulate or Simulate()
     for risk in chosen.risks:
         refuse_few(risk, chosen.flights)
@@ -175,9 +173,7 @@ def _fitted(
 
 
 def _roll(job: Job, chosen: Simulate) -> RollResult:
-    """What a sidewall's differential lift does, from the paper's numbers and from this campaign's
-    fit where it has a sidewall.
-    """
+    """What a sidewall's differential lift does by this campaign's fit, where it has a sidewall."""
     v = job.campaign.vehicle
     if "sidewall" not in job.read_json(FIT)["boundaries"] or v.rotors != 4 or not v.rotor_spacing:
         return RollResult()

@@ -1,6 +1,4 @@
-"""The way to the next visits: each station from either side in turn, as a schedule that `design`
-draws has it.
-"""
+"""The way to the next visits: each station from either side in turn, as `design` draws them."""
 
 from __future__ import annotations
 
