@@ -11,8 +11,8 @@ import tomllib
 import numpy as np
 import pytest
 
+from nearlift.commands.inspect import BARS, sparkline
 from nearlift.commands.inspection import inspect
-from nearlift.commands.sparkline import BARS, sparkline
 
 from . import small_run, written
 from .small_run import nearlift

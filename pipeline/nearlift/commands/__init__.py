@@ -21,20 +21,9 @@ COMPUTES = ("out", "executor", "seed", "verbose")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class About:
-    """What the help of a command says.
-
-    Attributes
-    ----------
-    group : str
-        One of `GROUPS`.
-    summary : str
-        Its line in the list of commands; without a full stop, at most 60 letters.
-    text : str
-        What else its own page says.
-    example : str
-        The words behind ``nearlift`` of a call that makes sense; several, a line each.
-    settings : tuple of str
-        Those of `common.SETTINGS` that do something here.
+    """What the help of a command says: its `group` of `GROUPS`; its line in the list of commands,
+    without a full stop and of at most 60 letters; what else its own page says; calls that make
+    sense, a line each, without ``nearlift``; and those of `common.SETTINGS` that do something here.
     """
 
     group: str

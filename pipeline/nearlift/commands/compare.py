@@ -111,17 +111,13 @@ def entries(folder: Path) -> list[Entry]:
 def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> list[dict[str, Any]]:
     """Entries by boundary, base model and coefficient, as JSON: each group with its population.
 
-    Parameters
-    ----------
-    listed : sequence of Entry
-    shared : sequence of str
-        Names of components that are one and the same error in all campaigns (the same load cell,
-        the same gauge block).
+    `shared` names components that are one and the same error in all campaigns (the same load cell,
+    the same gauge block).
 
     Raises
     ------
     UsageError
-        A name in `shared` is no campaign's component.
+        One of them is no campaign's component.
     """
     known = sorted({name for entry in listed for name in entry.parts})
     for name in shared:

@@ -122,18 +122,13 @@ class Side:
 
 
 def run(a: Path, b: Path) -> RunComparison:
-    """What differs between two runs.
-
-    Parameters
-    ----------
-    a, b : Path
-        Each a folder with provenance.json (``processed/<campaign>``), a workspace with one finished
-        campaign in it, or a kept run (``processed/<campaign>/history/...``).
+    """What differs between two runs: each a folder with provenance.json (``processed/<campaign>``),
+    a workspace with one finished campaign, or a kept run (``processed/<campaign>/history/...``).
 
     Raises
     ------
     UsageError
-        Where a folder holds no run, or several.
+        A folder holds no run, or several.
     """
     one, two = (_side(path) for path in (a, b))
     # a kept run has no digests, and is not held against one that has

@@ -10,14 +10,35 @@ import numpy as np
 from nearlift.commands.common import DIALECT, Call, declared, dialect_of
 from nearlift.commands.inspection import Inspection, inspect
 from nearlift.commands.manifest_tables import block
-from nearlift.commands.sparkline import sparkline
+from nearlift.declare import FloatArray
 from nearlift.run.lock import size
 
+#: A series as a line of bars, so wide.
+BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
+WIDTH = 24
 #: What to do with a record of many lifts.
 CUT = (
     "[segments] cuts it, and a row of trials.csv is then a record (`nearlift segments CAMPAIGN`"
     " draws the cuts before anything is fitted)"
 )
+
+
+def sparkline(values: FloatArray) -> str:
+    """The mean of each of so many stretches of a series as bars; a gap where there is no number."""
+    if len(values) == 0:
+        return ""
+    parts = np.array_split(values, min(WIDTH, len(values)))
+    means = np.array(
+        [np.mean(p[np.isfinite(p)]) if np.isfinite(p).any() else np.nan for p in parts]
+    )
+    known = means[np.isfinite(means)]
+    low, span = (float(known.min()), float(np.ptp(known))) if len(known) else (0.0, 0.0)
+    # what stands still is drawn in the middle
+    place = np.where(np.isfinite(means), (means - low) / span if span > 0 else 0.5, 0)
+    return "".join(
+        " " if not np.isfinite(m) else BARS[min(int(p * len(BARS)), len(BARS) - 1)]
+        for m, p in zip(means, place, strict=True)
+    )
 
 
 def described(inspected: Inspection) -> str:

@@ -43,14 +43,9 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
     """Weigh the planned campaign; writes the figure, the numbers and a random schedule, and returns
     what the console shows.
 
-    Parameters
-    ----------
-    job : Job
-    earlier : Path or None
-        ``processed/<campaign>`` of one whose noise floor is expected here too.
-    write : Path or None
-        File, or existing folder, for the schedule; ``reports/<campaign>/design/trials.csv`` if
-        None.
+    `earlier` is ``processed/<campaign>`` of one whose noise floor is expected here too, `write` a
+    file, or existing folder, for the schedule, in place of
+    ``reports/<campaign>/design/trials.csv``.
 
     Raises
     ------

@@ -51,16 +51,6 @@ class PlannedTrials:
     design: TrialSchedule | None = None
 
 
-def has_schedule(campaign: Campaign, root: Path) -> bool:
-    """Whether the folder holds a schedule with at least one trial."""
-    path = schedule_file(campaign, root)
-    if not path.is_file():
-        return False
-    lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
-    # the first is the header
-    return sum(bool(line.strip()) for line in lines) > 1
-
-
 def plan(campaign: Campaign, root: Path, seed: int) -> PlannedTrials:
     """The trials that are planned: the schedule in the folder where there is one, else a random one
     from `[design]`.
@@ -70,9 +60,11 @@ def plan(campaign: Campaign, root: Path, seed: int) -> PlannedTrials:
     UsageError
         There is neither.
     """
-    drawn = None
-    if has_schedule(campaign, root):
-        schedule, source = read_schedule(campaign, root), schedule_file(campaign, root).name
+    drawn, path = None, schedule_file(campaign, root)
+    text = path.read_text(encoding="utf-8-sig", errors="replace") if path.is_file() else ""
+    # the first line is the header
+    if sum(bool(line.strip()) for line in text.splitlines()) > 1:
+        schedule, source = read_schedule(campaign, root), path.name
     elif campaign.design is not None:
         drawn = draw(campaign, seed)
         schedule, source = as_schedule(drawn, campaign), "[design]"

@@ -83,16 +83,10 @@ def stated(root: Path, path: Path) -> dict[str, str]:
 def check(
     job: Job, shared: Sequence[str], records: Sequence[str]
 ) -> tuple[dict[str, str], list[str]]:
-    """Hold what is to be read against the sums that are stated: what is wrong with records that are
-    one trial's each, by file, and what the user should know. Digests that the job has are not made
-    again.
-
-    Parameters
-    ----------
-    shared : sequence of str
-        Files that many trials rest on; so do velocity grids, of which the job knows.
-    records : sequence of str
-        Files that are one trial's each: a wrong one costs that trial.
+    """Hold what is to be read against the sums that are stated: what is wrong with `records`, of
+    which a wrong one costs its one trial, by file, and what the user should know. Many trials rest
+    on files that are `shared`, and on velocity grids, of which the job knows. Digests that the job
+    has are not made again.
 
     Raises
     ------
