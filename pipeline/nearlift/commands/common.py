@@ -7,7 +7,7 @@ import functools
 import json
 import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -177,6 +177,15 @@ def _end(call: Call, refusal: NearliftError, code: int, text: str) -> NoReturn:
         click.echo(json.dumps({"exit_code": code, **said}))
     click.echo(text, err=True)
     sys.exit(code)
+
+
+def padded(rows: Sequence[Sequence[str]]) -> list[str]:
+    """A line for each row, its cells one below the other, the last as long as it is."""
+    *wide, _ = (max(map(len, column)) for column in zip(*rows, strict=True))
+    return [
+        "  ".join((*(cell.ljust(w) for cell, w in zip(row, wide, strict=False)), row[-1])).rstrip()
+        for row in rows
+    ]
 
 
 def end_politely() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import click
 
-from nearlift.commands.common import Call, declared
+from nearlift.commands.common import Call, declared, padded
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.products import PROVENANCE, RESULTS
@@ -274,11 +274,7 @@ def table(comparison: RunComparison, digests: bool = False) -> list[str]:
         for letter, r in zip("AB", comparison.runs, strict=True)
     ]
     rows: list[tuple[str, ...]] = [("", "A", "B", "shift, in u of A"), *_rows(comparison)]
-    wide = [max(len(row[i]) for row in rows) for i in range(3)]
-    lines += [
-        "  ".join((*(f"{cell:<{w}}" for cell, w in zip(row, wide, strict=False)), row[3])).rstrip()
-        for row in rows
-    ]
+    lines += padded(rows)
     values = comparison.manifest_values
     if values is not None:
         lines.append("manifest:" if values else "manifest: the same values")

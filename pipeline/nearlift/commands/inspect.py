@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 import numpy as np
 
-from nearlift.commands.common import DIALECT, Call, declared, dialect_of
+from nearlift.commands.common import DIALECT, Call, declared, dialect_of, padded
 from nearlift.commands.inspection import Inspection, inspect
 from nearlift.commands.manifest_tables import block
 from nearlift.declare import FloatArray
@@ -51,14 +51,7 @@ def described(inspected: Inspection) -> str:
         rate = f"{c.rate_Hz:.6g}" if c.rate_Hz else "-"
         values = str(len(c.values)), rate, low, high, sparkline(c.values)
         rows.append((c.name, c.unit or "-", *values))
-    widths = [max(len(row[i]) for row in rows) for i in range(6)]
-    lines += [
-        "  "
-        + "  ".join(cell.ljust(w) for cell, w in zip(row, widths, strict=False))
-        + "  "
-        + row[6]
-        for row in rows
-    ]
+    lines += [f"  {line}" for line in padded(rows)]
     lines += [f"note: {note}" for note in inspected.contents.notes]
     for c in inspected.contents.channels:
         lost = int(np.count_nonzero(~np.isfinite(c.values)))

@@ -19,7 +19,6 @@ from nearlift.garbage import uncollected
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import flights
 from nearlift.readers.channel import Contents, Malformed
-from nearlift.readers.expanded import schedule_of_trials
 from nearlift.readers.files import source_of
 from nearlift.readers.flights import Weighed
 from nearlift.readers.row import Row
@@ -32,7 +31,7 @@ from nearlift.reduction.record import Reduced
 from nearlift.reduction.stretch import distinct
 from nearlift.run.job import Job
 from nearlift.stages.rows import Rows, Task, digest_of
-from nearlift.stages.segments import CutRecord, answers_of, each_record, rows_of
+from nearlift.stages.segments import CutRecord, answers_of, each_record, expanded
 
 #: What a trial's log lift changes by per second of lag: the covariate by which a lag left over, and
 #: the estimate's own uncertainty, act.
@@ -71,8 +70,7 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         lag, notes = _lag(job.campaign, answers)
         weights = _weights(lag)
         pieces = {r: _behind(a, lag, weights) for r, a in answers.items()}
-        trials = schedule_of_trials(job.campaign, job.root, pieces)
-        rows, unlisted = rows_of(job, schedule, trials, answers, Rows(len(trials)))
+        trials, rows, unlisted = expanded(job, schedule, answers, pieces)
         counted = _counted(list(answers.values()))
         return trials, rows, [*unlisted, *counted, *notes, *rows.remarks()]
 

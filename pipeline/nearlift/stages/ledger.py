@@ -18,20 +18,8 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import CODES, reason, rejected
+from nearlift.results import quality
 from nearlift.results.fit import FitResults
-from nearlift.results.quality import (
-    CodeCount,
-    Exclusions,
-    HeadlineOf,
-    HeadlineWithout,
-    NotPutBack,
-    PutBack,
-    QualityLedger,
-    SampleCounts,
-    SourceFiles,
-    TrialCounts,
-    TrialRecord,
-)
 from nearlift.run.job import Job, Outcome
 from nearlift.run.store import Table
 from nearlift.stages.fit import choice
@@ -53,20 +41,20 @@ def run(job: Job) -> Outcome:
     entries = tuple(_entry(trials, i, bool(out[i]), beyond) for i in range(len(out)))
     words = [set(text.split()) for text in trials["quality"]]
     codes = {
-        c.name: CodeCount(trials=n, rejects=c.rejects, meaning=c.meaning)
+        c.name: quality.CodeCount(trials=n, rejects=c.rejects, meaning=c.meaning)
         for c in CODES
         if (n := sum(c.name in w for w in words))
     }
     files = sorted({str(s) for s in trials["source"] if s}) if "source" in trials else []
     sizes = [path.stat().st_size for name in files if (path := job.root / name).is_file()]
     job.save(
-        QualityLedger(
-            files=SourceFiles(number=len(files), bytes=sum(sizes)),
-            samples=SampleCounts(
+        quality.QualityLedger(
+            files=quality.SourceFiles(number=len(files), bytes=sum(sizes)),
+            samples=quality.SampleCounts(
                 read=int(trials["samples"].sum()) if "samples" in trials else None,
                 averaged=int(trials["n"].sum()),
             ),
-            counts=TrialCounts(
+            counts=quality.TrialCounts(
                 scheduled=len(entries),
                 recorded=sum(e.completeness != "missing" for e in entries),
                 accepted=int((~out).sum()),
@@ -86,14 +74,16 @@ def run(job: Job) -> Outcome:
     return Outcome()
 
 
-def _entry(trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str]) -> TrialRecord:
+def _entry(
+    trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str]
+) -> quality.TrialRecord:
     """What became of one trial."""
 
     def text(column: str) -> str:
         return str(trials[column][i]) if column in trials else ""
 
     outside = beyond.get((text("boundary"), text("trial")), "")
-    return TrialRecord(
+    return quality.TrialRecord(
         trial=text("trial"),
         boundary=text("boundary"),
         source=text("source"),
@@ -113,11 +103,11 @@ def _entry(trials: Table, i: int, out: bool, beyond: dict[tuple[str, str], str])
     )
 
 
-def _left_out(fitted: FitResults, boundary: Boundary) -> tuple[HeadlineWithout, ...]:
+def _left_out(fitted: FitResults, boundary: Boundary) -> tuple[quality.HeadlineWithout, ...]:
     """The headline coefficient without each trial or visit that the fit named, and kept."""
     u = next((e.u for e in fitted.of_base(boundary).parameters.values()), math.inf)
     return tuple(
-        HeadlineWithout(
+        quality.HeadlineWithout(
             what=s.id if s.kind == "trial" else f"visit {s.id}",
             trials=len(s.trials),
             why_not=s.text,
@@ -132,7 +122,7 @@ def _left_out(fitted: FitResults, boundary: Boundary) -> tuple[HeadlineWithout, 
 
 def _exclusions(
     job: Job, trials: Table, boundary: Boundary, out: NDArray[np.bool_], fitted: FitResults
-) -> Exclusions:
+) -> quality.Exclusions:
     """The headline coefficient without the excluded trials, and with them."""
     model, _ = choice(job.campaign, boundary)
     name = model.parameters[0].name
@@ -145,18 +135,17 @@ def _exclusions(
     low, high = model.valid_z_hat
     within = (trials["z_hat"] > low) & ((trials["z_hat"] <= high) | np.isinf(trials["z_hat"]))
 
-    def put_back(chosen: NDArray[np.bool_]) -> PutBack | NotPutBack:
+    def put_back(chosen: NDArray[np.bool_]) -> quality.PutBack | quality.NotPutBack:
         """The coefficient with these trials among the others."""
-        quality = trials["quality"].copy()
-        quality[chosen] = ""
-        data = observe({**trials, "quality": quality}, job.campaign, boundary)
+        codes = np.where(chosen, "", trials["quality"])
+        data = observe({**trials, "quality": codes}, job.campaign, boundary)
         n = int(chosen.sum())
         try:
             after = fit(model, data, parts, accepted.noise).estimates[name]
         except NotConverged as fault:
-            return NotPutBack(trials=n, why_not=fault.what)
+            return quality.NotPutBack(trials=n, why_not=fault.what)
         change = after.value - before.value
-        return PutBack(
+        return quality.PutBack(
             trials=n,
             value=after.value,
             u=after.u,
@@ -172,10 +161,10 @@ def _exclusions(
         for code in CODES
         if code.rejects
     }
-    return Exclusions(
+    return quality.Exclusions(
         model=model.name,
         parameter=name,
-        accepted=HeadlineOf(value=before.value, u=before.u, trials=accepted.n),
+        accepted=quality.HeadlineOf(value=before.value, u=before.u, trials=accepted.n),
         excluded=int(mine.sum()),
         cannot_be_put_back={
             str(trials["trial"][i]): "it has no mean lift"

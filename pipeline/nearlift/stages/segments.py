@@ -17,7 +17,8 @@ from nearlift import readers
 from nearlift.errors import InputRefused
 from nearlift.readers import segments
 from nearlift.readers.expanded import schedule_of_trials
-from nearlift.readers.files import per_trial, pieces, unlisted
+from nearlift.readers.files import per_trial, unlisted
+from nearlift.readers.files import pieces as tasks_of
 from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
@@ -67,9 +68,8 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
     answers = answers_of(
         job, reader, schedule, partial(each_record, answer=_answer, kind=CutRecord)
     )
-    campaign = job.campaign
-    trials = schedule_of_trials(campaign, job.root, {r: a.pieces for r, a in answers.items()})
-    rows, notes = rows_of(job, schedule, trials, answers, Rows(len(trials), FURTHER))
+    pieces = {r: a.pieces for r, a in answers.items()}
+    trials, rows, notes = expanded(job, schedule, answers, pieces, FURTHER)
     return trials, rows, [*notes, *_counted(list(answers.values())), *rows.remarks()]
 
 
@@ -100,17 +100,22 @@ def answers_of(
     return answers
 
 
-def rows_of(
-    job: Job, schedule: Schedule, trials: Schedule, answers: Mapping[str, CutRecord], rows: Rows
-) -> tuple[Rows, list[str]]:
-    """The rows of all trials in the schedule's order, and a note of files that it does not list."""
-    ids, at = schedule.trial.tolist(), 0
+def expanded(
+    job: Job,
+    schedule: Schedule,
+    answers: Mapping[str, CutRecord],
+    pieces: Mapping[str, Pieces],
+    further: tuple[str, ...] = (),
+) -> tuple[Schedule, Rows, list[str]]:
+    """The schedule of all pieces, their rows, and a note of files that `schedule` does not list."""
+    trials, ids = schedule_of_trials(job.campaign, job.root, pieces), schedule.trial.tolist()
+    rows, at = Rows(len(trials), further), 0
     for record in ids:
         # a record that is not there has a row that is MISSING
         if record in answers:
             rows.put_all(at, answers[record].rows)
         at += len(answers[record].rows.codes) if record in answers else 1
-    return rows, list(unlisted(job.campaign, job.root, ids))
+    return trials, rows, list(unlisted(job.campaign, job.root, ids))
 
 
 def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) -> Iterator[Task]:
@@ -121,7 +126,7 @@ def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) 
         trial: rig.offset(side)
         for trial, side in zip(schedule.trial[near], schedule.boundary[near], strict=True)
     }
-    for piece in pieces(there):
+    for piece in tasks_of(there):
         yield Task(
             root=job.root,
             campaign=job.campaign,
