@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,7 +152,7 @@ class FlowCase:
                 "warnings": " ".join(d.warnings),
             }
 
-    def profile(self) -> dict[str, object]:
+    def profile(self) -> dict[str, NDArray[Any]]:
         """Columns of downwash_profile.parquet."""
         moments, mean = self.recording.mean, self.recording.mean.mean
         error = downwash.along_cut(moments.u_y, mean.y_m, self.cut.below_m)
@@ -163,7 +164,7 @@ class FlowCase:
             "mirrored": (~self.measured).astype(np.int64),
         }
 
-    def nodes(self) -> dict[str, object]:
+    def nodes(self) -> dict[str, NDArray[Any]]:
         """Columns of flow_fields.parquet."""
         moments, mean = self.recording.mean, self.recording.mean.mean
         xx, yy = np.meshgrid(mean.x_m, mean.y_m)
