@@ -54,7 +54,6 @@ def write(job: Job) -> str:
     }
     sink = io.BytesIO()
     with h5netcdf.File(sink, "w") as file:
-        root = False
         for boundary in (b for b in BOUNDARIES if b in fits.boundaries):
             base = fits.base[boundary]
             for model in (base, *(m for m in fits.boundaries[boundary] if m != base)):
@@ -73,9 +72,8 @@ def write(job: Job) -> str:
                     **{n: float(x) for n, x in known if x is not None and math.isfinite(x)},
                 }
                 _model(file.create_group(f"{boundary}/{model}"), model, chosen, notes)
-                if not root:
+                if "posterior" not in file:
                     _model(file, model, chosen, notes)
-                    root = True
     return str(job.put(f"processed/{FILE}", sink.getvalue()))
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from nearlift.declare import FloatArray
+from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
@@ -62,29 +62,36 @@ class Posteriors:
     def added(
         self, fitted: LeastSquaresFit, entry: ModelFit, base: bool, say: Say
     ) -> tuple[ModelFit, list[str]]:
-        """An entry of fit.json with its posterior, unless a rival's does not settle; and notes."""
-        boundary = fitted.problem.data.boundary
+        """An entry of fit.json with its posterior, unless a rival's does not settle; and notes.
+
+        Of base models draws of L_inf are kept, too. `say` hears of it as the second half of the
+        model's part.
+        """
+        boundary, name = fitted.problem.data.boundary, fitted.model.name
         try:
-            evidence, drawn = self.add(fitted, base, say)
+            density = Density(problem=stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
+            drawn = self._drawn(density, boundary, name, say)
         except NotConverged as fault:
             if base:
                 raise
-            why = f"{fault.what}; {fault.remedy}"
-            return entry, [f"{boundary}: {fitted.model.name} has no posterior: {why}"]
-        unlike = [p.unlike_fit for p in drawn.parameters.values() if base and p.unlike_fit]
+            return entry, [f"{boundary}: {name} has no posterior: {fault.what}; {fault.remedy}"]
+        columns = {n: drawn.theta[:, :, i] for i, n in enumerate(drawn.names)}
+        if base:
+            throttles = enumerate(fitted.problem.data.levels)
+            columns |= {level_name(t): drawn.levels_N[:, :, i] for i, t in throttles}
+        self.parts += [
+            _rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()
+        ]
+        summary = _summary(density, drawn, fitted, self._data)
+        evidence = LogEvidence(value=drawn.log_evidence, u=drawn.u_log_evidence)
+        unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
         return (
-            replace(entry, log_evidence=evidence, posterior=drawn),
+            replace(entry, log_evidence=evidence, posterior=summary),
             [f"{boundary}: {text}" for text in unlike],
         )
 
-    def add(
-        self, fitted: LeastSquaresFit, base: bool, say: Say
-    ) -> tuple[LogEvidence, PosteriorSummary]:
-        """Sample one model's posterior; of base models draws of L_inf are kept, too. `say` hears of
-        it as the second half of the model's part.
-        """
-        boundary, name = fitted.problem.data.boundary, fitted.model.name
-        density = Density(problem=stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
+    def _drawn(self, density: Density, boundary: Boundary, name: str, say: Say) -> Posterior:
+        """The draws of one model, from where an interrupted run left off."""
         checkpoint = Checkpoint(
             folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key
         )
@@ -97,24 +104,10 @@ class Posteriors:
             say(f"{what}, {BLOCK * checkpoint.count} steps", 0.5)
 
         say(what, 0.5)
-        sampled = posterior.sample(
-            density,
-            self.settings,
-            self.job.seed,
-            boundary,
-            name,
-            stored=checkpoint.read(),
-            keep=keep,
+        stored = checkpoint.read()
+        return posterior.sample(
+            density, self.settings, self.job.seed, boundary, name, stored=stored, keep=keep
         )
-        throttles = fitted.problem.data.levels
-        columns = {n: sampled.theta[:, :, i] for i, n in enumerate(sampled.names)}
-        if base:
-            columns |= {level_name(t): sampled.levels_N[:, :, i] for i, t in enumerate(throttles)}
-        self.parts += [
-            _rows(boundary, name, n, values, sampled.log_prob) for n, values in columns.items()
-        ]
-        evidence = LogEvidence(value=sampled.log_evidence, u=sampled.u_log_evidence)
-        return evidence, _summary(density, sampled, fitted, self._data)
 
     @functools.cached_property
     def _data(self) -> str:

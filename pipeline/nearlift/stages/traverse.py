@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
@@ -36,7 +37,7 @@ class Traverse:
         The side is that from which the station was visited less often, by chance where both are
         even, and free only between the nearest and the farthest station.
         """
-        balance = dict(self.balance)
+        balance = defaultdict(float, self.balance)
         known = [d for d in self.shown_m.values() if math.isfinite(d)]
         here, ways = self.shown_m[last], list[tuple[int, float | None]]()
         for z in z_hat:
@@ -44,11 +45,11 @@ class Traverse:
             straight, coin = 1 if distance > here else -1, int(rng.choice([-1, 1]))
             here, way, via = distance, straight, None
             if self.overshoot_m > 0 and math.isfinite(distance):
-                wanted = int(-np.sign(balance.get(z, 0.0))) or coin
+                wanted = int(-np.sign(balance[z])) or coin
                 past = min(max(distance - wanted * self.overshoot_m, min(known)), max(known))
                 if wanted != straight and abs(past - distance) >= self.overshoot_m / 2:
                     way, via = wanted, past
-                balance[z] = balance.get(z, 0.0) + way
+                balance[z] += way
             ways.append((way, via))
         return ways
 
@@ -58,11 +59,9 @@ def traverse(trials: store.Table, data: Observations, campaign: Campaign) -> Tra
     mine = np.isin(trials["boundary"], [data.boundary, "none"])
     shown = trials["z_m"][mine] - campaign.rig.offset(data.boundary)
     sides = data.covariates.get("approach")
-    balance: dict[float, float] = {}
-    if sides is not None:
-        for i in np.unique(data.visit, return_index=True)[1]:
-            side = float(np.nan_to_num(sides[i]))
-            balance[float(data.z_hat[i])] = balance.get(float(data.z_hat[i]), 0.0) + side
+    balance = defaultdict[float, float](float)
+    for i in np.unique(data.visit, return_index=True)[1] if sides is not None else ():
+        balance[float(data.z_hat[i])] += float(np.nan_to_num(sides[i]))
     wanted = campaign.design.overshoot if campaign.design else None
     overshoot = OVERSHOOT_RADII * campaign.vehicle.rotor_radius if wanted is None else wanted
     return Traverse(
