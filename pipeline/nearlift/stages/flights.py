@@ -6,11 +6,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift import readers
 from nearlift.declare import FloatArray
@@ -26,12 +24,12 @@ from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces
 from nearlift.reduction import motor_lag, quality
-from nearlift.reduction.motor_lag import GRID, Lag, LagMoments
+from nearlift.reduction.motor_lag import GRID, Lag
 from nearlift.reduction.record import Reduced
 from nearlift.reduction.stretch import distinct
 from nearlift.run.job import Job
 from nearlift.stages.rows import Rows, Task, digest_of
-from nearlift.stages.segments import CutRecord, answers_of, each_record, expanded
+from nearlift.stages.segments import CutRecord, answers_of, expanded
 
 #: What a trial's log lift changes by per second of lag: the covariate by which a lag left over, and
 #: the estimate's own uncertainty, act.
@@ -41,17 +39,6 @@ UNITS = np.eye(len(GRID))
 STEP_S = float(GRID[1] - GRID[0])
 #: The power of the command that lift goes with where no flight tells it.
 USUAL_POWER = 1.7
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Flown(CutRecord):
-    """What one worker answers for one log; its pieces are windows of flight, `clean` those without
-    a code; `command` (windows, T) is what their rotors were told behind each lag of the grid.
-    """
-
-    clean: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
-    command: FloatArray = field(default_factory=lambda: np.empty((0, len(GRID))))
-    stretches: tuple[LagMoments, ...] = ()
 
 
 def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
@@ -65,8 +52,7 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
     """
     # windows come by the ten thousand
     with uncollected():
-        cut = partial(each_record, answer=_answer, kind=Flown)
-        answers = answers_of(job, reader, schedule, cut)
+        answers = answers_of(job, reader, schedule, _answer)
         lag, notes = _lag(job.campaign, answers)
         weights = _weights(lag)
         pieces = {r: _behind(a, lag, weights) for r, a in answers.items()}
@@ -77,7 +63,7 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
 
 # damaged numbers may be anything
 @np.errstate(all="ignore")
-def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
+def _answer(task: Task, i: int, digests: dict[str, str]) -> CutRecord:
     campaign, record, path = task.campaign, task.piece.trials[i], task.piece.paths[i]
     source = source_of(task.root, path)
     fault = ""
@@ -97,11 +83,11 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> Flown:
             source=source,
             source_sha256=sha,
         )
-        return Flown(record=record, rows=Rows.gathered([row]))
+        return CutRecord(record=record, rows=Rows.gathered([row]))
     rows = _reduced(whole)
     rows.columns["source"][:], rows.columns["source_sha256"][:] = source, sha
     rows.notes = dict.fromkeys(whole.notes, (1, source))
-    return Flown(
+    return CutRecord(
         record=record,
         rows=rows,
         pieces=whole.pieces,
@@ -158,13 +144,13 @@ def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray((a[:, None, :] @ b[..., None])[:, 0, 0])
 
 
-def _lag(campaign: Campaign, answers: Mapping[str, Flown]) -> tuple[Lag, list[str]]:
+def _lag(campaign: Campaign, answers: Mapping[str, CutRecord]) -> tuple[Lag, list[str]]:
     """The lag of all logs, given or estimated, and what is said of it."""
     flight = campaign.flight
     assert flight is not None
     given = None if flight.lag == "auto" else flight.lag
     # a log that is there twice has flown once
-    apart: dict[str, Flown] = {}
+    apart: dict[str, CutRecord] = {}
     for answer in answers.values():
         apart.setdefault(answer.rows.columns["source_sha256"][0], answer)
     stretches = [s for a in apart.values() for s in a.stretches]
@@ -200,7 +186,7 @@ def _weights(lag: Lag) -> FloatArray:
     return np.stack([np.interp(places, GRID, unit) for unit in UNITS], axis=1)
 
 
-def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> Pieces:
+def _behind(answer: CutRecord, lag: Lag, weights: FloatArray) -> Pieces:
     """The windows with the command behind the lag for a throttle, and log lift's slope by lag."""
     pieces, clean = answer.pieces, answer.clean
     throttle, slope = np.full((2, len(pieces)), np.nan)
@@ -214,7 +200,7 @@ def _behind(answer: Flown, lag: Lag, weights: FloatArray) -> Pieces:
     )
 
 
-def _counted(answers: Sequence[Flown]) -> list[str]:
+def _counted(answers: Sequence[CutRecord]) -> list[str]:
     """What was kept and what was not, in one line."""
     total: Counter[str] = sum((a.counts for a in answers), Counter())
     whole = sum(total.values())

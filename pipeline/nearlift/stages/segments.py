@@ -9,11 +9,12 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import readers
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers import segments
 from nearlift.readers.expanded import schedule_of_trials
@@ -23,6 +24,7 @@ from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces, Segmented
+from nearlift.reduction.motor_lag import GRID, LagMoments
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.run.job import Job
 from nearlift.stages.rows import (
@@ -44,6 +46,9 @@ FURTHER = ("u_zero_N",)
 class CutRecord:
     """What one worker answers for one record: a row for each of its pieces, or one for a record
     without any; what was counted; and why the record cannot be read as the manifest asks.
+
+    Of a flight the pieces are windows: `clean` are those without a code, `command` (windows, T) is
+    what their rotors were told behind each lag of the grid, and `stretches` tell the lag.
     """
 
     record: str
@@ -51,9 +56,13 @@ class CutRecord:
     pieces: Pieces = field(default_factory=Pieces)
     counts: Counter[str] = field(default_factory=Counter)
     refusal: InputRefused | None = None
+    clean: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
+    command: FloatArray = field(default_factory=lambda: np.empty((0, len(GRID))))
+    stretches: tuple[LagMoments, ...] = ()
 
 
-CutKind = TypeVar("CutKind", bound=CutRecord)
+#: Makes a record's answer, from its task, its place in it and the digests known so far.
+Cut = Callable[[Task, int, dict[str, str]], CutRecord]
 
 
 def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
@@ -65,17 +74,13 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         No record is there, or most cannot be read or cut as the manifest says: the first one's
         refusal.
     """
-    answers = answers_of(
-        job, reader, schedule, partial(each_record, answer=_answer, kind=CutRecord)
-    )
+    answers = answers_of(job, reader, schedule, _answer)
     pieces = {r: a.pieces for r, a in answers.items()}
     trials, rows, notes = expanded(job, schedule, answers, pieces, FURTHER)
     return trials, rows, [*notes, *_counted(list(answers.values())), *rows.remarks()]
 
 
-def answers_of(
-    job: Job, reader: Reader, schedule: Schedule, cut: Callable[[Task], list[CutKind]]
-) -> dict[str, CutKind]:
+def answers_of(job: Job, reader: Reader, schedule: Schedule, cut: Cut) -> dict[str, CutRecord]:
     """What workers answer for each record that is there; raises as `from_records`."""
     campaign, ids = job.campaign, schedule.trial.tolist()
     form = segments.format_of(reader)
@@ -87,10 +92,11 @@ def answers_of(
             f"none of the {len(ids)} records of the schedule is there",
             f"the first would be {ids[0]!r}; check [records] files",
         )
-    answers: dict[str, CutKind] = {}
+    answers: dict[str, CutRecord] = {}
     refusals: list[InputRefused] = []
     small = not form.child and sum(n for _, n in there.values()) < WORTH_A_THREAD * len(there)
-    for portion in answered(job.executor, cut, _tasks(job, there, schedule), small):
+    tasks = _tasks(job, there, schedule)
+    for portion in answered(job.executor, partial(each_record, cut=cut), tasks, small):
         for answer in portion:
             answers[answer.record] = answer
             refusals += [] if answer.refusal is None else [answer.refusal]
@@ -137,23 +143,21 @@ def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) 
         )
 
 
-def each_record(
-    task: Task, *, answer: Callable[[Task, int, dict[str, str]], CutKind], kind: type[CutKind]
-) -> list[CutKind]:
-    """What `answer` makes of each record of a task, from its place and the digests known so far; of
-    one over which something is raised, a `kind` whose row is MALFORMED.
+def each_record(task: Task, *, cut: Cut) -> list[CutRecord]:
+    """The answer for each record of a task; of one over which something is raised, a MALFORMED row.
 
     Runs in any thread or process, and raises as `reduce_piece`.
     """
-    answers, digests = list[CutKind](), dict(task.inputs)
+    answers, digests = list[CutRecord](), dict(task.inputs)
     for i, record in enumerate(task.piece.trials):
         try:
-            answers.append(answer(task, i, digests))
+            answers.append(cut(task, i, digests))
         except Exception as fault:
             if not is_of_the_record(fault):
                 raise
             row = malformed(task, i, fault, digests)
-            answers.append(kind(record=record, rows=Rows.gathered([row]), refusal=row.refusal))
+            rows = Rows.gathered([row])
+            answers.append(CutRecord(record=record, rows=rows, refusal=row.refusal))
     return answers
 
 
