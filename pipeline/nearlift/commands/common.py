@@ -112,20 +112,18 @@ class Call:
         elif not self.quiet:
             click.echo(text.rstrip("\n"))
 
-    @contextlib.contextmanager
     def job(
         self, campaign: Path, executor: str = "", keep: bool = False, planned: bool = False
-    ) -> Iterator[Job]:
+    ) -> contextlib.AbstractContextManager[Job]:
         """The campaign as a job, serial unless said otherwise; `keep` what it knows of its inputs;
         `planned`: it has no records yet.
         """
         from nearlift.run.opening import open_job
 
         pool = executor or "serial"
-        with open_job(
+        return open_job(
             campaign, self.out, pool, self.seed, self.progress, keep, self.line, planned
-        ) as job:
-            yield job
+        )
 
 
 def declared(name: str) -> Callable[[Callable[..., None]], click.Command]:

@@ -40,11 +40,8 @@ def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[st
     differing = []
     for name, sha in inputs.items():
         if name.startswith(PIV_INPUT):
-            if grids.get(name) != sha:
-                differing.append(
-                    f"{name}:"
-                    f" {'are not what they were' if name in grids else 'are other files by now'}"
-                )
+            what = "are not what they were" if name in grids else "are other files by now"
+            differing += [f"{name}: {what}"] if grids.get(name) != sha else []
         else:
             differing += _difference(root / name, sha)
     for name, sha in outputs.items():
