@@ -60,8 +60,9 @@ def traverse(trials: store.Table, data: Observations, campaign: Campaign) -> Tra
     shown = trials["z_m"][mine] - campaign.rig.offset(data.boundary)
     sides = data.covariates.get("approach")
     balance = defaultdict[float, float](float)
-    for i in np.unique(data.visit, return_index=True)[1] if sides is not None else ():
-        balance[float(data.z_hat[i])] += float(np.nan_to_num(sides[i]))
+    if sides is not None:
+        for i in np.unique(data.visit, return_index=True)[1]:
+            balance[float(data.z_hat[i])] += float(np.nan_to_num(sides[i]))
     wanted = campaign.design.overshoot if campaign.design else None
     overshoot = OVERSHOOT_RADII * campaign.vehicle.rotor_radius if wanted is None else wanted
     return Traverse(
