@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import io
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.columns import BY_NAME
 from nearlift.readers.dialect import sniff
 from nearlift.readers.schedule import MEANS, REQUIRED
+from nearlift.readers.schedule_text import csv_text
 from nearlift.readers.table import CellSyntax
 from nearlift.units import NUMBER
 
@@ -102,19 +102,13 @@ class Table:
         places = sorted(names) + [
             i for i, name in enumerate(self.names) if i not in names and name not in BY_NAME
         ]
-        out = io.StringIO()
-        write = csv.writer(out, lineterminator="\n")
-        write.writerow(
-            ["record" if of_records else "trial", *(names.get(i, self.names[i]) for i in places)]
-        )
-        write.writerows(
-            [trial, *(row[i] for i in places)] for trial, row in zip(ids, self.rows, strict=True)
-        )
-        return out.getvalue(), trials_section(
-            {n: u for n, (_, u) in self.meant.items() if n in names.values()},
-            wanted,
-            ordered=not means or "start" in self.meant,
-        )
+        first = "record" if of_records else "trial"
+        header = [first, *(names.get(i, self.names[i]) for i in places)]
+        pairs = zip(ids, self.rows, strict=True)
+        made = csv_text(header, ([trial, *(row[i] for i in places)] for trial, row in pairs))
+        given = {n: u for n, (_, u) in self.meant.items() if n in names.values()}
+        ordered = not means or "start" in self.meant
+        return made, trials_section(given, wanted, ordered=ordered)
 
 
 def trials_section(given: Mapping[str, str], lacking: Collection[str], *, ordered: bool) -> str:

@@ -8,6 +8,7 @@ import csv
 import io
 import re
 from collections import Counter
+from collections.abc import Iterable
 from pathlib import Path
 
 from nearlift import units
@@ -159,3 +160,12 @@ def _constant(campaign: Campaign, name: str, value: object, n: int) -> ColumnTex
         factor, offset = units.to_si(unit, known.dimension, f"trials.units.{name}")
         text = repr((si - offset) / factor)
     return ColumnTexts(name, [text] * n, "campaign.toml", [])
+
+
+def csv_text(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A schedule as it is written: a line of names, a line for each trial."""
+    sink = io.StringIO()
+    writer = csv.writer(sink, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return sink.getvalue()

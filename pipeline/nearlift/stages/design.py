@@ -7,8 +7,6 @@ says, but never over anything: a campaign's folder is its owner's.
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +23,7 @@ from nearlift.loop.rehearsal import planned
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.design import Planned
 from nearlift.readers.columns import BY_NAME
+from nearlift.readers.schedule_text import csv_text
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
@@ -212,11 +211,7 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
     # while the campaign is run
     columns |= {name: [""] * len(drawn) for name in logs if name in BY_NAME and name not in columns}
     columns = {name: cells for name, cells in columns.items() if name not in constant}
-    sink = io.StringIO()
-    writer = csv.writer(sink, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return sink.getvalue()
+    return csv_text(columns, zip(*columns.values(), strict=True))
 
 
 def outside(campaign: Campaign, name: str, value: float) -> str:

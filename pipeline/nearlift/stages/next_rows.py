@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import itertools
 import string
 from collections.abc import Iterator, Sequence
@@ -12,7 +10,7 @@ import numpy as np
 
 from nearlift.products import TRIALS
 from nearlift.readers.schedule import schedule_file
-from nearlift.readers.schedule_text import columns_of, text_of
+from nearlift.readers.schedule_text import columns_of, csv_text, text_of
 from nearlift.results.next_visits import NextVisits
 from nearlift.run.job import Job
 from nearlift.stages.design import outside
@@ -35,7 +33,7 @@ def as_schedule(job: Job, batches: Sequence[NextVisits]) -> str:
     moved = any(v.supply_V is not None for batch in batches for v in batch.visits)
     if moved and "supply" not in header:
         header.append("supply")
-    rows: list[dict[str, str]] = []
+    rows: list[list[str]] = []
     ids = _numbered_on(trials["trial"].tolist())
     timed = "start" in campaign.trials.units and "start_s" in trials
     start_s = trials["start_s"] if timed else np.zeros(1)
@@ -60,12 +58,8 @@ def as_schedule(job: Job, batches: Sequence[NextVisits]) -> str:
                     "via": outside(campaign, "distance", visit.via_m or np.nan) if i == 0 else "",
                     "supply": outside(campaign, "supply", visit.supply_V or np.nan),
                 }
-                rows.append({name: cells.get(name, "") for name in header})
-    sink = io.StringIO()
-    writer = csv.DictWriter(sink, header, lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    return sink.getvalue()
+                rows.append([cells.get(name, "") for name in header])
+    return csv_text(header, rows)
 
 
 def _numbered_on(known: Sequence[str]) -> Iterator[str]:
