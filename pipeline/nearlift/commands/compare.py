@@ -95,14 +95,9 @@ def finished(out: Path, names: Sequence[str]) -> list[Path]:
 def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
     results = store.load(folder / RESULTS.file, Results)
-    about = store.read_json_if_whole(folder / PROVENANCE.file)
+    vehicle = store.read_json_if_whole(folder / PROVENANCE.file).get("vehicle", "")
     return [
-        Entry(
-            campaign=folder.name,
-            vehicle=about.get("vehicle", ""),
-            boundary=boundary,
-            result=result,
-        )
+        Entry(campaign=folder.name, vehicle=vehicle, boundary=boundary, result=result)
         for boundary, result in results.boundaries.items()
         if result.headline
     ]

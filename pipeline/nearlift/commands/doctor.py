@@ -114,11 +114,8 @@ def _machine() -> Iterator[Finding]:
         "set them to 1: small fits are slowed down many times by threads that wait for each other",
     )
     entries = os.environ.get("PYTHONPATH", "")
-    here = (
-        [entry for entry in entries.split(os.pathsep) if not Path(entry).is_absolute()]
-        if entries
-        else []
-    )
+    listed = entries.split(os.pathsep) if entries else []
+    here = [entry for entry in listed if not Path(entry).is_absolute()]
     yield _judged(
         "PYTHONPATH",
         not here,

@@ -123,11 +123,8 @@ def _written(
 
 def slug(folder: Path) -> str:
     """A campaign's name from its folder's."""
-    plain = (
-        unicodedata.normalize("NFKD", folder.resolve().name.lower())
-        .encode("ascii", "ignore")
-        .decode()
-    )
+    name = unicodedata.normalize("NFKD", folder.resolve().name.lower())
+    plain = name.encode("ascii", "ignore").decode()
     return "".join(c if c.isalnum() else "-" for c in plain).strip("-") or "campaign"
 
 
@@ -276,11 +273,8 @@ def _records(
     else:
         block = records_block(inspected[0], files).replace("\n[records]", CELL + "\n[records]")
         block += f"\n{cut}" if cut else ""
-    return (
-        block,
-        trials,
-        {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)},
-    )
+    copies = {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)}
+    return block, trials, copies
 
 
 def _swept(inspected: Sequence[Inspection]) -> str:

@@ -66,20 +66,10 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     """
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
-    records = (
-        reader.files(campaign, root, list(schedule.trial))
-        if not campaign.cuts_records
-        else files_per_trial(campaign, root, list(schedule.trial))
-    )
-    return [
-        source_of(root, path)
-        for path in (
-            root / "campaign.toml",
-            schedule_file(campaign, root),
-            *sums.files(root, campaign),
-            *records,
-        )
-    ]
+    listed = files_per_trial if campaign.cuts_records else reader.files
+    records = listed(campaign, root, list(schedule.trial))
+    beside = (root / "campaign.toml", schedule_file(campaign, root), *sums.files(root, campaign))
+    return [source_of(root, path) for path in (*beside, *records)]
 
 
 def soon(campaign: Campaign, workers: int) -> None:
@@ -206,11 +196,8 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
             f"none of the {len(schedule)} trials has a record",
             f"the first would be that of trial {schedule.trial[0]!r}; check [records] files",
         )
-    after = (
-        dict(zip(schedule.trial, schedule.covariates["tare_after_N"], strict=True))
-        if "tare_after_N" in schedule.covariates
-        else {}
-    )
+    tares = schedule.covariates.get("tare_after_N")
+    after = {} if tares is None else dict(zip(schedule.trial, tares, strict=True))
     place = {trial: i for i, trial in enumerate(schedule.trial)}
     rows, done = Rows(len(schedule)), 0
     notes, pieces = plan.notes, deque(plan.pieces)

@@ -22,11 +22,8 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
     if campaign.cuts_records:
         _duplicates(rows, codes, owners, ("source_sha256",))
     elif campaign.records.reader != "means":
-        cell, samples, missing = (
-            campaign.load_cell,
-            rows.columns["samples"],
-            campaign.quality.missing,
-        )
+        cell, missing = campaign.load_cell, campaign.quality.missing
+        samples = rows.columns["samples"]
         planned = None
         if cell.record and cell.sample_rate:
             planned = round(cell.record * cell.sample_rate)

@@ -25,11 +25,8 @@ def as_schedule(job: Job, batches: Sequence[NextVisits]) -> str:
     """
     campaign, trials = job.campaign, job.read(TRIALS)
     path = schedule_file(campaign, job.root)
-    header = [
-        name
-        for name in columns_of(campaign, path, text_of(path))
-        if name not in campaign.trials.constants
-    ]
+    columns, constants = columns_of(campaign, path, text_of(path)), campaign.trials.constants
+    header = [name for name in columns if name not in constants]
     moved = any(v.supply_V is not None for batch in batches for v in batch.visits)
     if moved and "supply" not in header:
         header.append("supply")

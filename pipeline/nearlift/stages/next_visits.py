@@ -313,10 +313,8 @@ def _rivals(
                 if needs
                 else "choose an effect that occurs at this boundary",
             )
-    return next_visits.of_rivals(stage, *_points(stage, known, one, other)), (
-        " + ".join(one),
-        " + ".join(other),
-    )
+    question = next_visits.of_rivals(stage, *_points(stage, known, one, other))
+    return question, (" + ".join(one), " + ".join(other))
 
 
 def _points(

@@ -99,11 +99,8 @@ def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Trial
     drawn = balanced(
         dataclasses.replace(drawn, start_s=np.round(starts - starts[0] + wanted.move, 1)), seed=seed
     )
-    overshoot = (
-        OVERSHOOT_RADII * campaign.vehicle.rotor_radius
-        if wanted.overshoot is None
-        else wanted.overshoot
-    )
+    usual = OVERSHOOT_RADII * campaign.vehicle.rotor_radius
+    overshoot = usual if wanted.overshoot is None else wanted.overshoot
     return from_both_sides(drawn, overshoot_m=overshoot, seed=seed) if overshoot > 0 else drawn
 
 

@@ -98,18 +98,13 @@ def check(
     notes: list[str] = []
     alone = set(records)
     known = {*alone, *shared, *job.stamps}
+    made = {**job.inputs, **{source: stamp["sha256"] for source, stamp in job.stamps.items()}}
     for path in files(job.root, job.campaign):
         name, sums = source_of(job.root, path), stated(job.root, path)
-        digests = {
-            source: job.stamps[source]["sha256"]
-            if source in job.stamps
-            else job.inputs.get(source, "")
-            for source in sums
-            if source in known
-        }
+        digests = {source: made.get(source, "") for source in sums if source in known}
         unknown = [source for source, sha in digests.items() if not sha]
-        made = store.sha256_of([job.root / source for source in unknown])
-        digests |= zip(unknown, made, strict=True)
+        fresh = store.sha256_of([job.root / source for source in unknown])
+        digests |= zip(unknown, fresh, strict=True)
         wrong = [source for source, sha in digests.items() if sha != sums[source]]
         remedy = f"copy it anew from the rig; if it was changed on purpose, write {name} anew"
         for source in wrong:
