@@ -75,14 +75,14 @@ def run(job: Job) -> Outcome:
 def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
     """One pass over the files of a case."""
     vehicle, where = job.campaign.vehicle, f"piv case {spec.name!r}"
-    radius = vehicle.rotor_radius
+    radius, z_hat = vehicle.rotor_radius, math.inf if spec.z_hat is None else spec.z_hat
     files = files_of(job.root, spec)
     stream = Stream(root=job.root, piv=piv, case=spec, files=files)
     half = piv.setting(spec, "mirror")
     rotors = tuple(piv.setting(spec, "rotors"))
     scene = Scene(
         boundary=spec.boundary,
-        distance_m=math.inf if spec.z_hat is None else spec.z_hat * radius,
+        distance_m=z_hat * radius,
         tilt_rad=spec.tilt,
         rotors_m=rotors,
         radius_m=radius,
@@ -131,7 +131,7 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
     x = mean.x_m
     return FlowCase(
         name=spec.name,
-        z_hat=math.inf if spec.z_hat is None else spec.z_hat,
+        z_hat=z_hat,
         scene=scene,
         recording=recording,
         cut=cut,

@@ -97,9 +97,8 @@ def answers_of(job: Job, reader: Reader, schedule: Schedule, cut: Cut) -> dict[s
     small = not form.child and sum(n for _, n in there.values()) < WORTH_A_THREAD * len(there)
     tasks = _tasks(job, there, schedule)
     for portion in answered(job.executor, partial(each_record, cut=cut), tasks, small):
-        for answer in portion:
-            answers[answer.record] = answer
-            refusals += [] if answer.refusal is None else [answer.refusal]
+        answers |= {answer.record: answer for answer in portion}
+        refusals += [answer.refusal for answer in portion if answer.refusal]
         if 2 * len(refusals) > len(there):
             raise refusals[0]
         job.say(f"ingest {len(answers)} of {len(there)} records")
