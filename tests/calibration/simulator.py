@@ -35,7 +35,7 @@ from tests.calibration.bench import (
 )
 
 from nearlift.likelihood.budget import Component
-from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.quality import rejected
 from nearlift.reduction.record import reduce_record
 from nearlift.results import Observations
@@ -721,7 +721,7 @@ def _reduced(
     records: Array, bench: Bench, sensor: Sensor, boundary: str
 ) -> tuple[Observations, Array]:
     """What ingest would make of the records: accepted trials of one boundary."""
-    conditions = Conditions(rate_Hz=RATE, tare_s=sensor.tare / RATE, limits=Limits(range_N=9.8))
+    conditions = Conditions(rate_Hz=RATE, tare_s=sensor.tare / RATE, range_N=9.8)
     rows = [reduce_record(r, conditions) for r in records]
     keep = ~rejected(np.array([" ".join(r.codes) for r in rows], dtype=object))
     good = [r for r, k in zip(rows, keep, strict=True) if k]

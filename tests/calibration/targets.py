@@ -24,7 +24,7 @@ from nearlift.readers.channel import Malformed
 from nearlift.readers.piv.sniff import DIALECTS
 from nearlift.readers.piv.vectors import Setting, settle
 from nearlift.readers.schedule import read_schedule
-from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import reduce_record
 from nearlift.stages import sums
 
@@ -47,8 +47,7 @@ def reduction(data: bytes) -> None:
     numbers = np.frombuffer(data[: len(data) // 8 * 8], dtype="<f8")
     half = len(numbers) // 2
     for range_N in (None, 9.8):
-        limits = Limits(range_N=range_N)
-        given = {"rate_Hz": 100.0, "tare_s": 0.5, "limits": limits}
+        given = {"rate_Hz": 100.0, "tare_s": 0.5, "range_N": range_N}
         reduce_record(numbers, Conditions(**given, settle_s=0.1))
         reduce_record(numbers[:half], Conditions(**given), time_s=numbers[half : 2 * half])
 

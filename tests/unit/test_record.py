@@ -9,7 +9,7 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination, slow_noise
-from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.mean_noise import spectral_density_at_zero
 from nearlift.reduction.record import Reduced, reduce_record
 
@@ -44,7 +44,7 @@ def record(
 
 def reduced(force: np.ndarray, **given: Any) -> Reduced:
     conditions = {"rate_Hz": RATE, "tare_s": 2.0} | {
-        k: given.pop(k) for k in ("rate_Hz", "tare_s", "settle_s", "limits") if k in given
+        k: given.pop(k) for k in Conditions.__slots__ if k in given
     }
     return reduce_record(force, Conditions(**conditions), **given)
 
@@ -277,11 +277,11 @@ def test_a_coarse_cell_is_not_stuck() -> None:
 def test_saturation_by_range_and_by_rail() -> None:
     rng = np.random.default_rng(11)
     force = record(rng, tone=0.1)
-    assert reduced(force, limits=Limits(range_N=9.8)).codes == ()
-    assert reduced(force, limits=Limits(range_N=0.25)).codes == ("SATURATED",)
+    assert reduced(force, range_N=9.8).codes == ()
+    assert reduced(force, range_N=0.25).codes == ("SATURATED",)
     assert reduced(np.minimum(force, 0.29)).codes == ("SATURATED",)
     assert reduced(np.maximum(force, 0.12)).codes == ("STUCK", "SATURATED")
-    assert reduced(force - 1.0, limits=Limits(range_N=0.8)).codes == ("SATURATED",)
+    assert reduced(force - 1.0, range_N=0.8).codes == ("SATURATED",)
 
 
 def test_spikes_are_left_out_and_what_they_were_worth_is_in_u() -> None:
@@ -324,13 +324,13 @@ def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
     for size in (1e3, 1e200, -1e3):
         force = clean.copy()
         force[600] = size
-        got = reduced(force, tare_s=0.2, limits=Limits(range_N=9.8))
+        got = reduced(force, tare_s=0.2, range_N=9.8)
         assert got.codes == (("out_of_range",) if abs(size) > 1e9 else ("saturated", "spikes"))
         assert got.lift_N == pytest.approx(0.2, abs=5e-4)
         assert abs(size) > 1e9 or got.u_lift_N == pytest.approx(9.8e-3, rel=0.05)
     force[300:304] = 20.0
-    assert reduced(force, tare_s=0.2, limits=Limits(range_N=9.8)).codes == ("SATURATED",)
-    assert "SATURATED" in reduced(clean + 20.1, tare_s=0.2, limits=Limits(range_N=9.8)).codes
+    assert reduced(force, tare_s=0.2, range_N=9.8).codes == ("SATURATED",)
+    assert "SATURATED" in reduced(clean + 20.1, tare_s=0.2, range_N=9.8).codes
 
 
 @pytest.mark.parametrize(("first", "size"), [(700, 64), (1136, 64), (500, 30)])
@@ -349,7 +349,7 @@ def test_no_number_overflows() -> None:
             for range_N in (None, 9.8):
                 spoilt = force.copy()
                 spoilt[damage] = size
-                got = reduced(spoilt, limits=Limits(range_N=range_N))
+                got = reduced(spoilt, range_N=range_N)
                 assert not {"out_of_range", "OUT_OF_RANGE", "NO_DATA"}.isdisjoint(got.codes)
                 assert np.isnan(got.lift_N) or abs(got.lift_N - 0.2) < 1e-3
 
@@ -488,7 +488,7 @@ def test_gaps_are_seen_and_the_tare_ends_by_the_clock() -> None:
     time = np.arange(12000) / RATE
     for lost, code in ((100, "gaps"), (1000, "GAPS")):
         keep = np.r_[0:1000, 1000 + lost : 12000] if lost < 1000 else np.r_[0:1000, 1999:12000]
-        got = reduced(force[keep], time_s=time[keep], limits=Limits(missing=0.05))
+        got = reduced(force[keep], time_s=time[keep], missing=0.05)
         assert got.codes == (code,)
         assert got.n == 10000
         assert got.lift_N == pytest.approx(0.2, abs=3e-4)

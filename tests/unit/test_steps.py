@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from nearlift.declare import FloatArray
-from nearlift.reduction.steps import stepped
+from nearlift.reduction.contamination import stepped
 
 NOISE: FloatArray = 0.01 * np.random.default_rng(4).standard_normal(16)
 

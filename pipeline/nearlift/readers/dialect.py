@@ -23,8 +23,7 @@ from nearlift.errors import InputRefused
 from nearlift.readers import table
 from nearlift.readers.channel import split_unit, unit_word
 from nearlift.readers.layout import NAMED, SPOKEN, UNGIVEN, Given, Layout, encoding_of
-from nearlift.readers.table import BLANKS, NONE, CellSyntax, cut_at, label, row_of
-from nearlift.readers.words import value_of
+from nearlift.readers.table import BLANKS, NONE, CellSyntax, cut_at, label, row_of, value_of
 from nearlift.units import NUMBER
 
 #: As many bytes as the sniffer looks at, and as many lines at first: whatever fits all of the bytes

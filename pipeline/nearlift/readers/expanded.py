@@ -18,8 +18,7 @@ from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import Segments
-from nearlift.readers.brought import brought_by, dimension_of
-from nearlift.readers.columns import KNOWN, ColumnTexts, Numbers
+from nearlift.readers.columns import KNOWN, ColumnTexts, Numbers, brought_by, dimension_of
 from nearlift.readers.schedule import Schedule, of_cells, reserved, schedule_file
 from nearlift.readers.schedule_text import columns_of, text_of, unended
 from nearlift.readers.segments import Pieces

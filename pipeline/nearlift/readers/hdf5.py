@@ -9,6 +9,7 @@ child process.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ MAGIC = b"\x89HDF\r\n\x1a\n"
 #: A two-dimensional dataset with more columns than this is an image.
 MOST_COLUMNS = 64
 DEEPEST = 20
+#: Values in all arrays of a file of grids together; a gigabyte of float64.
+MAX_VALUES = 130_000_000
 
 
 def library(name: str, extra: str) -> Any:
@@ -51,6 +54,51 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         for name, item in datasets(file, notes):
             channels += columns_of(name, item, names)
     return Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
+
+
+@contextmanager
+def open_hdf5(path: Path) -> Iterator[Any]:
+    """The file by h5py.
+
+    Raises
+    ------
+    InputRefused
+        h5py is not installed; the file is damaged, too large once unpacked, or links to other
+        files.
+    """
+    try:
+        import h5py
+    except ImportError:
+        raise InputRefused(
+            str(path), "is HDF5, which needs h5py", "pip install nearlift[netcdf]"
+        ) from None
+    try:
+        file = h5py.File(path, "r")
+    except OSError as fault:
+        raise InputRefused(str(path), f"is damaged: {fault}", "export it again") from None
+    with file:
+        total = 0
+        for name in file:
+            if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
+                raise InputRefused(
+                    str(path), f"{name} is a link to another file", "copy the data into one file"
+                )
+            item = file[name]
+            if isinstance(item, h5py.Dataset):
+                if item.is_virtual or item.external:
+                    raise InputRefused(
+                        str(path),
+                        f"{name} keeps its data in another file",
+                        "copy the data into one file",
+                    )
+                total += item.size or 0
+        if total > MAX_VALUES:
+            raise InputRefused(
+                str(path),
+                f"unpacks to {total} values",
+                f"split it: at most {MAX_VALUES} in one file",
+            )
+        yield file
 
 
 def datasets(

@@ -19,8 +19,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.arrow import floats
 from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect
+from nearlift.readers.table import floats
 
 if TYPE_CHECKING:
     import pyarrow as pa

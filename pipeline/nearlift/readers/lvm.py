@@ -29,7 +29,7 @@ from nearlift.readers.channel import (
 from nearlift.readers.dialect import HEAD
 from nearlift.readers.layout import encoding_of
 from nearlift.readers.per_file import Format, reader_of
-from nearlift.readers.words import number, value_of
+from nearlift.readers.table import number, value_of
 
 FIRST = "LabVIEW Measurement"
 END = "***End_of_Header***"

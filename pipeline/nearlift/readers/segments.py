@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
 from nearlift.manifest.segments import ColumnOfRecord, Segments
-from nearlift.readers.brought import brought, dimension_of
 from nearlift.readers.channel import Channel, Contents, Malformed, pick
-from nearlift.readers.columns import BESIDE
+from nearlift.readers.columns import BESIDE, brought, dimension_of
 from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it
 from nearlift.readers.files import source_of
 from nearlift.readers.per_file import Format, record_of

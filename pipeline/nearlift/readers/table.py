@@ -1,5 +1,5 @@
 """The numbers of a text table, strictly: every line has the cells that the header promises, every
-cell wanted is a number.
+cell wanted is a number, or what loggers write where there is none.
 
 Two ways to the same bits: pyarrow's, and, where there is a line that it cannot read, a slow one
 that reads the words for "no number" and names the first bad line.
@@ -10,20 +10,29 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.arrow import floats
-from nearlift.readers.words import number
+from nearlift.units import NUMBER
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 #: A separator that stands for runs of blanks and tabs, and one that never occurs: the line is one
 #: cell.
 BLANKS, NONE = " ", ""
+#: What loggers write where there is no number, in lower case.
+NO_NUMBER = re.compile(
+    r"(?:[-+]?(?:nan|inf)|over|ovf?l|o\.?l|#nv|#?n/a|na|null|-?1\.#(?:inf|qnan|ind))?"
+)
 
 
 def _stands_for(form: str, line: str) -> bool:
@@ -94,6 +103,44 @@ class CellSyntax:
 COMMAS = CellSyntax()
 
 
+def value_of(text: str, decimal: str = ".") -> float | None:
+    """The cell's number, NaN for a word that means "no number", None where it is neither."""
+    plain = text.strip()
+    if decimal == ",":
+        # a point in a file of decimal commas would be a thousands separator or another dialect:
+        # neither is a number here
+        plain = (
+            plain.replace(",", ".")
+            if "." not in plain and plain.count(",") <= 1
+            else (plain if NO_NUMBER.fullmatch(plain.lower()) else "?")
+        )
+    if NUMBER.fullmatch(plain):
+        value = float(plain)
+        return value if math.isfinite(value) else math.nan
+    words = {plain.lower(), text.strip().lower()}
+    return math.nan if any(map(NO_NUMBER.fullmatch, words)) else None
+
+
+def number(text: str, at: str, column: str, decimal: str = ".") -> float:
+    """The cell's number, NaN for a word that means "no number".
+
+    Raises
+    ------
+    InputRefused
+        It is neither.
+    """
+    value = value_of(text, decimal)
+    if value is not None:
+        return value
+    other = "point" if decimal == "." else "comma"
+    remedy = (
+        f"write decimals with a {other}"
+        if re.fullmatch(r"[-+]?\d+[.,]\d+", text)
+        else "every cell must be a number; mend the line, or take the trial out of the schedule"
+    )
+    raise InputRefused(at, f"{text!r} in column {column!r} is not a number", remedy)
+
+
 def label(cell: str) -> tuple[str, str] | None:
     """Name and number of a cell ``T: 0.01``; None where it is not of that form."""
     name, colon, rest = cell.partition(":")
@@ -162,6 +209,22 @@ def _by_arrow(
         return None
     arrays = [floats(table[name].combine_chunks()) for name in chosen]
     return [np.where(np.isfinite(values), values, np.nan) for values in arrays]
+
+
+def floats(column: pa.Array) -> NDArray[np.float64]:
+    """A numeric array as float64, null as NaN; whole numbers beyond 2^53 are rounded.
+
+    By DLPack: Arrow's own `to_numpy` imports pandas (0.3 s).
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    values: Any = pc.cast(column, "float64", safe=False)
+    if values.null_count:
+        # from bytes: `pa.scalar` and `pa.array` would import pandas as well
+        nan = pa.Array.from_buffers(pa.float64(), 1, [None, pa.py_buffer(np.array([np.nan]))])
+        values = pc.fill_null(values, nan[0])
+    return np.asarray(np.from_dlpack(values), dtype=np.float64)
 
 
 def _explained(

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
-    """What the quality codes are judged by.
+class Conditions:
+    """How records were taken, and what the quality codes are judged by.
 
     Attributes
     ----------
+    rate_Hz : float
+        Nominal sample rate.
+    tare_s, settle_s : float
+        Rotors-stopped head, and what is discarded after it.
     drift, missing, out_of_range : float
         Fractions, from ``[quality]``: of the trial's lift that the drift over the record may reach;
         of the samples that may be absent; of the samples that may hold no number.
@@ -18,19 +22,10 @@ class Limits:
         Capacity of the load cell.
     """
 
+    rate_Hz: float
+    tare_s: float = 0.0
+    settle_s: float = 0.0
     drift: float = 0.05
     missing: float = 0.05
     out_of_range: float = 0.01
     range_N: float | None = None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Conditions:
-    """Nominal sample rate, Hz; rotors-stopped head and what is discarded after it, s; limits of
-    quality.
-    """
-
-    rate_Hz: float
-    tare_s: float = 0.0
-    settle_s: float = 0.0
-    limits: Limits = Limits()

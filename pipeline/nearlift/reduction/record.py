@@ -1,9 +1,8 @@
 """One record to one number: tare removed, settling dropped, mean, its standard error, and what is
 wrong with the samples.
 
-The standard error is from batch means (`reduction.mean_noise`). Where batches far apart are alike,
-noise outlasts a batch: `reduction.slow_noise` then says how far the mean is off, and the code
-`slow` tells where no record of this length can.
+The standard error is from batch means (`reduction.mean_noise`), which also tell of noise that
+outlasts a batch (`reduction.slow_noise`).
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.manifest.segments import FEWEST_SAMPLES
 from nearlift.reduction import contamination
-from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.mean_noise import outlasting, slope_of, spectral_density_at_zero
 from nearlift.reduction.samples import (
     LARGEST_N,
@@ -26,7 +25,6 @@ from nearlift.reduction.samples import (
     stuck,
     without_strays,
 )
-from nearlift.reduction.steps import stepped
 from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, median
 from nearlift.reduction.tare import zero_of
 
@@ -87,8 +85,8 @@ def reduce_record(
         a sample over the record).
     """
     flags = list(codes)
-    rate_Hz, tare_s, settle_s = conditions.rate_Hz, conditions.tare_s, conditions.settle_s
-    limits = conditions.limits
+    rate_Hz, range_N = conditions.rate_Hz, conditions.range_N
+    tare_s, settle_s = conditions.tare_s, conditions.settle_s
     if not {"EMPTY", "NO_DATA", "MALFORMED"}.isdisjoint(flags):
         return Reduced(codes=tuple(flags))
     # a tare from elsewhere takes none of the record's own samples
@@ -96,7 +94,7 @@ def reduce_record(
     head = len(force_N[: round(own_s * rate_Hz)])
     start = head + round(settle_s * rate_Hz)
     if time_s is not None and len(time_s) > 2:
-        flags += clock_codes(time_s, rate_Hz, limits, where)
+        flags += clock_codes(time_s, conditions, where)
         if not {"gaps", "GAPS"}.isdisjoint(flags) and "clock" not in flags:
             # a hole moves every later sample: only the clock knows where the tare ends
             since = time_s - time_s[0]
@@ -109,25 +107,22 @@ def reduce_record(
         density, run = spectral_density_at_zero(live, rate_Hz)
     if not (
         math.isfinite(rest.mean + run.mean)
-        and max(run.high, -run.low, rest.high, -rest.low) <= (limits.range_N or LARGEST_N)
+        and max(run.high, -run.low, rest.high, -rest.low) <= (range_N or LARGEST_N)
     ):
         whole = len(tare) + len(live)
-        tare, live = forces(tare, limits.range_N), forces(live, limits.range_N)
+        tare, live = forces(tare, range_N), forces(live, range_N)
         quiet, rest = spectral_density_at_zero(tare, rate_Hz, tone=False)
         density, run = spectral_density_at_zero(live, rate_Hz)
         if rest.n + run.n < whole:
-            flags.append(
-                "OUT_OF_RANGE"
-                if 1.0 - (rest.n + run.n) / whole > limits.out_of_range
-                else "out_of_range"
-            )
+            too_many = 1.0 - (rest.n + run.n) / whole > conditions.out_of_range
+            flags.append("OUT_OF_RANGE" if too_many else "out_of_range")
     n = run.n
     if n < 2 or (tare_s > 0 and rest.n < 2):
         return Reduced(codes=(*flags, "NO_DATA"))
     if n < FEWEST_SAMPLES:
         return Reduced(codes=(*flags, "TOO_SHORT"))
     worth = 0.0
-    kept, codes_of_samples = without_strays(live, run, limits.range_N)
+    kept, codes_of_samples = without_strays(live, run, range_N)
     flags += codes_of_samples
     if len(kept) < n:
         # the mean with them and without them: what they are worth is not known to be nothing
@@ -135,25 +130,27 @@ def reduce_record(
         density, run = spectral_density_at_zero(live, rate_Hz)
     n = run.n
     variance = run.squares / (n - 1)
-    sd = math.sqrt(variance)
     u2 = density / n + worth**2
-    zero, u2_tare, codes_of_tare = zero_of(tare, rest, quiet, live, run, u2, rate_Hz, limits)
+    zero, u2_tare, codes_of_tare = zero_of(tare, rest, quiet, live, run, u2, conditions)
     flags += codes_of_tare
     lift = run.mean - zero
+    allowed = conditions.drift * abs(lift)
     slope, u_slope = slope_of(run, density, rate_Hz)
     flags += stuck(live, run)
     batches = run.batches
-    if len(batches) and float(batches.max() - batches.min()) > limits.drift * abs(lift):
+    apart = float(batches.max() - batches.min()) if len(batches) else 0.0
+    if apart > allowed:
         moved, at_start = contamination.moved_by_segment(live, contamination.step_of(live))
         # rotors that still spin up are unsettled
-        if stepped(batches, limits.drift * abs(lift)) or (moved > math.sqrt(u2) and not at_start):
+        damaged = moved > math.sqrt(u2) and not at_start
+        if damaged or contamination.stepped(batches, allowed):
             flags.append("MIXED")
     flags += clipped(live, run)
-    if slow := outlasting(live, run.batches, u2, rate_Hz):
+    if slow := outlasting(live, batches, u2, rate_Hz):
         u2 = slow.variance
         flags += ["slow"] if slow.is_too_long else []
-    flags += _drifts(lift, slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, limits)
-    if len(batches) > 2 and float(batches.max() - batches.min()) > 0.1 * abs(lift):
+    flags += _drifts(slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, allowed)
+    if len(batches) > 2 and apart > 0.1 * abs(lift):
         # the median and its scatter, for a head of stopped rotors takes several batches and would
         # hide behind its own spread
         level = median(batches)
@@ -167,7 +164,7 @@ def reduce_record(
         n=n,
         n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
         drift_N_s=slope,
-        sd_N=sd,
+        sd_N=math.sqrt(variance),
         codes=tuple(dict.fromkeys(flags)),
     )
 
@@ -178,13 +175,8 @@ def prepare() -> None:
         kernel.prepare()
 
 
-def _drifts(
-    lift: float, change: float, u_change: float, tare_change: float, limits: Limits
-) -> list[str]:
-    """Drift of the force over the record, if it is no chance (4 standard errors), and of
-    the zero.
-    """
-    allowed = limits.drift * abs(lift)
+def _drifts(change: float, u_change: float, tare_change: float, allowed: float) -> list[str]:
+    """Drift of the force over the record beyond chance (4 standard errors), and of the zero."""
     changes = [change] if abs(change) > 4 * u_change else []
     changes += [tare_change] if math.isfinite(tare_change) else []
     return ["DRIFT" if abs(c) > allowed else "drift" for c in changes if abs(c) > 0.2 * allowed]

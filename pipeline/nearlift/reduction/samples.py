@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination
-from nearlift.reduction.conditions import Limits
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.stretch import Stretch, steady
 
 #: No force: beyond it numbers are damage, whatever the load cell.
@@ -117,10 +117,11 @@ def _longest_run(at: NDArray[np.intp]) -> int:
 
 # a damaged clock may hold anything: it then has no steady rate
 @np.errstate(over="ignore", invalid="ignore")
-def clock_codes(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) -> list[str]:
+def clock_codes(time_s: FloatArray, conditions: Conditions, where: str) -> list[str]:
     """Gaps and stumbles of a clock column; refuses one that runs at another rate, by more than 1 %
     and by more than a sample over the whole.
     """
+    rate_Hz = conditions.rate_Hz
     if steady(time_s, rate_Hz):
         return []
     codes: list[str] = []
@@ -145,5 +146,5 @@ def clock_codes(time_s: FloatArray, rate_Hz: float, limits: Limits, where: str) 
         codes.append("clock")
     lost = round(float(steps.sum()) * rate_Hz / usual) + 1 - len(time_s)
     if lost > 0 and longest > 1.5:
-        codes.append("GAPS" if lost > limits.missing * (len(time_s) + lost) else "gaps")
+        codes.append("GAPS" if lost > conditions.missing * (len(time_s) + lost) else "gaps")
     return codes

@@ -8,7 +8,7 @@ import math
 
 from nearlift.declare import FloatArray
 from nearlift.reduction import contamination
-from nearlift.reduction.conditions import Limits
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.mean_noise import outlasting, spectral_density_at_zero
 from nearlift.reduction.samples import FEWEST_REPEATS, stuck
 from nearlift.reduction.stretch import Stretch
@@ -30,8 +30,7 @@ def zero_of(
     live: FloatArray,
     run: Stretch,
     u2_live: float,
-    rate_Hz: float,
-    limits: Limits,
+    conditions: Conditions,
 ) -> tuple[float, float, list[str]]:
     """The tare's mean, its variance, and codes: single samples that stand apart are left out, a
     tare that is not one level is refused.
@@ -42,6 +41,7 @@ def zero_of(
     """
     if rest.n == 0:
         return rest.mean, 0.0, []
+    rate_Hz = conditions.rate_Hz
     zero, u2, codes = rest.mean, quiet / rest.n, []
     if _dead(tare, rest, live, run):
         return zero, u2, ["STUCK"]
@@ -66,7 +66,7 @@ def zero_of(
     if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
         away := contamination.wander(tare, means, contamination.step_of(live))
     ):
-        codes = [*codes, "DRIFT" if away > limits.drift * abs(run.mean - zero) else "drift"]
+        codes = [*codes, "DRIFT" if away > conditions.drift * abs(run.mean - zero) else "drift"]
         u2 += away**2
     if slow and slow.variance > u2:
         u2 = slow.variance

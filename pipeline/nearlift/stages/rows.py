@@ -16,7 +16,7 @@ from nearlift.manifest.campaign import Campaign
 from nearlift.readers.files import source_of
 from nearlift.readers.row import Row, row_of
 from nearlift.readers.seam import Piece
-from nearlift.reduction.conditions import Conditions, Limits
+from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import Reduced
 from nearlift.run import copies, store
 from nearlift.run.executors import Threads, ordered
@@ -151,12 +151,10 @@ def conditions_of(campaign: Campaign) -> Conditions:
         rate_Hz=campaign.load_cell.sample_rate or 1.0,
         tare_s=campaign.tare_s,
         settle_s=campaign.load_cell.settle,
-        limits=Limits(
-            drift=choice.drift,
-            missing=choice.missing,
-            out_of_range=choice.out_of_range,
-            range_N=campaign.load_cell.range,
-        ),
+        drift=choice.drift,
+        missing=choice.missing,
+        out_of_range=choice.out_of_range,
+        range_N=campaign.load_cell.range,
     )
 
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers.hdf5 import MAGIC
-from nearlift.readers.piv.hdf5_grids import open_hdf5
+from nearlift.readers.hdf5 import MAGIC, open_hdf5
 from nearlift.readers.piv.vectors import Dialect, Raw
 
 

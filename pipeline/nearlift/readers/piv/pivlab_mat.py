@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.hdf5 import MAGIC
+from nearlift.readers.hdf5 import MAGIC, open_hdf5
 from nearlift.readers.mat import V5, V73
-from nearlift.readers.piv.hdf5_grids import open_hdf5
 from nearlift.readers.piv.vectors import Dialect, Raw
 
 MEASURED = 1
