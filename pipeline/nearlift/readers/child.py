@@ -19,7 +19,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Self
 
@@ -30,6 +30,7 @@ from nearlift.readers.channel import Channel, Contents, Malformed, Names, Record
 from nearlift.readers.child_process import Copy, serving
 from nearlift.readers.per_file import Format, Reading
 from nearlift.readers.serve import LENGTH, Answer, ReadContents, ReduceRecord, Request
+from nearlift.results.serial import decode
 
 if TYPE_CHECKING:
     from nearlift.readers.row import Row
@@ -98,15 +99,8 @@ def rows(asked: Sequence[ReduceRecord]) -> Iterator[Row]:
                 malformed = Reduced(codes=("MALFORMED",))
                 yield Row(trial=trial, source=source, reduced=malformed, fault=f"{source}: {fault}")
                 continue
-            reduced = Reduced(**{**answer["reduced"], "codes": tuple(answer["reduced"]["codes"])})
-            yield Row(
-                trial=trial,
-                source=source,
-                reduced=reduced,
-                samples=answer["samples"],
-                notes=tuple(answer["notes"]),
-                fault=answer["fault"],
-            )
+            # whose record it is, no child says
+            yield replace(decode(Row, answer["row"]), trial=trial, source=source)
 
 
 @contextlib.contextmanager

@@ -86,7 +86,7 @@ def _stepping(cut: Segments, opened: Opened) -> tuple[FloatArray, float | None]:
     """The column that steps, a text's words as numbers, and the one value to keep, if one is."""
     n, path = len(opened.record.force_N), opened.path
     if isinstance(cut.only, str):
-        from nearlift.readers.text_lines import words_of
+        from nearlift.readers.text import words_of
 
         words = words_of(path, opened.dialect, cut.by)[:n]
         if cut.only not in words:
@@ -125,7 +125,7 @@ def marks_of(
     """The lines of a text that begin or end a piece, each with the number of samples above it; and
     the dialect in which they are no samples.
     """
-    from nearlift.readers import text, text_lines
+    from nearlift.readers import text
 
     cut, said = campaign.segments, campaign.records.dialect
     assert cut is not None
@@ -138,7 +138,7 @@ def marks_of(
     lines = [line.replace(LEVEL, "*") for line in (cut.begin, cut.end) if line is not None]
     given = said.get("ignore", ())
     dialect = {**said, "ignore": [*(given if isinstance(given, list) else ()), *lines]}
-    return text_lines.marked(path, text.given(dialect), lines), dialect
+    return text.marked(path, text.given(dialect), lines), dialect
 
 
 def _between(

@@ -295,19 +295,13 @@ class _Aligned:
 
 
 def siblings(channel: Channel, channels: Sequence[Channel]) -> list[Channel]:
-    """The channels of the same quantity along x and y, as far as there are such."""
-    names = [sibling(channel.name, axis) for axis in ("x", "y")]
-    return [c for name in names for c in channels if c.name == name]
-
-
-def sibling(name: str, axis: str) -> str | None:
-    """The name of the same quantity along x or y: that of a column ``az``, ``acc.z``, ``a[2]``;
-    None where it names no axis.
+    """The channels of the same quantity along x and y, as far as there are such, beside one called
+    ``az``, ``acc.z`` or ``a[2]``.
     """
-    if name.endswith("[2]"):
-        return f"{name[:-2]}{'xy'.index(axis)}]"
-    place = name.lower().rfind("z")
+    name = channel.name
+    place, axes = (len(name) - 2, "01") if name.endswith("[2]") else (name.lower().rfind("z"), "xy")
     if place < 0:
-        return None
-    letter = axis.upper() if name[place] == "Z" else axis
-    return name[:place] + letter + name[place + 1 :]
+        return []
+    axes = axes.upper() if name[place] == "Z" else axes
+    names = [name[:place] + axis + name[place + 1 :] for axis in axes]
+    return [c for sibling in names for c in channels if c.name == sibling]

@@ -71,7 +71,7 @@ def parted(path: Path, said: Given, contents: Contents) -> Contents:
 
 def _whole_rows(path: Path, said: Given, k: int) -> None:
     """Refuse a line that is no row between the lines of one."""
-    from nearlift.readers.text_lines import marked
+    from nearlift.readers.text import marked
 
     for number, line in marked(path, one_column(said), said.ignore):
         if number % k:

@@ -22,8 +22,7 @@ from nearlift.readers.channel import (
     Malformed,
     Names,
     RecordsDialect,
-    rate_of,
-    wanted,
+    channels_of_topic,
 )
 from nearlift.readers.hdf5 import library
 from nearlift.readers.per_file import Format, reader_of
@@ -88,11 +87,7 @@ def channels_of(
     channels = []
     for topic, columns in topics.items():
         clock = np.array(columns.pop("time"))
-        rate = rate_of(clock) if len(clock) > 2 else None
-        channels.append(Channel(name=f"{topic}.time", unit="s", rate_Hz=rate, values=clock))
-        for field, values in columns.items():
-            if wanted(name := f"{topic}.{field}", names):
-                channels.append(Channel(name=name, rate_Hz=rate, values=np.array(values)))
+        channels += channels_of_topic(topic, clock, columns.items(), names)
     return tuple(channels)
 
 

@@ -25,13 +25,7 @@ from nearlift.readers.channel import (
     RecordsDialect,
     pick,
 )
-from nearlift.readers.files import (
-    files_per_trial,
-    inside,
-    pieces,
-    plan_per_trial,
-    source_of,
-)
+from nearlift.readers.files import files_per_trial, inside, pieces, plan_per_trial, source_of
 from nearlift.readers.seam import MARK, ChannelSpec, Piece, Reader, ReadingPlan, Record
 
 if TYPE_CHECKING:

@@ -145,8 +145,11 @@ def of_cells(
         As `read_schedule`.
     """
     _units_name_columns(given, list(cells))
+    # where all trials are in free air there is no distance
+    free_air = "boundary" in cells and all(t.strip() == "none" for t in cells["boundary"].texts)
     for name in REQUIRED:
-        if name not in cells and name not in _only_free_air(cells) and name not in missing:
+        needed = name not in missing and not (name == "distance" and free_air)
+        if name not in cells and needed:
             hint = did_you_mean(name, [c for c in cells if c not in BY_NAME])
             raise ManifestError(
                 str(path),
@@ -298,16 +301,6 @@ def _units_name_columns(given: Mapping[str, str], present: Sequence[str]) -> Non
                 "no column has that name",
                 did_you_mean(name, [*present, *BY_NAME]) or f"columns are {', '.join(present)}",
             )
-
-
-def _only_free_air(cells: Mapping[str, ColumnTexts]) -> tuple[str, ...]:
-    """Columns that a campaign of nothing but free-air trials may leave out."""
-    boundary = cells.get("boundary")
-    return (
-        ("distance",)
-        if boundary is not None and all(t.strip() == "none" for t in boundary.texts)
-        else ()
-    )
 
 
 def _backwards(cells: ColumnTexts, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:

@@ -87,8 +87,8 @@ class Segmented:
     """
 
     record: Record
-    cuts: cuts.Cuts
-    pieces: tuple[CutPiece, ...]
+    cuts: cuts.Cuts = field(default_factory=cuts.Cuts)
+    pieces: tuple[CutPiece, ...] = ()
     at_rest: int = 0
 
     @property
@@ -135,14 +135,9 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
     from nearlift.readers import child
 
     form, source = format_of(reader), source_of(root, path)
-    nothing = Segmented(
-        record=Record(trial=record, source=source),
-        cuts=cuts.settled([], 0, 1),
-        pieces=(),
-    )
 
     def without(fault: str, *codes: str) -> Segmented:
-        return replace(nothing, record=replace(nothing.record, codes=codes, fault=fault))
+        return Segmented(record=Record(trial=record, source=source, codes=codes, fault=fault))
 
     if path.stat().st_size == 0:
         return without("", "EMPTY")
@@ -161,12 +156,12 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
         return without("", *contents.codes)
     whole = record_of(contents, spec, record, str(path), source)
     if not len(whole.force_N):
-        return replace(nothing, record=whole)
+        return Segmented(record=whole)
     opened = Opened(path=path, contents=contents, record=whole, dialect=dialect, marks=marks)
-    return _cut(campaign, opened)
+    return _cut(campaign, opened, spec)
 
 
-def _cut(campaign: Campaign, opened: Opened) -> Segmented:
+def _cut(campaign: Campaign, opened: Opened, spec: ChannelSpec) -> Segmented:
     """The pieces of a record that was read."""
     cut, cell = campaign.segments, campaign.load_cell
     contents, whole, path = opened.contents, opened.record, opened.path
@@ -191,9 +186,9 @@ def _cut(campaign: Campaign, opened: Opened) -> Segmented:
     at_level = (
         _lowest(pieces, values, cut.hold) if cell.tare == "level 0" and values is not None else ()
     )
-    further = _further(
-        cut, contents, whole, [c for c, _ in bring.values() if c is not None], campaign
-    )
+    known = [pick(contents.channels, n, "", "") for n in filter(None, spec.of_trial(whole.trial))]
+    known += [c for c, _ in bring.values() if c is not None]
+    further = _further(cut, opened, known)
     trials: list[CutPiece] = []
     for piece in pieces.pieces:
         span = slice(piece.start, piece.end)
@@ -304,30 +299,14 @@ def _tare(
     return np.concatenate([force_N[p.start : p.end] for p in (*before, *behind)])
 
 
-def _further(
-    cut: Segments,
-    contents: Contents,
-    whole: Record,
-    known: Sequence[Channel],
-    campaign: Campaign,
-) -> list[Channel]:
-    """The columns whose means become covariates: of as many samples as the force, and neither the
-    force, its clock, nor what is told already.
-    """
-    spec = ChannelSpec.from_manifest(campaign)
-    column, clock = spec.of_trial(whole.trial)
-    force_and_clock = [
-        pick(contents.channels, name, "", "") for name in (column, clock) if name is not None
-    ]
-    names = {id(c) for c in (*force_and_clock, *known)}
+def _further(cut: Segments, opened: Opened, known: Sequence[Channel]) -> list[Channel]:
+    """The columns whose means become covariates: as many samples as the force, and not `known`."""
+    channels, whole = opened.contents.channels, opened.record
     if cut.covariates is not None:
-        return [
-            pick(contents.channels, name, "segments.covariates", whole.source)
-            for name in cut.covariates
-        ]
-    return [
-        c for c in contents.channels if id(c) not in names and len(c.values) == len(whole.force_N)
-    ]
+        key = "segments.covariates"
+        return [pick(channels, name, key, whole.source) for name in cut.covariates]
+    names = {id(c) for c in known}
+    return [c for c in channels if id(c) not in names and len(c.values) == len(whole.force_N)]
 
 
 def _means(channels: Sequence[Channel], span: slice) -> dict[str, tuple[float, float]]:

@@ -14,7 +14,7 @@ import select
 import struct
 import threading
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar, get_args
 
@@ -83,9 +83,7 @@ class ReduceRecord:
             raise
         except Exception as fault:
             raise Malformed(f"{type(fault).__name__}: {fault}") from None
-        reduced = {name: getattr(row.reduced, name) for name in row.reduced.__slots__}
-        about = {"samples": row.samples, "notes": row.notes, "fault": row.fault}
-        yield {"reduced": reduced, **about}, []
+        yield {"row": asdict(row)}, []
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -310,9 +310,7 @@ def row_of(line: str, at: str, header: Sequence[str], cells: CellSyntax) -> list
         )
     if len(row) != len(header):
         raise InputRefused(
-            at,
-            f"has {len(row)} cells under {len(header)} column names",
-            _way_out(line, cells),
+            at, f"has {len(row)} cells under {len(header)} column names", _way_out(line, cells)
         )
     if not cells.labels:
         return row

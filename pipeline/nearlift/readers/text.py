@@ -30,10 +30,10 @@ from nearlift.readers.channel import (
     wanted,
 )
 from nearlift.readers.dialect import HEAD, NoRows, sniff
-from nearlift.readers.interleaved import ONE
+from nearlift.readers.interleaved import ONE, one_column
 from nearlift.readers.layout import Given, Layout
 from nearlift.readers.per_file import Format, reader_of
-from nearlift.readers.table import NONE, CellSyntax
+from nearlift.readers.table import NONE, CellSyntax, row_of
 
 BLOCK = 8 << 20
 OPTIONS = {
@@ -115,7 +115,7 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     """The channels of a text file in a dialect known in part (`said`) or in whole (`layout`)."""
     where = str(path)
     if said.lines > 1:
-        return interleaved.parted(path, said, from_text(path, interleaved.one_column(said), None))
+        return interleaved.parted(path, said, from_text(path, one_column(said), None))
     head, whole = head_of(path)
     if not head.strip(b"\0"):
         return Contents(channels=(), kind="text", codes=("EMPTY",))
@@ -130,7 +130,7 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     chosen = _chosen(layout, names, where)
     blocks = Blocks(path, layout)
     parts: list[list[FloatArray]] = [[] for _ in chosen]
-    above = head.decode(layout.encoding, errors="replace").splitlines()[: layout.first - 1]
+    above = _above(head, layout)
     after = [0] if above and above[-1].strip() and layout.cells.skips(above[-1]) else []
     rows = 0
     for first, body in blocks:
@@ -293,6 +293,60 @@ class Blocks:
                 f"is not {self.layout.encoding} text: {fault}",
                 "the file is damaged or in another encoding",
             ) from None
+
+
+def marked(path: Path, said: Given, marks: Sequence[str]) -> list[tuple[int, str]]:
+    """Every line like one of `marks`, in which ``*`` stands for anything, and how many rows stand
+    above it.
+    """
+    to_a_row = said.lines
+    said = replace(said, ignore=tuple(dict.fromkeys((*said.ignore, *marks))))
+    layout = layout_of(path, said if to_a_row == 1 else one_column(said))
+    are = CellSyntax(ignore=tuple(marks))
+    above = _above(head_of(path)[0], layout)
+    places = [(0, line.strip()) for line in above if line.strip() and are.skips(line)]
+    rows = 0
+    for _, line in _lines(path, layout):
+        if not layout.cells.skips(line):
+            rows += 1
+        elif line.strip() and are.skips(line):
+            places.append((rows // to_a_row, line.strip()))
+    return places
+
+
+def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
+    """The cells of one column of a text, as they stand, a row each.
+
+    Raises
+    ------
+    InputRefused
+        There is no such column.
+    """
+    layout = layout_of(path, given(dialect))
+    if column not in layout.names:
+        raise InputRefused(
+            str(path),
+            f"has no column {column!r}",
+            f"it has {', '.join(map(repr, layout.names))}; segments.by names it",
+        )
+    place = layout.names.index(column)
+    return [
+        row_of(line, f"{path}, line {number}", layout.names, layout.cells)[place]
+        for number, line in _lines(path, layout)
+        if not layout.cells.skips(line)
+    ]
+
+
+def _lines(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
+    """Number and text of every line from the first row on."""
+    for first, body in Blocks(path, layout):
+        yield from enumerate(body.decode("utf-8", "replace").removesuffix("\n").split("\n"), first)
+
+
+def _above(head: bytes, layout: Layout) -> list[str]:
+    """The lines above the first row."""
+    text = head.decode(layout.encoding, errors="replace")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")[: layout.first - 1]
 
 
 def with_rate(file: Contents) -> Contents:

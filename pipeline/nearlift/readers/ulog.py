@@ -18,8 +18,7 @@ from nearlift.readers.channel import (
     Malformed,
     Names,
     RecordsDialect,
-    rate_of,
-    wanted,
+    channels_of_topic,
 )
 from nearlift.readers.hdf5 import library
 from nearlift.readers.per_file import Format, reader_of
@@ -47,22 +46,17 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     if log.file_corruption:
         raise Malformed("is corrupt: pyulog skipped a part of it")
     begun = 1e-6 * log.start_timestamp
-    channels = []
+    channels: list[Channel] = []
     for topic in log.data_list:
         group = topic.name + (f"_{topic.multi_id}" if topic.multi_id else "")
         stamps = 1e-6 * np.asarray(topic.data["timestamp"], dtype=np.float64)
         if np.any((stamps < begun - LONGEST_S) | (stamps > begun + LONGEST_S)):
             raise Malformed(f"has a stamp of {group} that lies a day from its start")
-        rate = rate_of(stamps) if len(stamps) > 2 else None
-        channels.append(Channel(name=f"{group}.time", unit="s", rate_Hz=rate, values=stamps))
-        for field, values in topic.data.items():
-            name = f"{group}.{field}"
-            if field == "timestamp" or not wanted(name, names):
-                continue
-            if len(values) != len(stamps):
-                raise Malformed(f"has {len(values)} of {name} for {len(stamps)} stamps")
-            numbers = np.asarray(values, dtype=np.float64)
-            channels.append(Channel(name=name, rate_Hz=rate, values=numbers))
+        fields = ((name, values) for name, values in topic.data.items() if name != "timestamp")
+        for channel in channels_of_topic(group, stamps, fields, names):
+            if (n := len(channel.values)) != len(stamps):
+                raise Malformed(f"has {n} of {channel.name} for {len(stamps)} stamps")
+            channels.append(channel)
     return Contents(channels=tuple(channels), kind="ULog", codes=() if whole else ("truncated",))
 
 

@@ -26,7 +26,15 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect, rate_of
+from nearlift.readers.channel import (
+    Channel,
+    Contents,
+    Malformed,
+    Names,
+    RecordsDialect,
+    channels_of_topic,
+    rate_of,
+)
 from nearlift.readers.per_file import Format, reader_of
 
 MAGIC = 0xBC
@@ -97,11 +105,8 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
     for number, event in events.items():
         records = np.frombuffer(b"".join(runs[number]), dtype=event.layout)
         clock = records["time"].astype(np.float64) * unit_s
-        rate = rate_of(clock) if len(clock) > 2 else None
-        channels.append(Channel(name=f"{event.name}.time", unit="s", rate_Hz=rate, values=clock))
-        for field in (event.layout.names or ())[1:]:
-            values = records[field].astype(np.float64)
-            channels.append(Channel(name=f"{event.name}.{field}", rate_Hz=rate, values=values))
+        fields = ((field, records[field]) for field in (event.layout.names or ())[1:])
+        channels += channels_of_topic(event.name, clock, fields)
     return Contents(channels=tuple(channels), kind=KIND, codes=() if whole else ("salvaged",))
 
 

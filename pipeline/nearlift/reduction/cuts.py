@@ -44,10 +44,10 @@ class Cuts:
     stand in pieces too short.
     """
 
-    pieces: tuple[Span, ...]
-    short: int
-    settling: int
-    between: int
+    pieces: tuple[Span, ...] = ()
+    short: int = 0
+    settling: int = 0
+    between: int = 0
 
 
 def by_level(values: FloatArray, hold: float = 0.0) -> list[Cut]:

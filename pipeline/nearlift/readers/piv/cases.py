@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from nearlift.errors import InputRefused, ManifestError
@@ -67,28 +68,21 @@ class Stream:
     refused: list[tuple[str, InputRefused]] = field(default_factory=list)
 
     def __iter__(self) -> Iterator[VelocityField]:
-        said = {
-            key: self.piv.setting(self.case, key)
-            for key in ("length_unit", "velocity_unit", "scale", "frame_time", "format")
-        }
+        said = partial(self.piv.setting, self.case)
         setting = Setting(
-            length_unit=said["length_unit"],
-            velocity_unit=said["velocity_unit"],
-            scale_m=said["scale"],
-            frame_time_s=said["frame_time"],
+            length_unit=said("length_unit"),
+            velocity_unit=said("velocity_unit"),
+            scale_m=said("scale"),
+            frame_time_s=said("frame_time"),
         )
-        lie = {
-            "thrust": self.piv.setting(self.case, "thrust"),
-            "across": self.piv.setting(self.case, "across"),
-            "origin_m": self.piv.setting(self.case, "origin"),
-            "v_sign": self.piv.setting(self.case, "v_sign", 1),
-        }
-        hidden = self.piv.setting(self.case, "mask", [])
+        lie = {name: said(name) for name in ("thrust", "across")}
+        lie |= {"origin_m": said("origin"), "v_sign": said("v_sign", 1)}
+        hidden = said("mask", [])
         # started only if a file needs it
         with Child() as child:
             for path in self.files:
                 try:
-                    for field in read(path, setting, said["format"], child):
+                    for field in read(path, setting, said("format"), child):
                         yield masked(orient(field, **lie), hidden)
                 except InputRefused as refusal:
                     self.refused.append((source_of(self.root, path), refusal))

@@ -75,12 +75,7 @@ def read(path: Path) -> Iterator[Raw]:
                 " good)",
             )
         good = np.isfinite(table[:, 4])
-    yield Raw(
-        *table[:, :4].T,
-        good=good,
-        length_unit=None,
-        velocity_unit=None,
-    )
+    yield Raw(*table[:, :4].T, good=good, length_unit=None, velocity_unit=None)
 
 
 OPENPIV = Dialect(
