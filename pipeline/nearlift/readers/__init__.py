@@ -1,6 +1,4 @@
-"""Outside formats to records: the only place for foreign units and dialects. One file per format,
-listed here.
-"""
+"""Outside formats to records, one file per format: the one place for foreign units and dialects."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""A file as channels: named series with the unit and the rate that the file states, as readers
-return and `inspect` shows them.
-"""
+"""A file as channels: named series with the unit and rate that it states, as readers give them."""
 
 from __future__ import annotations
 
@@ -51,9 +49,7 @@ _PRODUCT = str.maketrans({"·": "·", "⋅": "·", "∙": "·", "*": "·", "•"
 
 
 class Malformed(Exception):
-    """A file that contradicts its own structure or check sum: its trial is rejected, the campaign
-    goes on.
-    """
+    """A file that contradicts itself: its trial is rejected, the campaign goes on."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,9 +95,7 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def unit_word(cell: str) -> str | None:
-    """What nearlift calls the unit in a cell, brackets aside; None where the cell is no unit, empty
-    for none.
-    """
+    """What nearlift calls the unit in a cell, brackets aside; empty for none, None for no unit."""
     plain = fold(cell.strip().strip("()[]"))
     return UNITS.get(plain) if plain else ""
 
@@ -182,9 +176,7 @@ def channels_of_topic(
 
 
 def rate_of(clock: FloatArray) -> float | None:
-    """The steady rate of a clock in s, Hz: the inverse of its median step; None where it
-    has none.
-    """
+    """The steady rate of a clock in s, Hz: the inverse of its median step; None if it has none."""
     steps = np.diff(clock[np.isfinite(clock)])
     usual = float(np.median(steps)) if len(steps) else 0.0
     return 1 / usual if usual > 0 else None

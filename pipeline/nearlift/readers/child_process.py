@@ -1,6 +1,4 @@
-"""A process that serves the parent's requests (`readers.serve`): a copy of this one where that is
-safe, else an interpreter of its own.
-"""
+"""A process that serves requests (`readers.serve`): a copy of this one where safe, or a new one."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""The columns of a schedule: what each is called outside and inside, and how its cells become SI
-numbers.
-"""
+"""The columns of a schedule: their names outside and inside, and how cells become SI numbers."""
 
 from __future__ import annotations
 
@@ -102,9 +100,7 @@ class ColumnTexts:
 
 
 class Numbers(Sequence[str]):
-    """The texts of cells that were numbers before, written only where somebody reads them; NaN is
-    blank.
-    """
+    """The texts of cells that were numbers before, written only where they are read; NaN blank."""
 
     def __init__(self, values: FloatArray) -> None:
         self.values = values
@@ -219,9 +215,7 @@ def seconds(cells: ColumnTexts, unit: str | None) -> FloatArray:
 
 
 def further(cells: ColumnTexts) -> NDArray[Any]:
-    """A column that the contract does not name: numbers if every filled cell is one, else the
-    texts.
-    """
+    """A column that the contract does not name: numbers if all filled cells are, else the texts."""
     filled = [t.strip() for t in cells.texts if t.strip().lower() not in BLANK]
     if filled and all(NUMBER.fullmatch(t) for t in filled):
         return numbers(cells, blank=True)

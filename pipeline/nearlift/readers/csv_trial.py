@@ -97,9 +97,7 @@ def parse(
 
 @functools.lru_cache(maxsize=8)
 def _usual_header(line: bytes) -> list[str]:
-    """As `_header`, once for all records that begin alike; empty where the line is refused, which
-    takes the file's name.
-    """
+    """As `_header`, once for all records that begin alike; empty for a line that is refused."""
     try:
         return _header(line, "")
     except InputRefused:

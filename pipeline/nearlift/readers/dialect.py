@@ -108,9 +108,7 @@ def _fitting_dialect(lines: Sequence[str], where: str, given: Given) -> Layout:
 
 
 def _reads(layout: Layout, lines: Sequence[str], where: str) -> bool:
-    """Whether every line from the first row on has the layout's cells, with numbers in its columns
-    of numbers.
-    """
+    """Whether every line from the first row on has the layout's cells, and numbers where it has."""
     body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
     try:
         table.read(
@@ -181,9 +179,7 @@ def _unfit(lines: int, where: str, what: str, remedy: str = "") -> _Unfit:
 def _fit(
     lines: Sequence[str], where: str, cells: CellSyntax, given: Given, *, strict: bool
 ) -> tuple[Layout, Reading]:
-    """The layout of a file read with these cells; `strict` wants every cell of a row to
-    be numeric.
-    """
+    """The layout of a file read with these cells; `strict`: every cell of a row is a number."""
     start = _first_row(lines, cells, given, strict)
     if start is None:
         raise _Unfit(
@@ -288,9 +284,7 @@ def _value(cell: str, cells: CellSyntax) -> float | None:
 
 
 def _first_row(lines: Sequence[str], cells: CellSyntax, given: Given, strict: bool) -> int | None:
-    """Index of the first line that holds a number and, if `strict`, nothing but numbers and words
-    for none.
-    """
+    """Index of the first line that holds a number; `strict`: nothing else but words for none."""
     for at in range(given.skip or 0, len(lines)):
         line = lines[at]
         if cells.skips(line):
@@ -312,9 +306,7 @@ def _header(
     trailing: bool,
     where: str,
 ) -> tuple[list[str], list[str], int]:
-    """Names and units of the columns, and the line (from 1) at which names or, without them, rows
-    begin.
-    """
+    """Names and units of the columns, and the line (from 1) at which names, else rows, begin."""
     if given.columns:
         return list(given.columns), list(given.units or [""] * len(given.columns)), start + 1
     if cells.labels:
@@ -365,9 +357,7 @@ def _names(line: str, cells: CellSyntax, columns: int, trailing: bool) -> list[s
 
 
 def _no_thousands(layout: Layout, lines: Sequence[str], where: str, given: Given) -> None:
-    """Refuse decimal commas that may as well part thousands: 1,234 everywhere, and never 0,5 or
-    12,34.
-    """
+    """Refuse decimal commas that may part thousands: 1,234 everywhere, and never 0,5 or 12,34."""
     if layout.cells.decimal != "," or given.decimal is not None:
         return
     cells = [

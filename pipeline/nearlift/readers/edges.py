@@ -144,9 +144,7 @@ def marks_of(
 def _between(
     cut: Segments, marks: Sequence[tuple[int, str]], head: int, n: int
 ) -> tuple[list[cuts.Cut], list[float]]:
-    """Pieces from each line that begins one to the next mark of any kind, and the number in that
-    line; what stands behind an end is no piece.
-    """
+    """Pieces from each line that begins one to the next mark, and the number in that line."""
     assert cut.begin is not None
     before, level, after = cut.begin.partition(LEVEL)
     ends = [row for row, _ in marks[1:]] + [n] * bool(marks)

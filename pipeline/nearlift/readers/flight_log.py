@@ -176,9 +176,7 @@ class _Aligned:
         return np.stack([*(factor * self._on_clock(c) for c in others), up], axis=1)
 
     def _tilt(self) -> FloatArray | None:
-        """The angle between the rotor axis and the vertical, of which one of roll and pitch alone
-        tells a part.
-        """
+        """The angle between rotor axis and vertical; roll or pitch alone tells a part of it."""
         if self.flight.attitude is None:
             return None
         factor, _ = units.to_si(self.flight.attitude.unit, "angle", "flight.attitude.unit")

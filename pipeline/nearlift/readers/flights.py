@@ -284,9 +284,7 @@ class _Cut:
 def _stretches_of(
     clean: NDArray[np.bool_], start: NDArray[np.int64], run: NDArray[np.int64], time_s: FloatArray
 ) -> NDArray[np.int64]:
-    """Stretches of flight, counted from 1: of one start without a hole, parted where they are
-    long.
-    """
+    """Stretches of flight, counted from 1: of one start without a hole, long ones parted."""
     first = np.flatnonzero(np.concatenate([[True], (np.diff(start) != 0) | (np.diff(run) != 0)]))
     begun = np.repeat(time_s[first], np.diff([*first, len(time_s)]))
     part = ((time_s - begun) // motor_lag.STRETCH_S).astype(np.int64)

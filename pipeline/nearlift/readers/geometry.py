@@ -133,9 +133,7 @@ def _inside_the_arena(
 
 
 def _other_units(values: Iterable[float], low: float, high: float, unit: str) -> str:
-    """The units that bring all these distances between two others, m, as a question; empty where
-    none does.
-    """
+    """The units that bring all distances between two others, m, as a question, if there are any."""
     first, *others = (units.plausible(float(value), "length", low, high) for value in values)
     fitting = [u for u in first if u != unit and all(u in other for other in others)]
     return f"; {' or '.join(fitting)}?" if fitting else ""

@@ -104,9 +104,7 @@ def open_hdf5(path: Path) -> Iterator[Any]:
 def datasets(
     group: Any, notes: list[str], above: str = "", deep: int = 0, seen: set[int] | None = None
 ) -> Iterator[tuple[str, Any]]:
-    """Path and dataset of everything below a group that stands in this file; what does not is
-    noted.
-    """
+    """Path and dataset of all below a group that stands in this file; what does not is noted."""
     from h5py import Dataset, Group, h5d, h5g, h5l, h5o
 
     # by the library's lower half: the upper takes longer to look at a record's few links than to

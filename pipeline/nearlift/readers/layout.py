@@ -1,6 +1,4 @@
-"""How a text file is laid out, which the manifest may say in part and the sniffer completes:
-encoding, cells, columns' names and units.
-"""
+"""How a text is laid out, as the manifest says in part and the sniffer completes."""
 
 from __future__ import annotations
 

@@ -74,9 +74,7 @@ def _unreadable(path: Path) -> int:
 
 
 def _check_columns(path: Path, schema: pa.Schema, wanted: Sequence[tuple[str, str]]) -> None:
-    """See that the trial's column and each of `wanted`, a manifest's key and a column's name, is
-    there once and numeric.
-    """
+    """See that the trial's column is there, and those wanted (the manifest's key, a name), numeric."""
     import pyarrow as pa
 
     for key, name in (("", TRIAL), *wanted):

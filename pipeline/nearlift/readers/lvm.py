@@ -202,9 +202,7 @@ class _Parser:
             self.series[name].clock.append(clock)
 
     def _count(self, segment: Mapping[str, Sequence[str]], rows: int) -> None:
-        """Whether a segment has the samples that its header promises; with one heading for the
-        whole file, a multiple of them.
-        """
+        """Whether a segment has its header's samples; under one heading, a multiple of them."""
         promised = [
             value
             for text in segment.get("Samples", ())

@@ -1,6 +1,4 @@
-"""Mean lifts without samples, as in a published table: columns `lift` and (optional) `lift_sd` and
-`n` of the schedule.
-"""
+"""Mean lifts without samples, as published: columns `lift`, `lift_sd` and `n` of the schedule."""
 
 from __future__ import annotations
 

@@ -229,9 +229,7 @@ def record_of(contents: Contents, spec: ChannelSpec, trial: str, where: str, sou
 
 
 def _same_unit(channel: Channel, unit: str, dimension: str, key: str, where: str) -> None:
-    """Refuse a manifest that contradicts the unit in the file; a unit that nobody knows says
-    nothing.
-    """
+    """Refuse a manifest that contradicts the unit in the file, if that is one known."""
     if not channel.unit or unit == "count":
         return
     written = AS_FORCE.get(channel.unit, channel.unit) if dimension == "force" else channel.unit

@@ -1,6 +1,4 @@
-"""A record of many throttles that is given as one trial: told as such, with the lines of a manifest
-that would cut it.
-"""
+"""A record of many throttles given as one trial, and the lines of a manifest that would cut it."""
 
 from __future__ import annotations
 

@@ -107,9 +107,7 @@ def _guessed(_: Any, at: Any) -> Any:
 
 @inlined
 def _farther(word: Any, m: Any) -> Any:
-    """The bytes of the last word (0), or of the one before (1), that stand more than `m` characters
-    before the end.
-    """
+    """The bytes of the last word (0) or the one before (1) that are over `m` from the end."""
     whole = EIGHT * (word + ONE)
     if whole <= m:
         return ZERO
@@ -120,9 +118,7 @@ def _farther(word: Any, m: Any) -> Any:
 def _keep(
     layouts: Any, column: Any, size: Any, length: Any, down: Any, pointed: Any, stop: Any
 ) -> None:
-    """Keep the layout of a number of so many characters, `down` digits behind the point if it has
-    one.
-    """
+    """Keep the layout of a number of so many characters, `down` digits behind the point, if any."""
     layouts[column + LENGTH] = length
     layouts[column + DOWN] = down
     layouts[column + STOP] = stop
@@ -173,9 +169,7 @@ def _alike(text: Any, end: Any, layouts: Any, column: Any) -> Any:
 
 @inlined
 def _number(text: Any, size: Any, at: Any, layouts: Any, column: Any, powers: Any) -> Any:
-    """The number that starts at byte `at`, and the byte behind it, which is 0 where it is not
-    plain.
-    """
+    """The number that starts at byte `at`, and the byte behind it: 0 where it is not plain."""
     negative = U(text[at]) == MINUS
     if negative:
         at = _guessed(at + ONE)

@@ -1,6 +1,4 @@
-"""The text of trials.csv as columns of cells, each of which knows its line; constants of the
-manifest become columns too.
-"""
+"""The text of trials.csv and the manifest's constants as columns of cells that know their lines."""
 
 from __future__ import annotations
 
@@ -137,9 +135,7 @@ def _header(path: Path, line: int, row: list[str]) -> list[str]:
 
 
 def _constant(campaign: Campaign, name: str, value: object, n: int) -> ColumnTexts:
-    """A constant as a column of texts; a text with its own unit is brought to the unit of the
-    column.
-    """
+    """A constant as a column of texts; one with its own unit is brought to that of the column."""
     known = BY_NAME.get(name)
     text = str(value)
     if (

@@ -1,6 +1,4 @@
-"""A record of many trials, read whole and cut into pieces, each with its samples and what the other
-columns say of it.
-"""
+"""A record of many trials cut into pieces, each with its samples and what other columns say."""
 
 from __future__ import annotations
 
@@ -255,9 +253,7 @@ def _channel(contents: Contents, column: ColumnOfRecord, key: str, path: Path) -
 
 
 def _level(name: str, values: FloatArray | float) -> float:
-    """What a piece's samples say: the median of a command, which is one of its values, else the
-    mean.
-    """
+    """What a piece's samples say: the median of a command, one of its values, else the mean."""
     known = np.asarray(values, dtype=float)
     known = known[np.isfinite(known)]
     if not known.size:
@@ -268,9 +264,7 @@ def _level(name: str, values: FloatArray | float) -> float:
 
 
 def _new_samples(whole: Record) -> tuple[FloatArray | None, np.ndarray]:
-    """The clock if it can tell gaps, and a mask of the samples that are no repeat of the one
-    before.
-    """
+    """The clock if it can tell gaps, and a mask of samples that are no repeat of the one before."""
     kept = np.ones(len(whole.force_N), dtype=bool)
     if whole.time_s is None:
         return None, kept
@@ -289,9 +283,7 @@ def _lowest(pieces: cuts.Cuts, values: FloatArray, hold: float) -> tuple[cuts.Sp
 def _tare(
     force_N: FloatArray, head: int, at_level: Sequence[cuts.Span], piece: cuts.Span
 ) -> FloatArray:
-    """The samples of a piece's zero: the record's head, or the nearest pieces at rest before it and
-    behind it.
-    """
+    """The samples of a piece's zero: the record's head, or the nearest pieces at rest around it."""
     if not at_level:
         return force_N[:head]
     before = [p for p in at_level if p.end <= piece.start][-1:]

@@ -177,9 +177,7 @@ def serve(requests: int, answers: int, memory: int) -> None:
 
 
 def _await_parents_end(requests: int) -> None:
-    """End with the parent, were it killed while a file is being read: nobody is left to stop the
-    clock.
-    """
+    """End with the parent, were it killed during a file: nobody is left to stop the clock."""
     # Windows has no such call; there the child ends with its answer, which nobody takes
     if hasattr(select, "poll"):
         lifeline = select.poll()

@@ -1,6 +1,4 @@
-"""What thrust stands' CSV files share: commas, points, one header line with units in the names,
-perhaps a mark and a trailing comma.
-"""
+"""What thrust stands' CSV files share: commas, points, one header line with units in the names."""
 
 from __future__ import annotations
 
@@ -124,9 +122,7 @@ def stand_reader(
 
 
 def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...]:
-    """`dead_speed` where the stand lifts and every speed it has reads zero, or one of several does
-    while others turn.
-    """
+    """`dead_speed` where the stand lifts and all its speeds, or one of more than two, read zero."""
     factor = {"N": 1.0, "gf": 9.80665e-3, "kgf": 9.80665}
     force = [
         c

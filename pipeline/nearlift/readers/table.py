@@ -257,9 +257,7 @@ def _explained(
 
 
 def _way_out(line: str, cells: CellSyntax) -> str:
-    """What to do about a line whose cells are not the header's: a rig may write lines of another
-    kind, or label its cells.
-    """
+    """What to do about a line whose cells are not the header's: it may be of a kind of its own."""
     if not cells.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
         return (
             'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true }'

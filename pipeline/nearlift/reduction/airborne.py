@@ -1,6 +1,4 @@
-"""When a vehicle flies, from its log: contact, starts, samples that say nothing of lift, and the
-windows that do.
-"""
+"""When a vehicle flies, from its log: contact, starts, samples that tell no lift, and windows."""
 
 from __future__ import annotations
 

@@ -118,9 +118,7 @@ def reduce(
 
 
 def _reference(z: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
-    """Index of the cell that gives each cell's L_inf: free air where present, else the farthest
-    station of its throttle.
-    """
+    """Index of each cell's L_inf: free air where present, else its throttle's farthest station."""
     far = np.empty(len(z), dtype=np.int64)
     for level in np.unique(throttle):
         mine = np.flatnonzero(throttle == level)
@@ -137,9 +135,7 @@ def _scatter(
     u_lift: FloatArray,
     visit: NDArray[Any],
 ) -> Scatter:
-    """Covariance of cell means: from the scatter of repeats, joint over throttles where they share
-    visits.
-    """
+    """Covariance of cell means, from repeats, joint over throttles where they share visits."""
     deviation = lift - mean[label]
     squares = np.bincount(label, deviation**2)
     within = np.bincount(label, u_lift**2) / count

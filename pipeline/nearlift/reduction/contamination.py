@@ -48,9 +48,7 @@ EDGE, FEWEST_TO_STEP = 0.25, 8
 
 
 def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
-    """Whether single samples, and whether a segment, may stand apart: a first look that costs next
-    to nothing.
-    """
+    """Whether single samples, and whether a segment, may stand apart: a first and cheap look."""
     n = len(values)
     length = _length(n)
     number = n // length
@@ -80,9 +78,7 @@ def step_of(values: FloatArray) -> float:
 
 
 def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
-    """Mask of the samples that stand apart, by the noise or by what a converter's `step` may hide
-    of it.
-    """
+    """Mask of samples that stand apart, by the noise or what a converter's `step` may hide."""
     away = np.abs(values - median(values))
     limit = _apart(len(values)) * max(SD_PER_MAD * median(away), HIDDEN * step)
     nearer: NDArray[np.bool_] = away > NEARER * limit
@@ -90,9 +86,7 @@ def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
 
 
 def are_single(mask: NDArray[np.bool_]) -> bool:
-    """Whether the masked samples are single ones, which can be left out, and no whole part of the
-    stretch.
-    """
+    """Whether the masked samples are single ones, which can be left out, and no whole part."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     return (
         int(np.count_nonzero(mask)) <= max(1.0, LARGEST_SHARE * len(mask))

@@ -243,9 +243,7 @@ class _PartSums:
 
 
 def _best(products: FloatArray) -> tuple[float, float]:
-    """The time constant at the least sum of squares, between nodes by a parabola, and the power of
-    the command there.
-    """
+    """The time constant at the least squares, between nodes by a parabola, and the power there."""
     scale = np.sqrt(np.maximum(np.einsum("tii->ti", products), 1e-300))
     inner = products / (scale[:, :, None] * scale[:, None, :])
     # columns that others span get nothing

@@ -227,9 +227,7 @@ def _scaled(
 def _groups(
     value: FloatArray, group: NDArray[np.int64], rank_by: FloatArray
 ) -> list[NDArray[np.intp]]:
-    """Places of the known values of each group of three or more, in ascending order of
-    `rank_by`.
-    """
+    """Places of the known values of each group of three or more, rising in `rank_by`."""
     known = np.flatnonzero(np.isfinite(value))
     order = known[np.lexsort((rank_by[known], group[known]))]
     return [
@@ -240,9 +238,7 @@ def _groups(
 
 
 def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray:
-    """Median of the other values of each one's group; nan with fewer than two others, and nan
-    values are left out.
-    """
+    """Median of the other known values of each one's group; nan with fewer than two others."""
     result = np.full(len(value), np.nan)
     for members in _groups(value, group, value):
         m = len(members)
@@ -256,9 +252,7 @@ def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray
 def _median_of_nearest(
     value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64]
 ) -> FloatArray:
-    """Median of the `NEAREST` other values at one's throttle that are nearest in rank of distance;
-    nan with fewer than two.
-    """
+    """Median of the `NEAREST` others at one's throttle by distance; nan with fewer than two."""
     result = np.full(len(value), np.nan)
     for members in _groups(value, level, z_hat):
         m = len(members)

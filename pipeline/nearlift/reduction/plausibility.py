@@ -169,9 +169,7 @@ def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str
 
 
 def _other_unit(lift: float, weight: float, unit: str) -> str:
-    """The units in which the same numbers would be 0.3 to 10 times the weight, and what they would
-    then be.
-    """
+    """The units that would make of it 0.3 to 10 times the weight, and how many times."""
     if unit == "count":
         return (
             f"check the calibration's gain (off by about {abs(lift) / weight:.2g}?) and [vehicle]"
@@ -191,9 +189,7 @@ def _other_unit(lift: float, weight: float, unit: str) -> str:
 
 
 def implausible(lift_N: FloatArray, weight_N: float) -> NDArray[np.bool_]:
-    """Mask of single trials beyond a hundred times the weight, in a campaign that is plausible as a
-    whole.
-    """
+    """Mask of single trials beyond a hundred times the weight, in a plausible campaign."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(lift_N) > TOO_HEAVY * weight_N)
 

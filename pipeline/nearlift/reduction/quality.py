@@ -149,9 +149,7 @@ def _rejects(text: str) -> bool:
 
 
 def reason(text: str, fault: str = "") -> str:
-    """Why a trial was left out, in words, from its `quality` text and its `fault`; empty where it
-    was not.
-    """
+    """Why a trial was left out, in words, by `quality` and `fault`; empty where it was not."""
     words = "; ".join(
         f"{name} ({_BY_NAME[name].meaning})" for name in text.split() if _BY_NAME[name].rejects
     )
@@ -159,9 +157,7 @@ def reason(text: str, fault: str = "") -> str:
 
 
 def faulty(quality: NDArray[Any]) -> NDArray[np.bool_]:
-    """Mask of the trials that are rejected for a fault of their own, whether or not the manifest
-    also excludes them.
-    """
+    """Mask of the trials rejected for a fault of their own, whether or not also excluded."""
     return rejected(np.array([text.replace(EXCLUDED, "") for text in quality], dtype=object))
 
 

@@ -1,6 +1,4 @@
-"""Samples of a record that are no force, stand apart, repeat one value, or came at another time
-than they should by the clock.
-"""
+"""Samples of a record that are no force, stand apart, repeat one value, or came at a wrong time."""
 
 from __future__ import annotations
 
@@ -57,9 +55,7 @@ def without_strays(
 
 
 def _far(live: FloatArray) -> NDArray[np.bool_]:
-    """Mask of the few samples more than six standard deviations off, also those that hide behind
-    larger ones.
-    """
+    """Mask of the few samples more than six standard deviations off, also behind larger ones."""
     far = np.zeros(len(live), dtype=bool)
     hidden = contamination.HIDDEN * contamination.step_of(live)
     for _ in range(5):

@@ -54,18 +54,14 @@ POINTS = 16
 
 
 class SlowNoise(NamedTuple):
-    """Variance of the record's mean, N^2, and whether noise remembers for a quarter of the record
-    or more.
-    """
+    """Variance of the record's mean, N^2, and whether noise lasts a quarter of it or more."""
 
     variance: float
     is_too_long: bool
 
 
 def suspected(means: FloatArray) -> bool:
-    """First look at batch means of a record, which costs a microsecond: whether far neighbours may
-    be alike.
-    """
+    """First look at a record's batch means, a microsecond long: may far neighbours be alike?"""
     if len(means) < FEWEST_MEANS:
         return False
     form = _first_look(len(means))
@@ -96,9 +92,7 @@ def slow_noise(means: FloatArray) -> SlowNoise | None:
 
 
 def _weigh(means: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
-    """Log of the odds against white noise, and variance of the record's mean: (times,
-    shares) each.
-    """
+    """Log odds against white noise, and variance of the record's mean: (times, shares) each."""
     space = _space(len(means), degree)
     contrasts = space.white @ means
     dof = len(contrasts)
@@ -168,9 +162,7 @@ def _first_look(m: int) -> FloatArray:
 
 
 def _whitener(m: int, degree: int) -> FloatArray:
-    """From means to contrasts with a polynomial, of unit covariance for white noise; (m - 1 -
-    degree, m).
-    """
+    """From means to contrasts with a polynomial, white for white noise; (m - 1 - degree, m)."""
     basis = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, m), degree + 1), mode="complete")[0]
     contrasts = basis[:, degree + 1 :]
     # neighbours share half their samples

@@ -32,9 +32,7 @@ OFF = 0.35
 
 
 class Fault(NamedTuple):
-    """What is wrong with a declaration: its key under [flight], what the log shows, and what to
-    write.
-    """
+    """What is wrong with a declaration: its key under [flight], what is seen, and what to write."""
 
     key: str
     what: str

@@ -95,9 +95,7 @@ def _median(values: Any, n: Any) -> Any:
 
 @inlined
 def _spread(values: Any, n: Any, results: Any, at: Any) -> None:
-    """Median, median absolute deviation and largest deviation of a few numbers, which become their
-    deviations.
-    """
+    """Median, median absolute and largest deviation of a few numbers, which become deviations."""
     level = _median(values, n)
     farthest = 0.0
     for i in range(n):

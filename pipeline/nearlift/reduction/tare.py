@@ -1,6 +1,4 @@
-"""The tare of a record: its mean as the trial's zero, how far that may be off, and whether it is
-one level.
-"""
+"""The tare of a record: the trial's zero, how far it may be off, and whether it is one level."""
 
 from __future__ import annotations
 
@@ -76,9 +74,7 @@ def zero_of(
 
 
 def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:
-    """Whether the tare, or a part of it, repeats one value, and not because the converter is too
-    coarse to show any noise.
-    """
+    """Whether the tare, or a part, repeats one value though its converter would show some noise."""
     few = rest.n < contamination.FEW or rest.repeats < FEWEST_REPEATS * rest.n
     if few or not stuck(tare, rest):
         return False

@@ -1,3 +1,1 @@
-"""Exported velocity grids: one file per dialect behind one seam, told apart by what stands in the
-file.
-"""
+"""Exported velocity grids: one file per dialect, told apart by what stands in the file."""

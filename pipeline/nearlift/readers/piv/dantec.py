@@ -73,9 +73,7 @@ def read(path: Path) -> Iterator[Raw]:
 
 
 def _column(names: list[str], letter: str, path: Path) -> tuple[int, str]:
-    """Position and unit of ``X (mm)[mm]`` and the like: in metres rather than in pixels where both
-    are there.
-    """
+    """Position and unit of ``X (mm)[mm]`` and the like: rather in metres than in pixels."""
     fitting = []
     for i, name in enumerate(names):
         match = re.fullmatch(
