@@ -8,20 +8,17 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
+from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import FEWEST_SAMPLES, LEVEL, Segments
 from nearlift.readers.channel import Contents, RecordsDialect, pick
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import Record
 from nearlift.reduction import cuts
-
-if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
 
 #: Of the samples that are cut, kept pieces and their settling are this share at least; else what
 #: is thrown away is the record.

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,14 +12,12 @@ from numpy.typing import NDArray
 from nearlift import units
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.flight_log import Flight, LoggedColumn
 from nearlift.readers.channel import Channel, Contents, pick
 from nearlift.readers.files import source_of
 from nearlift.readers.seam import Reader
 from nearlift.reduction.stretch import median
-
-if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
 
 #: What a clock's steps may be, s: no controller is as slow or as fast.
 STEPS_S = (1e-4, 0.2)

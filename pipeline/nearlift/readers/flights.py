@@ -8,13 +8,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import FEWEST_SAMPLES
 from nearlift.readers import flight_log
 from nearlift.readers.channel import Contents
@@ -25,9 +26,6 @@ from nearlift.reduction import motor_lag
 from nearlift.reduction.airborne import CLEAN, Phases, Window, phases, windows_of
 from nearlift.reduction.motor_lag import GRID, LagMoments
 from nearlift.reduction.specific_force import along_axis, apart, faults, leaning, silent
-
-if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
 
 #: Columns of the schedule that a log brings.
 BROUGHT = ("distance", "supply", "tilt")
@@ -171,8 +169,17 @@ class _Cut:
     def _as_declared(self, phases: Phases) -> None:
         """Refuse a log that contradicts what the manifest says of it."""
         said, log = self.flight.acceleration, self.log
+        # what changes in any flight
+        series = {
+            "command": log.command.mean(axis=1),
+            "height": log.height_m,
+            "velocity": log.climb_m_s,
+            "acceleration": flight_log.upwards(log.acceleration_m_s2),
+        }
+        if log.setpoint_m is not None:
+            series["setpoint"] = log.setpoint_m
         contradictions = [
-            *silent(self._logged(), phases.aloft),
+            *silent(series, phases.aloft),
             *faults(
                 log.acceleration_m_s2,
                 log.velocity_m_s,
@@ -198,17 +205,6 @@ class _Cut:
                 f"has commands from {100 * least:.3g} to {100 * most:.3g} % of full throttle",
                 "mend full and zero under [flight] command",
             )
-
-    def _logged(self) -> dict[str, FloatArray]:
-        """The series that change in any flight, by their keys."""
-        log = self.log
-        series = {
-            "command": log.command.mean(axis=1),
-            "height": log.height_m,
-            "velocity": log.climb_m_s,
-            "acceleration": flight_log.upwards(log.acceleration_m_s2),
-        }
-        return series if log.setpoint_m is None else {**series, "setpoint": log.setpoint_m}
 
     def _series(self, phases: Phases) -> dict[str, FloatArray]:
         """What windows are told by their means of, (n,): the schedule's columns, how the vehicle

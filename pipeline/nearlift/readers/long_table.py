@@ -74,7 +74,7 @@ def _unreadable(path: Path) -> int:
 
 
 def _check_columns(path: Path, schema: pa.Schema, wanted: Sequence[tuple[str, str]]) -> None:
-    """See that the trial's column is there, and those wanted (the manifest's key, a name), numeric."""
+    """See that the trial's column is there, and those wanted (key and name of each), as numbers."""
     import pyarrow as pa
 
     for key, name in (("", TRIAL), *wanted):

@@ -157,13 +157,7 @@ def reader_of(form: Format) -> Reader:
 
 
 def _one_for_all(campaign: Campaign) -> bool:
-    """Whether one file holds every trial.
-
-    Raises
-    ------
-    ManifestError
-        Neither the files nor the column say where the trial's id stands, or both do.
-    """
+    """Whether one file holds every trial; refuses what says twice or never where its id stands."""
     in_files = MARK in campaign.records.pattern
     in_column = MARK in ChannelSpec.from_manifest(campaign).column
     if in_files == in_column:
@@ -203,7 +197,14 @@ def record_of(contents: Contents, spec: ChannelSpec, trial: str, where: str, sou
     column, tick = spec.of_trial(trial)
     channel = pick(contents.channels, column, "records.force.column", where)
     _same_unit(channel, spec.unit, "force", "records.force.unit", where)
-    _same_rate(channel, spec.rate_Hz, where)
+    rate, said = channel.rate_Hz, spec.rate_Hz
+    if rate is not None and said is not None and abs(rate / said - 1) > 0.01:
+        raise InputRefused(
+            where,
+            f"says that {channel.name!r} has {rate:.6g} Hz, the manifest says {said:g} Hz",
+            "mend [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
+            " ignore_rate = true } under [records]",
+        )
     time_s = None
     if tick is not None:
         clock = pick(contents.channels, tick, "records.time.column", where)
@@ -249,18 +250,4 @@ def _same_unit(channel: Channel, unit: str, dimension: str, key: str, where: str
             f"states {channel.name!r} in {channel.unit}, the manifest says {unit}: a factor of"
             f" {stated[0] / said[0]:.4g}",
             f'{key} = "{written}"?',
-        )
-
-
-def _same_rate(channel: Channel, rate: float | None, where: str) -> None:
-    """Refuse a file whose own rate is not the manifest's, by more than 1 %."""
-    if channel.rate_Hz is None or rate is None:
-        return
-    if abs(channel.rate_Hz / rate - 1) > 0.01:
-        raise InputRefused(
-            where,
-            f"says that {channel.name!r} has {channel.rate_Hz:.6g} Hz, the manifest says"
-            f" {rate:g} Hz",
-            "mend [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
-            " ignore_rate = true } under [records]",
         )

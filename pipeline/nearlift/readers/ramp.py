@@ -6,20 +6,17 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import FEWEST_SAMPLES
 from nearlift.readers.channel import Channel, fold, pick, split_unit
 from nearlift.readers.seam import ChannelSpec, Reader
 from nearlift.readers.segments import format_of
 from nearlift.reduction import cuts
 from nearlift.reduction.stretch import SD_PER_MAD
-
-if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
 
 #: Means of so many stretches tell how the force moves. Below this part of the largest the rotors
 #: stand; what the rest of the record moves by, as a ratio and in units of the stretches' noise,

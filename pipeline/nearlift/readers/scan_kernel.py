@@ -57,13 +57,8 @@ ZEROS, TO_POINT, LIFT_TEN, LIFT_ONE, LIFTED = (
 )
 #: Factors that make one number of two neighbours, and where the sums then stand.
 TWO_DIGITS, TWO_PAIRS, TWO_FOURS = U(10 << 8 | 1), U(100 << 16 | 1), U(10000 << 32 | 1)
-PAIRS, FOURS, HALF, SEVEN_BYTES, HUNDRED_MILLION = (
-    U(0x00FF00FF00FF00FF),
-    U(0x0000FFFF0000FFFF),
-    U(32),
-    U(56),
-    U(10**8),
-)
+PAIRS, FOURS = U(0x00FF00FF00FF00FF), U(0x0000FFFF0000FFFF)
+HALF, SEVEN_BYTES, HUNDRED_MILLION = U(32), U(56), U(10**8)
 
 
 def instruction(function: Callable[..., Any]) -> Any:

@@ -11,18 +11,8 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.native import POINTER, TEXT, WHOLE, Kernel, address
 
-SCAN = Kernel(
-    "nearlift.readers.scan_kernel",
-    "scan",
-    TEXT,
-    *(WHOLE,) * 5,
-    POINTER,
-    POINTER,
-    WHOLE,
-    WHOLE,
-    POINTER,
-    POINTER,
-)
+ARGUMENTS = TEXT, *(WHOLE,) * 5, POINTER, POINTER, WHOLE, WHOLE, POINTER, POINTER
+SCAN = Kernel("nearlift.readers.scan_kernel", "scan", *ARGUMENTS)
 IRREGULAR = -1
 POWERS = 10.0 ** np.arange(19)
 #: Words of both columns' layouts.
@@ -71,27 +61,15 @@ def scan(text: bytes, at: int, columns: int, wanted: Sequence[int]) -> list[Floa
     if at < 1 or at > len(text) or sys.byteorder != "little":
         return None
     low, high = min(wanted), max(wanted)
+    # before, between and behind them
+    others = low, max(high - low - 1, 0), columns - 1 - high
     # a row has at least a digit and a separator per column
     rows = (len(text) - at) // (2 * columns) + 1
     room = _kept.room_for(rows)
     room.layouts.fill(0)
-    first, second, layouts = room.places
-    count = SCAN(
-        text,
-        len(text),
-        at,
-        low,
-        max(high - low - 1, 0),
-        columns - 1 - high,
-        first,
-        second,
-        rows,
-        int(high != low),
-        _powers,
-        layouts,
-    )
-    return (
-        None
-        if count == IRREGULAR
-        else [room.columns[int(place != low)][:count] for place in wanted]
-    )
+    *filled, layouts = room.places
+    pair = int(high != low)
+    count = SCAN(text, len(text), at, *others, *filled, rows, pair, _powers, layouts)
+    if count == IRREGULAR:
+        return None
+    return [room.columns[int(place != low)][:count] for place in wanted]

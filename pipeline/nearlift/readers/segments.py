@@ -6,15 +6,15 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
-from nearlift.manifest.segments import ColumnOfRecord, Segments
-from nearlift.readers.channel import Channel, Contents, Malformed, pick
+from nearlift.manifest.campaign import Campaign
+from nearlift.manifest.segments import Segments
+from nearlift.readers.channel import Channel, Malformed, pick
 from nearlift.readers.columns import BESIDE, brought, dimension_of
 from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it
 from nearlift.readers.files import source_of
@@ -22,9 +22,6 @@ from nearlift.readers.per_file import Format, record_of
 from nearlift.readers.seam import ChannelSpec, Reader, Record
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
-
-if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,15 +168,12 @@ def _cut(campaign: Campaign, opened: Opened, spec: ChannelSpec) -> Segmented:
     samples = [round(t * rate) for t in (cut.settle, cut.shortest, cut.length or 0.0)]
     pieces = cuts.settled(edges, samples[0], samples[1], samples[2] or None)
     worth_it(pieces, edges, samples[0], str(path), rate)
-    bring = {
-        name: (
-            None
-            if key == "segments" and cut.column is None
-            else _channel(contents, column, key, path),
-            column.linear(dimension_of(name), key),
-        )
-        for name, (column, key) in brought(cut).items()
-    }
+    bring: dict[str, tuple[Channel | None, tuple[float, float]]] = {}
+    for name, (column, key) in brought(cut).items():
+        by_mark = key == "segments" and cut.column is None
+        asked = "segments.by" if key == "segments" else f"{key}.column"
+        channel = None if by_mark else pick(contents.channels, column.column, asked, str(path))
+        bring[name] = channel, column.linear(dimension_of(name), key)
     time_s, kept = _new_samples(whole)
     at_level = (
         _lowest(pieces, values, cut.hold) if cell.tare == "level 0" and values is not None else ()
@@ -199,10 +193,10 @@ def _cut(campaign: Campaign, opened: Opened, spec: ChannelSpec) -> Segmented:
         if piece in at_level or not level.get("throttle", 1.0) > 0.0 <= level.get("distance", 0.0):
             continue
         for name in bring.keys() & set(BESIDE):
-            column, (factor, _) = bring[name]
-            assert column is not None
-            zero = _tare(column.values, head, at_level, piece)
-            mean, u = _beside(column.values[span], zero, rate)
+            channel, (factor, _) = bring[name]
+            assert channel is not None
+            zero = _tare(channel.values, head, at_level, piece)
+            mean, u = _beside(channel.values[span], zero, rate)
             level |= {name: factor * mean, f"u_{name}": abs(factor) * u}
         mask = kept[span]
         trials.append(
@@ -245,11 +239,6 @@ def _beside(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[float
             total += sign * run.mean
             variance += density / run.n
     return (total, math.sqrt(variance)) if np.isfinite(values).any() else (math.nan, math.nan)
-
-
-def _channel(contents: Contents, column: ColumnOfRecord, key: str, path: Path) -> Channel:
-    name = "segments.by" if key == "segments" else f"{key}.column"
-    return pick(contents.channels, column.column, name, str(path))
 
 
 def _level(name: str, values: FloatArray | float) -> float:

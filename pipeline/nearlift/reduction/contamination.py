@@ -55,16 +55,8 @@ def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
     values = np.ascontiguousarray(values, dtype=np.float64)
     room = 2 * max(FIRST_LOOK, BLOCKS)
     work = np.empty(2 * room + 9)
-    place = address(work)
-    LOOK(
-        address(values),
-        n,
-        max(1, n // FIRST_LOOK),
-        length,
-        place,
-        place + 8 * room,
-        place + 16 * room,
-    )
+    places = (address(work) + k * room * work.itemsize for k in range(3))
+    LOOK(address(values), n, max(1, n // FIRST_LOOK), length, *places)
     level, deviation, _, _, _, farthest, _, of_steps, _ = work[2 * room :].tolist()
     far = max(sums.high - level, level - sums.low) > NEARER * _apart(n) * SD_PER_MAD * deviation
     return far, number >= FEWEST_BLOCKS and farthest > UNEVEN * SD_PER_MAD * of_steps / 2**0.5

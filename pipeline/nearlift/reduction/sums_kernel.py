@@ -55,13 +55,8 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, sums: Any
     for i in range(n):
         at_low += values[i] == low
         at_high += values[i] == high
-    sums[MEAN], sums[SQUARES], sums[TILT], sums[LOW], sums[HIGH] = (
-        mean,
-        squares,
-        tilt,
-        low,
-        high,
-    )
+    sums[MEAN], sums[SQUARES], sums[TILT] = mean, squares, tilt
+    sums[LOW], sums[HIGH] = low, high
     sums[REPEATS], sums[AT_LOW], sums[AT_HIGH], sums[FAR] = repeats, at_low, at_high, far
     if half > 0:
         before = 0.0
