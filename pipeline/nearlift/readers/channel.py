@@ -119,9 +119,8 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
             f"{key} names one of them",
         )
     close = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
-    listed = ", ".join(repr(n) for n in names[:12]) + (
-        f" and {len(names) - 12} more" if len(names) > 12 else ""
-    )
+    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
+    listed = ", ".join(repr(n) for n in names[:12]) + more
     raise InputRefused(
         where,
         f"has no column {column!r}",

@@ -80,13 +80,7 @@ def sniff(head: bytes, where: str, given: Given = UNGIVEN, *, whole: bool = True
 
 
 def _fitting_dialect(lines: Sequence[str], where: str, given: Given) -> Layout:
-    """The one dialect that fits these lines, its encoding left open.
-
-    Raises
-    ------
-    InputRefused
-        As `sniff`.
-    """
+    """The one dialect that fits these lines, its encoding left open; raises as `sniff` does."""
     fits, failed = _tried(lines, where, given)
     readings = {reading for _, reading in fits}
     if not fits:

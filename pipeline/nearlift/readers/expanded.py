@@ -62,12 +62,8 @@ def of_records(
 def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Pieces]) -> Schedule:
     """The schedule of the pieces of every record; a record without one has a row by itself.
 
-    Covariates also are `record`, `piece`, and the means of the records' further columns.
-
-    Raises
-    ------
-    InputRefused, ManifestError
-        As `read_schedule`, of what the pieces bring as well.
+    Covariates also are `record`, `piece`, and the means of the records' further columns. Raises as
+    `read_schedule` does, of what the pieces bring as well.
     """
     path = schedule_file(campaign, root)
     text = text_of(path)

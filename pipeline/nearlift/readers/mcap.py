@@ -35,15 +35,7 @@ NANO = 1e-9
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a bag.
-
-    Raises
-    ------
-    Malformed
-        It is cut off, or a message is of another layout than those before it.
-    ManifestError
-        `stamps` is neither "header" nor "log".
-    """
+    """The channels of a bag; raises as `channels_of`, and what the library makes of damage."""
     reading = library("mcap.reader", "mcap")
     ros = library("mcap_ros2.decoder", "mcap")
     with path.open("rb") as file:

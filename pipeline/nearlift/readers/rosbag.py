@@ -23,16 +23,12 @@ MAGIC = b"SQLite format 3\0"
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a bag.
+    """The channels of a bag; raises as `channels_of` does.
 
     Raises
     ------
-    Malformed
-        It is damaged, or a message is of another layout than those before it.
     InputRefused
         It holds no definitions of its messages.
-    ManifestError
-        `stamps` is neither "header" nor "log".
     """
     place = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     try:

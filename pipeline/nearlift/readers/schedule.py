@@ -8,7 +8,7 @@ line. Any further column is kept under its own name. Whether the distances can b
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -128,7 +128,7 @@ def of_cells(
     notes: list[str],
     missing: Collection[str] = (),
 ) -> Schedule:
-    """The schedule of so many columns of text.
+    """The schedule of so many columns of text; raises as `read_schedule` does.
 
     Parameters
     ----------
@@ -138,37 +138,16 @@ def of_cells(
         What is said of the file already.
     missing : collection of str
         Required columns that pieces of records will bring, or blanks in which no piece did.
-
-    Raises
-    ------
-    InputRefused, ManifestError
-        As `read_schedule`.
     """
-    _units_name_columns(given, list(cells))
-    # where all trials are in free air there is no distance
-    free_air = "boundary" in cells and all(t.strip() == "none" for t in cells["boundary"].texts)
-    for name in REQUIRED:
-        needed = name not in missing and not (name == "distance" and free_air)
-        if name not in cells and needed:
-            hint = did_you_mean(name, [c for c in cells if c not in BY_NAME])
-            raise ManifestError(
-                str(path),
-                f"has no column {name!r}",
-                hint.replace("did you mean", "is it")
-                or f"add it, or set it for all under [trials.constants]: {name} = ...",
-            )
-
+    _named(path, cells, given, missing)
     trial = columns.ids(cells["trial"])
     boundary = columns.boundaries(cells["boundary"])
     throttle = np.full(len(trial), np.nan)
     if "throttle" in cells:
-        throttle = columns.quantity(
-            cells["throttle"],
-            BY_NAME["throttle"],
-            given.get("throttle"),
-            blank="throttle" in missing,
-        )
-        share_is_plausible("throttle", throttle, cells["throttle"], given.get("throttle", ""))
+        column, unit = cells["throttle"], given.get("throttle")
+        blank = "throttle" in missing
+        throttle = columns.quantity(column, BY_NAME["throttle"], unit, blank=blank)
+        share_is_plausible("throttle", throttle, column, unit or "")
     z_m = distances(
         campaign, cells.get("distance"), boundary, given.get("distance"), "distance" in missing
     )
@@ -223,13 +202,13 @@ def of_cells(
             f'the column {next(n for n in MEANS if n in cells)!r} belongs to reader = "means"',
             f"rename it; here the lift comes from the {campaign.records.reader} records",
         )
-    notes += (
-        _backwards(cells["start"], covariates["start_s"], covariates.get("session"))
-        if "start_s" in covariates
-        else []
-    )
+    approach, session = covariates.get("approach"), covariates.get("session")
+    if "start_s" in covariates:
+        notes += _backwards(cells["start"], covariates["start_s"], session)
     reached = covariates.pop("reached_m", None)
-    approach = covariates.get("approach")
+    if reached is not None:
+        offset = [0.0 if side == "none" else campaign.rig.offset(side) for side in boundary]
+        reached = reached + np.array(offset)
     if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
         notes.append(
             "sidewall distances are taken as wall to nearest blade tip; say so with distance_datum"
@@ -241,21 +220,10 @@ def of_cells(
         z_m=z_m,
         z_hat=z_m / campaign.vehicle.rotor_radius,
         throttle=throttle,
-        visit=visits(
-            boundary,
-            z_m,
-            approach,
-            covariates.get("session"),
-            ordered=campaign.trials.order == "run",
-        ),
+        visit=visits(boundary, z_m, approach, session, ordered=campaign.trials.order == "run"),
         covariates=covariates,
         means=means if means_wanted else None,
-        reached_m=(
-            None
-            if reached is None
-            else reached
-            + np.array([0.0 if b == "none" else campaign.rig.offset(b) for b in boundary])
-        ),
+        reached_m=reached,
         notes=tuple(notes),
     )
 
@@ -292,14 +260,28 @@ def visits(
     return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
 
 
-def _units_name_columns(given: Mapping[str, str], present: Sequence[str]) -> None:
-    """A unit for a column that neither exists nor is known is a slip of the pen."""
+def _named(
+    path: Path, cells: Mapping[str, ColumnTexts], given: Mapping[str, str], missing: Collection[str]
+) -> None:
+    """Refuse a schedule that lacks a column, or a unit for one that neither exists nor is known."""
     for name in given:
-        if name not in present and name not in BY_NAME:
+        if name not in cells and name not in BY_NAME:
             raise ManifestError(
                 f"trials.units.{name}",
                 "no column has that name",
-                did_you_mean(name, [*present, *BY_NAME]) or f"columns are {', '.join(present)}",
+                did_you_mean(name, [*cells, *BY_NAME]) or f"columns are {', '.join(cells)}",
+            )
+    # where all trials are in free air there is no distance
+    free_air = "boundary" in cells and all(t.strip() == "none" for t in cells["boundary"].texts)
+    for name in REQUIRED:
+        needed = name not in missing and not (name == "distance" and free_air)
+        if name not in cells and needed:
+            hint = did_you_mean(name, [c for c in cells if c not in BY_NAME])
+            raise ManifestError(
+                str(path),
+                f"has no column {name!r}",
+                hint.replace("did you mean", "is it")
+                or f"add it, or set it for all under [trials.constants]: {name} = ...",
             )
 
 

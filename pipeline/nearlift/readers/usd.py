@@ -188,16 +188,11 @@ def _older(content: bytes, salvage: bool) -> Contents:
     records = np.frombuffer(b"".join(parts), dtype=layout)
     clock = records["tick"].astype(np.float64) if "tick" in dict(fields) else np.empty(0)
     rate = rate_of(1e-3 * clock) if len(clock) > 2 else None
-    channels = tuple(
-        Channel(
-            name=name,
-            unit="ms" if name == "tick" else "",
-            rate_Hz=rate,
-            values=records[name].astype(np.float64),
-        )
-        for name, _ in fields
-    )
-    return Contents(channels=channels, kind=KIND, codes=() if whole else ("salvaged",))
+    channels = []
+    for name, _ in fields:
+        values, unit = records[name].astype(np.float64), "ms" if name == "tick" else ""
+        channels.append(Channel(name=name, unit=unit, rate_Hz=rate, values=values))
+    return Contents(channels=tuple(channels), kind=KIND, codes=() if whole else ("salvaged",))
 
 
 def _variable(text: str) -> tuple[str, str]:

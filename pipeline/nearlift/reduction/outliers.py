@@ -115,17 +115,11 @@ def screen(
         contrast, scaled, why_not = _scaled(comparisons, level)
         departure[~out], sigmas[~out] = contrast[~out], scaled[~out]
         if why_not:
-            return Screen(
-                outlying=out,
-                departure=departure,
-                sigmas=sigmas,
-                why_not="" if out.any() else why_not,
-            )
+            why_not = "" if out.any() else why_not
+            return Screen(outlying=out, departure=departure, sigmas=sigmas, why_not=why_not)
         size = np.abs(np.nan_to_num(scaled))
-        beyond = (
-            _tail(np.abs(scaled[np.isfinite(scaled)]), size) * np.isfinite(scaled).sum()
-            < FAMILY_WISE
-        )
+        known = np.isfinite(scaled)
+        beyond = _tail(np.abs(scaled[known]), size) * known.sum() < FAMILY_WISE
         # only the worst among those that enter each other's medians: the rest are looked at again
         # without it
         for group in (cell, visit):
@@ -149,11 +143,8 @@ def odd_visits(
     known = np.flatnonzero(np.isfinite(off))
     order = known[np.argsort(visit[known], kind="stable")]
     labels, first = np.unique(visit[order], return_index=True)
-    common = (
-        np.array([np.median(part) for part in np.split(off[order], first[1:])])
-        if len(labels)
-        else np.zeros(0)
-    )
+    parts = np.split(off[order], first[1:]) if len(labels) else []
+    common = np.array([np.median(part) for part in parts])
     scale = SD_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
     result: NDArray[np.int64] = labels[np.abs(common) > max(ODD_VISIT * scale, SMALLEST_SCALE)]
     return result
@@ -179,16 +170,11 @@ def _contrasts(
     by_throttle = value - _median_of_others(value, level)
     # what a distance does to lift is common to its visits: without repeats, only visit mates can
     # take it off
-    comparisons = [
-        by_cell - _median_of_others(by_cell, visit),
-        by_throttle - _median_of_others(by_throttle, visit),
-        by_cell,
-    ]
-    return (
-        [*comparisons, value - _median_of_nearest(value, z_hat, level)]
-        if curve_removed
-        else comparisons
-    )
+    comparisons = [by - _median_of_others(by, visit) for by in (by_cell, by_throttle)]
+    comparisons.append(by_cell)
+    if curve_removed:
+        comparisons.append(value - _median_of_nearest(value, z_hat, level))
+    return comparisons
 
 
 def _scaled(

@@ -271,13 +271,10 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
         levels = [
             t for t in distinct(throttle) if np.count_nonzero(throttle == t) >= FEWEST_TO_REPEAT
         ]
-        medians = np.array([median(lift[here][throttle == t]) for t in levels])
-        scatter = np.array(
-            [
-                SD_PER_MAD * median(np.abs(lift[here][throttle == t] - m))
-                for t, m in zip(levels, medians, strict=True)
-            ]
-        )
+        repeats = [lift[here][throttle == t] for t in levels]
+        medians = np.array([median(values) for values in repeats])
+        away = [np.abs(v - m) for v, m in zip(repeats, medians, strict=True)]
+        scatter = np.array([SD_PER_MAD * median(values) for values in away])
         for k, level in enumerate(levels):
             trials = here[throttle == level]
             off = np.abs(lift[trials, None] - medians)

@@ -102,19 +102,12 @@ def _weigh(means: FloatArray, degree: int) -> tuple[FloatArray, FloatArray]:
 
 
 class _Space(NamedTuple):
-    """Contrasts of `m` means with a polynomial, `c` of them, whitened for white noise, and what
-    slow noise is there.
+    """Contrasts of `m` means with a polynomial, `c` of them, and what slow noise is there.
 
-    Attributes
-    ----------
-    white : (c, m) float array
-        From means to contrasts, of unit covariance where noise is white and a batch mean's variance
-        is one.
-    axes : (times, c, c) float array
-        Orthonormal columns along which slow noise of each correlation time is uncorrelated.
-    variances, log_determinants, of_mean : (times, shares, c), (times, shares), (times, shares)
-    float arrays
-        Variances along those axes, the log of their product, and the variance of the record's mean.
+    `white` (c, m) makes contrasts of means, of unit covariance where noise is white and a batch
+    mean's variance is one; along `axes` (times, c, c), orthonormal columns, slow noise of each time
+    is uncorrelated. `variances` (times, shares, c) are those along the axes, `log_determinants`
+    (times, shares) the log of their product, `of_mean` the variance of the record's mean.
     """
 
     white: FloatArray
@@ -134,13 +127,8 @@ def _space(m: int, degree: int) -> _Space:
         axes.append(directions)
         variances.append(1 - share[:, None] + share[:, None] * along)
         of_mean.append((1 - share) * WHITE / segments + share * mean)
-    return _Space(
-        white,
-        np.array(axes),
-        np.array(variances),
-        np.log(variances).sum(axis=-1),
-        np.array(of_mean),
-    )
+    determinants = np.log(variances).sum(axis=-1)
+    return _Space(white, np.array(axes), np.array(variances), determinants, np.array(of_mean))
 
 
 @functools.lru_cache(maxsize=64)
