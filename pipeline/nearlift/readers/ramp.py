@@ -109,17 +109,10 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
 def ramp_of(
     force: Channel, channels: Sequence[Channel], clocks: Sequence[str], rate_Hz: float | None
 ) -> Ramp | None:
-    """What a record is that `moves`; None of any other.
+    """What a record is that `moves`, at a rate that need not be known; None of any other.
 
-    Parameters
-    ----------
-    force : Channel
-    channels : sequence of Channel
-        All of the file; one of as many samples that follows the force may be the command.
-    clocks : sequence of str
-        Those that are clocks.
-    rate_Hz : float or None
-        Samples per second, where it is known.
+    Of the file's channels, one that follows the force and is none of the `clocks` may be the
+    command.
     """
     if not moves(force.values) or not np.isfinite(_means(force.values)).all():
         return None

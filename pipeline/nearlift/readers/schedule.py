@@ -130,14 +130,8 @@ def of_cells(
 ) -> Schedule:
     """The schedule of so many columns of text; raises as `read_schedule` does.
 
-    Parameters
-    ----------
-    given : mapping
-        Units of the columns.
-    notes : list of str
-        What is said of the file already.
-    missing : collection of str
-        Required columns that pieces of records will bring, or blanks in which no piece did.
+    `given` are the columns' units, `notes` what is said of the file already, `missing` the required
+    columns that pieces of records will bring, or blanks in which no piece did.
     """
     _named(path, cells, given, missing)
     trial = columns.ids(cells["trial"])

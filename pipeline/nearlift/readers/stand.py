@@ -59,17 +59,9 @@ def stand_reader(
 ) -> Reader:
     """The reader of one stand's files, one for each trial.
 
-    Parameters
-    ----------
-    name, title : str
-        As ``[records] reader`` says it, and as the format is called.
-    known : callable
-        Whether these bare names are those of the format.
-    speeds : callable
-        Whether a bare name is that of a rotor's speed; a speed that is zero throughout while there
-        is lift is remarked on.
-    texts : sequence of str
-        Bare names of columns that hold text.
+    `known` tells whether bare names are those of the format, `speeds` whether one is that of a
+    rotor's speed: such that is zero throughout while there is lift is remarked on. `texts` are the
+    bare names of columns that hold text.
     """
 
     def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:

@@ -147,18 +147,12 @@ def phases(
     limits: tuple[float, tuple[float, float] | None],
     each_start: bool,
 ) -> Phases:
-    """What each sample is.
+    """What each sample is, by `series` (n,): `climb_m_s`, `height_m`, `lift_N` and, where they were
+    logged, `supply_V`, `tilt_rad`; by the `command` (n, rotors) in shares of full throttle; and by
+    `run` (n,), which counts the stretches between holes.
 
-    Parameters
-    ----------
-    series : dict of (n,) arrays
-        `climb_m_s`, `height_m`, `lift_N` and, where they were logged, `supply_V`, `tilt_rad`.
-    command : (n, rotors) array
-        Shares of full throttle.
-    run : (n,) int array
-        Counts the stretches between holes of the log.
-    limits : (tilt, (lowest, highest) or None)
-        In rad, and the range of the height sensor in m.
+    `limits` are the largest tilt, rad, and, if known, the lowest and highest of the height sensor's
+    range, m.
     """
     height, tilt = series["height_m"], series.get("tilt_rad")
     aloft, flying, start = starts_and_contacts(series["climb_m_s"], height, command, airborne)

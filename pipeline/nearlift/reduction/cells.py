@@ -80,13 +80,8 @@ def reduce(
     u_lift_N: FloatArray,
     visit: NDArray[Any],
 ) -> Cells:
-    """Cells of the accepted trials of one boundary; free-air trials have z_hat = inf and serve as
-    L_inf where present.
-
-    Parameters
-    ----------
-    z_hat, throttle, lift_N, u_lift_N, visit : (n,)
-        As in trials.parquet.
+    """Cells of the accepted trials of one boundary, from their columns of trials.parquet (n,);
+    free-air trials have z_hat = inf and serve as L_inf where present.
     """
     order = np.lexsort((z_hat, throttle))
     keys = np.stack([throttle[order], z_hat[order]])

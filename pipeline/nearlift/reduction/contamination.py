@@ -123,17 +123,9 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
 
 
 def stepped(means: FloatArray, allowed_N: float) -> bool:
-    """Whether the means of successive batches step from one level to another.
+    """Whether the means (n,) of successive batches, N, step from one level to another, by more than
+    is allowed.
 
-    Parameters
-    ----------
-    means : (n,) float array
-        Batch means of the live part, N.
-    allowed_N : float
-        A smaller step is let pass.
-
-    Notes
-    -----
     The best split into two levels must leave less than half of the squares that the best straight
     line leaves, and the step must be six times the scatter about the levels: a drift, however
     strong, is no step (two levels leave a quarter of a ramp's squares, a line none).

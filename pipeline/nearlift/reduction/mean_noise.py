@@ -38,21 +38,12 @@ SHORTEST_BATCH_S, SHORTEST_BATCH = 0.06, 8
 def spectral_density_at_zero(
     values: FloatArray, rate_Hz: float, *, tone: bool = True
 ) -> tuple[float, Stretch]:
-    """Variance of the mean times n, N^2, and the stretch with the batch means that it was made
-    from.
+    """Variance of the mean of samples (n,) times n, N^2, and the stretch with the batch means that
+    it was made from.
 
-    Parameters
-    ----------
-    values : (n,) float array
-        Samples.
-    tone : bool
-        Whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer batches
-        to keep them long.
-
-    Notes
-    -----
-    Biased low by noise whose correlation time is not short beside a batch, as every estimate from
-    one record is.
+    `tone` says whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer
+    batches to keep them long. Biased low by noise whose correlation time is not short beside a
+    batch, as every estimate from one record is.
     """
     n = len(values)
     least = min(_shortest(rate_Hz, tone), n // FEWEST_BATCHES)

@@ -101,17 +101,10 @@ def moments(
     step_s: float,
     instruments: FloatArray | None = None,
 ) -> list[LagMoments]:
-    """The sums of each stretch: samples of one `group` (from 1; 0 is left out).
+    """The sums of each stretch: samples (n,) of one `group` (from 1; 0 is left out).
 
-    Parameters
-    ----------
-    lift_N : (n,) array
-    commands : (T, n) array
-        The mean command behind each lag.
-    beside : sequence of (n,) arrays
-        What else log lift is fitted by.
-    instruments : (q, n) array or None
-        What moves the vehicle, and no disturbance moves.
+    Log lift is fitted by log `commands` (T, n), the mean one behind each lag, and by what is
+    `beside` it, (n,) each; `instruments` (q, n) move the vehicle, and no disturbance moves them.
     """
     size = max(round(BLOCK_S / step_s), 1)
     places = np.flatnonzero(group)

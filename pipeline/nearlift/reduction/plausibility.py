@@ -71,22 +71,14 @@ def lengths(
 def planned_length(
     samples: NDArray[np.int64], record_s: float, rate_Hz: float, missing: float
 ) -> None:
-    """Hold the usual length of the records against the planned one: where they differ, either the
-    rate is wrong or the plan.
-
-    Parameters
-    ----------
-    samples : (n,) int array
-        Samples of each record, tare included; 0 where there is none.
-    record_s, rate_Hz : float
-        What `[load_cell]` says of `record` and `sample_rate`.
-    missing : float
-        The fraction by which they may differ.
+    """Hold the usual length of the records, `samples` (n,) with the tare in them and 0 for none,
+    against the planned one, `record_s` at `rate_Hz`.
 
     Raises
     ------
     InputRefused
-        They differ by more; the rate that the records would have is proposed.
+        They differ by more than the fraction `missing`: either the rate is wrong or the plan, and
+        the rate that the records would have is proposed.
     """
     whole = samples[samples > 0]
     if len(whole) == 0:
@@ -123,17 +115,10 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, 
 
 
 def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str) -> None:
-    """Refuse forces that cannot belong to this vehicle.
+    """Refuse forces that cannot belong to a vehicle of this weight (mass times gravity).
 
-    Parameters
-    ----------
-    weight_N : float
-        Mass times gravity of the manifest.
-    unit : str
-        The unit that the forces were read in, to propose another; ``"count"`` where a calibration
-        made them.
-    key : str
-        Where that unit stands, for the refusal.
+    `unit` is what they were read in, ``"count"`` where a calibration made them, and stands at `key`
+    of the manifest.
 
     Raises
     ------

@@ -71,10 +71,8 @@ def suspected(means: FloatArray) -> bool:
 def slow_noise(means: FloatArray) -> SlowNoise | None:
     """How far the mean is off for slow noise; None where white noise accounts for what is seen.
 
-    Parameters
-    ----------
-    means : (m,) float array
-        Means of successive batches with a Hann window that overlap by half and cover the record.
+    `means` (m,) are of successive batches with a Hann window that overlap by half and cover the
+    record.
     """
     if not suspected(means):
         return None

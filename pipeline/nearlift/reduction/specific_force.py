@@ -45,16 +45,10 @@ def along_axis(
     axes: Literal["body", "world"],
     tilt_rad: FloatArray | None,
 ) -> FloatArray:
-    """Specific force along the rotor axis, m/s^2, (n,).
+    """Specific force along the rotor axis, m/s^2, (n,), from an acceleration (n,) or (n, 3), the
+    last axis up, and the gravity that is to be added, None where it is in it already.
 
-    Parameters
-    ----------
-    acceleration : (n,) or (n, 3) array
-        The last axis up.
-    gravity : float or None
-        What is to be added; None where the acceleration has it already.
-    axes : str
-        Along the world's axes the norm is taken: a rotor pulls along its axis alone.
+    Along the world's axes the norm is taken: a rotor pulls along its axis alone.
     """
     if axes == "world":
         felt = acceleration.copy()
@@ -80,18 +74,10 @@ def faults(
     step_s: float,
     said: tuple[Literal["included", "removed"], Literal["body", "world"], float],
 ) -> list[Fault]:
-    """What the samples in flight contradict, the surest first.
+    """What the samples that are `flying` (n,) contradict, the surest first.
 
-    Parameters
-    ----------
-    acceleration, velocity : (n,) or (n, 3) arrays
-        As declared, SI, the last axis up.
-    height : (n,) array
-    flying : (n,) mask
-    step_s : float
-        The clock's step.
-    said : (gravity, axes, g)
-        As declared; g in m/s^2.
+    Acceleration and velocity (n,) or (n, 3), the last axis up, and height (n,) are as declared, in
+    SI, at steps of `step_s`; `said` is gravity and axes as declared, and g in m/s^2.
     """
     gravity, axes, g = said
     (up, sideways), (climb, drift) = _split(acceleration), _split(velocity)
@@ -130,12 +116,10 @@ def faults(
             )
         contradictions.append(Fault("acceleration", what, remedy))
     if not contradictions and sideways is not None and drift is not None:
-        slopes = [
-            s
-            for a, v in zip(sideways, drift, strict=True)
-            if (s := _slope(_level(a, span), _change(v, span, step_s), flying, 2 * STILL, 0.0))
-            is not None
-        ]
+        sides = zip(sideways, drift, strict=True)
+        pairs = [(_level(a, span), _change(v, span, step_s)) for a, v in sides]
+        both = [_slope(a, v, flying, 2 * STILL, 0.0) for a, v in pairs]
+        slopes = [slope for slope in both if slope is not None]
         follows = max(slopes, key=lambda s: -abs(s - 1), default=math.nan)
         if axes == "body" and abs(follows - 1) < 0.35:
             what = f"sideways it is {follows:.3g} of the velocity's change: along the world's axes"

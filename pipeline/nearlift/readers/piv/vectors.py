@@ -129,15 +129,9 @@ def text_of(path: Path) -> str:
 def rows(
     lines: list[str], path: Path, first: int, separator: str | None, comma: bool = False
 ) -> FloatArray:
-    """Numbers of data lines as (n, columns); `first` is the file's line number of the first of
-    them.
+    """Numbers of data lines as (n, columns), the first of which is line `first` of the file.
 
-    Parameters
-    ----------
-    separator : str or None
-        None for blanks and tabs.
-    comma : bool
-        Whether decimals are written with a comma.
+    `separator` None stands for blanks and tabs; `comma` says that decimals are written with one.
 
     Raises
     ------
