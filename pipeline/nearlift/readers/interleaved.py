@@ -40,12 +40,20 @@ def parted(path: Path, said: Given, contents: Contents) -> Contents:
         A line of words stands within a row, or a clock, by its name or its first numbers, does not
         only grow: a line is lost.
     """
+    from nearlift.readers.text import marked
+
     if not contents.channels:
         return contents
     values, k = contents.channels[0].values, said.lines
     rows = len(values) // k
     codes = contents.codes if rows * k == len(values) else (*contents.codes, "truncated")
-    _whole_rows(path, said, k)
+    for number, line in marked(path, one_column(said), said.ignore):
+        if number % k:
+            raise InputRefused(
+                f"{path}, number {number + 1}",
+                f"a row of {k} lines is broken by {line!r}",
+                "mend the file, or take the record out of the schedule",
+            )
     table = values[: rows * k].reshape(rows, k)
     for name, column in zip(said.columns, table.T, strict=True):
         is_clock = name.casefold() in CLOCKS or (len(column) > FEWEST and _grows(column[:FEWEST]))
@@ -57,29 +65,12 @@ def parted(path: Path, said: Given, contents: Contents) -> Contents:
                 f" {column[row - 1]:g}: a line is lost, or the clock was set back",
                 "mend the file, or take the record out of the schedule",
             )
-    columns = zip(said.columns, said.units or [""] * k, table.T, strict=True)
-    return replace(
-        contents,
-        channels=tuple(
-            Channel(name=name, unit=unit, values=np.ascontiguousarray(column))
-            for name, unit, column in columns
-        ),
-        codes=codes,
-        notes=(*contents.notes, f"text read as {k} lines to a row"),
+    channels = tuple(
+        Channel(name=name, unit=unit, values=np.ascontiguousarray(column))
+        for name, unit, column in zip(said.columns, said.units or [""] * k, table.T, strict=True)
     )
-
-
-def _whole_rows(path: Path, said: Given, k: int) -> None:
-    """Refuse a line that is no row between the lines of one."""
-    from nearlift.readers.text import marked
-
-    for number, line in marked(path, one_column(said), said.ignore):
-        if number % k:
-            raise InputRefused(
-                f"{path}, number {number + 1}",
-                f"a row of {k} lines is broken by {line!r}",
-                "mend the file, or take the record out of the schedule",
-            )
+    notes = (*contents.notes, f"text read as {k} lines to a row")
+    return replace(contents, channels=channels, codes=codes, notes=notes)
 
 
 def refuse(values: FloatArray, where: str, first: int) -> None:

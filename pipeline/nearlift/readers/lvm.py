@@ -29,7 +29,7 @@ from nearlift.readers.channel import (
 from nearlift.readers.dialect import HEAD
 from nearlift.readers.layout import encoding_of
 from nearlift.readers.per_file import Format, reader_of
-from nearlift.readers.table import number, value_of
+from nearlift.readers.table import no_nul, number, value_of
 
 FIRST = "LabVIEW Measurement"
 END = "***End_of_Header***"
@@ -177,13 +177,7 @@ class _Parser:
     def _row(self, at: int, line: str, columns: Sequence[str]) -> None:
         cells = [cell.strip() for cell in line.split(self.separator)]
         place = f"{self.where}, line {at}"
-        if "\0" in line:
-            raise InputRefused(
-                place,
-                "holds NUL bytes",
-                "the file is damaged; copy it anew from the rig, or take the trial out of the"
-                " schedule",
-            )
+        no_nul(line, place)
         least = len(columns) - (columns[-1] == "Comment")
         if len(cells) < least or any(cells[len(columns) :]):
             raise self.refuse(at, f"has {len(cells)} cells under {len(columns)} columns")

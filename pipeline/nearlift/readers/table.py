@@ -276,6 +276,16 @@ def _way_out(line: str, cells: CellSyntax) -> str:
     )
 
 
+def no_nul(line: str, at: str) -> None:
+    """Refuse a line with NUL bytes, which a power cut leaves behind."""
+    if "\0" in line:
+        raise InputRefused(
+            at,
+            "holds NUL bytes",
+            "the file is damaged; copy it anew from the rig, or take the trial out of the schedule",
+        )
+
+
 def row_of(line: str, at: str, header: Sequence[str], cells: CellSyntax) -> list[str]:
     """One line's cells, one for each name of the header.
 
@@ -284,12 +294,7 @@ def row_of(line: str, at: str, header: Sequence[str], cells: CellSyntax) -> list
     InputRefused
         They are too few or too many, labelled otherwise, or the header once more.
     """
-    if "\0" in line:
-        raise InputRefused(
-            at,
-            "holds NUL bytes",
-            "the file is damaged; copy it anew from the rig, or take the trial out of the schedule",
-        )
+    no_nul(line, at)
     try:
         row = cells.split(line)
     except csv.Error as fault:

@@ -24,94 +24,82 @@ class Code(NamedTuple):
         return self.name.isupper()
 
 
-CODES = (
-    Code("MISSING", "the schedule lists the trial, but there is no record of it"),
-    Code("EMPTY", "the file is empty"),
-    Code(
-        "MALFORMED",
-        "the record cannot be read: it is damaged, or contradicts its own structure, its "
-        "check sum or the manifest",
-    ),
-    Code("PENDING", "the file was still being written; the next run reads it again"),
-    Code("NO_DATA", "no sample is left once tare and settle are taken off"),
-    Code("TOO_SHORT", "fewer than five samples are left: an aborted run"),
-    Code(
-        "SHORT",
-        "less than 95 % of the planned samples; where no length is planned, cut off with "
-        "less than 95 % of the campaign's usual ones, or less than half of them in any case",
-    ),
-    Code("OUT_OF_RANGE", "too many samples hold no number (NaN, OVER, #NV)"),
-    Code("SATURATED", "the load cell was at the end of its range"),
-    Code(
-        "CONTACT",
-        "the vehicle stood on the floor, or had not climbed since as fast as `airborne` says",
-    ),
-    Code("FRAGMENT", "less than half a window of flight is left between samples of other codes"),
-    Code("FULL_COMMAND", "a motor was told all that it can do: lift no longer follows the command"),
-    Code("ZERO_COMMAND", "a motor was told to stand while the vehicle flew"),
-    Code("NO_HEIGHT", "the height was beyond its sensor's range, or below the floor"),
-    Code("TILTED", "the vehicle leaned more than `tilt` allows"),
-    Code("STUCK", "the channel stood still: it repeats one value"),
-    Code("GAPS", "the clock column shows that too many samples are missing"),
-    Code("DRIFT", "the force drifts within the record by more than the limit"),
-    Code(
-        "MIXED",
-        "the force steps from one level to another in the middle of the record: two "
-        "throttles in one trial, or samples of it are damaged",
-    ),
-    Code("HEIGHT", "the traverse did not reach the distance of the schedule"),
-    Code(
-        "TARE",
-        "the force changes within the tare: the rotors were not at rest all through it, or "
-        "samples of it are damaged",
-    ),
-    Code("IMPLAUSIBLE", "the lift is more than a hundred times the vehicle's weight"),
-    Code(
-        "NO_LIFT",
-        "the mean lift is zero, negative, or a small fraction of its throttle's: the rotors "
-        "did not turn, or pull the other way",
-    ),
-    Code("DUPLICATE", "the record is byte for byte that of an earlier trial"),
-    Code("EXCLUDED", "excluded by the manifest"),
-    Code("truncated", "the file ends within a line; the cut sample was left out"),
-    Code(
-        "salvaged",
-        "the check sum is wrong; what came before the damage was kept, as the manifest asks",
-    ),
-    Code("short", "fewer samples than planned, or less than 95 % of the campaign's usual ones"),
-    Code("out_of_range", "some samples hold no number and were left out"),
-    Code("gaps", "the clock column shows missing samples"),
-    Code(
-        "clock",
-        "the clock column stands still or runs backwards somewhere; the samples' order was kept",
-    ),
-    Code("drift", "the force drifts within the record, by less than the limit"),
-    Code(
-        "slow",
-        "the level wanders about as slowly as the record is long: one record cannot tell how "
-        "far its mean is off, and the uncertainty is a guess on the large side",
-    ),
-    Code("dead_speed", "a rotor's speed reads zero while there is lift"),
-    Code(
-        "spikes",
-        "single samples stand far from the others; they were left out, and what they are "
-        "worth is in the uncertainty",
-    ),
-    Code(
-        "saturated",
-        "single samples lay at the end of the load cell's range; they were left out, and "
-        "what they are worth is in the uncertainty",
-    ),
-    Code("unsettled", "the first samples averaged differ from the rest: `settle` may be too short"),
-    Code(
-        "other_throttle",
-        "the lift is that of another throttle at this distance: is the label wrong?",
-    ),
-    Code("outlying", "the lift stands farther from its repeats and neighbours than noise allows"),
-    Code(
-        "not_rising",
-        "far from the boundary, this throttle lifts no more than the next lower one",
-    ),
+CODES = tuple(
+    Code(name, meaning)
+    for name, meaning in {
+        "MISSING": "the schedule lists the trial, but there is no record of it",
+        "EMPTY": "the file is empty",
+        "MALFORMED": (
+            "the record cannot be read: it is damaged, or contradicts its own structure, its check"
+            " sum or the manifest"
+        ),
+        "PENDING": "the file was still being written; the next run reads it again",
+        "NO_DATA": "no sample is left once tare and settle are taken off",
+        "TOO_SHORT": "fewer than five samples are left: an aborted run",
+        "SHORT": (
+            "less than 95 % of the planned samples; where no length is planned, cut off with less"
+            " than 95 % of the campaign's usual ones, or less than half of them in any case"
+        ),
+        "OUT_OF_RANGE": "too many samples hold no number (NaN, OVER, #NV)",
+        "SATURATED": "the load cell was at the end of its range",
+        "CONTACT": (
+            "the vehicle stood on the floor, or had not climbed since as fast as `airborne` says"
+        ),
+        "FRAGMENT": "less than half a window of flight is left between samples of other codes",
+        "FULL_COMMAND": "a motor was told all that it can do: lift no longer follows the command",
+        "ZERO_COMMAND": "a motor was told to stand while the vehicle flew",
+        "NO_HEIGHT": "the height was beyond its sensor's range, or below the floor",
+        "TILTED": "the vehicle leaned more than `tilt` allows",
+        "STUCK": "the channel stood still: it repeats one value",
+        "GAPS": "the clock column shows that too many samples are missing",
+        "DRIFT": "the force drifts within the record by more than the limit",
+        "MIXED": (
+            "the force steps from one level to another in the middle of the record: two throttles"
+            " in one trial, or samples of it are damaged"
+        ),
+        "HEIGHT": "the traverse did not reach the distance of the schedule",
+        "TARE": (
+            "the force changes within the tare: the rotors were not at rest all through it, or"
+            " samples of it are damaged"
+        ),
+        "IMPLAUSIBLE": "the lift is more than a hundred times the vehicle's weight",
+        "NO_LIFT": (
+            "the mean lift is zero, negative, or a small fraction of its throttle's: the rotors did"
+            " not turn, or pull the other way"
+        ),
+        "DUPLICATE": "the record is byte for byte that of an earlier trial",
+        "EXCLUDED": "excluded by the manifest",
+        "truncated": "the file ends within a line; the cut sample was left out",
+        "salvaged": (
+            "the check sum is wrong; what came before the damage was kept, as the manifest asks"
+        ),
+        "short": "fewer samples than planned, or less than 95 % of the campaign's usual ones",
+        "out_of_range": "some samples hold no number and were left out",
+        "gaps": "the clock column shows missing samples",
+        "clock": (
+            "the clock column stands still or runs backwards somewhere; the samples' order was kept"
+        ),
+        "drift": "the force drifts within the record, by less than the limit",
+        "slow": (
+            "the level wanders about as slowly as the record is long: one record cannot tell how"
+            " far its mean is off, and the uncertainty is a guess on the large side"
+        ),
+        "dead_speed": "a rotor's speed reads zero while there is lift",
+        "spikes": (
+            "single samples stand far from the others; they were left out, and what they are worth"
+            " is in the uncertainty"
+        ),
+        "saturated": (
+            "single samples lay at the end of the load cell's range; they were left out, and what"
+            " they are worth is in the uncertainty"
+        ),
+        "unsettled": "the first samples averaged differ from the rest: `settle` may be too short",
+        "other_throttle": (
+            "the lift is that of another throttle at this distance: is the label wrong?"
+        ),
+        "outlying": "the lift stands farther from its repeats and neighbours than noise allows",
+        "not_rising": "far from the boundary, this throttle lifts no more than the next lower one",
+    }.items()
 )
 _BY_NAME = {c.name: c for c in CODES}
 #: The one code that is the user's judgement, not the tool's.
