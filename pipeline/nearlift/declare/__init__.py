@@ -13,11 +13,13 @@ Broadcasting is part of the contract: with parameters of shape (m, 1) and x of s
 from nearlift.declare.composition import compose
 from nearlift.declare.declaration import (
     BOUNDARIES,
+    BoolArray,
     Boundary,
     Declaration,
     Effect,
     Evaluate,
     FloatArray,
+    IntArray,
     LiftModel,
     keywords,
 )
@@ -25,12 +27,14 @@ from nearlift.declare.parameter import Check, Parameter, Prior, Source, normal, 
 
 __all__ = [
     "BOUNDARIES",
+    "BoolArray",
     "Boundary",
     "Check",
     "Declaration",
     "Effect",
     "Evaluate",
     "FloatArray",
+    "IntArray",
     "LiftModel",
     "Parameter",
     "Prior",

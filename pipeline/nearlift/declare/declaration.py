@@ -17,6 +17,8 @@ from nearlift.declare.parameter import Check, Parameter, Source
 from nearlift.errors import DeclarationError
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
 Evaluate = Callable[..., Any]
 Boundary = Literal["ground", "ceiling", "sidewall"]
 BOUNDARIES: tuple[Boundary, ...] = get_args(Boundary)

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift import units
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.flight_log import Flight, LoggedColumn
@@ -49,7 +48,7 @@ class FlightLog:
 
     source: str
     time_s: FloatArray
-    run: NDArray[np.int64]
+    run: IntArray
     acceleration_m_s2: FloatArray
     velocity_m_s: FloatArray
     height_m: FloatArray
@@ -81,7 +80,7 @@ class Clock:
     """When samples came: s, ascending; `kept` are those whose stamps ascend."""
 
     time_s: FloatArray
-    kept: NDArray[np.bool_]
+    kept: BoolArray
 
     @property
     def hole_s(self) -> float:

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import FEWEST_SAMPLES
@@ -48,7 +47,7 @@ class Weighed:
     codes: tuple[str, ...]
     notes: tuple[str, ...]
     pieces: Pieces
-    first: NDArray[np.int64]
+    first: IntArray
     codes_of: tuple[str, ...]
     lift_N: FloatArray
     command: FloatArray
@@ -56,7 +55,7 @@ class Weighed:
     counts: Counter[str]
 
     @property
-    def clean(self) -> NDArray[np.bool_]:
+    def clean(self) -> BoolArray:
         """Which windows have no code."""
         return np.array([not code for code in self.codes_of], dtype=bool)
 
@@ -277,9 +276,7 @@ class _Cut:
         return motor_lag.moments(self.lift_N, means, beside, groups, self.step_s, sent)
 
 
-def _stretches_of(
-    clean: NDArray[np.bool_], start: NDArray[np.int64], run: NDArray[np.int64], time_s: FloatArray
-) -> NDArray[np.int64]:
+def _stretches_of(clean: BoolArray, start: IntArray, run: IntArray, time_s: FloatArray) -> IntArray:
     """Stretches of flight, counted from 1: of one start without a hole, long ones parted."""
     first = np.flatnonzero(np.concatenate([[True], (np.diff(start) != 0) | (np.diff(run) != 0)]))
     begun = np.repeat(time_s[first], np.diff([*first, len(time_s)]))

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import FloatArray, IntArray
 from nearlift.errors import ManifestError, did_you_mean
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
@@ -68,7 +68,7 @@ class Schedule:
     z_m: FloatArray
     z_hat: FloatArray
     throttle: FloatArray
-    visit: NDArray[np.int64]
+    visit: IntArray
     covariates: Mapping[str, NDArray[Any]]
     means: Mapping[str, NDArray[Any]] | None = None
     reached_m: FloatArray | None = None
@@ -229,7 +229,7 @@ def visits(
     session: NDArray[Any] | None = None,
     *,
     ordered: bool = True,
-) -> NDArray[np.int64]:
+) -> IntArray:
     """Counter of the traverse's stops, from 0: it moves on where boundary, distance, side of
     approach or session change.
 

@@ -8,9 +8,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import FloatArray, IntArray
 from nearlift.errors import ManifestError
 from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.segments import Segments
@@ -40,7 +39,7 @@ class Pieces:
         Mean and scatter of the record's further columns; one without scatter has none.
     """
 
-    number: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    number: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     since_s: FloatArray = field(default_factory=lambda: np.empty(0))
     brought: Mapping[str, FloatArray] = field(default_factory=dict)
     covariates: Mapping[str, FloatArray] = field(default_factory=dict)

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
@@ -211,7 +210,7 @@ def _by_arrow(
     return [np.where(np.isfinite(values), values, np.nan) for values in arrays]
 
 
-def floats(column: pa.Array) -> NDArray[np.float64]:
+def floats(column: pa.Array) -> FloatArray:
     """A numeric array as float64, null as NaN; whole numbers beyond 2^53 are rounded.
 
     By DLPack: Arrow's own `to_numpy` imports pandas (0.3 s).

@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.reduction.cuts import windows
 
 #: A landing is contact from so far above the height at which the motors stopped, m: feet and ground
@@ -23,15 +22,7 @@ STANDS, FULL = 0.01, 0.995
 #: Time behind a hole in the log for which what the motors were told is not known, s.
 FORGETS_S = 0.2
 #: Codes of samples, the one that is told first where several hold; clean ones have none.
-CODES = (
-    "CONTACT",
-    "GAPS",
-    "ZERO_COMMAND",
-    "OUT_OF_RANGE",
-    "NO_HEIGHT",
-    "FULL_COMMAND",
-    "TILTED",
-)
+CODES = ("CONTACT", "GAPS", "ZERO_COMMAND", "OUT_OF_RANGE", "NO_HEIGHT", "FULL_COMMAND", "TILTED")
 CLEAN = len(CODES)
 
 
@@ -42,9 +33,9 @@ class Phases:
     that start, as logged.
     """
 
-    aloft: NDArray[np.bool_]
-    code: NDArray[np.int64]
-    start: NDArray[np.int64]
+    aloft: BoolArray
+    code: IntArray
+    start: IntArray
     floor_m: FloatArray
 
 
@@ -62,7 +53,7 @@ class Window:
 
 def starts_and_contacts(
     climb_m_s: FloatArray, height_m: FloatArray, command: FloatArray, airborne: float
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.int64]]:
+) -> tuple[BoolArray, BoolArray, IntArray]:
     """Which samples are flight or landing, which are flight, and which start each follows.
 
     A start is where the climb first exceeds `airborne` with the motors on; it ends where they stop,
@@ -93,7 +84,7 @@ def starts_and_contacts(
     return aloft, aloft & ~landing, start
 
 
-def _lasting(mask: NDArray[np.bool_], samples: int) -> NDArray[np.bool_]:
+def _lasting(mask: BoolArray, samples: int) -> BoolArray:
     """The mask less its stretches of fewer samples, those at the end of the series aside."""
     edges = np.flatnonzero(np.diff(mask.astype(np.int8), prepend=0, append=0))
     kept = np.zeros(len(mask), dtype=bool)
@@ -103,12 +94,8 @@ def _lasting(mask: NDArray[np.bool_], samples: int) -> NDArray[np.bool_]:
 
 
 def floors(
-    height_m: FloatArray,
-    climb_m_s: FloatArray,
-    flying: NDArray[np.bool_],
-    start: NDArray[np.int64],
-    rate_Hz: float,
-) -> tuple[FloatArray, NDArray[np.bool_]]:
+    height_m: FloatArray, climb_m_s: FloatArray, flying: BoolArray, start: IntArray, rate_Hz: float
+) -> tuple[FloatArray, BoolArray]:
     """The height of the floor at each sample, as logged: the median over the rest before its start,
     or, of a log that begins in flight, zero.
 
@@ -141,7 +128,7 @@ def floors(
 def phases(
     series: dict[str, FloatArray],
     command: FloatArray,
-    run: NDArray[np.int64],
+    run: IntArray,
     rate_Hz: float,
     airborne: float,
     limits: tuple[float, tuple[float, float] | None],
@@ -183,7 +170,7 @@ def phases(
     return Phases(aloft=aloft, code=code, start=start, floor_m=floor)
 
 
-def windows_of(phases: Phases, run: NDArray[np.int64], length: int) -> list[Window]:
+def windows_of(phases: Phases, run: IntArray, length: int) -> list[Window]:
     """The log cut where its samples' code, start or run changes, clean stretches on into windows.
 
     What is left of a stretch that is shorter than half a window is a piece that is FRAGMENT; where
@@ -209,6 +196,6 @@ def windows_of(phases: Phases, run: NDArray[np.int64], length: int) -> list[Wind
     return pieces
 
 
-def _edges(code: NDArray[np.int64], changes: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def _edges(code: IntArray, changes: BoolArray) -> list[tuple[int, int]]:
     first = np.flatnonzero(changes | np.concatenate([[True], np.diff(code) != 0]))
     return list(zip(first.tolist(), [*first[1:].tolist(), len(code)], strict=True))

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray, IntArray
 
 #: With fewer repeats than this a cell borrows the relative scatter of all cells of its boundary.
 OWN_SCATTER = 4
@@ -27,7 +27,7 @@ class Scatter:
     """
 
     variance: FloatArray
-    joint: tuple[tuple[NDArray[np.int64], FloatArray], ...]
+    joint: tuple[tuple[IntArray, FloatArray], ...]
 
     def dense(self) -> FloatArray:
         """The (c, c) matrix."""
@@ -49,13 +49,13 @@ class Cells:
     throttle: FloatArray
     lift_N: FloatArray
     u_lift_N: FloatArray
-    n_trials: NDArray[np.int64]
+    n_trials: IntArray
     delta_L: FloatArray
     u_delta_L: FloatArray
     whole: Scatter
-    near: NDArray[np.bool_]
+    near: BoolArray
     mean: FloatArray
-    far: NDArray[np.int64]
+    far: IntArray
 
     def covariance(self) -> FloatArray:
         """Of delta_L, (c, c): 8 c^2 bytes, and three times that while it is made.
@@ -112,7 +112,7 @@ def reduce(
     )
 
 
-def _reference(z: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
+def _reference(z: FloatArray, throttle: FloatArray) -> IntArray:
     """Index of each cell's L_inf: free air where present, else its throttle's farthest station."""
     far = np.empty(len(z), dtype=np.int64)
     for level in np.unique(throttle):
@@ -122,8 +122,8 @@ def _reference(z: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
 
 
 def _scatter(
-    label: NDArray[np.int64],
-    count: NDArray[np.int64],
+    label: IntArray,
+    count: IntArray,
     mean: FloatArray,
     z: FloatArray,
     lift: FloatArray,

@@ -11,9 +11,8 @@ import functools
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray
 from nearlift.native import POINTER, WHOLE, Kernel, address
 from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
 
@@ -69,15 +68,15 @@ def step_of(values: FloatArray) -> float:
     return float(steps[len(steps) // 10]) if len(steps) else 0.0
 
 
-def far_samples(values: FloatArray, step: float) -> NDArray[np.bool_]:
+def far_samples(values: FloatArray, step: float) -> BoolArray:
     """Mask of samples that stand apart, by the noise or what a converter's `step` may hide."""
     away = np.abs(values - median(values))
     limit = _apart(len(values)) * max(SD_PER_MAD * median(away), HIDDEN * step)
-    nearer: NDArray[np.bool_] = away > NEARER * limit
+    nearer: BoolArray = away > NEARER * limit
     return nearer if len(values) >= MANY and np.count_nonzero(nearer) >= SEVERAL else away > limit
 
 
-def are_single(mask: NDArray[np.bool_]) -> bool:
+def are_single(mask: BoolArray) -> bool:
     """Whether the masked samples are single ones, which can be left out, and no whole part."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     return (

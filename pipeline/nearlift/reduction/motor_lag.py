@@ -19,9 +19,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import FloatArray, IntArray
 from nearlift.manifest.flight_log import LONGEST_LAG_S
 
 #: Time constants that are tried, s.
@@ -67,7 +66,7 @@ class Lag:
 
 
 def filtered(
-    command: FloatArray, run: NDArray[np.int64], step_s: float, lag_s: float | FloatArray
+    command: FloatArray, run: IntArray, step_s: float, lag_s: float | FloatArray
 ) -> FloatArray:
     """A command (n,) behind a first-order lag, or each of several (T, n), begun anew behind each
     hole of the log.
@@ -97,7 +96,7 @@ def moments(
     lift_N: FloatArray,
     commands: FloatArray,
     beside: Sequence[FloatArray],
-    group: NDArray[np.int64],
+    group: IntArray,
     step_s: float,
     instruments: FloatArray | None = None,
 ) -> list[LagMoments]:

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered, numbered_pairs
 
 #: Chance that a boundary whose noise has tails no heavier than Student's t with six degrees of
@@ -67,7 +67,7 @@ class Screen:
         Why nothing could be screened; empty where it could.
     """
 
-    outlying: NDArray[np.bool_]
+    outlying: BoolArray
     departure: FloatArray
     sigmas: FloatArray
     why_not: str = ""
@@ -82,7 +82,7 @@ def screen(
     log_lift: FloatArray,
     z_hat: FloatArray,
     throttle: FloatArray,
-    visit: NDArray[np.int64],
+    visit: IntArray,
     *,
     curve_removed: bool = False,
 ) -> Screen:
@@ -132,8 +132,8 @@ def screen(
 
 
 def odd_visits(
-    log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: NDArray[np.int64]
-) -> NDArray[np.int64]:
+    log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: IntArray
+) -> IntArray:
     """Labels of the visits whose trials together stand more than `ODD_VISIT` robust standard
     deviations off their repeats in other visits.
 
@@ -146,11 +146,11 @@ def odd_visits(
     parts = np.split(off[order], first[1:]) if len(labels) else []
     common = np.array([np.median(part) for part in parts])
     scale = SD_PER_MAD * np.median(np.abs(common)) if len(common) else 0.0
-    result: NDArray[np.int64] = labels[np.abs(common) > max(ODD_VISIT * scale, SMALLEST_SCALE)]
+    result: IntArray = labels[np.abs(common) > max(ODD_VISIT * scale, SMALLEST_SCALE)]
     return result
 
 
-def _cells(z_hat: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
+def _cells(z_hat: FloatArray, throttle: FloatArray) -> IntArray:
     """Index of each trial's (distance, throttle) cell."""
     return numbered_pairs(np.where(np.isfinite(z_hat), z_hat, -1.0), throttle)
 
@@ -158,9 +158,9 @@ def _cells(z_hat: FloatArray, throttle: FloatArray) -> NDArray[np.int64]:
 def _contrasts(
     value: FloatArray,
     z_hat: FloatArray,
-    level: NDArray[np.int64],
-    cell: NDArray[np.int64],
-    visit: NDArray[np.int64],
+    level: IntArray,
+    cell: IntArray,
+    visit: IntArray,
     curve_removed: bool,
 ) -> list[FloatArray]:
     """Each value (nan: left out) less that of its repeats and neighbours, by every comparison there
@@ -177,9 +177,7 @@ def _contrasts(
     return comparisons
 
 
-def _scaled(
-    comparisons: list[FloatArray], level: NDArray[np.int64]
-) -> tuple[FloatArray, FloatArray, str]:
+def _scaled(comparisons: list[FloatArray], level: IntArray) -> tuple[FloatArray, FloatArray, str]:
     """Each trial's sharpest contrast, the same over its robust scale, and why there is none.
 
     A comparison's scale is that of all trials to which it could be applied, or of those at the same
@@ -210,9 +208,7 @@ def _scaled(
     return contrast, scaled, why_not
 
 
-def _groups(
-    value: FloatArray, group: NDArray[np.int64], rank_by: FloatArray
-) -> list[NDArray[np.intp]]:
+def _groups(value: FloatArray, group: IntArray, rank_by: FloatArray) -> list[NDArray[np.intp]]:
     """Places of the known values of each group of three or more, rising in `rank_by`."""
     known = np.flatnonzero(np.isfinite(value))
     order = known[np.lexsort((rank_by[known], group[known]))]
@@ -223,7 +219,7 @@ def _groups(
     ]
 
 
-def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray:
+def _median_of_others(value: FloatArray, group: IntArray) -> FloatArray:
     """Median of the other known values of each one's group; nan with fewer than two others."""
     result = np.full(len(value), np.nan)
     for members in _groups(value, group, value):
@@ -235,9 +231,7 @@ def _median_of_others(value: FloatArray, group: NDArray[np.int64]) -> FloatArray
     return result
 
 
-def _median_of_nearest(
-    value: FloatArray, z_hat: FloatArray, level: NDArray[np.int64]
-) -> FloatArray:
+def _median_of_nearest(value: FloatArray, z_hat: FloatArray, level: IntArray) -> FloatArray:
     """Median of the `NEAREST` others at one's throttle by distance; nan with fewer than two."""
     result = np.full(len(value), np.nan)
     for members in _groups(value, level, z_hat):

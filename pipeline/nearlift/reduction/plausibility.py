@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.errors import InputRefused
 from nearlift.manifest.campaign import Campaign
 from nearlift.reduction.quality import rejected
@@ -41,10 +41,10 @@ STOPPED = 0.05
 
 
 def lengths(
-    n: NDArray[np.int64],
+    n: IntArray,
     codes: list[list[str]],
     missing: float,
-    samples: NDArray[np.int64] | None = None,
+    samples: IntArray | None = None,
     planned: int | None = None,
 ) -> None:
     """Add `short` or `SHORT` to the codes of records with too few samples.
@@ -68,9 +68,7 @@ def lengths(
             codes[i].append("SHORT" if aborted else "short")
 
 
-def planned_length(
-    samples: NDArray[np.int64], record_s: float, rate_Hz: float, missing: float
-) -> None:
+def planned_length(samples: IntArray, record_s: float, rate_Hz: float, missing: float) -> None:
     """Hold the usual length of the records, `samples` (n,) with the tare in them and 0 for none,
     against the planned one, `record_s` at `rate_Hz`.
 
@@ -173,7 +171,7 @@ def _other_unit(lift: float, weight: float, unit: str) -> str:
     return f'is the unit {said}, rather than "{unit}"? {mass}'
 
 
-def implausible(lift_N: FloatArray, weight_N: float) -> NDArray[np.bool_]:
+def implausible(lift_N: FloatArray, weight_N: float) -> BoolArray:
     """Mask of single trials beyond a hundred times the weight, in a plausible campaign."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(lift_N) > TOO_HEAVY * weight_N)
@@ -224,7 +222,7 @@ def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
     return near
 
 
-def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+def without_lift(table: Mapping[str, NDArray[Any]]) -> BoolArray:
     """Trials whose lift is not positive, or below a twentieth of the median at their throttle:
     their rotors did not turn.
     """
@@ -239,7 +237,7 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
         return np.asarray(good & ((lift <= 0) | (lift < STOPPED * usual)))
 
 
-def other_throttle(table: Mapping[str, NDArray[Any]]) -> NDArray[np.bool_]:
+def other_throttle(table: Mapping[str, NDArray[Any]]) -> BoolArray:
     """Trials that lift as those of another throttle do at their place: their label may be wrong.
 
     Such a trial stands six times the usual scatter off its own throttle's median, and within three

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.declare import BoolArray
+
 
 class Code(NamedTuple):
     """One code: its name, CAPITALS where it rejects the trial, and what it says."""
@@ -126,7 +128,7 @@ def _joined(names: tuple[str, ...]) -> str:
     return " ".join(c.name for c in CODES if c.name in present)
 
 
-def rejected(quality: NDArray[Any]) -> NDArray[np.bool_]:
+def rejected(quality: NDArray[Any]) -> BoolArray:
     """Mask of the trials that fits leave out, from a `quality` column."""
     return np.array([_rejects(text) for text in quality], dtype=bool)
 
@@ -144,7 +146,7 @@ def reason(text: str, fault: str = "") -> str:
     return f"{words}: {fault}" if words and fault else words
 
 
-def faulty(quality: NDArray[Any]) -> NDArray[np.bool_]:
+def faulty(quality: NDArray[Any]) -> BoolArray:
     """Mask of the trials rejected for a fault of their own, whether or not also excluded."""
     return rejected(np.array([text.replace(EXCLUDED, "") for text in quality], dtype=object))
 

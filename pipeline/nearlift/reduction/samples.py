@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination
 from nearlift.reduction.conditions import Conditions
@@ -54,7 +54,7 @@ def without_strays(
     return (live[~stray] if codes else live), codes
 
 
-def _far(live: FloatArray) -> NDArray[np.bool_]:
+def _far(live: FloatArray) -> BoolArray:
     """Mask of the few samples more than six standard deviations off, also behind larger ones."""
     far = np.zeros(len(live), dtype=bool)
     hidden = contamination.HIDDEN * contamination.step_of(live)

@@ -13,9 +13,8 @@ from collections.abc import Mapping
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray
 from nearlift.reduction.airborne import FULL
 
 #: Time over which a velocity is differentiated, s.
@@ -70,7 +69,7 @@ def faults(
     acceleration: FloatArray,
     velocity: FloatArray,
     height: FloatArray,
-    flying: NDArray[np.bool_],
+    flying: BoolArray,
     step_s: float,
     said: tuple[Literal["included", "removed"], Literal["body", "world"], float],
 ) -> list[Fault]:
@@ -130,7 +129,7 @@ def faults(
     return contradictions
 
 
-def silent(series: Mapping[str, FloatArray], flying: NDArray[np.bool_]) -> list[Fault]:
+def silent(series: Mapping[str, FloatArray], flying: BoolArray) -> list[Fault]:
     """Series (n,) by key that hold no number, or say one thing throughout, in flight or, where
     nothing flies, at all; a set-point may stay where it is.
     """
@@ -154,7 +153,7 @@ def apart(
     supply_V: FloatArray | None,
     setpoint_m: FloatArray | None,
     height_m: FloatArray,
-    flying: NDArray[np.bool_],
+    flying: BoolArray,
 ) -> list[Fault]:
     """A supply that no battery has, and a set-point that the height follows in another unit."""
     contradictions = []
@@ -193,11 +192,7 @@ def _change(values: FloatArray, span: int, step_s: float) -> FloatArray:
 
 
 def _slope(
-    y: FloatArray,
-    x: FloatArray,
-    where: NDArray[np.bool_],
-    still: float,
-    apart: float | None = None,
+    y: FloatArray, x: FloatArray, where: BoolArray, still: float, apart: float | None = None
 ) -> float | None:
     """The slope of y on x, and `apart` where y does not go with it; without that the slope between
     that of y on x and of x on y, since noise in x makes the one too small (in quiet hover by half),

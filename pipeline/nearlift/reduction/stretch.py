@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import FloatArray
+from nearlift.declare import FloatArray, IntArray
 from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
 
 STRETCH = Kernel(
@@ -74,12 +74,12 @@ def distinct(values: NDArray[Any]) -> NDArray[Any]:
     return np.compress(first, ranked)
 
 
-def numbered(values: NDArray[Any]) -> NDArray[np.int64]:
+def numbered(values: NDArray[Any]) -> IntArray:
     """The place of each value among those that occur."""
     return np.searchsorted(distinct(values), values).astype(np.int64)
 
 
-def numbered_pairs(major: NDArray[Any], minor: NDArray[Any]) -> NDArray[np.int64]:
+def numbered_pairs(major: NDArray[Any], minor: NDArray[Any]) -> IntArray:
     """The place of each pair of values among those that occur."""
     place = numbered(minor)
     return numbered(numbered(major) * (place.max(initial=0) + 1) + place)

@@ -9,10 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import Boundary, FloatArray, IntArray
 from nearlift.results.levels import LevelCurve
-
-IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

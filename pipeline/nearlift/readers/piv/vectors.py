@@ -14,10 +14,9 @@ from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift import units
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow.field import VelocityField, on_grid
 
@@ -62,7 +61,7 @@ class Raw:
     u: FloatArray
     v: FloatArray
     _: KW_ONLY
-    good: NDArray[np.bool_]
+    good: BoolArray
     length_unit: str | None
     velocity_unit: str | None
     scale_m: float | None = None
