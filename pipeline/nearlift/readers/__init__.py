@@ -43,9 +43,7 @@ def built_in(name: str) -> Reader:
 
 @functools.cache
 def readers() -> tuple[Reader, ...]:
-    """Every reader: the built-in ones, then those of installed packages (entry points
-    `nearlift.readers`, one `Reader` each).
-    """
+    """The built-in readers, then those of installed packages: entry points `nearlift.readers`."""
     from nearlift.readers.seam import Reader
 
     return gather(GROUP, Reader, map(built_in, BUILT_IN))

@@ -54,9 +54,7 @@ class Malformed(Exception):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Channel:
-    """One series: its name, the unit that the file states (empty: none), its samples, and the rate
-    that the file states.
-    """
+    """One series: its name, the unit that the file states (empty: none), samples, stated rate."""
 
     name: str
     unit: str = ""
@@ -159,7 +157,7 @@ def _in_a_group(name: str, folded: str) -> bool:
     return fold(name).endswith((f".{folded}", f"/{folded}"))
 
 
-def channels_of_topic(
+def of_topic(
     topic: str, clock: FloatArray, fields: Iterable[tuple[str, ArrayLike]], names: Names = None
 ) -> list[Channel]:
     """The channels of a log's messages of one kind: ``topic.time``, in s, then ``topic.field`` of

@@ -30,9 +30,7 @@ _UNSEEN = ("Cc", "Cf", "Zl", "Zp")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Known:
-    """A column that the contract names: `name` in trials.csv, `inside` in products, and its
-    dimension or kind.
-    """
+    """A column of the contract: `name` in trials.csv, `inside` in products, dimension or kind."""
 
     name: str
     inside: str
@@ -256,9 +254,7 @@ def boundaries(cells: ColumnTexts) -> NDArray[Any]:
 
 
 def plain(cells: ColumnTexts, name: str) -> FloatArray:
-    """A column of plain numbers: approach (+1, -1, or 0 where the traverse did not move) and n
-    (whole, from 1).
-    """
+    """Plain numbers: approach (+1, -1, or 0 where the traverse did not move), n (whole, from 1)."""
     values = numbers(cells, blank=True)
     for i, value in enumerate(values):
         if name == "approach" and not (np.isnan(value) or value in (-1.0, 0.0, 1.0)):

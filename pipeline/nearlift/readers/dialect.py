@@ -152,9 +152,7 @@ def _tried(
 
 
 def _numbers_of(layout: Layout, other: Layout) -> bool:
-    """Whether the other reads numbers where this one, cut alike, reads texts: ``0,5`` is no text
-    where a decimal comma makes a number of it on every line.
-    """
+    """Whether the other reads numbers where this one, cut alike, has texts, such as ``0,5``."""
     return layout.cells.separator == other.cells.separator and set(other.texts) < set(layout.texts)
 
 

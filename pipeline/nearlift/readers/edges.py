@@ -46,9 +46,7 @@ class Opened:
 def edges_of(
     cut: Segments, opened: Opened, head: int, rate: float
 ) -> tuple[FloatArray | None, list[cuts.Cut], list[float]]:
-    """The column cut by, where there is one; where the record behind its head is cut; and the level
-    that each piece's mark says.
-    """
+    """The column cut by, if any; where the record behind its head is cut; each mark's level."""
     n, where = len(opened.record.force_N), str(opened.path)
     if cut.column is not None:
         values, only = _stepping(cut, opened)

@@ -289,9 +289,7 @@ class _Aligned:
 
 
 def siblings(channel: Channel, channels: Sequence[Channel]) -> list[Channel]:
-    """The channels of the same quantity along x and y, as far as there are such, beside one called
-    ``az``, ``acc.z`` or ``a[2]``.
-    """
+    """The channels, if any, along x and y beside one called ``az``, ``acc.z`` or ``a[2]``."""
     name = channel.name
     place, axes = (len(name) - 2, "01") if name.endswith("[2]") else (name.lower().rfind("z"), "xy")
     if place < 0:

@@ -49,9 +49,7 @@ UNGIVEN = Given()
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """A whole dialect: how to cut the lines, the columns' names and units, and the line (from 1) of
-    the first row.
-    """
+    """A whole dialect: cells, the columns' names and units, and the first row's line (from 1)."""
 
     encoding: str
     cells: CellSyntax

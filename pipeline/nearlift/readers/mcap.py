@@ -16,14 +16,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.errors import ManifestError
-from nearlift.readers.channel import (
-    Channel,
-    Contents,
-    Malformed,
-    Names,
-    RecordsDialect,
-    channels_of_topic,
-)
+from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect, of_topic
 from nearlift.readers.hdf5 import library
 from nearlift.readers.per_file import Format, reader_of
 
@@ -79,7 +72,7 @@ def channels_of(
     channels = []
     for topic, columns in topics.items():
         clock = np.array(columns.pop("time"))
-        channels += channels_of_topic(topic, clock, columns.items(), names)
+        channels += of_topic(topic, clock, columns.items(), names)
     return tuple(channels)
 
 

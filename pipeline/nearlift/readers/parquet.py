@@ -1,6 +1,4 @@
-"""Parquet: one long table for the whole campaign, with a column `trial` and the force column. A
-child reads it (`long_table`).
-"""
+"""Parquet: one long table with a column `trial` and the force; a child reads it (`long_table`)."""
 
 from __future__ import annotations
 

@@ -40,9 +40,7 @@ CHANGE = 0.03
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ramp:
-    """What a record of many throttles is: `levels` that hold (0 of a steady ramp), and the
-    [segments] that would cut it, as text.
-    """
+    """A record of many throttles: `levels` that hold (0: a ramp), [segments] to cut it, as text."""
 
     levels: int
     command: str

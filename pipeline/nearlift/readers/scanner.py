@@ -31,9 +31,7 @@ class _Room:
 
 
 class _Kept(threading.local):
-    """A thread's room, kept from file to file: the system takes longer to give fresh memory than
-    the scanner to fill it.
-    """
+    """A thread's room, kept from file to file: fresh memory takes longer than to fill it."""
 
     room = _Room(0)
 

@@ -81,9 +81,7 @@ class Piece:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReadingPlan:
-    """The pieces of a campaign, and what the user should know about the files. Trials in no piece
-    have no record.
-    """
+    """The pieces of a campaign, and notes on the files. Trials in no piece have no record."""
 
     pieces: tuple[Piece, ...]
     notes: tuple[str, ...] = ()

@@ -31,9 +31,7 @@ LIFTS_N = 0.02
 
 
 def header(head: bytes) -> list[str]:
-    """The cells of a first line; empty where it is no UTF-8 text. A phantom cell behind a trailing
-    comma is kept.
-    """
+    """The cells of a first line, a phantom one at its end kept; none where it is no UTF-8 text."""
     try:
         line = head.split(b"\n", 1)[0].decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -65,9 +63,7 @@ def stand_reader(
     """
 
     def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-        """The channels of a file; refuses one whose header is not the format's, or a line that is
-        not what it promises.
-        """
+        """The channels of a file; refuses another header, or a line that breaks its promise."""
         head, _ = head_of(path)
         if not head.strip(b"\0"):
             return Contents(channels=(), kind=title, codes=("EMPTY",))

@@ -296,9 +296,7 @@ class Blocks:
 
 
 def marked(path: Path, said: Given, marks: Sequence[str]) -> list[tuple[int, str]]:
-    """Every line like one of `marks`, in which ``*`` stands for anything, and how many rows stand
-    above it.
-    """
+    """Every line like one of `marks` (``*`` is anything), and how many rows stand above it."""
     to_a_row = said.lines
     said = replace(said, ignore=tuple(dict.fromkeys((*said.ignore, *marks))))
     layout = layout_of(path, said if to_a_row == 1 else one_column(said))
@@ -350,9 +348,7 @@ def _above(head: bytes, layout: Layout) -> list[str]:
 
 
 def with_rate(file: Contents) -> Contents:
-    """The same, each channel with the rate of the file's clock: the first channel in a unit of
-    time, or called time.
-    """
+    """The same, each channel with the rate of the clock: the first called time in s, ms or us."""
     clocks = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
     clock = next(
         (

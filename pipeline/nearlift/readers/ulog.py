@@ -12,14 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nearlift.readers.channel import (
-    Channel,
-    Contents,
-    Malformed,
-    Names,
-    RecordsDialect,
-    channels_of_topic,
-)
+from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect, of_topic
 from nearlift.readers.hdf5 import library
 from nearlift.readers.per_file import Format, reader_of
 
@@ -53,7 +46,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
         if np.any((stamps < begun - LONGEST_S) | (stamps > begun + LONGEST_S)):
             raise Malformed(f"has a stamp of {group} that lies a day from its start")
         fields = ((name, values) for name, values in topic.data.items() if name != "timestamp")
-        for channel in channels_of_topic(group, stamps, fields, names):
+        for channel in of_topic(group, stamps, fields, names):
             if (n := len(channel.values)) != len(stamps):
                 raise Malformed(f"has {n} of {channel.name} for {len(stamps)} stamps")
             channels.append(channel)

@@ -32,7 +32,7 @@ from nearlift.readers.channel import (
     Malformed,
     Names,
     RecordsDialect,
-    channels_of_topic,
+    of_topic,
     rate_of,
 )
 from nearlift.readers.per_file import Format, reader_of
@@ -106,7 +106,7 @@ def decode(content: bytes, where: str, *, salvage: bool = False) -> Contents:
         records = np.frombuffer(b"".join(runs[number]), dtype=event.layout)
         clock = records["time"].astype(np.float64) * unit_s
         fields = ((field, records[field]) for field in (event.layout.names or ())[1:])
-        channels += channels_of_topic(event.name, clock, fields)
+        channels += of_topic(event.name, clock, fields)
     return Contents(channels=tuple(channels), kind=KIND, codes=() if whole else ("salvaged",))
 
 

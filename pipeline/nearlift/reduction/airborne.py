@@ -41,9 +41,7 @@ class Phases:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Window:
-    """Samples from `first` to before `end`, all of one code ("" where they are clean), and the
-    start that they follow.
-    """
+    """Samples from `first` to before `end` of one code ("": clean), and the start they follow."""
 
     first: int
     end: int

@@ -60,9 +60,7 @@ def spectral_density_at_zero(
 def outlasting(
     values: FloatArray, means: FloatArray, u2: float, rate_Hz: float, *, tone: bool = True
 ) -> SlowNoise | None:
-    """Noise that outlasts a batch, where means of batches or blocks raise the suspicion and it is
-    worth more than `u2`.
-    """
+    """Noise that outlasts a batch, where means raise the suspicion and it is over `u2`."""
     if not slow_noise.suspected(means):
         return None
     # a tone leaks less from longer batches

@@ -178,9 +178,7 @@ def implausible(lift_N: FloatArray, weight_N: float) -> BoolArray:
 
 
 def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float, float]]:
-    """Steps of throttle over which the far lift does not rise: (boundary, lower, upper, lift below,
-    lift above).
-    """
+    """Where far lift does not rise with throttle: (boundary, lower, upper, lift below, above)."""
     return [
         (side, float(throttles[i]), float(throttles[i + 1]), float(lifts[i]), float(lifts[i + 1]))
         for side, (throttles, lifts) in far_lifts(table).items()
@@ -223,9 +221,7 @@ def only_near(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float]]:
 
 
 def without_lift(table: Mapping[str, NDArray[Any]]) -> BoolArray:
-    """Trials whose lift is not positive, or below a twentieth of the median at their throttle:
-    their rotors did not turn.
-    """
+    """Trials whose lift is not positive, or under a twentieth of their throttle's median."""
     lift = np.asarray(table["lift_N"], dtype=float)
     good = ~rejected(table["quality"]) & np.isfinite(lift)
     usual = np.full(len(lift), np.nan)
@@ -270,9 +266,7 @@ def other_throttle(table: Mapping[str, NDArray[Any]]) -> BoolArray:
 def odd_weight(
     table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str
 ) -> list[str]:
-    """A note where the largest far lift is possible for this vehicle, but unusual: gram-force for
-    millinewton is a factor of ten.
-    """
+    """A note where the largest far lift is possible, but unusual: gf for mN is a factor of ten."""
     peaks = [float(np.max(lifts)) for _, lifts in far_lifts(table).values()]
     if not peaks or ODD[0] < max(peaks) / weight_N < ODD[1]:
         return []

@@ -1,6 +1,4 @@
-"""Quality codes of trials. CAPITALS reject the trial from every fit, lower case only warns; nothing
-is dropped silently.
-"""
+"""Quality codes of trials: CAPITALS reject a trial from every fit, lower case only warns."""
 
 from __future__ import annotations
 
@@ -152,9 +150,7 @@ def faulty(quality: NDArray[Any]) -> BoolArray:
 
 
 def remarks(quality: NDArray[Any]) -> list[str]:
-    """One line on the codes that reject nothing, with the number of accepted trials that carry
-    each; none where there are none.
-    """
+    """A line on the codes that reject nothing: how many accepted trials carry each; or none."""
     accepted = [text.split() for text in quality[~rejected(quality)] if text]
     counts = [
         f"{c.name} {n}"
@@ -170,9 +166,7 @@ def remarks(quality: NDArray[Any]) -> list[str]:
 
 @functools.lru_cache(maxsize=256)
 def completeness(text: str) -> str:
-    """What a `quality` text says of the record itself: ``complete``, ``truncated``, ``malformed``,
-    ``pending`` or ``missing``.
-    """
+    """A record as its `quality` says: complete, truncated, malformed, pending or missing."""
     names = set(text.split())
     for word, signs in (
         ("missing", {"MISSING"}),

@@ -37,9 +37,7 @@ def forces(values: FloatArray, range_N: float | None) -> FloatArray:
 def without_strays(
     live: FloatArray, run: Stretch, range_N: float | None
 ) -> tuple[FloatArray, list[str]]:
-    """The samples without the few that stand far from the rest or at the end of the cell's range,
-    and what is said of them.
-    """
+    """The samples without the few far from the rest or at the end of the range, and their codes."""
     stray, codes = np.zeros(0, dtype=bool), []
     if range_N is not None and max(run.high, -run.low) >= END_OF_RANGE * range_N:
         stray = np.abs(live) >= END_OF_RANGE * range_N

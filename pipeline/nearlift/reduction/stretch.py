@@ -1,6 +1,4 @@
-"""A stretch of a record, its head or its live part, as the few numbers by which mean, noise and
-quality are judged.
-"""
+"""A stretch of a record as the few numbers by which mean, noise and quality are judged."""
 
 from __future__ import annotations
 
@@ -58,9 +56,7 @@ class Stretch(NamedTuple):
 
 
 def median(values: NDArray[Any]) -> float:
-    """The median of finite values; numpy's takes ten times as long to look at its arguments, and
-    would load its masked arrays.
-    """
+    """The median of finite values; numpy's takes ten times as long, and loads masked arrays."""
     middle = len(values) // 2
     ranked = np.sort(values)
     return float(ranked[middle] if len(values) % 2 else (ranked[middle - 1] + ranked[middle]) / 2)

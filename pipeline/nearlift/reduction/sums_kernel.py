@@ -74,9 +74,7 @@ def stretch(values: Any, n: Any, half: Any, rising: Any, falling: Any, sums: Any
 
 @inlined
 def _median(values: Any, n: Any) -> Any:
-    """The median of a few numbers, by counting what is below each: to sort them takes ten times as
-    long, for the processor cannot guess.
-    """
+    """The median of a few numbers by counting what is below each, ten times as fast as to sort."""
     median = values[0]
     for i in range(n):
         below = equal = 0

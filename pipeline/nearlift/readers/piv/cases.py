@@ -57,9 +57,7 @@ def _natural(name: str) -> list[tuple[int, int, str]]:
 
 @dataclass
 class Stream:
-    """The fields of one case, one in memory at a time; what was refused is listed in `refused`
-    (file, reason) as it goes.
-    """
+    """The fields of one case, one in memory at a time; `refused` lists what was (file, reason)."""
 
     root: Path
     piv: Piv

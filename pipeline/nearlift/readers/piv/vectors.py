@@ -28,9 +28,7 @@ MAX_BYTES = 200_000_000
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """What the manifest says of the files: units where they lack them, m per pixel, s between a
-    pair's images.
-    """
+    """What the manifest says of files: units that they lack, m per pixel, s between two images."""
 
     length_unit: str | None = None
     velocity_unit: str | None = None
