@@ -29,12 +29,9 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     with path.open("rb") as file:
         head = file.read(1024)
     newest = MAGIC in (head[:8], head[512:520])
-    if newest:
-        channels, objects = _v73(path)
-    else:
-        channels, objects = _v5(path)
+    channels, objects = _v73(path) if newest else _v5(path)
     for name in objects:
-        channels += list(_table(path, name))
+        channels += _table(path, name)
     chosen = tuple(c for c in channels if wanted(c.name, names))
     return Contents(channels=chosen, kind="MATLAB " + ("v7.3" if newest else "v7 or older"))
 

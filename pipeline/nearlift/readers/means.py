@@ -15,8 +15,7 @@ def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
     `n` is 1 where it is not given. ``u_lift_N = lift_sd / sqrt(n)``, and 0 where no spread is
     given: then only the scatter between trials tells how well they repeat.
     """
-    if schedule.means is None:
-        raise ValueError("the schedule holds no means")
+    assert schedule.means is not None
     lift = schedule.means["lift_N"]
     sd = schedule.means.get("lift_sd_N", np.full(len(lift), np.nan))
     n = schedule.means.get("n", np.ones(len(lift)))

@@ -349,19 +349,12 @@ def _above(head: bytes, layout: Layout) -> list[str]:
 
 def with_rate(file: Contents) -> Contents:
     """The same, each channel with the rate of the clock: the first called time in s, ms or us."""
-    clocks = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-    clock = next(
-        (
-            c
-            for c in file.channels
-            if c.unit in clocks
-            and split_unit(c.name)[0].casefold() in ("t", "time", "x_value", "zeit")
-        ),
-        None,
-    )
-    if clock is None or len(clock.values) < 3:
+    ticks, called = {"s": 1.0, "ms": 1e-3, "us": 1e-6}, ("t", "time", "x_value", "zeit")
+    timed = [c for c in file.channels if c.unit in ticks]
+    clocks = [c for c in timed if split_unit(c.name)[0].casefold() in called]
+    if not clocks or len(clocks[0].values) < 3:
         return file
-    rate = rate_of(clocks[clock.unit] * clock.values)
+    rate = rate_of(ticks[clocks[0].unit] * clocks[0].values)
     return replace(file, channels=tuple(replace(c, rate_Hz=rate) for c in file.channels))
 
 

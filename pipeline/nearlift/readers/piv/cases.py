@@ -47,12 +47,9 @@ def files_of(root: Path, case: PivCase) -> list[Path]:
     return [inside(root, source_of(root, p), where) for p in files]
 
 
-def _natural(name: str) -> list[tuple[int, int, str]]:
-    return [
-        (0, int(part), "") if part.isdigit() else (1, 0, part)
-        for part in re.split(r"(\d+)", name)
-        if part
-    ]
+def _natural(name: str) -> list[str | int]:
+    # every second part is a number
+    return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", name))]
 
 
 @dataclass

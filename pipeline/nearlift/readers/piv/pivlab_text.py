@@ -54,20 +54,17 @@ def read(path: Path) -> Iterator[Raw]:
             "export it again",
         )
     length, velocity = _units(names, factors)
-    noise = next(
-        (
-            i
-            for i, (name, unit) in enumerate(names)
-            if name.lower().startswith("uncertainty") and "/" in unit
-        ),
-        None,
-    )
+    noise = [
+        np.abs(table[:, i])
+        for i, (name, unit) in enumerate(names)
+        if name.lower().startswith("uncertainty") and "/" in unit
+    ]
     yield Raw(
         *table[:, :4].T,
         good=table[:, 4] == MEASURED,
         length_unit=length,
         velocity_unit=velocity,
-        noise=None if noise is None else np.abs(table[:, noise]),
+        noise=noise[0] if noise else None,
     )
 
 
