@@ -51,13 +51,7 @@ def readers() -> tuple[Reader, ...]:
 
 @functools.cache
 def reader(name: str) -> Reader:
-    """The reader of that name.
-
-    Raises
-    ------
-    ManifestError
-        There is none; the nearest name is proposed.
-    """
+    """The reader of that name; `ManifestError` with the nearest name where there is none."""
     # nothing is overridden, so what packages add need not be known
     if name in BUILT_IN:
         return built_in(name)

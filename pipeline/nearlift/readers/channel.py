@@ -99,12 +99,8 @@ def unit_word(cell: str) -> str | None:
 
 
 def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Channel:
-    """The channel of that name: as written, else folded, else folded without its unit or its group.
-
-    Raises
-    ------
-    InputRefused
-        There is none, or the name fits several.
+    """The channel of that name: as written, else folded, else folded without its unit or its group;
+    `InputRefused` where there is none, or the name fits several.
     """
     names = tuple(c.name for c in channels)
     places = _fitting(names, column)

@@ -112,12 +112,8 @@ class Numbers(Sequence[str]):
 
 
 def numbers(cells: ColumnTexts, *, blank: bool) -> FloatArray:
-    """The cells as plain numbers, NaN where blank.
-
-    Raises
-    ------
-    ManifestError
-        A cell is no number, or is blank where `blank` is False.
+    """The cells as plain numbers, NaN where blank; `ManifestError` of one that is no number, or is
+    blank where `blank` is False.
     """
     if isinstance(cells.texts, Numbers) and blank and not np.isinf(cells.texts.values).any():
         return cells.texts.values
@@ -154,13 +150,8 @@ def without(text: str) -> str:
 def quantity(
     cells: ColumnTexts, known: Known, unit: str | None, *, blank: bool = True
 ) -> FloatArray:
-    """The cells in SI, NaN where blank. `unit` is what the manifest says, None where it says
-    nothing.
-
-    Raises
-    ------
-    ManifestError
-        There is no unit, it is of the wrong dimension, or a cell is no number.
+    """The cells in SI, NaN where blank, by the `unit` that the manifest says, None where it says
+    nothing; `ManifestError` of a cell that is no number, and without a unit of the dimension.
     """
     unit = unit or known.own_unit
     if not unit:
@@ -177,12 +168,7 @@ def quantity(
 
 def seconds(cells: ColumnTexts, unit: str | None) -> FloatArray:
     """Start times: numbers in `unit`, or ISO 8601 texts, which become seconds since the first
-    trial.
-
-    Raises
-    ------
-    ManifestError
-        A text is neither, or stamps with and without a time zone are mixed.
+    trial; `ManifestError` of what is neither, or with a time zone only here and there.
     """
     if unit is not None:
         return quantity(cells, BY_NAME["start"], unit)
@@ -286,12 +272,8 @@ def counts(campaign: Campaign, cells: ColumnTexts) -> FloatArray:
 
 def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
     """The schedule's columns that pieces bring: the column of the record that says each, and the
-    manifest's key for it.
-
-    Raises
-    ------
-    ManifestError
-        A name is none of the schedule's, a column has no unit, or two bring the same.
+    manifest's key for it; `ManifestError` of a name that is none of the schedule's, a column
+    without a unit, and what two bring.
     """
     columns: dict[str, tuple[ColumnOfRecord, str]] = {}
     if cut.has_level:

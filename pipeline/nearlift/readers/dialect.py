@@ -48,12 +48,8 @@ class NoNames(InputRefused):
 
 
 def sniff(head: bytes, where: str, given: Given = UNGIVEN, *, whole: bool = True) -> Layout:
-    """The dialect of a file from its first bytes; `whole` if they are all of it.
-
-    Raises
-    ------
-    InputRefused
-        No dialect fits, several do, or there is no header and the manifest names no columns.
+    """The dialect of a file from its first bytes; `whole` if they are all of it. `InputRefused`
+    where none fits, several do, or neither a header nor the manifest names the columns.
     """
     encoding = given.encoding or encoding_of(head, where)
     try:

@@ -33,12 +33,8 @@ def of_records(
     campaign: Campaign, path: Path, cells: Mapping[str, ColumnTexts]
 ) -> tuple[dict[str, ColumnTexts], tuple[str, ...]]:
     """The columns of a schedule of records under the names of one of trials, and which of those
-    that every trial needs the pieces will bring.
-
-    Raises
-    ------
-    ManifestError
-        There is no column `record`, or the schedule says what the pieces bring.
+    that every trial needs the pieces will bring; `ManifestError` where there is no column `record`,
+    or the schedule says what the pieces bring.
     """
     bring = brought_by(campaign)
     table = "flight" if campaign.segments is None else "segments"

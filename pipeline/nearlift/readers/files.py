@@ -25,13 +25,8 @@ PER_PIECE, BYTES_PER_PIECE = 32, 64 << 20
 
 
 def inside(root: Path, relative: str, key: str) -> Path:
-    """The path of a file that a manifest names, checked to stay in the campaign's folder.
-
-    Raises
-    ------
-    InputRefused
-        It leads outside `root` (by ``..`` or by a symbolic link), or is there but is no regular
-        file.
+    """The path of a file that a manifest names; `InputRefused` where it leads outside the
+    campaign's folder (by ``..`` or by a symbolic link), or is there but is no regular file.
     """
     return _checked(root, relative, key)[0]
 

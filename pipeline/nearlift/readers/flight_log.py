@@ -94,14 +94,8 @@ def hole_of(step_s: float) -> float:
 
 
 def read(campaign: Campaign, root: Path, reader: Reader, path: Path) -> FlightLog | Contents:
-    """One log, or the contents of a file without any sample.
-
-    Raises
-    ------
-    InputRefused
-        A column or its clock is not there, or contradicts the manifest.
-    Malformed
-        The file is damaged.
+    """One log, or the contents of a file without any sample; `InputRefused` where a column or its
+    clock is not there or contradicts the manifest, `Malformed` where the file is damaged.
     """
     from nearlift.readers import child
     from nearlift.readers.segments import format_of

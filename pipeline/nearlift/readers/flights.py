@@ -64,14 +64,7 @@ def read(
     campaign: Campaign, root: Path, reader: Reader, path: Path, offset_m: float | None
 ) -> Weighed | Contents:
     """The windows of one log, or the contents of a file that holds no sample; `offset_m` is from
-    the logged height to the rotor plane, None in free air.
-
-    Raises
-    ------
-    InputRefused
-        The log is not as the manifest says.
-    Malformed
-        The file is damaged.
+    the logged height to the rotor plane, None in free air. Raises as `flight_log.read` does.
     """
     log = flight_log.read(campaign, root, reader, path)
     if isinstance(log, Contents):

@@ -70,17 +70,11 @@ NOTES = {
 def convert(
     table: Path, folder: Path, *, along_axes: bool = False, name: str | None = None
 ) -> Path:
-    """Write the table as a campaign into a new or empty folder, and return it.
+    """Write the table, ``thrust_vs_height.csv``, as a campaign into a new or empty folder, and
+    return that.
 
-    Parameters
-    ----------
-    table : Path
-        ``thrust_vs_height.csv``.
-    folder : Path
-    along_axes : bool
-        Divide the force by cos(alpha) cos(beta).
-    name : str or None
-        Of the campaign; the folder's if None.
+    With `along_axes` the force is divided by cos(alpha) cos(beta). The campaign has the `name`, or
+    that of the folder.
 
     Raises
     ------

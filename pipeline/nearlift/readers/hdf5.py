@@ -28,13 +28,7 @@ MAX_VALUES = 130_000_000
 
 
 def library(name: str, extra: str) -> Any:
-    """The module of that name, which an extra installs.
-
-    Raises
-    ------
-    InputRefused
-        It is not installed.
-    """
+    """The module of that name, which an extra installs; `InputRefused` where it is not there."""
     import importlib
 
     try:
@@ -58,13 +52,8 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[Any]:
-    """The file by h5py.
-
-    Raises
-    ------
-    InputRefused
-        h5py is not installed; the file is damaged, too large once unpacked, or links to other
-        files.
+    """The file by h5py; `InputRefused` where that is not installed, or the file is damaged, too
+    large once unpacked, or links to other files.
     """
     try:
         import h5py

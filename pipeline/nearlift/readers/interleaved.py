@@ -32,13 +32,8 @@ def one_column(said: Given) -> Given:
 
 
 def parted(path: Path, said: Given, contents: Contents) -> Contents:
-    """The columns of a file that was read as one.
-
-    Raises
-    ------
-    InputRefused
-        A line of words stands within a row, or a clock, by its name or its first numbers, does not
-        only grow: a line is lost.
+    """The columns of a file that was read as one; `InputRefused` where a line of words stands
+    within a row, or a clock, by its name or its first numbers, does not only grow: a line is lost.
     """
     from nearlift.readers.text import marked
 
@@ -74,12 +69,8 @@ def parted(path: Path, said: Given, contents: Contents) -> Contents:
 
 
 def refuse(values: FloatArray, where: str, first: int) -> None:
-    """Refuse one column of which every second number is a clock's, and the others are not.
-
-    Raises
-    ------
-    InputRefused
-        It is; `first` is the line of the first number.
+    """Refuse one column, from line `first` on, of which every second number is a clock's, and the
+    others are not.
     """
     for k in (0, 1):
         clock, other = values[k::2], values[1 - k :: 2]

@@ -88,13 +88,7 @@ class Layout:
 
 
 def encoding_of(head: bytes, where: str) -> str:
-    """The encoding of a file's first bytes.
-
-    Raises
-    ------
-    InputRefused
-        They are no text, or are compressed.
-    """
+    """The encoding of a file's first bytes; `InputRefused` where they are no text, or packed."""
     for mark, name in _MARKS:
         if head.startswith(mark):
             return name

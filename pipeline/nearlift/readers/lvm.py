@@ -47,13 +47,7 @@ class _Series:
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of an LVM file.
-
-    Raises
-    ------
-    InputRefused
-        It is none, or a line is not what its header promises.
-    """
+    """The channels of an LVM file; `InputRefused` of another, or a line out of its promise."""
     with packed.opened(path) as file:
         head = file.read(HEAD)
     if not head.strip(b"\0"):

@@ -43,14 +43,8 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
 def channels_of(
     messages: Iterable[tuple[str, int, Any]], dialect: RecordsDialect, names: Names
 ) -> tuple[Channel, ...]:
-    """The channels of messages: topic, when each was written in ns, and what it holds.
-
-    Raises
-    ------
-    Malformed
-        A message is of another layout than those before it.
-    ManifestError
-        `stamps` is neither "header" nor "log".
+    """The channels of messages: topic, when each was written in ns, and what it holds; `Malformed`
+    where one is of another layout than those before it, `ManifestError` of unknown `stamps`.
     """
     stamps = dialect.get("stamps", "header")
     if stamps not in ("header", "log"):

@@ -70,13 +70,7 @@ class Format:
     checked: bool = False
 
     def checked_dialect(self, dialect: RecordsDialect) -> RecordsDialect:
-        """The manifest's dialect, its keys and types checked.
-
-        Raises
-        ------
-        ManifestError
-            A key is unknown or of another type.
-        """
+        """The manifest's dialect; `ManifestError` of a key that is unknown or of another type."""
         allowed = {**self.options, **RATE_OPTION}
         for key, value in dialect.items():
             if key not in allowed:
@@ -185,12 +179,8 @@ def record(read: Reading, spec: ChannelSpec, trial: str, path: Path, source: str
 
 
 def record_of(contents: Contents, spec: ChannelSpec, trial: str, where: str, source: str) -> Record:
-    """The record of one trial from the channels of its file.
-
-    Raises
-    ------
-    InputRefused
-        A channel is not there, or contradicts the manifest's unit or rate.
+    """The record of one trial from the channels of its file; `InputRefused` where one is not there,
+    or contradicts the manifest's unit or rate.
     """
     if not contents.channels and "NO_DATA" in contents.codes:
         return Record(trial=trial, source=source, codes=contents.codes, notes=contents.notes)

@@ -80,12 +80,8 @@ def _means(values: FloatArray) -> FloatArray:
 
 
 def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp | None:
-    """What the record of one trial is, where its file tells.
-
-    Raises
-    ------
-    NearliftError
-        It cannot be read, or its reader knows nothing of a record's other columns.
+    """What the record of one trial is, where its file tells; `NearliftError` where it cannot be
+    read, or its reader knows nothing of a record's other columns.
     """
     from nearlift.readers import child
 

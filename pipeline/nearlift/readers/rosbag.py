@@ -23,12 +23,8 @@ MAGIC = b"SQLite format 3\0"
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a bag; raises as `channels_of` does.
-
-    Raises
-    ------
-    InputRefused
-        It holds no definitions of its messages.
+    """The channels of a bag; raises as `channels_of`, and `InputRefused` without definitions of
+    messages.
     """
     place = f"{path.resolve().as_uri()}?mode=ro&immutable=1"
     try:

@@ -102,12 +102,8 @@ class Segmented:
 
 
 def format_of(reader: Reader) -> Format:
-    """What turns one file of a reader into all its channels.
-
-    Raises
-    ------
-    ManifestError
-        The reader has no format, so that nothing is known of a record's other columns.
+    """What turns one file of a reader into all its channels; `ManifestError` where nothing does, so
+    that nothing is known of a record's other columns.
     """
     from nearlift.readers.text import TEXT
 
@@ -119,12 +115,8 @@ def format_of(reader: Reader) -> Format:
 
 
 def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path) -> Segmented:
-    """The pieces of one record.
-
-    Raises
-    ------
-    InputRefused
-        The file cannot be read as the manifest says, or does not fall into pieces.
+    """The pieces of one record; `InputRefused` where its file cannot be read as the manifest says,
+    or does not fall into pieces.
     """
     from nearlift.readers import child
 

@@ -121,13 +121,7 @@ def value_of(text: str, decimal: str = ".") -> float | None:
 
 
 def number(text: str, at: str, column: str, decimal: str = ".") -> float:
-    """The cell's number, NaN for a word that means "no number".
-
-    Raises
-    ------
-    InputRefused
-        It is neither.
-    """
+    """The cell's number, NaN for a word that means "no number"; `InputRefused` of anything else."""
     value = value_of(text, decimal)
     if value is not None:
         return value
@@ -286,12 +280,8 @@ def no_nul(line: str, at: str) -> None:
 
 
 def row_of(line: str, at: str, header: Sequence[str], cells: CellSyntax) -> list[str]:
-    """One line's cells, one for each name of the header.
-
-    Raises
-    ------
-    InputRefused
-        They are too few or too many, labelled otherwise, or the header once more.
+    """One line's cells, one for each name of the header; `InputRefused` where they are too few or
+    too many, labelled otherwise, or the header once more.
     """
     no_nul(line, at)
     try:

@@ -33,13 +33,7 @@ UNFINISHED = 0xFFFFFFFFFFFFFFFF
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a TDMS file.
-
-    Raises
-    ------
-    Malformed
-        It contradicts its own structure.
-    """
+    """The channels of a TDMS file; `Malformed` where it contradicts its own structure."""
     nptdms = library("nptdms", "tdms")
     channels = []
     # by handle: given a path, nptdms would believe an index file beside it

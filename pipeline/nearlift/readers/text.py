@@ -50,13 +50,8 @@ OPTIONS = {
 
 
 def given(dialect: RecordsDialect) -> Given:
-    """The manifest's dialect as the sniffer takes it.
-
-    Raises
-    ------
-    ManifestError
-        A list holds something that is no text, units are not as many as columns, or the decimal
-        sign is none.
+    """The manifest's dialect as the sniffer takes it; `ManifestError` where a list holds something
+    that is no text, units are not as many as columns, or the decimal sign is none.
     """
     said: dict[str, Any] = {key: value for key, value in dialect.items() if key in OPTIONS}
     for key in ("columns", "units", "ignore"):
@@ -101,13 +96,7 @@ def given(dialect: RecordsDialect) -> Given:
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a text file.
-
-    Raises
-    ------
-    InputRefused
-        No dialect fits, or a line breaks the dialect.
-    """
+    """The channels of a text file; `InputRefused` where no dialect fits, or a line breaks it."""
     return from_text(path, given(dialect), names)
 
 
@@ -313,12 +302,8 @@ def marked(path: Path, said: Given, marks: Sequence[str]) -> list[tuple[int, str
 
 
 def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
-    """The cells of one column of a text, as they stand, a row each.
-
-    Raises
-    ------
-    InputRefused
-        There is no such column.
+    """The cells of one column of a text, as they stand, a row each; `InputRefused` if it is not
+    there.
     """
     layout = layout_of(path, given(dialect))
     if column not in layout.names:

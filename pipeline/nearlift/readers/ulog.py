@@ -25,13 +25,7 @@ LONGEST_S = 24 * 3600.0
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a log.
-
-    Raises
-    ------
-    Malformed
-        It contradicts its own structure.
-    """
+    """The channels of a log; `Malformed` where it contradicts its own structure."""
     pyulog = library("pyulog", "ulog")
     data = path.read_bytes()
     whole = _is_whole(data)

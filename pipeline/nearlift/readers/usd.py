@@ -63,14 +63,8 @@ class Event:
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a log.
-
-    Raises
-    ------
-    Malformed
-        It is cut off, or its sum is wrong, and `salvage` was not asked for.
-    InputRefused
-        It is of a later version, or larger than 1 GiB.
+    """The channels of a log; `InputRefused` of a later version, or over 1 GiB, `Malformed` where it
+    is cut off or its sum is wrong and `salvage` was not asked for.
     """
     size = path.stat().st_size
     if size > MOST_BYTES:

@@ -38,13 +38,7 @@ def dialect_of(name: str) -> Dialect:
 
 
 def claimed_by(path: Path) -> Dialect:
-    """The one dialect that claims a file.
-
-    Raises
-    ------
-    InputRefused
-        None does, or more than one.
-    """
+    """The one dialect that claims a file; `InputRefused` where none does, or more than one."""
     with path.open("rb") as file:
         head = file.read(HEAD)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -72,13 +66,9 @@ def read(
     format_name: str | None = None,
     child: Child | None = None,
 ) -> Iterator[VelocityField]:
-    """The fields of one file in SI, in the file's own axes; `child` is the process that parses what
-    a C library must, else one for this file.
-
-    Raises
-    ------
-    InputRefused
-        The file cannot be read, or holds no velocities in known units.
+    """The fields of one file in SI, in the file's own axes; `InputRefused` where it cannot be read,
+    or holds no velocities in known units. `child` is the process that parses what a C library must,
+    else one for this file.
     """
     dialect = claimed_by(path) if format_name is None else dialect_of(format_name)
     for i, raw in enumerate(raws(path, dialect, child)):
@@ -86,13 +76,8 @@ def read(
 
 
 def raws(path: Path, dialect: Dialect, child: Child | None = None) -> Iterator[Raw]:
-    """The fields of one file as they stand there, one in memory at a time; arguments as for `read`.
-
-    Raises
-    ------
-    InputRefused
-        As the dialect's own reader does; or the file is damaged, or its reader crashed or came to a
-        limit.
+    """The fields of one file as they stand there, one in memory at a time, by the `child` of
+    `read`; `InputRefused` as by the dialect's own reader, or where that crashed or came to a limit.
     """
     if not dialect.child:
         yield from dialect.read(path)

@@ -93,11 +93,7 @@ class Dialect:
 
 def text_of(path: Path) -> str:
     """A text file, UTF-8 or UTF-16 with its mark, else Latin-1; carriage returns removed.
-
-    Raises
-    ------
-    InputRefused
-        Empty, too large, or binary.
+    `InputRefused` of an empty, too large or binary one.
     """
     size = path.stat().st_size
     if size == 0:
