@@ -27,16 +27,9 @@ from nearlift.reduction.mean_noise import spectral_density_at_zero
 class Pieces:
     """The pieces of a record, each a trial; every array has one entry per piece.
 
-    Attributes
-    ----------
-    number : int array
-        From 1 in the record's order.
-    since_s : float array
-        From the record's first sample to the piece's own.
-    brought : mapping of str to float array
-        SI, by the schedule's columns that the pieces bring.
-    covariates, scatter : mapping of str to float array
-        Mean and scatter of the record's further columns; one without scatter has none.
+    A piece has its `number`, from 1 in the record's order, and begins `since_s` behind the record's
+    first sample. What is `brought` is in SI, by the schedule's columns; `covariates` and `scatter`
+    are mean and scatter of the record's further columns; one without scatter has none.
     """
 
     number: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
@@ -51,18 +44,9 @@ class Pieces:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutPiece:
-    """A piece with its samples.
-
-    Attributes
-    ----------
-    number, since_s, brought, covariates
-        As in `Pieces`; a covariate is its mean and its scatter.
-    force_N : (n,) float array
-        Settled; tare not removed.
-    time_s : (n,) float array or None
-        Their clock, where there is one that can tell gaps.
-    tare_N : (m,) float array
-        Samples of its zero.
+    """A piece, as in `Pieces` (a covariate is its mean and its scatter), with its samples: the
+    settled `force_N` (n,), tare not removed; `time_s` (n,), their clock, where there is one that
+    can tell gaps; and `tare_N` (m,), the samples of its zero.
     """
 
     number: int

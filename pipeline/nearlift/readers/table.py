@@ -54,18 +54,11 @@ def _stands_for(form: str, line: str) -> bool:
 class CellSyntax:
     """How the lines of a table are cut into cells and cells become numbers.
 
-    Attributes
-    ----------
-    separator : str
-        One character; `BLANKS` for any run of blanks and tabs, `NONE` for one cell to a line.
-    decimal : str
-        ``"."`` or ``","``.
-    trailing : bool
-        Every line ends with a separator, so that a blank cell follows the last.
-    ignore : tuple of str
-        Whole lines (such as START) that are no rows; ``*`` stands for anything in them.
-    labels : bool
-        CellSyntax are ``name: number``, with the same names on every line.
+    The `separator` is one character, `BLANKS` for any run of blanks and tabs, or `NONE` for one
+    cell to a line; the `decimal` sign is ``.`` or ``,``. `trailing`: every line ends with a
+    separator, so that a blank cell follows the last. `ignore` are whole lines (such as START) that
+    are no rows; ``*`` stands for anything in them. `labels`: cells are ``name: number``, with the
+    same names on every line.
     """
 
     separator: str = ","

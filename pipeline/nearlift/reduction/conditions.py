@@ -7,19 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """How records were taken, and what the quality codes are judged by.
-
-    Attributes
-    ----------
-    rate_Hz : float
-        Nominal sample rate.
-    tare_s, settle_s : float
-        Rotors-stopped head, and what is discarded after it.
-    drift, missing, out_of_range : float
-        Fractions, from ``[quality]``: of the trial's lift that the drift over the record may reach;
-        of the samples that may be absent; of the samples that may hold no number.
-    range_N : float or None
-        Capacity of the load cell.
+    """Nominal sample rate, rotors-stopped head and what is discarded after it, and what the quality
+    codes are judged by: the capacity `range_N` of the load cell, and fractions, from ``[quality]``:
+    of the trial's lift that the drift over the record may reach; of the samples that may be absent;
+    of the samples that may hold no number.
     """
 
     rate_Hz: float

@@ -53,18 +53,11 @@ NEAREST = 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Screen:
-    """The outliers among n trials.
+    """The outliers among n trials, by arrays (n,).
 
-    Attributes
-    ----------
-    outlying : (n,) bool
-        Beyond what noise allows at the rate of `FAMILY_WISE` for all trials together.
-    departure : (n,)
-        Log lift less that of repeats and neighbours; nan for a trial that has none.
-    sigmas : (n,)
-        The same over its robust scale.
-    why_not : str
-        Why nothing could be screened; empty where it could.
+    Those `outlying` are beyond what noise allows at the rate of `FAMILY_WISE` for all together;
+    `departure` is log lift less that of repeats and neighbours, nan for a trial that has none, and
+    `sigmas` the same over its robust scale. `why_not` says why nothing could be screened.
     """
 
     outlying: BoolArray
@@ -86,23 +79,13 @@ def screen(
     *,
     curve_removed: bool = False,
 ) -> Screen:
-    """Compare each trial of one boundary with its repeats and neighbours.
+    """Compare each of n trials of one boundary with its repeats and neighbours; one that takes part
+    in a median which another outlier spoils is judged anew without that one.
 
-    Parameters
-    ----------
-    log_lift : (n,)
-        Natural logarithm of lift; or, with `curve_removed`, what a fitted curve leaves of it.
-    z_hat, throttle, visit : (n,)
-        Distance over rotor radius (inf in free air), throttle, and stop of the traverse.
-    curve_removed : bool
-        A trial without repeats or visit mates is then compared with those nearest in distance at
-        its throttle.
-
-    Returns
-    -------
-    Screen
-        One that takes part in a median which another outlier spoils is judged anew without that
-        one.
+    Arrays are (n,): natural logarithm of lift, distance over rotor radius (inf in free air),
+    throttle, stop of the traverse. With `curve_removed`, `log_lift` is what a fitted curve leaves
+    of it, and a trial without repeats or visit mates is compared with those nearest in distance at
+    its throttle.
     """
     n = len(log_lift)
     out, departure, sigmas = np.zeros(n, dtype=bool), np.full(n, np.nan), np.full(n, np.nan)

@@ -69,19 +69,11 @@ class Raw:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Dialect:
-    """One outside format.
+    """One outside format: its name in ``[piv] format``, and a title for the catalogue.
 
-    Attributes
-    ----------
-    name, title : str
-        What ``[piv] format`` says, and one line for the catalogue.
-    sniff : callable
-        Whether the first bytes of a file are of this dialect; no two dialects say yes to one file.
-    read : callable
-        Path to the fields in it, one in memory at a time.
-    child : bool
-        Whether a library written in C parses the file: it then does so in a process of its own
-        (`readers.child`).
+    `sniff` tells whether the first bytes of a file are of this dialect; no two say yes to one file.
+    `read` gives the fields of a file, one in memory at a time. `child`: a library written in C
+    parses it, which it does in a process of its own (`readers.child`).
     """
 
     name: str
