@@ -57,8 +57,6 @@ class Format:
     child : bool
         Whether a library written in C parses the file: it then does so in a process of its own
         (`readers.child`).
-    checked : bool
-        Whether a cut or changed file shows by itself (a check sum, a length); told by `inspect`.
     """
 
     name: str
@@ -67,7 +65,6 @@ class Format:
     contents: Reading
     options: Mapping[str, type] = field(default_factory=dict)
     child: bool = False
-    checked: bool = False
 
     def checked_dialect(self, dialect: RecordsDialect) -> RecordsDialect:
         """The manifest's dialect; `ManifestError` of a key that is unknown or of another type."""

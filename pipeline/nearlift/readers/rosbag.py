@@ -80,6 +80,5 @@ READER = reader_of(
         contents=contents,
         options={"stamps": str},
         child=True,
-        checked=True,
     )
 )

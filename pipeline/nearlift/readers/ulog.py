@@ -69,6 +69,5 @@ READER = reader_of(
         recognises=lambda head, name: head.startswith(MAGIC),
         contents=contents,
         child=True,
-        checked=True,
     )
 )

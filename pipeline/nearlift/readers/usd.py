@@ -259,6 +259,5 @@ READER = reader_of(
         ),
         contents=contents,
         options={"salvage": bool},
-        checked=True,
     )
 )
