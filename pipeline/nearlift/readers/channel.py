@@ -163,7 +163,7 @@ def of_topic(
     channels = [Channel(name=f"{topic}.time", unit="s", rate_Hz=rate, values=clock)]
     for field, numbers in fields:
         if wanted(name := f"{topic}.{field}", names):
-            values = np.asarray(numbers, dtype=np.float64)
+            values = np.array(numbers, dtype=np.float64)
             channels.append(Channel(name=name, rate_Hz=rate, values=values))
     return channels
 

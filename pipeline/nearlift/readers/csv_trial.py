@@ -54,13 +54,8 @@ def parse(
     content: bytes, where: str, force: str, time: str | None = None
 ) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
     """Force and clock columns of one file's bytes, in memory that this thread's next file takes
-    over, and quality codes.
-
-    Raises
-    ------
-    InputRefused
-        The file is not UTF-8, a column is missing or stands twice, or a line is not what the header
-        promises.
+    over, and quality codes; `InputRefused` where the file is not UTF-8, a column is missing or
+    stands twice, or a line is not what the header promises.
     """
     nothing = np.empty(0)
     blank = None if time is None else nothing

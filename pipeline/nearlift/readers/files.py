@@ -88,14 +88,8 @@ def _holds(root: Path, folder: Path) -> bool:
 
 def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
     """File and size in bytes of each trial that has one, where the manifest's pattern gives one
-    file to every trial.
-
-    Raises
-    ------
-    ManifestError
-        The pattern has no ``{trial}``, or a trial's id cannot stand in a file name.
-    InputRefused
-        A file leads outside the folder or is not a regular file.
+    file to every trial; `ManifestError` where it has no ``{trial}``, or a trial's id cannot stand
+    in a file name, `InputRefused` as by `inside`.
     """
     pattern = campaign.records.pattern
     if MARK not in pattern:

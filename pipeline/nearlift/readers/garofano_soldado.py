@@ -71,17 +71,9 @@ def convert(
     table: Path, folder: Path, *, along_axes: bool = False, name: str | None = None
 ) -> Path:
     """Write the table, ``thrust_vs_height.csv``, as a campaign into a new or empty folder, and
-    return that.
-
-    With `along_axes` the force is divided by cos(alpha) cos(beta). The campaign has the `name`, or
-    that of the folder.
-
-    Raises
-    ------
-    InputRefused
-        The table lacks a column, or a cell is no number.
-    UsageError
-        The folder holds something already.
+    return that; `InputRefused` where it lacks a column, or a cell is no number, `UsageError` where
+    the folder holds something. With `along_axes` the force is divided by cos(alpha) cos(beta); the
+    campaign has the `name`, or that of the folder.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise UsageError(

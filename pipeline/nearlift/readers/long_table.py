@@ -101,13 +101,8 @@ def spans(
     path: Path, wanted: Sequence[tuple[str, str]]
 ) -> tuple[list[str], FloatArray, FloatArray]:
     """Every trial in the table's order, its first row and one past its last (n, 2), and one past
-    the last row of each row group.
-
-    Raises
-    ------
-    InputRefused
-        The file is damaged, lacks a wanted column, a row has no trial, or a trial's rows do not
-        stand together.
+    the last row of each row group; `InputRefused` where the file is damaged, lacks a wanted column,
+    a row has no trial, or a trial's rows do not stand together.
     """
     import pyarrow as pa
     import pyarrow.compute as pc

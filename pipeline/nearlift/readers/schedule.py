@@ -90,14 +90,9 @@ def schedule_file(campaign: Campaign, root: Path) -> Path:
 
 
 def read_schedule(campaign: Campaign, root: Path) -> Schedule:
-    """Read and check the schedule of a campaign.
-
-    Raises
-    ------
-    InputRefused
-        The file is missing or no CSV text, or a distance cannot be true.
-    ManifestError
-        A column is missing, without a unit, or holds what it may not; two trials share an id.
+    """Read and check the schedule of a campaign; `InputRefused` where the file is missing or no CSV
+    text, or a distance cannot be true, `ManifestError` where a column is missing, without a unit,
+    or holds what it may not, or two trials share an id.
     """
     path = schedule_file(campaign, root)
     text = text_of(path)

@@ -151,12 +151,8 @@ def read(
     cells: CellSyntax = COMMAS,
 ) -> list[FloatArray]:
     """The wanted columns of `body`, UTF-8 text whose lines end in a line feed and whose first is
-    line `first` of the file.
-
-    Raises
-    ------
-    InputRefused
-        A line has too few or too many cells, a cell wanted is no number, or the bytes are no UTF-8.
+    line `first` of the file; `InputRefused` where a line has too few or too many cells, a cell
+    wanted is no number, or the bytes are no UTF-8.
     """
     columns = _by_arrow(body, len(header), wanted, cells) if cells.plain else None
     return columns if columns is not None else _explained(body, where, first, header, wanted, cells)

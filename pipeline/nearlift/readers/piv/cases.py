@@ -18,14 +18,9 @@ from nearlift.readers.piv.vectors import Setting
 
 
 def files_of(root: Path, case: PivCase) -> list[Path]:
-    """Every file of a case, in the order of the numbers in their names.
-
-    Raises
-    ------
-    ManifestError
-        The pattern leads outside the campaign's folder, or matches nothing.
-    InputRefused
-        A file leads outside by a link, or is no regular file.
+    """Every file of a case, in the order of the numbers in their names; `ManifestError` where the
+    pattern leads outside the campaign's folder, or matches nothing, `InputRefused` where a file
+    leads outside by a link, or is no regular file.
     """
     where = f"piv case {case.name!r}: files"
     if Path(case.files).is_absolute() or ".." in Path(case.files).parts:

@@ -114,15 +114,9 @@ def text_of(path: Path) -> str:
 def rows(
     lines: list[str], path: Path, first: int, separator: str | None, comma: bool = False
 ) -> FloatArray:
-    """Numbers of data lines as (n, columns), the first of which is line `first` of the file.
-
+    """Numbers of data lines as (n, columns), the first of which is line `first` of the file;
+    `InputRefused` where there are none, a line has more or fewer columns, or a cell is no number.
     `separator` None stands for blanks and tabs; `comma` says that decimals are written with one.
-
-    Raises
-    ------
-    InputRefused
-        Nothing there, a line with more or fewer columns, or a cell that is no number, with its
-        line.
     """
     lines = [line for line in lines if line.strip()]
     if not lines:
@@ -174,13 +168,9 @@ def _what_is_wrong(
 
 
 def settle(raw: Raw, setting: Setting, where: str) -> VelocityField:
-    """A field in SI on its grid, in the file's own axes; what is no vector is nan.
-
-    Raises
-    ------
-    InputRefused
-        A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame
-        time; every vector is zero or missing; the grid is not rectangular and even.
+    """A field in SI on its grid, in the file's own axes; what is no vector is nan. `InputRefused`
+    where a unit is unknown or contradicts the manifest; pixels have no scale, displacements no
+    frame time; every vector is zero or missing; the grid is not rectangular and even.
     """
     length = _one(raw.length_unit, setting.length_unit, "length_unit", '"mm"', where)
     velocity = _one(
