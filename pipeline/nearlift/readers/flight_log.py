@@ -77,15 +77,13 @@ def upwards(values: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clock:
-    """When samples came: s, ascending; `kept` are those whose stamps ascend."""
+    """When samples came: s, ascending; `kept` are those whose stamps ascend, and `hole_s` is the
+    shortest time without one that is a hole.
+    """
 
     time_s: FloatArray
     kept: BoolArray
-
-    @property
-    def hole_s(self) -> float:
-        """The shortest time without a sample that is a hole."""
-        return hole_of(median(np.diff(self.time_s)))
+    hole_s: float
 
 
 def hole_of(step_s: float) -> float:
@@ -202,18 +200,17 @@ class _Aligned:
             for c in self.contents.channels
             if c.name.endswith(".time") and channel.name.startswith(c.name[: -len("time")])
         ]
-        stamps = max(topics, key=lambda c: len(c.name), default=None)
-        if stamps is None and said is None:
-            raise InputRefused(
-                where,
-                f"has no clock for {channel.name!r}",
-                'name it: [records] time = { column = "...", unit = "ms" }',
-            )
+        stamps, unit = max(topics, key=lambda c: len(c.name), default=None), "s"
         if stamps is None:
-            assert said is not None
+            if said is None:
+                raise InputRefused(
+                    where,
+                    f"has no clock for {channel.name!r}",
+                    'name it: [records] time = { column = "...", unit = "ms" }',
+                )
             stamps = pick(self.contents.channels, said.column, "records.time.column", where)
+            unit = said.unit
         if stamps.name not in self.clocks:
-            unit = "s" if stamps in topics or said is None else said.unit
             self.clocks[stamps.name] = self._clock(stamps, unit)
         clock = self.clocks[stamps.name]
         if len(clock.kept) != len(channel.values):
@@ -269,7 +266,8 @@ class _Aligned:
         # of a clock that was set back, the part before and the part behind both stand in order
         if kept.sum() < (1 - WORST_CLOCK) * n:
             kept = known & (time_s > before)
-        strides = np.diff(time_s[kept])
+        ascending = time_s[kept]
+        strides = np.diff(ascending)
         holes = np.count_nonzero(strides > hole_s)
         lost = n - int(kept.sum())
         if kept.sum() < FEWEST or lost + holes > WORST_CLOCK * n:
@@ -279,7 +277,7 @@ class _Aligned:
                 f" more than {1e3 * hole_s:.3g} ms behind the one before",
                 "log at a steady rate, or name the clock that runs with it under [records] time",
             )
-        return Clock(time_s=time_s[kept], kept=kept)
+        return Clock(time_s=ascending, kept=kept, hole_s=hole_of(median(strides)))
 
 
 def siblings(channel: Channel, channels: Sequence[Channel]) -> list[Channel]:
