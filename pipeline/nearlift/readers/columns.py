@@ -90,11 +90,8 @@ class ColumnTexts:
 
     def at(self, i: int) -> str:
         """Where cell `i` stands."""
-        return (
-            f"{self.file}, line {self.lines[i]}, column {self.name!r}"
-            if self.lines
-            else f"{self.file}, constant {self.name!r}"
-        )
+        kind = f"line {self.lines[i]}, column" if self.lines else "constant"
+        return f"{self.file}, {kind} {self.name!r}"
 
 
 class Numbers(Sequence[str]):

@@ -138,11 +138,8 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
         ]
     else:
         # one folder is listed in a tenth of the time that a search takes
-        there = (
-            [f"{folder}{slash}{name}" for name in os.listdir(root / folder)]  # noqa: PTH208
-            if (root / folder).is_dir()
-            else []
-        )
+        listing = os.listdir(root / folder) if (root / folder).is_dir() else []  # noqa: PTH208
+        there = [f"{folder}{slash}{name}" for name in listing]
     for name in there:
         length = (len(name) - len(pattern) + times * len(MARK)) // times
         trial = name[len(head) : len(head) + length]

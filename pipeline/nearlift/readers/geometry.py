@@ -102,31 +102,27 @@ def _inside_the_arena(
     """
     arena, r = campaign.rig.arena, campaign.vehicle.rotor_radius
     farthest, nearest = (int(here[place(z_m[here])]) for place in (np.argmax, np.argmin))
+    far, near = (f"{cells.texts[i].strip()} {unit}" for i in (farthest, nearest))
     if arena is not None and z_m[farthest] > arena:
         ends = recorded[here].min(), recorded[here].max()
         raise InputRefused(
             cells.at(farthest),
-            f"{cells.texts[farthest].strip()} {unit} is outside the {arena:g} m arena"
+            f"{far} is outside the {arena:g} m arena"
             + _other_units(ends, r / 50 - offset, arena - offset, unit),
             "mend distance under [trials.units], the schedule, or [rig] arena",
         )
     if z_m[nearest] <= NEAREST * r:
+        into = f"{-1e3 * z_m[nearest]:.3g} mm into the {side}"
+        stands = into if z_m[nearest] < 0 else f"on the {side} itself"
         raise InputRefused(
             cells.at(nearest),
-            f"{cells.texts[nearest].strip()} {unit} with an offset of {1e3 * offset:g} mm puts the"
-            " rotor "
-            + (
-                f"{-1e3 * z_m[nearest]:.3g} mm into the {side}"
-                if z_m[nearest] < 0
-                else f"on the {side} itself"
-            ),
+            f"{near} with an offset of {1e3 * offset:g} mm puts the rotor {stands}",
             "mend [rig] distance_datum and distance_offset, or the schedule",
         )
     if z_m[farthest] < r / 50:
         raise InputRefused(
             cells.at(farthest),
-            f"{cells.texts[farthest].strip()} {unit} is the farthest from the {side},"
-            f" {z_m[farthest] / r:.2g} of a rotor's radius"
+            f"{far} is the farthest from the {side}, {z_m[farthest] / r:.2g} of a rotor's radius"
             + _other_units(recorded[[farthest]], r, arena or 100 * r, unit),
             "mend distance under [trials.units], or the schedule",
         )

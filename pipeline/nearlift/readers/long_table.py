@@ -190,9 +190,6 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
             Channel(name=name, values=floats(table[name].combine_chunks()))
             for name in table.column_names
         )
-    notes = (
-        ()
-        if TRIAL in schema.names
-        else ('it has no column "trial", which reader = "parquet" needs',)
-    )
+    without = 'it has no column "trial", which reader = "parquet" needs'
+    notes = () if TRIAL in schema.names else (without,)
     return with_rate(Contents(channels=channels, kind="Parquet", notes=notes))

@@ -145,7 +145,7 @@ def of_cells(
     means: dict[str, NDArray[Any]] = {}
     notes = list(notes)
     for name, column in cells.items():
-        known = BY_NAME.get(name)
+        known, unit = BY_NAME.get(name), given.get(name)
         if name in REQUIRED:
             continue
         if known is None:
@@ -158,25 +158,20 @@ def of_cells(
             others = [k.name for k in KNOWN if k.name not in cells and not flown]
             hint = did_you_mean(name, others)
             notes += [f"{path.name}: column {name!r} is kept as it is; {hint}"] if hint else []
-        elif name in MEANS:
-            means[known.inside] = (
-                columns.plain(column, name)
-                if name == "n"
-                else columns.quantity(column, known, given.get(name), blank=name != "lift")
-            )
         elif name == "start":
-            covariates[known.inside] = columns.seconds(column, given.get("start"))
-        elif name == "tare_after" and given.get("tare_after") == "count":
+            covariates[known.inside] = columns.seconds(column, unit)
+        elif name == "tare_after" and unit == "count":
             covariates[known.inside] = columns.counts(campaign, column)
         elif known.kind == "text":
             covariates[known.inside] = np.array([t.strip() for t in column.texts], dtype=object)
         else:
-            covariates[known.inside] = values = (
+            values = (
                 columns.plain(column, name)
                 if known.kind == "plain"
-                else columns.quantity(column, known, given.get(name))
+                else columns.quantity(column, known, unit, blank=name != "lift")
             )
-            share_is_plausible(name, values, column, given.get(name, ""))
+            share_is_plausible(name, values, column, unit or "")
+            (means if name in MEANS else covariates)[known.inside] = values
     means_wanted = campaign.records.reader == "means"
     if means_wanted and "lift_N" not in means:
         raise ManifestError(

@@ -101,11 +101,10 @@ def value_of(text: str, decimal: str = ".") -> float | None:
     if decimal == ",":
         # a point in a file of decimal commas would be a thousands separator or another dialect:
         # neither is a number here
-        plain = (
-            plain.replace(",", ".")
-            if "." not in plain and plain.count(",") <= 1
-            else (plain if NO_NUMBER.fullmatch(plain.lower()) else "?")
-        )
+        if "." not in plain and plain.count(",") <= 1:
+            plain = plain.replace(",", ".")
+        elif not NO_NUMBER.fullmatch(plain.lower()):
+            plain = "?"
     if NUMBER.fullmatch(plain):
         value = float(plain)
         return value if math.isfinite(value) else math.nan

@@ -51,11 +51,8 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
                 # floats
                 values = np.asarray(channel[:], dtype=np.float64)
                 step = channel.properties.get("wf_increment")
-                rate = (
-                    1 / float(step)
-                    if isinstance(step, (int, float, np.number)) and float(step) > 0
-                    else None
-                )
+                steady = isinstance(step, (int, float, np.number)) and float(step) > 0
+                rate = 1 / float(step) if steady else None
                 channels.append(
                     Channel(name=name, unit=_unit(channel.properties), rate_Hz=rate, values=values)
                 )

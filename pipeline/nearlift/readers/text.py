@@ -225,11 +225,9 @@ class Blocks:
     def __iter__(self) -> Iterator[tuple[int, bytes]]:
         line, skip = 1, self.layout.first - 1
         held = b""
-        decoder = (
-            None
-            if self.layout.encoding in ("utf-8", "utf-8-sig")
-            else codecs.getincrementaldecoder(self.layout.encoding)()
-        )
+        encoding = self.layout.encoding
+        foreign = encoding not in ("utf-8", "utf-8-sig")
+        decoder = codecs.getincrementaldecoder(encoding)() if foreign else None
         with packed.opened(self.path) as file:
             while True:
                 raw = file.read(BLOCK)

@@ -110,12 +110,10 @@ def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
     inner = np.sort(np.abs(left))[:-2]
     change = abs(levels[0] - levels[1])
     # a long segment shows a small change, unless neighbours are alike anyway
-    longer = (
-        (members * (n - members) / n / _memory(left)) ** 0.5 / OF_MANY
-        if len(values) >= n * SHORTEST_BLOCK
-        else 1.0
-    )
-    if change * max(longer, 1.0) <= _apart(n) * max(float(inner @ inner / (n - 4)) ** 0.5, noise):
+    longer = 1.0
+    if len(values) >= n * SHORTEST_BLOCK:
+        longer = max((members * (n - members) / n / _memory(left)) ** 0.5 / OF_MANY, 1.0)
+    if change * longer <= _apart(n) * max(float(inner @ inner / (n - 4)) ** 0.5, noise):
         return 0.0, False
     size = min(members, n - members)
     return change * size / n, bool(chosen[0]) == (size == members)

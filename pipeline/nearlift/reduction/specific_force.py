@@ -107,12 +107,8 @@ def faults(
         elif abs(mean + expected) <= OFF:
             remedy = "sign = -1?"
         else:
-            ratio = abs(mean) * g if abs(mean) < 0.5 else abs(mean) / g
-            remedy = (
-                f'unit = "{"g" if abs(mean) < 0.5 else "m/s^2"}"?'
-                if abs(ratio - 1) <= OFF
-                else "name another column"
-            )
+            unit, ratio = ("g", abs(mean) * g) if abs(mean) < 0.5 else ("m/s^2", abs(mean) / g)
+            remedy = f'unit = "{unit}"?' if abs(ratio - 1) <= OFF else "name another column"
         contradictions.append(Fault("acceleration", what, remedy))
     if not contradictions and sideways is not None and drift is not None:
         sides = zip(sideways, drift, strict=True)

@@ -93,13 +93,10 @@ def _version_5(path: Path) -> dict[str, list[Any]]:
         if name.startswith("__"):
             continue
         array = np.asarray(value)
-        variables[name] = (
-            [str(array.ravel()[0])]
-            if array.dtype.kind in "US"
-            else list(array.ravel())
-            if array.dtype == object
-            else [array]
-        )
+        if array.dtype.kind in "US":
+            variables[name] = [str(array.ravel()[0])]
+        else:
+            variables[name] = list(array.ravel()) if array.dtype == object else [array]
     return variables
 
 
