@@ -101,14 +101,7 @@ def _reads(layout: Layout, lines: Sequence[str], where: str) -> bool:
     """Whether every line from the first row on has the layout's cells, and numbers where it has."""
     body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
     try:
-        table.read(
-            body,
-            where,
-            layout.first,
-            layout.names,
-            [i for i in range(len(layout.names)) if i not in layout.texts],
-            layout.cells,
-        )
+        table.read(body, where, layout.first, layout.names, layout.numeric, layout.cells)
     except InputRefused:
         return False
     return True

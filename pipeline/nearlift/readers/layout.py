@@ -60,15 +60,17 @@ class Layout:
     #: which columns are text
     texts: tuple[int, ...] = ()
 
+    @property
+    def numeric(self) -> list[int]:
+        """Which columns are numbers."""
+        return [i for i in range(len(self.names)) if i not in self.texts]
+
     def spoken(self) -> str:
         """The dialect in words; empty for plain CSV."""
         parts = []
         if self.encoding not in ("utf-8", "ascii"):
-            parts.append(
-                {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}.get(
-                    self.encoding, self.encoding.upper()
-                )
-            )
+            names = {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}
+            parts.append(names.get(self.encoding, self.encoding.upper()))
         if self.cells.separator not in (",", NONE):
             parts.append(
                 f"separated by {SPOKEN.get(self.cells.separator, repr(self.cells.separator))}"

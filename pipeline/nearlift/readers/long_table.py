@@ -138,11 +138,8 @@ def spans(
                     rows[name] = (start, end)
                 last = name
             at += batch.num_rows
-    return (
-        list(rows),
-        np.array(list(rows.values()), dtype=float).reshape(-1, 2),
-        groups.astype(float),
-    )
+    bounds = np.array(list(rows.values()), dtype=float).reshape(-1, 2)
+    return list(rows), bounds, groups.astype(float)
 
 
 def _row_group_ends(file: pq.ParquetFile) -> FloatArray:

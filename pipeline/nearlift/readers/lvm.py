@@ -191,11 +191,8 @@ class _Parser:
 
     def _count(self, segment: Mapping[str, Sequence[str]], rows: int) -> None:
         """Whether a segment has its header's samples; under one heading, a multiple of them."""
-        promised = [
-            value
-            for text in segment.get("Samples", ())
-            if (value := value_of(text)) is not None and value >= 1
-        ]
+        stated = map(value_of, segment.get("Samples", ()))
+        promised = [value for value in stated if value is not None and value >= 1]
         if not promised:
             return
         usual = int(max(promised))

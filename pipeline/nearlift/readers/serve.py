@@ -210,10 +210,7 @@ def _limit(memory: int) -> None:
         import resource
     except ImportError:
         return
-    for kind, limit in (
-        (resource.RLIMIT_AS, memory),
-        (resource.RLIMIT_FSIZE, 0),
-        (resource.RLIMIT_CORE, 0),
-    ):
+    limits = {resource.RLIMIT_AS: memory, resource.RLIMIT_FSIZE: 0, resource.RLIMIT_CORE: 0}
+    for kind, limit in limits.items():
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(kind, (limit, limit))

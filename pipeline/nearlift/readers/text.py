@@ -202,7 +202,7 @@ def layout_of(path: Path, said: Given) -> Layout:
 def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
     """Which columns to read: those that `pick` may choose, or all that hold numbers."""
     if names is None:
-        return [i for i in range(len(layout.names)) if i not in layout.texts]
+        return layout.numeric
     chosen = [i for i, name in enumerate(layout.names) if wanted(name, names)]
     if not chosen:
         channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]

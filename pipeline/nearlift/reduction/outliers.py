@@ -195,11 +195,8 @@ def _groups(value: FloatArray, group: IntArray, rank_by: FloatArray) -> list[NDA
     """Places of the known values of each group of three or more, rising in `rank_by`."""
     known = np.flatnonzero(np.isfinite(value))
     order = known[np.lexsort((rank_by[known], group[known]))]
-    return [
-        members
-        for members in np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
-        if len(members) > 2
-    ]
+    groups = np.split(order, np.flatnonzero(np.diff(group[order])) + 1)
+    return [members for members in groups if len(members) > 2]
 
 
 def _median_of_others(value: FloatArray, group: IntArray) -> FloatArray:

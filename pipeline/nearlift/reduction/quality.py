@@ -102,6 +102,13 @@ CODES = tuple(
     }.items()
 )
 _BY_NAME = {c.name: c for c in CODES}
+#: What a record is that has one of these codes, the worst first.
+_WORDS = {
+    "missing": {"MISSING"},
+    "pending": {"PENDING"},
+    "malformed": {"MALFORMED", "salvaged"},
+    "truncated": {"truncated", "EMPTY", "NO_DATA", "SHORT", "TOO_SHORT", "short", "GAPS", "gaps"},
+}
 #: The one code that is the user's judgement, not the tool's.
 EXCLUDED = "EXCLUDED"
 
@@ -168,15 +175,4 @@ def remarks(quality: NDArray[Any]) -> list[str]:
 def completeness(text: str) -> str:
     """A record as its `quality` says: complete, truncated, malformed, pending or missing."""
     names = set(text.split())
-    for word, signs in (
-        ("missing", {"MISSING"}),
-        ("pending", {"PENDING"}),
-        ("malformed", {"MALFORMED", "salvaged"}),
-        (
-            "truncated",
-            {"truncated", "EMPTY", "NO_DATA", "SHORT", "TOO_SHORT", "short", "GAPS", "gaps"},
-        ),
-    ):
-        if names & signs:
-            return word
-    return "complete"
+    return next((word for word, signs in _WORDS.items() if names & signs), "complete")
