@@ -121,20 +121,19 @@ def reader_of(form: Format) -> Reader:
         from nearlift.readers.serve import ReduceRecord
 
         spec = ChannelSpec.from_manifest(campaign)
-        return child.rows(
-            [
-                ReduceRecord(
-                    reader=form.name,
-                    path=str(path),
-                    spec=spec,
-                    conditions=conditions,
-                    trial=trial,
-                    source=source_of(root, path),
-                    tare_after_N=tare_after_N.get(trial, math.nan),
-                )
-                for trial, path in zip(piece.trials, piece.paths, strict=True)
-            ]
-        )
+        asked = [
+            ReduceRecord(
+                reader=form.name,
+                path=str(path),
+                spec=spec,
+                conditions=conditions,
+                trial=trial,
+                source=source_of(root, path),
+                tare_after_N=tare_after_N.get(trial, math.nan),
+            )
+            for trial, path in zip(piece.trials, piece.paths, strict=True)
+        ]
+        return child.rows(asked)
 
     return Reader(
         name=form.name,

@@ -1,6 +1,7 @@
 """What the cores compute, typed once: computed, saved as JSON, loaded and shown as it is."""
 
+from nearlift.declare import IntArray
 from nearlift.results.estimate import Estimate, Noise
-from nearlift.results.observations import IntArray, Observations
+from nearlift.results.observations import Observations
 
 __all__ = ["Estimate", "IntArray", "Noise", "Observations"]
