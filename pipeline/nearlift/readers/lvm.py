@@ -47,7 +47,7 @@ class _Series:
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of an LVM file; `InputRefused` of another, or a line out of its promise."""
+    """The channels of an LVM file; `InputRefused` of another file, or of a bad line."""
     with packed.opened(path) as file:
         head = file.read(HEAD)
     if not head.strip(b"\0"):

@@ -58,12 +58,12 @@ def stand_reader(
     """The reader of one stand's files, one for each trial.
 
     `known` tells whether bare names are those of the format, `speeds` whether one is that of a
-    rotor's speed: such that is zero throughout while there is lift is remarked on. `texts` are the
+    rotor's speed: one that is zero throughout while there is lift is remarked on. `texts` are the
     bare names of columns that hold text.
     """
 
     def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-        """The channels of a file; refuses another header, or a line that breaks its promise."""
+        """The channels of a file; refuses another header, or a line that is unlike it."""
         head, _ = head_of(path)
         if not head.strip(b"\0"):
             return Contents(channels=(), kind=title, codes=("EMPTY",))

@@ -41,8 +41,8 @@ HIDDEN = 0.74
 OF_MANY = 1.6
 #: Samples that a converter's step is taken from.
 ENOUGH_CODES = 2000
-#: A step between two levels counts that stands within the middle half of so many means at least:
-#: nearer to the ends it is a start or a stop.
+#: A step between two levels counts where it stands within the middle half, of so many means at
+#: least: nearer to the ends it is a start or a stop.
 EDGE, FEWEST_TO_STEP = 0.25, 8
 
 

@@ -53,7 +53,7 @@ def without_strays(
 
 
 def _far(live: FloatArray) -> BoolArray:
-    """Mask of the few samples more than six standard deviations off, also behind larger ones."""
+    """Mask of the few samples over six standard deviations off, even hidden by larger ones."""
     far = np.zeros(len(live), dtype=bool)
     hidden = contamination.HIDDEN * contamination.step_of(live)
     for _ in range(5):
