@@ -28,22 +28,12 @@ WORST_CLOCK, FEWEST = 0.2, 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightLog:
-    """One log; arrays of shape (n,) unless stated, NaN where a sensor said nothing.
+    """One log; arrays of shape (n,) unless stated, NaN where a sensor said nothing, None for a
+    column that the manifest does not name.
 
-    Attributes
-    ----------
-    time_s
-        From the first sample on.
-    run : int array
-        Counts the stretches between holes of the clock.
-    acceleration_m_s2 : (n,) or (n, 3) array
-        As logged: along one axis, or x, y, z where the log has all three.
-    velocity_m_s : (n,) or (n, 3) array
-        Likewise.
-    height_m, climb_m_s, setpoint_m, supply_V, tilt_rad
-        None of a column that the manifest does not name.
-    command : (n, rotors) array
-        Shares of full throttle.
+    Time is from the first sample on; `run` counts the stretches between holes of the clock.
+    Acceleration and velocity, (n,) or (n, 3), are as logged: along one axis, or x, y, z where the
+    log has all three. `command` (n, rotors) is in shares of full throttle.
     """
 
     source: str

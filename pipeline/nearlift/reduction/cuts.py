@@ -77,18 +77,9 @@ def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
     """Stretches of constant mean: the partition of least squared error, each change of which gains
     more than noise would; neighbours less than `step` apart are one.
 
-    Parameters
-    ----------
-    values : (n,) array
-        Samples; those without a number count as the one before.
-    step : float
-        The smallest change of the mean that is one.
-    smallest : int
-        Samples of the shortest piece that is of use: it sets the grid, and no change is missed
-        between two such pieces.
+    Values (n,) without a number count as the one before. `smallest` are the samples of the shortest
+    piece that is of use: it sets the grid, and no change is missed between two such pieces.
 
-    Notes
-    -----
     Optimal partitioning (Jackson et al. 2005, IEEE Signal Process. Lett. 12, 105) of batch means,
     whose noise is told from the differences of neighbours; every change is then moved to the sample
     that fits best within a batch.

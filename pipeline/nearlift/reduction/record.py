@@ -59,24 +59,12 @@ def reduce_record(
     codes: tuple[str, ...] = (),
     where: str = "record",
 ) -> Reduced:
-    """Reduce one record.
+    """Reduce one record: lift `force_N` (n,), up positive, tare included, NaN where unreadable.
 
-    Parameters
-    ----------
-    force_N : (n,) float array
-        Lift, up positive, tare included; NaN where unreadable.
-    conditions : Conditions
-        Nominal sample rate; rotors-stopped head; what is discarded after it; limits.
-    time_s : (n,) float array, optional
-        The record's clock. Gaps are seen by it, and tare and settle then end by it; else by
-        counting samples.
-    tare_after_N : float
-        Zero reading after the trial. It only judges the drift of the zero; the tare subtracted is
-        that of the head.
-    tare_N : (m,) float array, optional
-        The tare, where it is not the record's own head: `force_N` is a piece of a longer record.
-    codes : tuple of str
-        What the reader noticed.
+    Gaps are seen by the record's clock, `time_s` (n,), where there is one, and tare and settle then
+    end by it; else by counting samples. The zero reading after the trial, `tare_after_N`, only
+    judges the drift of the zero: the tare subtracted is that of the head, or, where the record is a
+    piece of a longer one, `tare_N` (m,). `codes` are what the reader noticed.
 
     Raises
     ------

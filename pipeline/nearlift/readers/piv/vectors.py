@@ -38,20 +38,12 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Raw:
-    """One field as it stands in a file, rows (n,) in any order.
+    """One field as it stands in a file, rows (n,) in any order, units, scale and frame time None
+    where the file does not say them.
 
-    Attributes
-    ----------
-    x, y, u, v : (n,)
-        In the file's units; v positive along the file's y unless the manifest says otherwise.
-    good : (n,) bool
-        What the file calls a measured vector.
-    length_unit, velocity_unit : str or None
-        None where the file does not say.
-    scale_m, frame_time_s : float or None
-        Where the file itself says.
-    noise : (n,) or None
-        Standard uncertainty of a component, in the velocity's unit.
+    v is positive along the file's y unless the manifest says otherwise; `good` is what the file
+    calls a measured vector, `noise` the standard uncertainty of a component, in the velocity's
+    unit.
     """
 
     x: FloatArray
