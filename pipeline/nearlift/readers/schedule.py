@@ -38,29 +38,15 @@ _last: list[tuple[Campaign, Path, str, Schedule]] = []
 class Schedule:
     """The trials of a campaign in run order; every array has one entry per trial.
 
-    Attributes
-    ----------
-    trial, boundary : object arrays of str
-    z_m : float array
-        Recorded distance plus the datum's offset: rotor plane (sidewall: nearest blade tip) to
-        boundary; inf in free air.
-    z_hat : float array
-        The same over rotor radius.
-    throttle : float array
-        As a fraction.
-    visit : int array
-        Counts the traverse's stops: consecutive trials at one boundary and distance, approached
-        from one side, in one session.
-    covariates : dict of arrays
-        SI, the unit in the name (`supply_V`); columns that the contract does not name under their
-        own name. NaN where blank.
-    means : dict of arrays or None
-        `lift_N`, `lift_sd_N` and `n`, for ``reader = "means"`` only.
-    reached_m : float array or None
-        Distances that the traverse itself reported, the datum's offset added; they only judge
-        whether it arrived.
-    notes : tuple of str
-        What the user should know.
+    `z_m` is the recorded distance plus the datum's offset: rotor plane (sidewall: nearest blade
+    tip) to boundary, inf in free air; `z_hat` the same over rotor radius. `throttle` is a fraction.
+    `visit` counts the traverse's stops: consecutive trials at one boundary and distance, approached
+    from one side, in one session. `covariates` are in SI, the unit in the name (`supply_V`), NaN
+    where blank; columns that the contract does not name stand under their own name.
+
+    `means` (`lift_N`, `lift_sd_N`, `n`) are there for ``reader = "means"`` only. `reached_m` are
+    distances that the traverse itself reported, the datum's offset added; they only judge whether
+    it arrived. `notes` are what the user should know.
     """
 
     trial: NDArray[Any]
