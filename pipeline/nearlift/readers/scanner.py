@@ -30,23 +30,18 @@ class _Room:
         self.places = [address(values) for values in (*self.columns, self.layouts)]
 
 
-class _Kept(threading.local):
+def _room_for(rows: int) -> _Room:
     """A thread's room, kept from file to file: fresh memory takes longer than to fill it."""
-
-    room = _Room(0)
-
-    def room_for(self, rows: int) -> _Room:
-        """Room for at least so many rows."""
-        if rows <= self.room.columns.shape[1]:
-            return self.room
-        fresh = _Room(rows)
+    room: _Room | None = getattr(_kept, "room", None)
+    if room is None or rows > room.columns.shape[1]:
+        room = _Room(rows)
         # a file that is far larger than a record shall not hold its memory for ever
         if rows <= MOST_KEPT:
-            self.room = fresh
-        return fresh
+            _kept.room = room
+    return room
 
 
-_kept = _Kept()
+_kept = threading.local()
 _powers = address(POWERS)
 
 
@@ -63,7 +58,7 @@ def scan(text: bytes, at: int, columns: int, wanted: Sequence[int]) -> list[Floa
     others = low, max(high - low - 1, 0), columns - 1 - high
     # a row has at least a digit and a separator per column
     rows = (len(text) - at) // (2 * columns) + 1
-    room = _kept.room_for(rows)
+    room = _room_for(rows)
     room.layouts.fill(0)
     *filled, layouts = room.places
     pair = int(high != low)
