@@ -92,7 +92,7 @@ def test_an_input_widens_u_by_what_it_moves():
     alone = fitted(data)
     wide = fitted(data, (part("rotor_radius", 0.01),))
     shift = gum.gain(alone.problem, alone.theta) @ wide.parts[0].sensitivity(data, alone.slope)
-    lines, _ = gum.uncertainty_budget(wide)
+    lines = gum.uncertainty_budget(wide)
     [line] = [a for a in lines if a.component == "rotor_radius"]
     # known exactly, what is left is the fit without it; declared, the fit may lean away from it,
     # but never below that

@@ -26,20 +26,21 @@ def profile(model, data, parts=(), scatter=SCATTER, **more):
     return found, {p.parameter: p for p in profiles.likelihood_profiles(found)}
 
 
+def width(profile, level):
+    return getattr(profile.ends, f"hi{level}") - getattr(profile.ends, f"lo{level}")
+
+
 def test_a_well_measured_coefficient_has_a_parabola():
     found, own = profile("sanchez_cuevas", campaign(3, visits=20), scatter=Noise(relative=0.002))
     k = own["K_b"]
     e = found.estimates["K_b"]
     assert k.rise.min() == 0
     assert k.rise == pytest.approx(k.quadratic, rel=0.05, abs=0.02)
-    assert (k.intervals[90].low, k.intervals[90].high) == pytest.approx(
-        (e.lo90, e.hi90), abs=0.02 * e.u
-    )
+    assert (k.ends.lo90, k.ends.hi90) == pytest.approx((e.lo90, e.hi90), abs=0.02 * e.u)
+    assert k.ends.open == {}
     for level, z in ((68, 0.9945), (90, 1.6449), (95, 1.96)):
-        width = k.intervals[level].high - k.intervals[level].low
-        assert width == pytest.approx(2 * z * e.u, rel=0.02)
-        assert k.intervals[level].open == ()
-    assert k.skew == pytest.approx(1, abs=0.05)
+        assert width(k, level) == pytest.approx(2 * z * e.u, rel=0.02)
+    assert k.ends.skew == pytest.approx(1, abs=0.05)
 
 
 def test_two_coefficients_against_lmfit():
@@ -69,10 +70,10 @@ def test_two_coefficients_against_lmfit():
     )
     for name, rows in ends.items():
         low, high = rows[0][1], rows[-1][1]
-        assert (own[name].intervals[95].low, own[name].intervals[95].high) == pytest.approx(
+        assert (own[name].ends.lo95, own[name].ends.hi95) == pytest.approx(
             (low, high), abs=0.01 * found.estimates[name].u
         )
-    assert abs(own["p"].skew - 1) > 0.03  # or a parabola would have done
+    assert abs(own["p"].ends.skew - 1) > 0.03  # or a parabola would have done
 
 
 def _chance(z):
@@ -98,9 +99,9 @@ def test_an_end_beyond_a_bound_is_open():
     )
     alpha = own["alpha"]
     assert alpha.value[0] == pytest.approx(0, abs=1e-8)
-    assert alpha.intervals[95].open == ("low",)
-    assert np.isnan(alpha.intervals[95].low)
-    assert np.isfinite(alpha.intervals[95].high)
+    assert alpha.ends.open["95"] == ("low",)
+    assert np.isnan(alpha.ends.lo95)
+    assert np.isfinite(alpha.ends.hi95)
 
 
 def test_a_profile_that_rises_slowly_is_followed_outwards():
@@ -111,17 +112,15 @@ def test_a_profile_that_rises_slowly_is_followed_outwards():
     found, own = profile("power_law", data, scatter=Noise(relative=0.03))
     a, u = own["a"], found.estimates["a"].u
     assert a.value[-1] > found.theta[0] + 10 * profiles.REACH * u
-    assert a.intervals[95].high > found.theta[0] + 40 * u
-    assert a.skew > 5
+    assert a.ends.hi95 > found.theta[0] + 40 * u
+    assert a.ends.skew > 5
     low = np.linspace(found.theta[0] - 3 * u, found.theta[0], 301)
     p = np.linspace(*found.model.parameters[1].bounds, 2001)
     chi2 = np.array(
         [found.problem.chi2(np.stack([np.full_like(p, x), p], axis=1)).min() for x in low]
     )
-    assert a.intervals[95].low == pytest.approx(
-        np.interp(-3.8415, -(chi2 - chi2.min()), low), abs=0.02 * u
-    )
-    assert own["p"].intervals[95].open == ("low",)  # no exponent is too small
+    assert a.ends.lo95 == pytest.approx(np.interp(-3.8415, -(chi2 - chi2.min()), low), abs=0.02 * u)
+    assert own["p"].ends.open["95"] == ("low",)  # no exponent is too small
 
 
 def test_student_widens_every_level():
@@ -131,9 +130,7 @@ def test_student_widens_every_level():
     from scipy.stats import norm, t
 
     for level in profiles.LEVELS:
-        widths = [
-            p["K_b"].intervals[level].high - p["K_b"].intervals[level].low for p in (known, guessed)
-        ]
+        widths = [width(p["K_b"], level) for p in (known, guessed)]
         assert widths[1] / widths[0] == pytest.approx(
             t.ppf(0.5 + level / 200, 6) / norm.ppf(0.5 + level / 200), rel=0.05
         )

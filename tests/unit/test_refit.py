@@ -67,7 +67,7 @@ def single(problem: Problem, log_lift: np.ndarray, start: np.ndarray) -> np.ndar
 @pytest.mark.parametrize("moved", [0.0, 0.02], ids=["stations", "every trial at its own height"])
 def test_refits_are_the_single_fits(moved: float):
     found = fitted(moved=moved)
-    assert bool(moved) == (len(np.unique(found.problem.data.z_hat)) == found.n)
+    assert bool(moved) == (len(np.unique(found.problem.data.z_hat)) == found.problem.data.n)
     scale = np.sqrt(np.diag(found.covariance))
     log_lift = resampled(found.problem, found.theta, 30)
     stack = refit(found.problem, found.theta, scale, log_lift=log_lift)
@@ -77,7 +77,8 @@ def test_refits_are_the_single_fits(moved: float):
         # a search by chi2 alone cannot tell apart what lies within the rounding of a sum of n
         # squares
         np.testing.assert_array_less(
-            np.abs(row - alone[:2]), np.sqrt(found.n * np.finfo(float).eps * alone[2]) * scale
+            np.abs(row - alone[:2]),
+            np.sqrt(found.problem.data.n * np.finfo(float).eps * alone[2]) * scale,
         )
         assert chi2 == pytest.approx(alone[2], rel=1e-9)
         other = minimise(

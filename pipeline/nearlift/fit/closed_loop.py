@@ -289,16 +289,14 @@ def gains(windows: Windows, power: float | None = None) -> list[tuple[float, Sol
     NotConverged
         No form converges.
     """
-    answers, last = [], None
+    answers = []
     for form in FORMS:
         try:
             ratio = decaying(windows.z_hat, form)
             answers.append((form, solve(windows, ratio, BELIEVED[0], power, BELIEVED)))
-        except NotConverged as fault:
-            last = fault
-    if not answers:
-        assert last is not None
-        raise last
+        except NotConverged:
+            if not answers and form == FORMS[-1]:
+                raise
     answers.sort(key=lambda pair: pair[1].squares)
     least, n = answers[0][1].squares, WORTH * len(windows.z_hat)
     return [pair for pair in answers if n * np.log(pair[1].squares / least) < KEPT]

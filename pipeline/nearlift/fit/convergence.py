@@ -13,18 +13,16 @@ import numpy as np
 from nearlift.declare import FloatArray
 
 
-def _split(chains: FloatArray) -> FloatArray:
-    half = chains.shape[1] // 2
-    return np.concatenate([chains[:, :half], chains[:, -half:]])
-
-
 def _normal_scores(chains: FloatArray) -> FloatArray:
+    """Of the halves of chains (m, n), by ranks."""
     from scipy.special import ndtri
 
+    half = chains.shape[1] // 2
+    halves = np.concatenate([chains[:, :half], chains[:, -half:]])
     # average ranks of ties; scipy.stats would take half a second to import
-    _, index, count = np.unique(chains, return_inverse=True, return_counts=True)
-    rank = (np.cumsum(count) - 0.5 * (count - 1))[index].reshape(chains.shape)
-    return np.asarray(ndtri((rank - 0.375) / (chains.size + 0.25)), dtype=np.float64)
+    _, index, count = np.unique(halves, return_inverse=True, return_counts=True)
+    rank = (np.cumsum(count) - 0.5 * (count - 1))[index].reshape(halves.shape)
+    return np.asarray(ndtri((rank - 0.375) / (halves.size + 0.25)), dtype=np.float64)
 
 
 def r_hat(chains: FloatArray) -> float:
@@ -32,7 +30,7 @@ def r_hat(chains: FloatArray) -> float:
     if np.ptp(chains) == 0:
         return 1.0
     folded = np.abs(chains - np.median(chains))
-    return max(_r_hat(_normal_scores(_split(x))) for x in (chains, folded))
+    return max(_r_hat(_normal_scores(x)) for x in (chains, folded))
 
 
 def _r_hat(z: FloatArray) -> float:
@@ -46,7 +44,7 @@ def ess(chains: FloatArray) -> float:
     """Bulk effective sample size of chains (m, n); their size for a constant or under 8 steps."""
     if np.ptp(chains) == 0 or chains.shape[1] < 8:
         return float(chains.size)
-    return _ess(_normal_scores(_split(chains)))
+    return _ess(_normal_scores(chains))
 
 
 def worth(chains: FloatArray) -> float:

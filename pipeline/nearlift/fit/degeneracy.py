@@ -40,32 +40,30 @@ def degeneracies(
         return tuple(pairs)
     jacobian, covariance = jacobian[:, determined], covariance[np.ix_(determined, determined)]
     sd = np.sqrt(np.diag(covariance))
-    for i, a in enumerate(names):
-        for j in range(i):
-            r = covariance[i, j] / (sd[i] * sd[j])
-            if abs(r) > DEGENERATE:
-                pairs.append(
-                    Degeneracy(
-                        pair=(names[j], a),
-                        r=float(r),
-                        text=f"{letter(names[j])} and {letter(a)} trade places: r = {signed(r, 3)}",
-                    )
-                )
+    # one, the other, what it is called in a sentence, and their correlation
+    correlated = [
+        (names[j], a, letter(a), covariance[i, j] / (sd[i] * sd[j]))
+        for i, a in enumerate(names)
+        for j in range(i)
+    ]
     toll = problem.level_sensitivity(jacobian)
     _, given = problem.log_levels(theta)
     total = given + toll @ covariance @ toll.T
     cross = toll @ covariance
     for level, throttle in enumerate(data.levels):
+        inf = f"L_inf at {throttle:.0%}"
         for i, a in enumerate(names):
             r = cross[level, i] / (np.sqrt(total[level, level]) * sd[i])
-            if abs(r) > DEGENERATE:
-                text = (
-                    f"{letter(a)} and L_inf at {throttle:.0%} throttle trade places: r ="
-                    f" {signed(r, 3)}"
-                )
-                pairs.append(
-                    Degeneracy(pair=(a, f"L_inf at {throttle:.0%}"), r=float(r), text=text)
-                )
+            correlated.append((a, inf, f"{inf} throttle", r))
+    pairs += [
+        Degeneracy(
+            pair=(a, b),
+            r=float(r),
+            text=f"{letter(a)} and {called} trade places: r = {signed(r, 3)}",
+        )
+        for a, b, called, r in correlated
+        if abs(r) > DEGENERATE
+    ]
     slope = problem.height_slope(theta)
     for name, unit, column in (
         ("height offset", "mm", slope / 1000),
@@ -76,18 +74,12 @@ def degeneracies(
         wide = problem.project(np.hstack([jacobian, column[:, None]]).T)
         alone = problem.project(column)
         information = wide @ wide.T
-        if (
-            not alone @ alone > 0
-            or np.linalg.cond(
-                information / np.sqrt(np.outer(np.diag(information), np.diag(information)))
-            )
-            > 1e12
-        ):
-            if alone @ alone > 0:
-                text = (
-                    f"{letter(names[0])} and the {name} cannot be told apart at all by these trials"
-                )
-                pairs.append(Degeneracy(pair=(names[0], name), r=1.0, text=text))
+        if not alone @ alone > 0:
+            continue
+        size = np.sqrt(np.outer(np.diag(information), np.diag(information)))
+        if np.linalg.cond(information / size) > 1e12:
+            text = f"{letter(names[0])} and the {name} cannot be told apart at all by these trials"
+            pairs.append(Degeneracy(pair=(names[0], name), r=1.0, text=text))
             continue
         joint = np.linalg.inv(information)
         for i, a in enumerate(names):

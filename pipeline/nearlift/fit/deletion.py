@@ -13,20 +13,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import linear_problem
-from nearlift.results import IntArray, Observations
-
-if TYPE_CHECKING:
-    from typing import Any
-
-    from nearlift.fit.least_squares import LeastSquaresFit
-    from nearlift.likelihood.problem import Problem
+from nearlift.likelihood.problem import Problem
+from nearlift.results import IntArray
 
 #: Fraction of its information that a block must keep after projecting out L_inf and coefficients to
 #: be predictable from the rest.
@@ -78,15 +74,15 @@ def visits_of(
     problem: Problem,
     theta: FloatArray,
     free: Sequence[int],
-    offset: float = 0.0,
-    slope: FloatArray | float = 0.0,
+    offset: float,
+    slope: FloatArray,
 ) -> tuple[Deletion, ...]:
     """`visits` of any likelihood at its optimum `theta` (p,), the coefficients `free` estimated.
 
     It is linearised about the height error `offset` in m, with `slope` (n,) there.
     """
     data, covariance = problem.data, problem.covariance
-    jacobian = problem.jacobian(theta, offset)[:, free] if len(free) else np.zeros((data.n, 0))
+    jacobian = problem.jacobian(theta, offset)[:, list(free)]
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     known = covariance.shared
     z = np.hstack([known, data.level_columns, jacobian / length])
@@ -151,18 +147,23 @@ class DeletionDiagnostics:
 
 def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
     """Deletion diagnostics of a fit in closed form, its scatter held fixed."""
-    return influence_on(fit.problem.data, fit.names, _free(fit), visits(fit))
+    problem, offset, slope = linear_problem(fit)
+    return influence_on(problem, fit.theta, _free(fit), offset, slope)
 
 
 def influence_on(
-    data: Observations, names: tuple[str, ...], free: Sequence[int], blocks: Sequence[Deletion]
+    problem: Problem,
+    theta: FloatArray,
+    free: Sequence[int],
+    offset: float,
+    slope: FloatArray,
 ) -> DeletionDiagnostics:
-    """`influence` from the deletion quantities of all visits, with the coefficients `free`."""
-    p = len(names)
+    """`influence` on any likelihood at its optimum, as `visits_of`."""
+    data, names, p = problem.data, problem.names, len(theta)
     fixed = [i for i in range(p) if i not in free]
     of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
     labels, shifts, squares = [], [], []
-    for block in blocks:
+    for block in visits_of(problem, theta, free, offset, slope):
         diagonal = np.diagonal(block.information, axis1=1, axis2=2)
         determined = diagonal > DETERMINED * block.whole[:, None]
         safe = np.where(determined, diagonal, np.nan)

@@ -96,7 +96,7 @@ class Estimator:
             theta=fit.theta,
             u=np.array([e.u for e in estimates]),
             dof=fit.effective,
-            lines=gum.uncertainty_budget(fit)[0] if len(fit.theta) else (),
+            lines=gum.uncertainty_budget(fit) if len(fit.theta) else (),
             without=u_without(fit) if len(fit.theta) else {},
             parts=(*fit.parts, *fit.plan.shared),
             offset_m=offset,
@@ -190,16 +190,14 @@ class Estimator:
     @cached_property
     def _influence(self) -> dict[str, LargestShifts]:
         """The trial and visit whose deletion shifts each coefficient most, scatter held."""
-        names, free = self.problem.names, [int(i) for i in np.flatnonzero(~self.fixed)]
-        blocks = deletion.visits_of(self.problem, self.theta, free, self.offset_m, self.slope)
-        data = self.problem.data
-        moved = deletion.influence_on(data, names, free, blocks)
+        data, free = self.problem.data, [int(i) for i in np.flatnonzero(~self.fixed)]
+        moved = deletion.influence_on(self.problem, self.theta, free, self.offset_m, self.slope)
         return {
             name: LargestShifts(
                 trial=largest(moved.trial, moved.of_trial[:, i], data.trial, data.z_hat),
                 visit=largest(moved.visit, moved.of_visit[:, i], data.visit, data.z_hat),
             )
-            for i, name in enumerate(names)
+            for i, name in enumerate(moved.names)
         }
 
     def doubts(self) -> list[list[Doubt]]:

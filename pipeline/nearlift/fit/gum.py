@@ -17,7 +17,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit.linearised import linear_problem
-from nearlift.likelihood import semiseparable, student
+from nearlift.likelihood import semiseparable
 from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups, independent_variance
 from nearlift.likelihood.covariance import group_sums
 from nearlift.likelihood.noise import trial_variance
@@ -79,18 +79,6 @@ class Line:
     sizes: dict[str, FloatArray] = field(default_factory=dict)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Total:
-    """Combined standard uncertainty, effective degrees of freedom, coverage factor and expanded
-    uncertainty at 95 %, each (p,).
-    """
-
-    u: FloatArray
-    dof: FloatArray
-    k: FloatArray
-    U95: FloatArray
-
-
 def gain(problem: Problem, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
     """The linear estimator G, (p, n): change of each coefficient per unit change of each trial's
     log lift, L_inf free.
@@ -112,26 +100,22 @@ def inverse_information(white: FloatArray) -> FloatArray:
     return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64)
 
 
-def uncertainty_budget(fit: LeastSquaresFit) -> tuple[tuple[Line, ...], Total]:
-    """The budget of a fit, and its total.
+def uncertainty_budget(fit: LeastSquaresFit) -> tuple[Line, ...]:
+    """The budget of a fit.
 
     Where a shared height error was integrated over, the shares are those of the linear estimator at
     its posterior mean, and each coefficient's lines are scaled by one factor to the variance of the
     integral.
     """
-    p, over, shared = len(fit.theta), fit.marginal, fit.plan.shared
-    if over is None:
-        budget = lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
-        return budget, total(budget, fit.noise, p)
-    wider, offset, slope = linear_problem(fit)
-    g = gain(wider, fit.theta, offset)
-    budget = (
-        *lines(wider, g, fit.parts, fit.noise, fit.slope),
-        *(_declared(fit.problem.data, g, part, slope) for part in shared),
-    )
-    linear = sum((np.diag(line.covariance) for line in budget), np.zeros(p))
+    problem, offset, slope = linear_problem(fit)
+    g = gain(problem, fit.theta, offset)
+    budget = lines(problem, g, fit.parts, fit.noise, fit.slope)
+    if fit.marginal is None:
+        return budget
+    budget += tuple(_declared(problem.data, g, part, slope) for part in fit.plan.shared)
+    linear = sum((np.diag(line.covariance) for line in budget), np.zeros(len(g)))
     factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
-    budget = tuple(
+    return tuple(
         replace(
             a,
             covariance=a.covariance * np.outer(factor, factor),
@@ -139,7 +123,6 @@ def uncertainty_budget(fit: LeastSquaresFit) -> tuple[tuple[Line, ...], Total]:
         )
         for a in budget
     )
-    return budget, total(budget, fit.noise, p)
 
 
 def lines(
@@ -149,7 +132,6 @@ def lines(
 
     Parameters
     ----------
-    problem : Problem
     g : (p, n)
         See `gain`.
     parts, scatter, slope
@@ -182,57 +164,26 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
     by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
     age = ages(data)
     drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
-    rms = float(np.sqrt(np.mean(record**2)))
-
-    def line(
-        kind: str, scope: str, standard: float, unit: str, parts: dict[str, FloatArray]
-    ) -> Line:
-        sizes = {name: np.diag(covariance) for name, covariance in parts.items()}
-        covariance: FloatArray = sum(parts.values(), np.zeros((len(g), len(g))))
+    drift = float(np.sqrt(np.sum(np.square(scatter.drift))))
+    within, by_force = (g * record**2) @ g.T, (g * (scatter.force_N / data.lift_N) ** 2) @ g.T
+    rms, record_dof = float(np.sqrt(np.mean(record**2))), np.nan_to_num(record_dof, nan=np.inf)
+    budget = [_line(RECORD_NOISE, "A", "normal", "trial", rms, "1", within, record_dof)]
+    for kind, scope, standard, unit, parts in (
+        ("relative", "trial", scatter.relative, "1", scatter.relative**2 * g @ g.T),
+        ("force_N", "trial", scatter.force_N, "N", by_force),
+        ("height_m", "visit", scatter.height_m, "m", by_height @ by_height.T * scatter.height_m**2),
+        ("common", "visit", scatter.common, "1", by_common @ by_common.T * scatter.common**2),
+        ("drift", "campaign", drift, "1", drifts),
+    ):
+        each = parts if isinstance(parts, dict) else {kind: parts}
+        sizes = {name: np.diag(covariance) for name, covariance in each.items()}
+        covariance: FloatArray = sum(each.values(), np.zeros((len(g), len(g))))
         variance, known = _scatter_variance(scatter, sizes, len(g))
         with np.errstate(divide="ignore", invalid="ignore"):
             dof = np.where(known > 0, 2 * variance**2 / known, scatter.dof)
-        return replace(
-            _line(NAMES[kind], "A", "normal", scope, standard, unit, covariance, dof), sizes=sizes
-        )
-
-    return [
-        _line(
-            RECORD_NOISE,
-            "A",
-            "normal",
-            "trial",
-            rms,
-            "1",
-            (g * record**2) @ g.T,
-            np.nan_to_num(record_dof, nan=np.inf),
-        ),
-        line(
-            "relative", "trial", scatter.relative, "1", {"relative": scatter.relative**2 * g @ g.T}
-        ),
-        line(
-            "force_N",
-            "trial",
-            scatter.force_N,
-            "N",
-            {"force_N": (g * (scatter.force_N / data.lift_N) ** 2) @ g.T},
-        ),
-        line(
-            "height_m",
-            "visit",
-            scatter.height_m,
-            "m",
-            {"height_m": by_height @ by_height.T * scatter.height_m**2},
-        ),
-        line(
-            "common",
-            "visit",
-            scatter.common,
-            "1",
-            {"common": by_common @ by_common.T * scatter.common**2},
-        ),
-        line("drift", "campaign", float(np.sqrt(np.sum(np.square(scatter.drift)))), "1", drifts),
-    ]
+        line = _line(NAMES[kind], "A", "normal", scope, standard, unit, covariance, dof)
+        budget.append(replace(line, sizes=sizes))
+    return budget
 
 
 def _scatter_variance(
@@ -311,23 +262,15 @@ def _declared(data: Observations, g: FloatArray, part: Component, slope: FloatAr
     return line
 
 
-def levels_gain(problem: Problem, theta: FloatArray, g: FloatArray) -> FloatArray:
-    """Change of log L_inf of each throttle per unit change of each trial's log lift, (K, n), given
-    the coefficients' gain `g` (p, n).
-    """
-    direct = problem.level_gain
-    return direct + problem.level_sensitivity(problem.jacobian(theta)) @ g if len(theta) else direct
-
-
 def freedom(
     problem: Problem, g: FloatArray, parts: Sequence[Component], scatter: Noise, slope: FloatArray
 ) -> FloatArray:
     """Effective degrees of freedom (m,) of linear estimators g (m, n) of the trials' log lift."""
-    return total(lines(problem, g, parts, scatter, slope), scatter, len(g)).dof
+    return effective_dof(lines(problem, g, parts, scatter, slope), scatter, len(g))
 
 
-def total(budget: Sequence[Line], scatter: Noise, p: int) -> Total:
-    """Combined uncertainty with Welch-Satterthwaite degrees of freedom, at least `LEAST_DOF`.
+def effective_dof(budget: Sequence[Line], scatter: Noise, p: int) -> FloatArray:
+    """Welch-Satterthwaite degrees of freedom (p,) of a budget, at least `LEAST_DOF`.
 
     Their formula assumes independent variance estimates. The components of the scatter are
     estimated together, so they are combined with their covariance from the fit of the noise; for
@@ -339,13 +282,11 @@ def total(budget: Sequence[Line], scatter: Noise, p: int) -> Total:
     for line in budget:
         if not line.sizes.keys() & set(scatter.sizes):
             spread = spread + 2 * np.diag(line.covariance) ** 2 / line.dof
-    dof = np.where(
+    return np.where(
         spread > 0,
         np.maximum(2 * variance**2 / np.where(spread > 0, spread, 1.0), LEAST_DOF),
         np.inf,
     )
-    k = np.array([student.quantile(0.975, d) for d in dof])
-    return Total(u=np.sqrt(variance), dof=dof, k=k, U95=k * np.sqrt(variance))
 
 
 #: Line of the noise within each trial's own record.

@@ -23,7 +23,7 @@ from nearlift.fit import batched, gum
 from nearlift.likelihood.budget import GROUPED, Component, groups
 from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.problem import Problem
-from nearlift.results import Noise, Observations
+from nearlift.results import Noise
 from nearlift.results.fit import HeightTreatment
 
 #: Shift of a coefficient, in standard uncertainties, above which the slope does not suffice; it
@@ -64,46 +64,19 @@ def measure(
     g = gum.gain(problem, theta)
     white = problem.project(problem.jacobian(theta).T)
     u = np.sqrt(np.diag(np.linalg.pinv(white @ white.T, hermitian=True)))
-    first: dict[str, FloatArray] = {
+    first = {
         line.component: np.sqrt(np.diag(line.covariance))
         for line in gum.lines(problem, g, parts, scatter, slope)
     }
-    alone = [c for c in heights if shared_by_all(data, c)]
+    # one unknown that all of these trials share
+    alone = [c for c in heights if c.scope in GROUPED and groups(data, c.scope).max(initial=0) == 0]
     several = [(c.name, c.standard) for c in heights if c not in alone]
     if scatter.height_m:
         several.append((gum.NAMES["height_m"], scatter.height_m))
     index = scatter.sizes.index("height_m") if "height_m" in scatter.sizes else None
     # a scatter of heights that repeats do not determine cannot be corrected for
     guessed = index is not None and scatter.log_covariance[index][index] > VAGUE**2
-    treatments: list[HeightTreatment] = []
 
-    def judge(
-        name: str, standard: float, size: FloatArray, treatment: str, size_of_all: float
-    ) -> HeightTreatment:
-        """First- and second-order effect on the most affected coefficient; errors of one kind are
-        judged together.
-        """
-        moved = np.abs(where_finite(lambda x: g @ x, _even(problem, theta, size_of_all)))
-        # an undetermined coefficient does not shift; any other shifts without limit where the model
-        # has no value so far off
-        shift = np.where(u > 0, np.nan_to_num(moved, nan=np.inf) / np.where(u > 0, u, 1.0), 0.0)
-        worst = int(np.argmax(shift))
-        part = float(shift[worst]) * (standard / size_of_all) ** 2
-        ratio = part * float(u[worst]) / float(size[worst]) if size[worst] > 0 else np.inf
-        return HeightTreatment(
-            component=name,
-            standard_m=standard,
-            coefficient=problem.names[worst],
-            ratio=ratio,
-            shift=part,
-            treatment=treatment if shift[worst] > LIMIT else "slope",
-        )
-
-    nothing = np.zeros(len(theta))
-    together = float(np.sqrt(sum(c.standard**2 for c in alone)))
-    treatments += [
-        judge(c.name, c.standard, first.get(c.name, nothing), "exact", together) for c in alone
-    ]
     spread = float(np.sqrt(sum(s**2 for _, s in several)))
     # nor is there a mean over heights at which the model has no value; a single wrong lift can make
     # the scatter so large
@@ -112,21 +85,41 @@ def measure(
         and not guessed
         and bool(np.isfinite(replace(problem, blur_m=spread).log_ratio(theta)).all())
     )
-    treatments += [
-        judge(name, s, first.get(name, nothing), "mean" if mean else "slope", spread)
-        for name, s in several
-    ]
+
+    def judged(errors: list[tuple[str, float]], treatment: str) -> list[HeightTreatment]:
+        """First- and second-order effect on the most affected coefficient of errors of one kind,
+        which are judged together.
+        """
+        together = float(np.sqrt(sum(s**2 for _, s in errors)))
+        moved = np.abs(where_finite(lambda x: g @ x, _even(problem, theta, together)))
+        # an undetermined coefficient does not shift; any other shifts without limit where the model
+        # has no value so far off
+        shift = np.where(u > 0, np.nan_to_num(moved, nan=np.inf) / np.where(u > 0, u, 1.0), 0.0)
+        worst = int(np.argmax(shift))
+        treatments = []
+        for name, standard in errors:
+            part = float(shift[worst]) * (standard / together) ** 2
+            size = float(first[name][worst]) if name in first else 0.0
+            treatments.append(
+                HeightTreatment(
+                    component=name,
+                    standard_m=standard,
+                    coefficient=problem.names[worst],
+                    ratio=part * float(u[worst]) / size if size > 0 else np.inf,
+                    shift=part,
+                    treatment=treatment if shift[worst] > LIMIT else "slope",
+                )
+            )
+        return treatments
+
+    treatments = judged([(c.name, c.standard) for c in alone], "exact")
+    treatments += judged(several, "mean" if mean else "slope")
     exact = {m.component for m in treatments if m.treatment == "exact"}
     return HeightPlan(
         shared=tuple(c for c in alone if c.name in exact),
         blur_m=spread if any(m.treatment == "mean" for m in treatments) else 0.0,
         measures=tuple(treatments),
     )
-
-
-def shared_by_all(data: Observations, part: Component) -> bool:
-    """Whether the component is one unknown common to all of these trials."""
-    return part.scope in GROUPED and bool(groups(data, part.scope).max(initial=0) == 0)
 
 
 def _even(problem: Problem, theta: FloatArray, size_m: float) -> FloatArray:
@@ -243,21 +236,23 @@ def integrate(
     from scipy.integrate import trapezoid
 
     prior, reach = density(parts)
-    bounds = problem.model.bounds
     free = np.ones(len(theta), dtype=bool)
+
+    def at_heights(nodes: FloatArray, start: FloatArray) -> batched.Minima:
+        return batched.minimise(
+            lambda at, rows: problem.residuals(at, nodes[rows, None]),
+            start,
+            problem.model.bounds,
+            u,
+            free,
+            lambda at, rows: problem.linearised(at, nodes[rows, None]),
+        )
+
     low, high, start = -reach, reach, np.tile(theta, (NODES, 1))
     for _ in range(5):
         nodes = np.linspace(low, high, NODES)
 
-        def residuals(at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes) -> FloatArray:
-            return problem.residuals(at, nodes[rows, None])
-
-        def linearised(
-            at: FloatArray, rows: np.ndarray, nodes: FloatArray = nodes
-        ) -> tuple[FloatArray, FloatArray]:
-            return problem.linearised(at, nodes[rows, None])
-
-        minima = batched.minimise(residuals, start, bounds, u, free, linearised)
+        minima = at_heights(nodes, start)
         optima, chi2 = minima.theta, minima.chi2
         with np.errstate(divide="ignore"):
             joint = np.log(prior(nodes)) - chi2 / 2
@@ -272,13 +267,7 @@ def integrate(
             start[:, i] = np.interp(np.linspace(low, high, NODES), nodes[whole], optima[whole, i])
     covariance = np.zeros((NODES, len(theta), len(theta)))
     for k in kept:
-        white = problem.project(
-            (
-                problem.jacobian(optima[k], nodes[k])
-                if len(theta)
-                else np.zeros((problem.data.n, 0))
-            ).T
-        )
+        white = problem.project(problem.jacobian(optima[k], nodes[k]).T)
         covariance[k] = np.linalg.pinv(white @ white.T, hermitian=True)
     size = np.linalg.slogdet(covariance[kept])[1] / 2
     weight = np.zeros(NODES)

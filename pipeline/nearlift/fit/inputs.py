@@ -15,8 +15,9 @@ the exponent, whose nominal value is 1).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,7 +51,7 @@ def acting(
     """
     coefficients = {p.name: float(t) for p, t in zip(model.parameters, theta, strict=True)}
     return tuple(
-        replace(part, derivative=_derivative(part, model, coefficients))
+        replace(part, derivative=partial(_derivative, part, model, coefficients))
         if part.on in INPUTS and part.derivative is None
         else part
         for part in parts
@@ -58,21 +59,16 @@ def acting(
 
 
 def _derivative(
-    part: Component, model: LiftModel, coefficients: dict[str, float]
-) -> Callable[[Observations], FloatArray]:
-    def derivative(data: Observations) -> FloatArray:
-        if part.on == "air_density":
-            return np.ones(data.n)
-        if part.on == "mass":
-            return np.zeros(data.n)
-        if part.on == "exponent":
-            return _log_ratio(model, data, coefficients)
-        up, down = (
-            _log_ratio(model, _scaled(data, part, 1 + h), coefficients) for h in (STEP, -STEP)
-        )
-        return (up - down) / (2 * STEP)
-
-    return derivative
+    part: Component, model: LiftModel, coefficients: dict[str, float], data: Observations
+) -> FloatArray:
+    if part.on == "air_density":
+        return np.ones(data.n)
+    if part.on == "mass":
+        return np.zeros(data.n)
+    if part.on == "exponent":
+        return _log_ratio(model, data, coefficients)
+    up, down = (_log_ratio(model, _scaled(data, part, 1 + h), coefficients) for h in (STEP, -STEP))
+    return (up - down) / (2 * STEP)
 
 
 def _log_ratio(model: LiftModel, data: Observations, coefficients: dict[str, float]) -> FloatArray:
@@ -124,7 +120,6 @@ def undeclared_in(
 
     Parameters
     ----------
-    problem : Problem
     theta : (p,)
     gain : (p, n)
         Change of the coefficients per change of log lift.

@@ -4,36 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit.gum import NAMES, RECORD_NOISE, inverse_information
-from nearlift.fit.linearised import linear_problem
+from nearlift.fit.least_squares import LeastSquaresFit
+from nearlift.fit.linearised import carried, linear_problem
 from nearlift.likelihood.budget import GROUPED, Component, groups, independent_variance
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise
 
-if TYPE_CHECKING:
-    from nearlift.fit.least_squares import LeastSquaresFit
-
 
 def u_without(fit: LeastSquaresFit) -> dict[str, FloatArray]:
     """`without_each` of a fit, its shared height errors among the sources."""
-    problem, offset, slope = linear_problem(fit)
-    parts = [
-        *((part, fit.slope) for part in fit.parts),
-        *((part, slope) for part in fit.plan.shared),
-    ]
-    return without_each(
-        problem,
-        problem.jacobian(fit.theta, offset),
-        fit.noise,
-        parts,
-        np.sqrt(np.diag(fit.covariance)),
-    )
+    problem, offset, _ = linear_problem(fit)
+    jacobian, u = problem.jacobian(fit.theta, offset), np.sqrt(np.diag(fit.covariance))
+    return without_each(problem, jacobian, fit.noise, carried(fit), u)
 
 
 def without_each(
@@ -53,10 +41,8 @@ def without_each(
 
     Parameters
     ----------
-    problem : Problem
     jacobian : (n, p)
         Of its log ratio.
-    scatter : Noise
     parts : sequence of (Component, (n,))
         Declared errors in the order of their columns in the covariance, each with the slope that
         carries heights.

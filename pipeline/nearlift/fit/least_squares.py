@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import gum, heights, inputs
-from nearlift.fit.closeness import closeness
 from nearlift.fit.degeneracy import degeneracies
 from nearlift.fit.minimum import minimise
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Problem, height_slope, usable
 from nearlift.results import Estimate, Noise, Observations
-from nearlift.results.fit import Degeneracy
+from nearlift.results.fit import Degeneracy, ExcludedTrial
 
 #: Standard uncertainty over a parameter's range from which it is rounding: the parameter is
 #: undetermined.
@@ -29,13 +28,11 @@ class LeastSquaresFit:
     """A model fitted to the trials of one boundary.
 
     `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle;
-    `level_coefficients` multiply the trials' `level_columns`. `rmse` is the root mean square of
-    residuals of log lift over trials; `r2` is of cell means of Delta L, `r2_near` the same over 1 <
-    z_hat < 3. `chi2` uses the scatter of repeats, so chi2 well above `dof` means that the model,
-    not the noise, is at fault. The covariance of the likelihood `problem` was assembled from
-    `slope` and `parts`; `plan` says which height errors are not in it, and `marginal` is the
-    integral over those. `effective` (p,) are each coefficient's effective degrees of freedom
-    (`gum`), used by its interval, its profile and U95.
+    `level_coefficients` multiply the trials' `level_columns`. `chi2` uses the scatter of repeats,
+    so chi2 well above `dof` means that the model, not the noise, is at fault. The covariance of the
+    likelihood `problem` was assembled from `slope` and `parts`; `plan` says which height errors are
+    not in it, and `marginal` is the integral over those. `effective` (p,) are each coefficient's
+    effective degrees of freedom (`gum`), used by its interval and its profile.
     """
 
     model: LiftModel
@@ -47,15 +44,9 @@ class LeastSquaresFit:
     level_covariance: FloatArray
     chi2: float
     dof: int
-    n: int
-    rmse: float
-    r2: float
-    r2_near: float | None
     log_likelihood: float
-    aic: float
-    bic: float
     degeneracies: tuple[Degeneracy, ...]
-    excluded: tuple[tuple[str, str], ...]
+    excluded: tuple[ExcludedTrial, ...]
     noise: Noise
     problem: Problem
     slope: FloatArray
@@ -108,7 +99,6 @@ def fit(
 
     Parameters
     ----------
-    model : LiftModel
     data : Observations
         Accepted trials of one boundary, free-air trials included.
     parts : tuple of Component
@@ -130,7 +120,11 @@ def fit(
     keep = usable(model, data)
     low, high = model.valid_z_hat
     excluded = tuple(
-        (str(t), f"z_hat = {z:.4g} is outside {low:g} < z_hat <= {high:g} where {model.name} holds")
+        ExcludedTrial(
+            trial=str(t),
+            reason=f"z_hat = {z:.4g} is outside {low:g} < z_hat <= {high:g} where"
+            f" {model.name} holds",
+        )
         for t, z in zip(data.trial[~keep], data.z_hat[~keep], strict=True)
     )
     data = data.take(keep)
@@ -158,12 +152,7 @@ def fit(
             settled, _ = noise.estimate(
                 data,
                 np.log(data.lift_N) - trial.log_ratio(theta),
-                np.hstack(
-                    [
-                        data.level_columns,
-                        trial.jacobian(theta) if p else np.zeros((data.n, 0)),
-                    ]
-                ),
+                np.hstack([data.level_columns, trial.jacobian(theta)]),
                 lacking,
                 declared,
                 budget.shared(data, parts, declared),
@@ -190,62 +179,39 @@ def fit(
 
 def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
     """The same fit with the shared height errors of its plan integrated over."""
-    problem, data, p = fitted.problem, fitted.problem.data, len(fitted.theta)
+    problem, data = fitted.problem, fitted.problem.data
     u = np.sqrt(np.diag(fitted.covariance))
     over = heights.integrate(problem, fitted.theta, np.where(u > 0, u, 1.0), fitted.plan.shared)
     theta, covariance = over.mean, over.within + over.between
-    effective = gum.uncertainty_budget(
-        replace(fitted, theta=theta, covariance=covariance, marginal=over)
-    )[1].dof
-    estimates = {}
-    for i, q in enumerate(fitted.model.parameters):
-        dof = float(effective[i])
-        plain = _estimate(
-            theta[i],
-            float(np.sqrt(covariance[i, i])),
-            student.quantile(0.95, dof),
-            q.unit,
-            q.bounds,
-        )
-        estimates[q.name] = (
-            replace(plain, lo90=over.quantile(i, 0.05, dof), hi90=over.quantile(i, 0.95, dof))
-            if plain.u > 0
-            else plain
-        )
+    wider = replace(fitted, theta=theta, covariance=covariance, marginal=over)
+    effective = gum.effective_dof(gum.uncertainty_budget(wider), fitted.noise, len(theta))
+    estimates = interval90(fitted.model, theta, np.sqrt(np.diag(covariance)), effective)
+    for i, (name, e) in enumerate(estimates.items()):
+        if e.u > 0:
+            low, high = (over.quantile(i, tail, float(effective[i])) for tail in (0.05, 0.95))
+            estimates[name] = replace(e, lo90=low, hi90=high)
     free = data.unknown_levels
     logs, spread = np.zeros((len(over.weight), free)), np.zeros((free, free))
     given, log_lift = problem.level_covariance, np.log(data.lift_N)
     for node in np.flatnonzero(over.weight > 0):
         at, offset = over.theta[node], over.offset_m[node]
         logs[node] = problem.best_levels(log_lift - problem.log_ratio(at, offset))
-        toll = problem.level_toll(problem.jacobian(at, offset)) if p else np.zeros((free, 0))
+        toll = problem.level_toll(problem.jacobian(at, offset))
         spread += over.weight[node] * (given + toll @ over.covariance[node] @ toll.T)
     log_levels = over.weight @ logs
     spread += (logs - log_levels).T @ (over.weight[:, None] * (logs - log_levels))
     # the linear fit's quantiles serve: its levels have the same degrees of freedom
     quantiles = [(e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for e in fitted.levels.values()]
-    levels = _levels(problem, log_levels, spread, quantiles)
-    rmse, r2, r2_near = closeness(problem, theta, log_levels, over.offset()[0])
     gained = float(over.log_integral + problem.chi2(theta) / 2)
-    unknown = p + free
-    log_likelihood = float(problem.log_likelihood(theta)) + gained
     return replace(
-        fitted,
-        theta=theta,
-        covariance=covariance,
+        wider,
         estimates=estimates,
-        levels=levels,
+        levels=_levels(problem, log_levels, spread, quantiles),
         level_coefficients=log_levels,
         level_covariance=spread,
         chi2=over.chi2,
-        rmse=rmse,
-        r2=r2,
-        r2_near=r2_near,
-        log_likelihood=log_likelihood,
-        aic=2 * unknown - 2 * log_likelihood,
-        bic=unknown * float(np.log(data.n)) - 2 * log_likelihood,
+        log_likelihood=float(problem.log_likelihood(theta)) + gained,
         effective=effective,
-        marginal=over,
     )
 
 
@@ -265,50 +231,38 @@ def _describe(
     problem: Problem,
     theta: FloatArray,
     scatter: Noise,
-    excluded: tuple[tuple[str, str], ...],
+    excluded: tuple[ExcludedTrial, ...],
     slope: FloatArray,
     parts: tuple[budget.Component, ...],
     plan: heights.HeightPlan,
 ) -> LeastSquaresFit:
     data, model = problem.data, problem.model
-    p, k = len(theta), data.unknown_levels
-    jacobian = problem.jacobian(theta) if p else np.zeros((data.n, 0))
+    jacobian = problem.jacobian(theta)
     covariance, determined = parameter_covariance(
         problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1)
     )
-    g = gum.gain(problem, theta) if p else np.zeros((0, data.n))
-    lines = gum.lines(problem, g, parts, scatter, slope)
-    effective = gum.total(lines, scatter, p).dof
+    g = gum.gain(problem, theta)
+    effective = gum.freedom(problem, g, parts, scatter, slope)
     width = np.array([q.bounds[1] - q.bounds[0] for q in model.parameters])
     determined &= np.sqrt(np.diag(covariance)) < VAGUE * width
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
-    estimates = interval90(model, theta, sd, effective)
     coefficients = problem.best_levels(np.log(data.lift_N) - problem.log_ratio(theta))
-    toll = problem.level_toll(jacobian) if p else np.zeros((k, 0))
+    toll = problem.level_toll(jacobian)
     level_covariance = problem.level_covariance + toll @ covariance @ toll.T
-    level_dof = gum.freedom(problem, gum.levels_gain(problem, theta, g), parts, scatter, slope)
+    levels_gain = problem.level_gain + problem.level_sensitivity(jacobian) @ g
+    level_dof = gum.freedom(problem, levels_gain, parts, scatter, slope)
     quantiles = [student.quantile(0.95, dof) for dof in level_dof]
-    levels = _levels(problem, coefficients, level_covariance, quantiles)
-    chi2 = float(problem.chi2(theta))
-    log_likelihood = float(problem.log_likelihood(theta))
-    rmse, r2, r2_near = closeness(problem, theta, coefficients)
     return LeastSquaresFit(
         model=model,
         theta=theta,
         covariance=covariance,
-        estimates=estimates,
-        levels=levels,
+        estimates=interval90(model, theta, sd, effective),
+        levels=_levels(problem, coefficients, level_covariance, quantiles),
         level_coefficients=coefficients,
         level_covariance=level_covariance,
-        chi2=chi2,
-        dof=data.n - k - p,
-        n=data.n,
-        rmse=rmse,
-        r2=r2,
-        r2_near=r2_near,
-        log_likelihood=log_likelihood,
-        aic=2 * (p + k) - 2 * log_likelihood,
-        bic=(p + k) * float(np.log(data.n)) - 2 * log_likelihood,
+        chi2=float(problem.chi2(theta)),
+        dof=data.n - data.unknown_levels - len(theta),
+        log_likelihood=float(problem.log_likelihood(theta)),
         degeneracies=degeneracies(problem, theta, jacobian, covariance, determined),
         excluded=excluded,
         noise=scatter,

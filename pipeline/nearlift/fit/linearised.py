@@ -34,6 +34,17 @@ def linear_problem(fit: LeastSquaresFit) -> tuple[Problem, float, FloatArray]:
     )
 
 
+def carried(fit: LeastSquaresFit) -> list[tuple[budget.Component, FloatArray]]:
+    """Every declared error with the slope that carries heights there, in the order of their columns
+    in `linear_problem`.
+    """
+    slope = linear_problem(fit)[2]
+    return [
+        *((part, fit.slope) for part in fit.parts),
+        *((part, slope) for part in fit.plan.shared),
+    ]
+
+
 def stand_in(fit: LeastSquaresFit) -> Problem:
     """The fit's likelihood in its coefficients alone, linear in any integrated height error."""
     return about(*linear_problem(fit))

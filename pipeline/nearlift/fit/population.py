@@ -66,7 +66,6 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
     value : (n,) array
     covariance : (n, n) array
         Of the values' errors; off the diagonal what campaigns share.
-    unit : str
 
     Raises
     ------
@@ -111,7 +110,13 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
 
     density = posterior(scale)
     u_mean = np.sqrt(1.0 / information)
-    shrunk, u_shrunk = _campaigns(y, ones, axes, weight, spread, mean, u_mean)
+    # each campaign's true value at every spread, (g, n)
+    kept = spread[:, None] ** 2 * weight
+    shrunk = mean[:, None] + (kept * (y - mean[:, None] * ones)) @ axes.T
+    # the part that is shrunk to the mean carries the mean's uncertainty
+    left = 1.0 - (kept * ones) @ axes.T
+    variance = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
+    u_shrunk = np.sqrt(np.maximum(variance, 0.0) + (left * u_mean[:, None]) ** 2)
     q = float(misfit[0])
     return Population(
         mean=_mixture(mean, u_mean, density, unit),
@@ -124,26 +129,6 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
         prior_scale=scale,
         if_doubled=_mixture(mean, u_mean, posterior(2 * scale), unit),
     )
-
-
-def _campaigns(
-    y: FloatArray,
-    ones: FloatArray,
-    axes: FloatArray,
-    weight: FloatArray,
-    spread: FloatArray,
-    mean: FloatArray,
-    u_mean: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Mean and standard deviation of each campaign's true value at every spread, (g, n); `y`,
-    `ones` are along the principal axes.
-    """
-    kept = spread[:, None] ** 2 * weight
-    at = mean[:, None] + (kept * (y - mean[:, None] * ones)) @ axes.T
-    # the part that is shrunk to the mean carries the mean's uncertainty
-    left = 1.0 - (kept * ones) @ axes.T
-    variance = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
-    return at, np.sqrt(np.maximum(variance, 0.0) + (left * u_mean[:, None]) ** 2)
 
 
 def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> Estimate:

@@ -8,17 +8,14 @@ not scored on what the errors alone decide.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit import deletion
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.results import IntArray
 from nearlift.results.fit import ModelScore
-
-if TYPE_CHECKING:
-    from nearlift.fit.least_squares import LeastSquaresFit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

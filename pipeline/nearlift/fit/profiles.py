@@ -9,23 +9,18 @@ not carry, under its declared distribution.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fit import batched, heights
+from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
 from nearlift.results.fit import ProfileIntervals
+from nearlift.results.quotation import LEVELS
 
-if TYPE_CHECKING:
-    from nearlift.fit.least_squares import LeastSquaresFit
-
-#: Levels of the intervals, in percent.
-LEVELS = (68, 90, 95)
 #: Points of the first grid.
 POINTS = 33
 #: The grid is finer, with so many points, within this many standard uncertainties of the optimum,
@@ -40,54 +35,24 @@ SAME = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interval:
-    """Interval of one level; an end that the profile does not reach is nan, and in `open`."""
-
-    low: float
-    high: float
-    open: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Profile:
     """The profile of one coefficient.
 
     Attributes
     ----------
-    parameter : str
     value : (k,)
         Ascending.
     rise : (k,)
         chi2 above its least, all else optimised.
     quadratic : (k,)
         The same by the standard uncertainty alone.
-    intervals : mapping of int to Interval
-        By level in percent.
     """
 
     parameter: str
     value: FloatArray
     rise: FloatArray
     quadratic: FloatArray
-    intervals: Mapping[int, Interval]
-
-    @property
-    def skew(self) -> float:
-        """Upper over lower part of the 90 % interval about the least chi2; nan if open."""
-        best, interval = float(self.value[np.argmin(self.rise)]), self.intervals[90]
-        below = best - interval.low
-        return (interval.high - best) / below if below > 0 else float("nan")
-
-    @property
-    def ends(self) -> ProfileIntervals:
-        """The intervals by level, and their skew."""
-        numbers = {
-            f"{end}{level}": x
-            for level, interval in self.intervals.items()
-            for end, x in (("lo", interval.low), ("hi", interval.high))
-        }
-        opened = {str(level): x.open for level, x in self.intervals.items() if x.open}
-        return ProfileIntervals(**numbers, open=opened, skew=self.skew)
+    ends: ProfileIntervals
 
 
 def likelihood_profiles(fit: LeastSquaresFit) -> tuple[Profile, ...]:
@@ -125,13 +90,12 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
         value, chi2 = _with(fit, i, sd, value, chi2, np.concatenate(further))
     value, chi2 = value[np.isfinite(chi2)], chi2[np.isfinite(chi2)]
     rise = chi2 - chi2.min()
-    best = int(np.argmin(rise))
     return Profile(
         parameter=fit.names[i],
         value=value,
         rise=rise,
         quadratic=((value - fit.theta[i]) / sd[i]) ** 2,
-        intervals={level: _interval(value, rise, best, _threshold(level, dof)) for level in LEVELS},
+        ends=_intervals(value, rise, dof),
     )
 
 
@@ -211,26 +175,26 @@ def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> F
         # signed, so that its derivative is continuous at zero
         return np.hstack([problem.residuals(theta[:, :p], offset_m), np.sign(offset_m) * penalty])
 
-    def linearised(theta: FloatArray, rows: np.ndarray) -> tuple[FloatArray, FloatArray]:
-        return problem.linearised(theta)
-
-    return batched.minimise(
-        residuals, start, (low, high), scale, free, None if shared else linearised
-    ).chi2
+    linearised = None if shared else lambda theta, _: problem.linearised(theta)
+    return batched.minimise(residuals, start, (low, high), scale, free, linearised).chi2
 
 
-def _interval(value: FloatArray, rise: FloatArray, best: int, wanted: float) -> Interval:
-    """Interval between the crossings of the threshold by the profile's nearly straight root."""
-    root = np.sqrt(np.maximum(rise, 0.0))
-    low, high = (
-        _crossing(value[best::-1], root[best::-1], wanted**0.5),
-        _crossing(value[best:], root[best:], wanted**0.5),
-    )
-    return Interval(
-        low=low,
-        high=high,
-        open=tuple(end for end, x in (("low", low), ("high", high)) if not np.isfinite(x)),
-    )
+def _intervals(value: FloatArray, rise: FloatArray, dof: float) -> ProfileIntervals:
+    """Intervals between the crossings of each level's threshold by the profile's nearly straight
+    root.
+    """
+    best, root = int(np.argmin(rise)), np.sqrt(np.maximum(rise, 0.0))
+    ends: dict[str, float] = {}
+    opened: dict[str, tuple[str, ...]] = {}
+    for level in LEVELS:
+        wanted = _threshold(level, dof) ** 0.5
+        low = _crossing(value[best::-1], root[best::-1], wanted)
+        high = _crossing(value[best:], root[best:], wanted)
+        ends |= {f"lo{level}": low, f"hi{level}": high}
+        if beyond := tuple(n for n, x in (("low", low), ("high", high)) if not np.isfinite(x)):
+            opened[str(level)] = beyond
+    below, above = float(value[best]) - ends["lo90"], ends["hi90"] - float(value[best])
+    return ProfileIntervals(**ends, open=opened, skew=above / below if below > 0 else float("nan"))
 
 
 def _crossing(value: FloatArray, root: FloatArray, wanted: float) -> float:

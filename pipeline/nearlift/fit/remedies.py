@@ -10,19 +10,16 @@ multiply the trials' information and leave the declared part as it is.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.linearised import linear_problem
+from nearlift.fit.least_squares import LeastSquaresFit
+from nearlift.fit.linearised import carried, linear_problem
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
 from nearlift.results.fit import Halving, Remedy, Repeats
 from nearlift.rounding import plain, signed
-
-if TYPE_CHECKING:
-    from nearlift.fit.least_squares import LeastSquaresFit
 
 #: Least relative reduction of an uncertainty for which a remedy is listed.
 WORTH = 0.05
@@ -87,7 +84,7 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
 
 
 def _unknowns(fit: LeastSquaresFit, known: list[int]) -> _Unknowns:
-    problem, offset, slope = linear_problem(fit)
+    problem, offset, _ = linear_problem(fit)
     data, levels = problem.data, problem.data.level_columns.T
     blocks = [problem.jacobian(fit.theta, offset)[:, known], levels.T]
     groups: list[tuple[str, float, str, tuple[int, ...]]] = [
@@ -97,25 +94,15 @@ def _unknowns(fit: LeastSquaresFit, known: list[int]) -> _Unknowns:
     groups.append(("L_inf", 100.0, "%", tuple(range(first, first + len(levels)))))
     first += len(levels)
     declared = [0.0] * first
-    for part, carried in [
-        *((c, fit.slope) for c in fit.parts),
-        *((c, slope) for c in fit.plan.shared),
-    ]:
-        sensitivity = budget.columns(data, part, carried)
+    for part, slope in carried(fit):
+        sensitivity = budget.columns(data, part, slope)
         if not sensitivity.shape[1] or not part.standard:
             continue
-        scale, unit = SCALES[part.on]
-        groups.append(
-            (
-                part.name,
-                scale * part.standard,
-                unit,
-                tuple(range(first, first + sensitivity.shape[1])),
-            )
-        )
+        (scale, unit), end = SCALES[part.on], first + sensitivity.shape[1]
+        groups.append((part.name, scale * part.standard, unit, tuple(range(first, end))))
         blocks.append(sensitivity)
         declared += [1.0] * sensitivity.shape[1]
-        first += sensitivity.shape[1]
+        first = end
     bare = replace(problem.covariance, shared=np.zeros((data.n, 0)))
     white = bare.whiten(np.hstack(blocks).T)
     return _Unknowns(trials=white @ white.T, declared=np.array(declared), groups=tuple(groups))

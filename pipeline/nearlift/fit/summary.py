@@ -1,32 +1,35 @@
-"""A fit's entry in fit.json: estimates, profiles, and what would halve each uncertainty."""
+"""A fit's entry in fit.json: estimates, goodness of fit, profiles, and what would halve each
+uncertainty.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict
 
+import numpy as np
+
+from nearlift.declare import FloatArray
 from nearlift.fit import inputs, remedies
-from nearlift.fit.closeness import NEAR_GROUND
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.profiles import Profile
+from nearlift.likelihood import noise
 from nearlift.likelihood.level_curve import held_out_rms
-from nearlift.results.fit import (
-    CoefficientEstimate,
-    ExcludedTrial,
-    HeightError,
-    ModelFit,
-    ParameterCovariance,
-)
+from nearlift.results import IntArray
+from nearlift.results.fit import CoefficientEstimate, HeightError, ModelFit, ParameterCovariance
 from nearlift.results.levels import LevelFit
 
 #: Degrees of freedom below which an uncertainty is flagged.
 FEW_DOF = 5.0
+#: Range of z_hat, ends excluded, of the trials in `r2_near`.
+NEAR_GROUND = (1.0, 3.0)
 
 
 def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
     """One model's entry, without its posterior."""
-    ground = fit.problem.data.boundary == "ground"
-    near = float("nan") if fit.r2_near is None else fit.r2_near
+    data = fit.problem.data
+    unknown = len(fit.theta) + data.unknown_levels
+    rmse, r2, r2_near = closeness(fit)
     return ModelFit(
         model=fit.model.name,
         title=fit.model.title,
@@ -37,24 +40,49 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
         covariance=ParameterCovariance.named(fit.names, fit.covariance),
         chi2=fit.chi2,
         dof=fit.dof,
-        n_trials=fit.n,
-        rmse=fit.rmse,
-        r2=fit.r2,
-        r2_near=near if ground else None,
-        r2_near_range=NEAR_GROUND if ground else None,
+        n_trials=data.n,
+        rmse=rmse,
+        r2=r2,
+        r2_near=r2_near,
+        r2_near_range=None if r2_near is None else NEAR_GROUND,
         log_likelihood=fit.log_likelihood,
-        aic=fit.aic,
-        bic=fit.bic,
+        aic=2 * unknown - 2 * fit.log_likelihood,
+        bic=unknown * float(np.log(data.n)) - 2 * fit.log_likelihood,
         L_inf_N=fit.levels,
         levels=_levels(fit),
         degeneracies=fit.degeneracies,
-        excluded=tuple(ExcludedTrial(trial=t, reason=why) for t, why in fit.excluded),
+        excluded=fit.excluded,
         profiles={p.parameter: p.ends for p in profiles},
         would_halve=remedies.halvings(fit),
         undeclared=inputs.undeclared(fit),
         heights=fit.plan.measures,
         height_error=(HeightError(*fit.marginal.offset()) if fit.marginal else None),
     )
+
+
+def closeness(fit: LeastSquaresFit) -> tuple[float, float, float | None]:
+    """Root mean square of residuals of log lift over trials; R² of cell means of Delta L; at the
+    ground also that of the cells in `NEAR_GROUND`, nan where too few are.
+    """
+    data, offset_m = fit.problem.data, fit.marginal.offset()[0] if fit.marginal else 0.0
+    log_ratio = fit.problem.log_ratio(fit.theta, offset_m)
+    log_lift = np.log(data.lift_N) - data.of_trials(fit.level_coefficients)
+    measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
+    near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])
+    rmse = float(np.sqrt(np.mean((log_lift - log_ratio) ** 2)))
+    close = None
+    if data.boundary == "ground":
+        close = _r2(measured[near], predicted[near], cell[near]) if near.any() else float("nan")
+    return rmse, _r2(measured, predicted, cell), close
+
+
+def _r2(measured: FloatArray, predicted: FloatArray, cell: IntArray) -> float:
+    """Coefficient of determination of cell means, as papers quote it."""
+    _, label = np.unique(cell, return_inverse=True)
+    count = np.bincount(label)
+    means, model = np.bincount(label, measured) / count, np.bincount(label, predicted) / count
+    total = float(((means - means.mean()) ** 2).sum())
+    return 1.0 - float(((means - model) ** 2).sum()) / total if total > 0 else float("nan")
 
 
 def _levels(fit: LeastSquaresFit) -> LevelFit | None:

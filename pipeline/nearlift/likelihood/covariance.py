@@ -25,10 +25,6 @@ from nearlift.results import IntArray
 LEAST_VARIANCE = 1e-12
 
 
-def _nothing() -> FloatArray:
-    return np.zeros(0)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Covariance:
     """``diag(variance) + sum_v (h_v h_v' + common^2 1_v 1_v') + sum_k drift_k^2 M_k + shared
@@ -64,8 +60,8 @@ class Covariance:
     per_visit: FloatArray
     shared: FloatArray
     common: float = 0.0
-    drift: FloatArray = field(default_factory=_nothing)
-    age: FloatArray = field(default_factory=_nothing)
+    drift: FloatArray = field(default_factory=lambda: np.zeros(0))
+    age: FloatArray = field(default_factory=lambda: np.zeros(0))
     instruments: FloatArray | None = None
 
     @cached_property

@@ -162,11 +162,9 @@ class Problem:
         result: FloatArray = -0.5 * (self.chi2(theta) + constant)
         return result
 
-    def log_levels(
-        self, theta: FloatArray, offset_m: FloatArray | float = 0.0
-    ) -> tuple[FloatArray, FloatArray]:
+    def log_levels(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Log L_inf per throttle given one theta (K,), and its covariance for that theta (K, K)."""
-        rest = np.log(self.data.lift_N) - self.log_ratio(theta, offset_m)
+        rest = np.log(self.data.lift_N) - self.log_ratio(theta)
         return self._shown_levels(rest), self.shown_covariance(self.level_covariance)
 
     def shown_covariance(self, covariance: FloatArray) -> FloatArray:
@@ -232,7 +230,7 @@ class Problem:
 
         Whoever makes `log_ratio` another function must make this its derivative.
         """
-        if self.model.gradient is None:
+        if self.model.gradient is None or not self.names:
             return self._differences(theta, offset_m)
         if not self.blur_m:
             return self._slopes_at(theta, offset_m)
@@ -284,18 +282,16 @@ class Problem:
 
 def need(data: Observations, name: str, model: str) -> Any:
     """Geometry or covariate `name` of the trials, or a refusal that says what to record."""
-    if name in data.geometry:
-        return data.geometry[name]
-    beside = {
+    known = {
+        **data.covariates,
         "radius_m": data.radius_m,
         "throttle": data.throttle,
         "session": data.session,
         "z_hat": data.z_hat,
+        **data.geometry,
     }
-    if name in beside:
-        return beside[name]
-    if name in data.covariates:
-        return data.covariates[name]
+    if name in known:
+        return known[name]
     raise InputRefused(
         f"model {model}",
         f"needs {name}, which this campaign does not know",
