@@ -66,26 +66,37 @@ def test_a_collapse_is_rejected_as_often_as_stated():
     once in 300 runs).
     """
     found = [
-        collapse.examine(*(lambda p, f: (p, f.theta, known))(*problem_of(ground(s))))
+        collapse.examine(*(lambda p, f: (p, f.theta, known, 1.65))(*problem_of(ground(s))))
         for s in range(60)
     ]
     low, high = binom.interval(0.999, 60, 0.05)
     for name in ("coefficient", "curve", "cells"):
-        assert low <= sum(getattr(f, name).p_value < 0.05 for f in found) <= high, name
+        assert low <= sum(f.tests[name].p_value < 0.05 for f in found) <= high, name
     # the interval behind the bound holds the truth, which is 0, over all pairs at once at 95 %: ten
     # misses are a chance of 1 in 3000
     assert (
-        sum(abs(d.value) > d.bound95 - abs(d.value) for d in (f.of_coefficient for f in found)) <= 9
+        sum(
+            abs(d.value) > d.bound95 - abs(d.value)
+            for d in (f.largest_departure["coefficient"] for f in found)
+        )
+        <= 9
     )
+
+
+def of_throttles(found):
+    """Values, their uncertainties, and those of what they differ by."""
+    return np.array([(c.value, c.u, c.u_apart) for c in found.per_throttle.values()]).T
 
 
 def test_a_coefficient_that_depends_on_throttle_is_seen_by_all_three_tests():
     problem, fitted = problem_of(uneven(1, 1.0, 3.0))
-    found = collapse.examine(problem, fitted.theta, known)
-    assert max(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) < 1e-4
-    assert found.values == pytest.approx([1, 1, 3, 3], abs=5 * found.u.max())
-    assert found.of_coefficient.between[0] < 0.6 < found.of_coefficient.between[1]
-    assert found.of_coefficient.bound95 > abs(found.of_coefficient.value) > 0.7
+    found = collapse.examine(problem, fitted.theta, known, 1.65)
+    assert max(test.p_value for test in found.tests.values()) < 1e-4
+    values, u, _ = of_throttles(found)
+    assert values == pytest.approx([1, 1, 3, 3], abs=5 * u.max())
+    departure = found.largest_departure["coefficient"]
+    assert departure.between[0] < 0.6 < departure.between[1]
+    assert departure.bound95 > abs(departure.value) > 0.7
 
 
 def test_each_throttle_alone_gives_the_same_coefficient():
@@ -109,18 +120,18 @@ def test_an_error_that_throttles_share_cancels_between_them():
     data = ground(3)
     plain, fitted = problem_of(data)
     shared, with_datum = problem_of(data, parts=(datum,))
-    without = collapse.examine(plain, fitted.theta, known)
-    found = collapse.examine(shared, with_datum.theta, known)
-    assert found.u.min() > 1.3 * without.u.min()
-    assert found.u_apart == pytest.approx(without.u_apart, rel=0.1)
+    _, u_without, apart_without = of_throttles(collapse.examine(plain, fitted.theta, known, 1.65))
+    _, u, apart = of_throttles(collapse.examine(shared, with_datum.theta, known, 1.65))
+    assert u.min() > 1.3 * u_without.min()
+    assert apart == pytest.approx(apart_without, rel=0.1)
 
 
 def test_one_throttle_says_nothing_of_the_collapse():
     data = ground(4)
     problem, fitted = problem_of(data.take(data.throttle == 0.5))
-    found = collapse.examine(problem, fitted.theta, known)
-    assert (found.coefficient, found.curve, found.cells, found.of_curve) == (None,) * 4
-    assert "cannot be tested" in assumptions.throttle_collapse(found, 1.65).text
+    found = collapse.examine(problem, fitted.theta, known, 1.65)
+    assert set(found.tests.values()) == set(found.largest_departure.values()) == {None}
+    assert "cannot be tested" in found.text
 
 
 # ---------------------------------------------------------------- held quantity
@@ -131,14 +142,15 @@ def test_the_exponent_that_was_put_in_is_found_near_the_ceiling():
         5, boundary="ceiling", ratio=lambda z: hsiao(z) ** (2 / 3), stations=CEILING, height=0.0
     )
     problem, fitted = problem_of(data, "hsiao_chirarattananon")
-    found = held_quantity.examine(problem, fitted.theta, 240.0)
-    assert found.n == pytest.approx(2 / 3, abs=4 * found.u_n)
-    assert found.u_n < 0.05
+    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    n = found.exponent_from_lift
+    assert n.value == pytest.approx(2 / 3, abs=4 * n.u)
+    assert n.u < 0.05
     at = {round(x.n, 2): x for x in found.plausible}
     assert at[0.67].value == pytest.approx(0.125, abs=4 * at[0.67].u)
     assert at[1.0].p_value < 1e-6 < 0.001 < at[0.67].p_value
     assert at[1.0].value < at[0.67].value < at[0.6].value
-    assert found.supported is None
+    assert found.supported_exponents is None
 
 
 def test_a_sidewall_cannot_tell_exponent_from_amplitude():
@@ -150,9 +162,10 @@ def test_a_sidewall_cannot_tell_exponent_from_amplitude():
         height=0.0,
     )
     problem, fitted = problem_of(data, "sidewall_decay")
-    found = held_quantity.examine(problem, fitted.theta, 240.0)
+    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
     # 1 - (1 - x)^n is n x to a few per cent: lift alone says next to nothing of n
-    assert not found.u_n < 1.0
+    n = found.exponent_from_lift
+    assert n is None or not n.u < 1.0
     assert found.plausible[-1].value == pytest.approx(found.plausible[0].value / 0.6, rel=0.05)
 
 
@@ -173,41 +186,41 @@ def logging(data, slope, spread=0.003):
 def test_a_speed_that_follows_the_load_was_not_held_and_decides_the_exponent():
     data = logging(ground(7), -0.2)
     problem, fitted = problem_of(data)
-    found = held_quantity.examine(problem, fitted.theta, 240.0)
-    speed, supply = found.responses
+    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    speed, supply = found.logged
     assert (speed.quantity, supply.quantity) == ("speed_Hz", "supply_V")
-    assert speed.slope == pytest.approx(-0.2, abs=4 * speed.u)
+    assert speed.response.value == pytest.approx(-0.2, abs=4 * speed.response.u)
     assert not speed.held
     assert speed.spread > 0.005
-    low, high = found.supported
+    low, high = found.supported_exponents
     # n = n_speed / (1 - 2 s): 0.60 to 0.82 over 1.4
     assert low < 0.6 / 1.4 < 0.82 / 1.4 < high
-    assert min(x.value for x in found.at_ends) > found.plausible[0].value
-    text = assumptions.exponents(manifests.parse(MANIFEST), problem, found, 1.65).text
-    assert "rotor speed logged was not held" in text
-    assert "By theory the logs leave" in text
+    assert found.range.low > found.plausible[0].value
+    assert "rotor speed logged was not held" in found.text
+    assert "By theory the logs leave" in found.text
 
 
 def test_a_held_speed_leaves_the_exponents_of_constant_speed():
     problem, fitted = problem_of(logging(ground(8), 0.0))
-    speed = held_quantity.examine(problem, fitted.theta, 240.0).responses[0]
+    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    speed = found.logged[0]
     assert speed.held
-    low, high = speed.exponents()
+    low, high = speed.exponents
     assert 0.5 < low < 0.6 < 0.82 < high < 0.95
 
 
 def test_a_speed_that_explains_all_of_the_change_says_nothing_of_the_exponent():
     data = logging(ground(8), 0.5)
-    speed = held_quantity.response(data, np.log(sanchez_cuevas(data.z_hat)), "speed_Hz")
+    speed = held_quantity.response(data, np.log(sanchez_cuevas(data.z_hat)), "speed_Hz").logged
     assert not speed.held
-    assert speed.exponents() is None
+    assert speed.exponents is None
 
 
 def test_held_quantities_are_accused_as_often_as_stated():
     """40 schedules at 1 %: more than four accusations is a chance of 4e-5."""
     ratio = np.log(sanchez_cuevas(ground(1).z_hat))
     accused = sum(
-        not held_quantity.response(logging(ground(s), 0.0), ratio_of(s), "speed_Hz").held
+        not held_quantity.response(logging(ground(s), 0.0), ratio_of(s), "speed_Hz").logged.held
         for s in range(40)
     )
     assert ratio.max() > 0.05
@@ -223,11 +236,11 @@ def test_power_comes_from_supply_and_current_and_theory_wants_two_thirds():
     covariates = {**data.covariates, "current_A": 2.0 * data.throttle / data.covariates["supply_V"]}
     data = dataclasses.replace(data, covariates=covariates)
     problem, fitted = problem_of(data)
-    found = held_quantity.examine(problem, fitted.theta, 240.0)
-    power = next(r for r in found.responses if r.quantity == "power_W")
+    found, _ = held_quantity.examine(problem, fitted.theta, 240.0, 1.65, "throttle")
+    power = next(r for r in found.logged if r.quantity == "power_W")
     assert power.held
-    assert power.slope == pytest.approx(0, abs=1e-9)
-    assert found.supported == pytest.approx((2 / 3, 2 / 3), abs=1e-6)
+    assert power.response.value == pytest.approx(0, abs=1e-9)
+    assert found.supported_exponents == pytest.approx((2 / 3, 2 / 3), abs=1e-6)
 
 
 def test_distance_that_changes_with_the_session_tells_nothing():
@@ -236,7 +249,7 @@ def test_distance_that_changes_with_the_session_tells_nothing():
         data, session=np.unique(data.z_hat, return_inverse=True)[1].astype(np.int64)
     )
     assert held_quantity.response(data, np.log(sanchez_cuevas(data.z_hat)), "speed_Hz") is None
-    speed, u = assumptions.logged_speed(data, ())
+    speed, u = rotor.logged_speed(data, ())
     assert speed == pytest.approx(330 * np.sqrt(data.levels / 0.92), rel=0.01)
     assert (u > 0).all()
 
@@ -296,7 +309,7 @@ def test_a_throttle_map_gives_c_l_and_outside_of_it_nothing():
     assert speed[1:3] == pytest.approx([265.4, 311.5], abs=0.1)
     assert np.isnan(speed[[0, 3]]).all()
     problem, fitted = problem_of(ground(11))
-    found = assumptions.rotor_coefficient(given, problem, fitted.theta, fitted.covariance, ())
+    found = rotor.examine(given, problem, fitted.theta, fitted.covariance, ())
     assert list(found.per_throttle) == [0.25, 0.5, 0.75]
     entry = found.per_throttle[0.5]
     level = fitted.levels[0.5]
@@ -328,7 +341,7 @@ def test_what_is_lacking_is_said():
     problem, fitted = problem_of(ground(12))
     assert (
         "log rpm in trials.csv"
-        in assumptions.rotor_coefficient(
+        in rotor.examine(
             manifests.parse(MANIFEST), problem, fitted.theta, fitted.covariance, ()
         ).text
     )
@@ -337,11 +350,11 @@ def test_what_is_lacking_is_said():
     bare = manifests.parse(
         {**MANIFEST, "rig": rig, "vehicle": {**MANIFEST["vehicle"], "throttle_map": known}}
     )
-    found = assumptions.rotor_coefficient(bare, problem, fitted.theta, fitted.covariance, ())
+    found = rotor.examine(bare, problem, fitted.theta, fitted.covariance, ())
     assert found.air_density_from == "the temperature logged, standard pressure and humidity"
     cold = dataclasses.replace(problem.data, covariates={})
     blind = dataclasses.replace(problem, data=cold)
-    found = assumptions.rotor_coefficient(bare, blind, fitted.theta, fitted.covariance, ())
+    found = rotor.examine(bare, blind, fitted.theta, fitted.covariance, ())
     assert found.missing == ("air_density",)
     assert GEOMETRY["spacing_hat"] == pytest.approx(problem.data.geometry["spacing_hat"])
 
@@ -359,14 +372,16 @@ def test_a_datum_that_the_slope_does_not_carry_is_put_at_its_likeliest_value_fir
     assert fitted.marginal is not None
     problem, theta = assumptions.linearised(fitted)
     assert (problem.data.z_hat - data.z_hat) * RADIUS == pytest.approx(0.7e-3, abs=0.05e-3)
-    found = collapse.examine(problem, theta, known)
+    found = collapse.examine(problem, theta, known, 1.65)
+    values, u, _ = of_throttles(found)
     # with the slope at the recorded heights the misfit would be shared out among the throttles
-    assert found.values == pytest.approx(0.125, abs=5 * found.u.max())
-    assert min(found.coefficient.p_value, found.curve.p_value, found.cells.p_value) > 1e-3
-    assert np.sqrt(fitted.covariance[0, 0]) == pytest.approx(found.u.min(), rel=0.5)
+    assert values == pytest.approx(0.125, abs=5 * u.max())
+    assert min(test.p_value for test in found.tests.values()) > 1e-3
+    assert np.sqrt(fitted.covariance[0, 0]) == pytest.approx(u.min(), rel=0.5)
 
 
 def test_one_distance_says_nothing_of_any_throttle_and_warns_of_nothing():
     data = ground(3)
     problem, fitted = problem_of(data.take(data.z_hat == data.z_hat.min()))
-    assert collapse.examine(problem, fitted.theta, known).coefficient is None
+    found = collapse.examine(problem, fitted.theta, known, 1.65)
+    assert (found.tests["coefficient"], found.per_throttle) == (None, {})

@@ -43,6 +43,7 @@ def fitted(data):
     collapse.examine(
         *assumptions.linearised(found),
         lambda g: gum.freedom(found.problem, g, found.parts, found.noise, found.slope),
+        1.65,
     )
 
 

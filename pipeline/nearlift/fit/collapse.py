@@ -8,115 +8,127 @@ an interaction between distance and throttle. L_inf is free per throttle in all 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import batched
 from nearlift.fit.least_squares import parameter_covariance
+from nearlift.fit.minimum import polished, priced
+from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.noise import MOST_MEANS
 from nearlift.likelihood.problem import Problem
 from nearlift.likelihood.subspace import framed, left_singular
 from nearlift.results import IntArray
-from nearlift.results.assumptions import CollapseTest, LargestDeparture
+from nearlift.results.assumptions import (
+    CollapseTest,
+    LargestDeparture,
+    ThrottleCoefficient,
+    ThrottleCollapse,
+)
 
 #: Confidence level of the largest departure.
 CONFIDENCE = 0.95
-#: Probability below which scatter is so small that the assumed noise is suspect.
-SUSPECT = 1e-3
 #: Effective degrees of freedom (m,) of linear estimators (m, n) of the trials' log lift.
 Freedom = Callable[[FloatArray], FloatArray]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Collapse:
-    """Tests and bounds of throttle collapse; None where the trials cannot give them.
-
-    Attributes
-    ----------
-    throttles : (K,)
-        Those of the trials.
-    name : str
-        The headline coefficient.
-    values, u : (K,)
-        That coefficient fitted per throttle, the model's others in common.
-    u_apart : (K,)
-        Standard uncertainty of each value's departure from their mean, from which errors common to
-        all throttles cancel.
-    coefficient, curve, cells : CollapseTest or None
-        A coefficient per throttle; a scale of log ratio per throttle; no model.
-    of_coefficient, of_curve : LargestDeparture or None
-        Simultaneous over all pairs of throttles (Bonferroni), relative to the common coefficient
-        and to the common log ratio.
-    """
-
-    throttles: FloatArray
-    name: str
-    values: FloatArray
-    u: FloatArray
-    u_apart: FloatArray
-    coefficient: CollapseTest | None
-    curve: CollapseTest | None
-    cells: CollapseTest | None
-    of_coefficient: LargestDeparture | None
-    of_curve: LargestDeparture | None
-
-
-def examine(problem: Problem, theta: FloatArray, freedom: Freedom) -> Collapse:
+def examine(
+    problem: Problem, theta: FloatArray, freedom: Freedom, reach90: float
+) -> ThrottleCollapse:
     """Test the collapse at the optimum `theta` (p,) of a model common to all throttles.
+
+    Departures are simultaneous over all pairs of throttles (Bonferroni), relative to the common
+    coefficient and to the common log ratio.
 
     Parameters
     ----------
-    problem : Problem
     freedom : callable
         Effective degrees of freedom of linear estimators, as by `gum.freedom`. Errors common to a
         visit cancel from contrasts between its throttles, whose degrees of freedom therefore differ
         from the coefficient's.
+    reach90 : float
+        Half of a coefficient's 90 % interval, in standard uncertainties.
     """
     throttles, name = problem.data.levels, problem.names[0] if problem.names else ""
-    collapse = Collapse(
-        throttles=throttles,
-        name=name,
-        values=np.full(len(throttles), np.nan),
-        u=np.full(len(throttles), np.nan),
-        u_apart=np.full(len(throttles), np.nan),
-        coefficient=None,
-        curve=None,
-        cells=cells(problem, freedom),
-        of_coefficient=None,
-        of_curve=None,
-    )
-    if len(throttles) < 2 or not name:
-        return collapse
-    values, covariance, chi2 = per_throttle(problem, theta)
-    known = np.isfinite(np.diag(covariance))
-    if not known.any():
+    coefficient = curve = of_coefficient = of_curve = None
+    each: dict[float, ThrottleCoefficient] = {}
+    if len(throttles) > 1 and name:
+        values, covariance, chi2 = per_throttle(problem, theta)
+        known = np.isfinite(np.diag(covariance))
         # trials at one distance determine no throttle's coefficient
-        return collapse
-    gain = float(problem.chi2(theta)) - chi2
-    inner = np.ix_(known, known)
-    centred = np.eye(known.sum()) - 1 / known.sum()
-    u_apart = np.full(len(throttles), np.nan)
-    u_apart[known] = np.sqrt(np.diag(centred @ covariance[inner] @ centred))
-    curve, of_curve = scale_per_throttle(problem, theta, freedom)
-    apart = _directions(problem, theta, problem.jacobian(theta)[:, :1])
-    dof = student.several(freedom(problem.covariance.unwhiten(apart.T)))
-    return Collapse(
-        throttles=throttles,
-        name=name,
-        values=values,
-        u=np.sqrt(np.diag(covariance)),
-        u_apart=u_apart,
-        coefficient=f_test(gain, int(known.sum()) - 1, dof),
-        curve=curve,
-        cells=collapse.cells,
-        of_coefficient=largest(
-            throttles[known], values[known], covariance[inner], abs(float(theta[0])), dof
-        ),
-        of_curve=of_curve,
+        if known.any():
+            throttle, values = throttles[known], values[known]
+            covariance = covariance[np.ix_(known, known)]
+            centred = np.eye(known.sum()) - 1 / known.sum()
+            u_apart = np.sqrt(np.diag(centred @ covariance @ centred))
+            each = {
+                t: ThrottleCoefficient(**interval(value, u, reach90), u_apart=float(apart))
+                for t, value, u, apart in zip(
+                    throttle, values, np.sqrt(np.diag(covariance)), u_apart, strict=True
+                )
+            }
+            curve, of_curve = scale_per_throttle(problem, theta, freedom)
+            apart = _directions(problem, theta, problem.jacobian(theta)[:, :1])
+            dof = student.several(freedom(problem.covariance.unwhiten(apart.T)))
+            gain = float(problem.chi2(theta)) - chi2
+            coefficient = f_test(gain, int(known.sum()) - 1, dof)
+            of_coefficient = largest(throttle, values, covariance, abs(float(theta[0])), dof)
+    collapse = ThrottleCollapse(
+        coefficient=name,
+        per_throttle=each,
+        tests={"coefficient": coefficient, "curve": curve, "cells": cells(problem, freedom)},
+        largest_departure={"coefficient": of_coefficient, "delta_L": of_curve},
+        text="",
     )
+    return replace(collapse, text=_words(len(throttles), collapse))
+
+
+def _words(throttles: int, collapse: ThrottleCollapse) -> str:
+    """Outcome of the tests, and 95 % bounds on differences between throttles."""
+    if throttles < 2:
+        return "All trials ran at one throttle: whether Delta L depends on it cannot be tested."
+    claims = {
+        "coefficient": f"one {collapse.coefficient}",
+        "curve": "one curve",
+        "cells": "one Delta L in all cells of a distance, no model",
+    }
+    made = [
+        (f"{claims[name]} ({chance(test.p_value)})", test)
+        for name, test in collapse.tests.items()
+        if test is not None
+    ]
+    if not made:
+        return "These trials cannot test whether Delta L depends on throttle."
+    rejected = [claim for claim, test in made if test.p_value < REJECTS]
+    kept = [claim for claim, test in made if test.p_value >= REJECTS and not test.quiet]
+    quiet = [claim for claim, test in made if test.quiet]
+    parts = [
+        f"For all throttles {verdict}: {'; '.join(listed)}."
+        for verdict, listed in (("rejected", rejected), ("not rejected", kept))
+        if listed
+    ]
+    if quiet:
+        parts.append(
+            f"Not tested: {'; '.join(quiet)}. Trials are more even than their noise would let them"
+            " be: the noise is overestimated, or shared by trials in a way that it does not"
+            " represent. That is no evidence of a collapse."
+        )
+    bounds = [
+        f"{percent(d.bound95)} % in {what} (between {100 * d.between[0]:.3g} and"
+        f" {100 * d.between[1]:.3g} %)"
+        for what, d in zip(
+            (collapse.coefficient, "Delta L"), collapse.largest_departure.values(), strict=True
+        )
+        if d is not None and np.isfinite(d.bound95)
+    ]
+    if bounds:
+        parts.append(
+            "With 95 % confidence no two throttles differ by more than"
+            f" {', nor by more than '.join(bounds)}."
+        )
+    return " ".join(parts)
 
 
 def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, FloatArray, float]:
@@ -125,8 +137,6 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
 
     An undetermined coefficient has infinite variance.
     """
-    from scipy.optimize import least_squares
-
     data, k = problem.data, len(problem.data.levels)
     declared, target = problem.model.parameters, problem.project(np.log(data.lift_N))
     low, high = (
@@ -139,9 +149,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
         return problem.log_ratio(each)[data.level, np.arange(data.n)]
 
     def residuals(x: FloatArray) -> FloatArray:
-        r = target - problem.project(log_ratio(x))
-        # a step over a pole must cost more than any real misfit
-        return np.where(np.isfinite(r), r, 1e3)
+        return priced(target - problem.project(log_ratio(x)))
 
     def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
         each = np.column_stack([x[0, :k], np.broadcast_to(x[0, k:], (k, len(x[0]) - k))])
@@ -152,17 +160,7 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
-    minimum = least_squares(
-        residuals,
-        start,
-        jac="3-point",
-        bounds=(low, high),
-        x_scale=size,
-        xtol=1e-10,
-        ftol=1e-10,
-        gtol=1e-10,
-    )
-    best = batched.settled(linearised, minimum.x[None], (low, high))
+    best = polished(residuals, linearised, start, (low, high), size)
     _, slopes = linearised(best, np.zeros(1, dtype=np.int64))
     whole = np.zeros(len(start))
     for i in range(len(start)):
@@ -177,11 +175,16 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     return best[0, :k], covariance[:k, :k], float(np.sum(residuals(best[0]) ** 2))
 
 
+def _contrasts(throttles: int) -> FloatArray:
+    """Orthonormal contrasts (k, k - 1) between throttles."""
+    level = np.column_stack([np.ones(throttles), np.eye(throttles)[:, 1:]])
+    return np.linalg.qr(level)[0][:, 1:]
+
+
 def _directions(problem: Problem, theta: FloatArray, column: FloatArray) -> FloatArray:
     """Orthonormal basis (n, m) of one `column` (n, 1) per throttle, free of theta and L_inf."""
     k = len(problem.data.levels)
-    contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
-    each = ((np.eye(k)[problem.data.level] * column) @ contrast).T
+    each = ((np.eye(k)[problem.data.level] * column) @ _contrasts(k)).T
     q, _ = np.linalg.qr(problem.project(problem.jacobian(theta).T).T)
     free = problem.project(each).T
     u, size = left_singular(free - q @ (q.T @ free))
@@ -197,16 +200,14 @@ def scale_per_throttle(
     `theta`; and the largest difference between scales.
     """
     data, k = problem.data, len(problem.data.levels)
-    common = problem.project(problem.jacobian(theta).T).T
-    residual = problem.residuals(theta)
-    each = np.eye(k)[data.level] * problem.log_ratio(theta)[:, None]
-    contrast = np.linalg.qr(np.column_stack([np.ones(k), np.eye(k)[:, 1:]]))[0][:, 1:]
-    q, _ = np.linalg.qr(common)
-    free = problem.project((each @ contrast).T).T
+    contrast, residual = _contrasts(k), problem.residuals(theta)
+    each = ((np.eye(k)[data.level] * problem.log_ratio(theta)[:, None]) @ contrast).T
+    q, _ = np.linalg.qr(problem.project(problem.jacobian(theta).T).T)
+    free = problem.project(each).T
     free = free - q @ (q.T @ free)
     residual = residual - q @ (q.T @ residual)
     covariance, determined = parameter_covariance(
-        free.T, np.linalg.norm(problem.covariance.whiten((each @ contrast).T), axis=1)
+        free.T, np.linalg.norm(problem.covariance.whiten(each), axis=1)
     )
     if not determined.all():
         return None, None
@@ -246,22 +247,6 @@ def _left(problem: Problem, indicator: FloatArray) -> tuple[FloatArray, float]:
     target = problem.project(np.log(problem.data.lift_N))
     rest = target - u @ (u.T @ target)
     return u, float(rest @ rest)
-
-
-def f_test(gain: float, extra: int, noise_dof: float) -> CollapseTest | None:
-    """F test of a fall of chi2 by `gain` for `extra` unknowns; chi-square for known noise."""
-    from scipy.stats import chi2, f
-
-    if extra < 1:
-        return None
-    gain = max(gain, 0.0)
-    p = chi2.sf(gain, extra) if np.isinf(noise_dof) else f.sf(gain / extra, extra, noise_dof)
-    return CollapseTest(
-        statistic=gain / extra,
-        dof=(extra, float(noise_dof)),
-        p_value=float(p),
-        quiet=bool(p > 1 - SUSPECT),
-    )
 
 
 def largest(

@@ -20,11 +20,20 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit import batched
-from nearlift.fit.collapse import f_test
 from nearlift.fit.least_squares import parameter_covariance
+from nearlift.fit.minimum import polished, priced
+from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray, Observations
+from nearlift.results.assumptions import (
+    ExponentFit,
+    ExponentRange,
+    HeldQuantity,
+    LoggedResponse,
+    RatioEstimate,
+)
+from nearlift.rounding import plus_minus
 
 #: Plausible exponents, each with its assumption.
 PLAUSIBLE = {
@@ -44,119 +53,157 @@ NOT_HELD = 0.01
 LEAST_LEFT = 0.1
 #: Fewest visits, in one session, for a response.
 ENOUGH = 8
+FOLLOWS = "the exponent n of the ratio depends on what else stays constant."
+#: What the manifest's `held` means for the exponent.
+DECLARED = {
+    "throttle": f"A trial holds the throttle, which fixes neither speed nor power; {FOLLOWS}",
+    "command": (
+        "A window of flight holds nothing: L_inf follows the command and the supply, and at a"
+        f" given command neither speed nor power is fixed; {FOLLOWS}"
+    ),
+    "voltage": (
+        f"A trial is said to hold the voltage, which fixes neither speed nor power; {FOLLOWS}"
+    ),
+    "rpm": (
+        "A trial is said to hold the rotor speed: blade-element theory then wants n between"
+        " 0.60 and 0.82."
+    ),
+    "power": "A trial is said to hold the power: momentum theory then wants n = 2/3.",
+}
+NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AtExponent:
-    """The first coefficient with the ratio to the power `n`; `p_value` tests n against the best."""
+    """The first coefficient with the ratio to the power `n`."""
 
     n: float
     value: float
     u: float
     chi2: float
-    p_value: float = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Response:
-    """Response of a logged quantity to the boundary at fixed throttle.
-
-    Attributes
-    ----------
-    quantity : str
-        Column, such as `speed_Hz`.
-    slope, u : float
-        d log quantity / d log (L / L_inf), with an uncertainty that allows for errors common to a
-        visit.
-    p_value : float
-        Of zero slope: the quantity was held.
-    spread : float
-        Standard deviation of its logarithm within a throttle, from any cause.
-    log_far : (K,)
-        Its logarithm far from the boundary, per throttle, with standard uncertainty `u_log_far`.
+    """Response of a logged quantity to the boundary at fixed throttle, and its logarithm far from
+    the boundary, per throttle (K,), with standard uncertainty `u_log_far`.
     """
 
-    quantity: str
-    slope: float
-    u: float
-    p_value: float
-    spread: float
+    logged: LoggedResponse
     log_far: FloatArray
     u_log_far: FloatArray
 
-    @property
-    def held(self) -> bool:
-        """Whether a slope of zero is not rejected."""
-        return self.p_value >= NOT_HELD
 
-    def exponents(self) -> tuple[float, float] | None:
-        """Least and greatest exponent at constant throttle that theory implies over the slope's 90
-        % interval.
+def examine(
+    problem: Problem, theta: FloatArray, noise_dof: float, reach90: float, declared: str
+) -> tuple[HeldQuantity, tuple[Response, ...]]:
+    """The first coefficient over the exponents that the logs support, else the plausible ones, from
+    the published model's optimum (p,); and the responses of the logged quantities.
 
-        None for other quantities, and where lift would follow the quantity's own change alone.
-        """
-        ends = self.slope + np.array([-1.0, 1.0]) * student.NORMAL_90 * self.u
-        at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(
-            self.quantity, ((), 1.0)
-        )
-        if not at_constant or (left := 1 - follows * ends).min() < LEAST_LEFT:
-            return None
-        implied = np.outer(at_constant, 1 / left)
-        return float(implied.min()), float(implied.max())
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Held:
-    """The headline coefficient at other exponents, and what lift and logs say of the exponent.
-
-    Attributes
-    ----------
-    plausible : tuple of AtExponent
-        At the exponents of `PLAUSIBLE`, in that order.
-    curve : tuple of AtExponent
-        At those of `CURVE`.
-    n, u_n : float
-        Best-fitting exponent from lift alone, the coefficients free; nan where not identifiable.
-    responses : tuple of Response
-        Of the logged quantities.
-    unanswered : tuple of str
-        Logged quantities whose response is not estimable.
-    supported : (least, most) or None
-        Exponents that the logs imply; None if no logged quantity implies any.
-    at_ends : tuple of AtExponent
-        At those two.
+    `reach90` is half of its 90 % interval in standard uncertainties, `declared` what the manifest
+    says is held.
     """
-
-    plausible: tuple[AtExponent, ...]
-    curve: tuple[AtExponent, ...]
-    n: float
-    u_n: float
-    responses: tuple[Response, ...]
-    unanswered: tuple[str, ...]
-    supported: tuple[float, float] | None
-    at_ends: tuple[AtExponent, ...]
-
-
-def examine(problem: Problem, theta: FloatArray, noise_dof: float) -> Held:
-    """The first coefficient at other exponents, from the published model's optimum (p,)."""
     n, u_n, least = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
     answers = {q: response(problem.data, log_ratio, q) for q in logged(problem.data)}
     responses = tuple(r for r in answers.values() if r is not None)
-    supported = _supported(responses)
+    implied = {r.logged.quantity: r.logged.exponents for r in responses}
+    # power also depends on the motor's efficiency
+    supported = implied.get("speed_Hz") or implied.get("power_W")
 
-    def at(exponents: Sequence[float]) -> tuple[AtExponent, ...]:
-        return tuple(_with_p(x, least, noise_dof) for x in at_exponents(problem, theta, exponents))
+    def at(exponents: Sequence[float]) -> tuple[ExponentFit, ...]:
+        tested = [
+            (x, f_test(x.chi2 - least, 1, noise_dof))
+            for x in at_exponents(problem, theta, exponents)
+        ]
+        return tuple(
+            ExponentFit(
+                n=x.n,
+                **interval(x.value, x.u, reach90),
+                p_value=test.p_value if test else float("nan"),
+            )
+            for x, test in tested
+        )
 
-    return Held(
-        plausible=at(list(PLAUSIBLE)),
+    plausible = tuple(replace(x, supposes=PLAUSIBLE[x.n]) for x in at(list(PLAUSIBLE)))
+    judged = at(supported) if supported else plausible
+    held = HeldQuantity(
+        declared=declared,
+        declared_text=DECLARED[declared],
+        coefficient=problem.names[0],
+        plausible=plausible,
+        exponent_from_lift=(RatioEstimate(**interval(n, u_n, reach90)) if np.isfinite(n) else None),
+        logged=tuple(r.logged for r in responses),
+        supported_exponents=supported,
+        range=ExponentRange(
+            source="logged quantities" if supported else "plausible exponents",
+            low=min(x.value for x in judged),
+            high=max(x.value for x in judged),
+            lo90=min(x.lo90 for x in judged),
+            hi90=max(x.hi90 for x in judged),
+        )
+        if judged
+        else None,
         curve=at(CURVE.tolist()),
-        n=n,
-        u_n=u_n,
-        responses=responses,
-        unanswered=tuple(q for q, r in answers.items() if r is None),
-        supported=supported,
-        at_ends=at(supported) if supported else (),
+        text="",
+    )
+    unanswered = [NAMES[q] for q, r in answers.items() if r is None and q != "supply_V"]
+    return replace(held, text=_words(held, unanswered)), responses
+
+
+def _words(held: HeldQuantity, unanswered: Sequence[str]) -> str:
+    """Effect of the exponent on the coefficient, and the exponents that lift and logs support;
+    `unanswered` are logged quantities whose response is not estimable.
+    """
+    parts, name = [], held.coefficient
+    if held.plausible:
+        least, most = (
+            min(held.plausible, key=lambda x: x.value),
+            max(held.plausible, key=lambda x: x.value),
+        )
+        ends = f"{least.value:.3g} (n = {least.n:.2g}) to {most.value:.3g} (n = {most.n:.2g})"
+        parts.append(f"Over the plausible exponents the base fit’s {name} runs from {ends}.")
+    if held.exponent_from_lift:
+        n = plus_minus(held.exponent_from_lift.value, held.exponent_from_lift.u)
+        parts.append(f"Lift alone, the form taken for true, gives n = {n}.")
+        excluded = [
+            f"{x.n:.2g} ({chance(x.p_value)})" for x in held.plausible if x.p_value < REJECTS
+        ]
+        if excluded:
+            parts.append(
+                f"Under this form it is against n = {', '.join(excluded)}; a wrong form does that"
+                " too."
+            )
+    else:
+        parts.append(f"Lift alone cannot tell the exponent from {name}.")
+    parts += [_answer(r) for r in held.logged]
+    if unanswered:
+        parts.append(
+            f"The {' and the '.join(unanswered)} was logged, but at too few visits within a session"
+            " to infer the exponent from it."
+        )
+    elif not held.supported_exponents:
+        parts.append("Log rpm, or power, and the exponent can be inferred.")
+    elif held.range:
+        low, high = held.supported_exponents
+        parts.append(
+            f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from"
+            f" {held.range.low:.3g} to {held.range.high:.3g}."
+        )
+    return " ".join(parts)
+
+
+def _answer(r: LoggedResponse) -> str:
+    what, answer = (
+        NAMES[r.quantity],
+        f"{plus_minus(r.response.value, r.response.u)}, {chance(r.p_value)}",
+    )
+    spread = f"it varied by {percent(r.spread)} % within a throttle"
+    if r.held:
+        return f"The {what} logged does not follow the boundary (response {answer}); {spread}."
+    return (
+        f"The {what} logged was not held: it follows the change of lift with a power of"
+        f" {r.response.value:+.2g} ± {r.response.u:.1g} ({chance(r.p_value)}); {spread}."
     )
 
 
@@ -204,14 +251,11 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
     """Best-fitting exponent and its standard uncertainty with theta free, both nan at a bound or
     where theta can replace the exponent; and the least chi2.
     """
-    from scipy.optimize import least_squares
-
     low, high = problem.model.bounds
     low, high = np.r_[low, 0.1], np.r_[high, 3.0]
 
     def residuals(x: FloatArray) -> FloatArray:
-        r = problem.left(x[-1] * problem.log_ratio(x[:-1]))
-        return np.where(np.isfinite(r), r, 1e3)
+        return priced(problem.left(x[-1] * problem.log_ratio(x[:-1])))
 
     target = problem.project(np.log(problem.data.lift_N))
 
@@ -223,17 +267,7 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
 
     size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
-    minimum = least_squares(
-        residuals,
-        start,
-        jac="3-point",
-        bounds=(low, high),
-        x_scale=size,
-        xtol=1e-10,
-        ftol=1e-10,
-        gtol=1e-10,
-    )
-    best = batched.settled(linearised, minimum.x[None], (low, high))
+    best = polished(residuals, linearised, start, (low, high), size)
     r, slopes = (x[0] for x in linearised(best, np.zeros(1, dtype=np.int64)))
     best, chi2 = best[0], min(float(r @ r), float(problem.chi2(theta)))
     information = (slopes * size[:, None]) @ (slopes * size[:, None]).T
@@ -289,23 +323,32 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     within = y - levels @ np.linalg.lstsq(levels, y, rcond=None)[0]
     # what is constant to rounding was held
     p = float(2 * t.sf(abs(slope) / u, dof)) if u > 1e-9 else float(abs(slope) < 1e-6)
+    estimate = RatioEstimate(**interval(slope, u, student.NORMAL_90))
     return Response(
-        quantity=quantity,
-        slope=slope,
-        u=u,
-        p_value=p,
-        spread=float(np.sqrt(np.mean(within**2))),
+        logged=LoggedResponse(
+            quantity=quantity,
+            response=estimate,
+            p_value=p,
+            held=p >= NOT_HELD,
+            spread=float(np.sqrt(np.mean(within**2))),
+            exponents=_implied(quantity, estimate),
+        ),
         log_far=data.shown(beta[:k]),
         u_log_far=np.sqrt(np.diag(data.shown(data.shown(covariance[:k, :k]).T))),
     )
 
 
-def _supported(responses: tuple[Response, ...]) -> tuple[float, float] | None:
-    """Exponents implied by speed, else by power, which also depends on the motor's efficiency."""
-    by_name = {r.quantity: r.exponents() for r in responses}
-    return by_name.get("speed_Hz") or by_name.get("power_W")
+def _implied(quantity: str, slope: RatioEstimate) -> tuple[float, float] | None:
+    """Least and greatest exponent at constant throttle that theory implies over the slope's 90 %
+    interval.
 
-
-def _with_p(refit: AtExponent, least: float, noise_dof: float) -> AtExponent:
-    test = f_test(refit.chi2 - least, 1, noise_dof)
-    return replace(refit, p_value=test.p_value if test else float("nan"))
+    None for other quantities, and where lift would follow the quantity's own change alone.
+    """
+    at_constant, follows = {"speed_Hz": (SPEED, 2.0), "power_W": ((POWER,), POWER)}.get(
+        quantity, ((), 1.0)
+    )
+    left = 1 - follows * np.array([slope.lo90, slope.hi90])
+    if not at_constant or left.min() < LEAST_LEFT:
+        return None
+    implied = np.outer(at_constant, 1 / left)
+    return float(implied.min()), float(implied.max())

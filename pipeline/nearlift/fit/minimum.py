@@ -1,7 +1,8 @@
-"""Minimum of chi2 of one problem within its parameters' bounds, by lmfit."""
+"""Minimum of chi2 of one problem within its parameters' bounds, by lmfit; or of other residuals."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,38 @@ from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import batched
 from nearlift.likelihood.problem import Problem
+
+
+def priced(residuals: FloatArray) -> FloatArray:
+    """Where a model has no value, a residual greater than any real misfit: a search that steps over
+    a pole would else stop there.
+    """
+    return np.where(np.isfinite(residuals), residuals, 1e3)
+
+
+def polished(
+    residuals: Callable[[FloatArray], FloatArray],
+    linearised: batched.Linearised,
+    start: FloatArray,
+    bounds: tuple[FloatArray, FloatArray],
+    scale: FloatArray,
+) -> FloatArray:
+    """The minimum (1, p) of the sum of squares of `residuals`, by scipy from `start` (p,) and then
+    as `batched.settled`; `scale` (p,) is the typical size of each parameter.
+    """
+    from scipy.optimize import least_squares
+
+    minimum = least_squares(
+        residuals,
+        start,
+        jac="3-point",
+        bounds=bounds,
+        x_scale=scale,
+        xtol=1e-10,
+        ftol=1e-10,
+        gtol=1e-10,
+    )
+    return batched.settled(linearised, minimum.x[None], bounds)
 
 
 def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
@@ -41,9 +74,7 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         return np.array([values[n].value for n in problem.names])
 
     def residuals(values: Any) -> FloatArray:
-        r = problem.residuals(at(values))
-        # a step over a pole must cost more than any real misfit, or the optimiser would stop there
-        return np.where(np.isfinite(r), r, 1e3)
+        return priced(problem.residuals(at(values)))
 
     def derivatives(values: Any) -> FloatArray:
         return np.nan_to_num(problem.derivatives(at(values)), posinf=0.0, neginf=0.0).T

@@ -10,14 +10,39 @@ that of the Reynolds number.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.effects.air_density import STANDARD, density
+from nearlift.fit.held_quantity import Response, logged
+from nearlift.fit.significance import REJECTS, chance, interval
+from nearlift.likelihood import student
+from nearlift.likelihood.problem import Problem
+from nearlift.manifest.campaign import Campaign
+from nearlift.results import Observations
+from nearlift.results.assumptions import (
+    RatioEstimate,
+    RotorCoefficient,
+    RotorTrend,
+    RotorUnknown,
+    SpeedLaw,
+    ThrottleLift,
+)
+from nearlift.rounding import plus_minus
 
 #: C_L in Carter, Bouchard and Quinn 2021.
 PAPER = 1.6
+NO_SPEED = (
+    "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is"
+    " estimated per throttle."
+)
+NO_DENSITY = (
+    "The density of air is not known: give air_density in [rig], or log temperature (pressure,"
+    " humidity)."
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,17 +79,6 @@ class Trend:
     excess: float = 1.0
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Rotor:
-    """C_L per throttle, its standard uncertainty with the speed's, all (K,), and its trend."""
-
-    throttle: FloatArray
-    speed_Hz: FloatArray
-    C_L: FloatArray
-    u: FloatArray
-    trend: Trend
-
-
 def coefficient(
     lift_N: FloatArray,
     speed_Hz: FloatArray,
@@ -80,38 +94,138 @@ def coefficient(
 
 
 def examine(
-    throttle: FloatArray,
-    lift_N: FloatArray,
-    log_covariance: FloatArray,
-    speed_Hz: FloatArray,
-    u_log_speed: FloatArray,
-    *,
-    air_density: float,
-    radius_m: float,
-    rotors: int,
-) -> Rotor:
-    """C_L per throttle and its trend.
+    campaign: Campaign,
+    problem: Problem,
+    theta: FloatArray,
+    covariance: FloatArray,
+    responses: Sequence[Response],
+) -> RotorCoefficient:
+    """C_L per throttle from L_inf and the logged or mapped speed, or the `missing` inputs.
 
-    Parameters
-    ----------
-    lift_N, log_covariance : (K,), (K, K)
-        L_inf, and the covariance of its logarithm.
-    speed_Hz, u_log_speed : (K,)
-        Speed far from the boundary, and the standard uncertainty of its logarithm, independent
-        between throttles.
-    air_density : float
-        In kg/m^3; taken as exact, an error of it scales all C_L alike.
+    The air's density is taken as exact: an error of it scales all C_L alike.
     """
-    C_L = coefficient(lift_N, speed_Hz, air_density=air_density, radius_m=radius_m, rotors=rotors)
-    covariance = log_covariance + np.diag((2 * u_log_speed) ** 2)
-    law = trend(np.log(C_L), covariance, np.log(speed_Hz))
-    return Rotor(
-        throttle=throttle,
-        speed_Hz=speed_Hz,
-        C_L=C_L,
-        u=C_L * np.sqrt(np.diag(covariance)),
-        trend=law,
+    data, vehicle = problem.data, campaign.vehicle
+    measured = logged_speed(data, responses)
+    air, how = air_density(campaign, data)
+    if measured is not None:
+        speed, u_log = measured
+        source = "the rpm logged, far from the boundary"
+    elif vehicle.throttle_map is not None:
+        speed = vehicle.throttle_map.speed_Hz(data.levels)
+        u_log, source = (
+            np.full(len(speed), vehicle.throttle_map.uncertainty),
+            "the manifest's throttle_map",
+        )
+    else:
+        return RotorUnknown(missing=("rpm",), text=NO_SPEED)
+    known = np.isfinite(speed)
+    if air is None:
+        return RotorUnknown(missing=("air_density",), text=NO_DENSITY)
+    if not known.any():
+        return RotorUnknown(missing=("rpm",), text=NO_SPEED)
+    log_levels, given = problem.log_levels(theta)
+    toll = problem.level_sensitivity(problem.jacobian(theta))
+    whole = given + toll @ covariance @ toll.T
+    speed = speed[known]
+    C_L = coefficient(
+        np.exp(log_levels[known]),
+        speed,
+        air_density=air,
+        radius_m=data.radius_m,
+        rotors=vehicle.rotors,
     )
+    # errors of speed are independent between throttles
+    spread = whole[np.ix_(known, known)] + np.diag((2 * u_log[known]) ** 2)
+    law = trend(np.log(C_L), spread, np.log(speed))
+    u = C_L * np.sqrt(np.diag(spread))
+    exact_map = measured is None and not u_log.any()
+    return RotorTrend(
+        speed_from=source,
+        air_density=air,
+        air_density_from=how,
+        per_throttle={
+            x: ThrottleLift(speed_Hz=f, **interval(c, u_c, student.NORMAL_90))
+            for x, f, c, u_c in zip(data.levels[known], speed, C_L, u, strict=True)
+        },
+        mean=RatioEstimate(**interval(law.mean, law.u_mean, student.NORMAL_90)),
+        p_constant=law.p_constant,
+        exponent=(
+            None
+            if law.p_trend is None
+            else RatioEstimate(
+                **interval(law.exponent, law.u_exponent, student.quantile(0.95, law.dof))
+            )
+        ),
+        law=SpeedLaw(C_L=law.C_middle, speed_Hz=law.middle_Hz),
+        p_trend=law.p_trend,
+        excess=law.excess,
+        paper=PAPER,
+        text=_words(C_L, u, law, exact_map),
+    )
+
+
+def air_density(campaign: Campaign, data: Observations) -> tuple[float | None, str]:
+    """Air density in kg/m^3 and its source: manifest or mean of the log; None without either."""
+    if campaign.rig.air_density is not None:
+        return campaign.rig.air_density, "the manifest"
+    kelvin = data.covariates.get("temperature_K")
+    if kelvin is None or not np.isfinite(kelvin).any():
+        return None, ""
+    pressure = data.covariates.get("pressure_Pa", np.full(data.n, STANDARD["pressure_Pa"]))
+    humidity = data.covariates.get("humidity", np.full(data.n, STANDARD["humidity"]))
+    lacking = [
+        name
+        for name in ("pressure", "humidity")
+        if not any(c.startswith(name) for c in data.covariates)
+    ]
+    how = "the temperature logged" if lacking else "temperature, pressure and humidity as logged"
+    return float(np.nanmean(density(kelvin, pressure, humidity))), how + (
+        f", standard {' and '.join(lacking)}" if lacking else ""
+    )
+
+
+def logged_speed(
+    data: Observations, responses: Sequence[Response]
+) -> tuple[FloatArray, FloatArray] | None:
+    """Speed per throttle far from the boundary, and the standard uncertainty of its logarithm; None
+    where no rpm was logged.
+
+    Without an estimated response of speed to the boundary it is the geometric mean at each
+    throttle's farthest station.
+    """
+    known = next((r for r in responses if r.logged.quantity == "speed_Hz"), None)
+    if known is not None:
+        return np.exp(known.log_far), known.u_log_far
+    speed = logged(data).get("speed_Hz")
+    if speed is None:
+        return None
+    mean, u = [], []
+    for k in range(len(data.levels)):
+        at_throttle = data.level == k
+        far = np.log(speed[at_throttle & (data.z_hat == data.z_hat[at_throttle].max())])
+        mean.append(far.mean())
+        u.append(far.std(ddof=1) / np.sqrt(len(far)) if len(far) > 1 else 0.0)
+    return np.exp(mean), np.array(u)
+
+
+def _words(C_L: FloatArray, u: FloatArray, law: Trend, exact_map: bool) -> str:
+    """C_L, its trend, and the paper's constant."""
+    low, high = C_L.min(), C_L.max()
+    text = f"C_L is {low:.3g} to {high:.3g}" if len(C_L) > 1 else f"C_L is {low:.3g} ± {u[0]:.1g}"
+    text += f" ({100 * (law.mean / PAPER - 1):+.0f} % against the {PAPER:g} that the paper takes)."
+    if law.p_constant is not None and law.p_trend is not None:
+        verdict = "is rejected" if law.p_constant < REJECTS else "is not rejected"
+        text += (
+            f" One C_L for all throttles {verdict} ({chance(law.p_constant)}); it goes as speed,"
+            " and so as the Reynolds number, to the power "
+        )
+        text += f"{plus_minus(law.exponent, law.u_exponent)} ({chance(law.p_trend)} for none)."
+        if law.excess > 1:
+            text += (
+                f" About that power law C_L scatters {law.excess:.2g} times as much as its"
+                " uncertainties say, which has widened the interval."
+            )
+    return text + (" The speeds of the map are taken as exact." if exact_map else "")
 
 
 def trend(log_C: FloatArray, covariance: FloatArray, log_f: FloatArray) -> Trend:

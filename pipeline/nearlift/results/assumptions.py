@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from nearlift.results.serial import Unbounded, keyed
+from nearlift.results.serial import Unbounded, keyed, optional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,22 +72,11 @@ class ThrottleCollapse:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExponentFit:
-    """The headline coefficient with the ratio raised to `n`; `p_value` of n against the best."""
+    """The headline coefficient with the ratio raised to `n`; `p_value` of n against the best,
+    `supposes` where somebody supposes that exponent.
+    """
 
-    n: float
-    value: float
-    u: float
-    lo90: float
-    hi90: float
-    unit: str = "1"
-    p_value: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlausibleExponent:
-    """The same at an exponent that somebody supposes."""
-
-    supposes: str
+    supposes: str | None = optional()
     n: float
     value: float
     u: float
@@ -129,7 +118,7 @@ class HeldQuantity:
     declared: str
     declared_text: str
     coefficient: str
-    plausible: tuple[PlausibleExponent, ...]
+    plausible: tuple[ExponentFit, ...]
     exponent_from_lift: RatioEstimate | None
     logged: tuple[LoggedResponse, ...]
     supported_exponents: tuple[float, float] | None
