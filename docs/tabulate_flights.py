@@ -248,5 +248,5 @@ def defects(shown: Hover, out: Path) -> str:
         for start in range(others.shape[1]):
             alone = slice(start, start + 1)
             told = hover.shifts(own[r][None, alone], others[:, alone], 0.05)
-            clean += not bool((np.abs(told.value) > told.limit).any())
+            clean += not any(shift.stands_out for shift in told)
     return DEFECTS + "\n".join(lines) + "\n" + NAMELESS.format(clean=clean)

@@ -59,8 +59,8 @@ def test_together_they_know_more_than_lift_alone_and_are_unbiased():
         data = trials(2.0, seed)
         alone = fit(MODEL, data)
         both = fit_joint(alone, data, wash(2.0, 100 + seed))
-        assert both.estimates["K_b"].u < alone.estimates["K_b"].u
-        found.append((both.estimates["K_b"].value, both.estimates["K_b"].u, both.p_value))
+        assert both.parameters["K_b"].u < alone.estimates["K_b"].u
+        found.append((both.parameters["K_b"].value, both.parameters["K_b"].u, both.p_value))
     value, u, p = np.array(found).T
     assert abs(value.mean() - 2.0) < 4 * value.std() / np.sqrt(40)
     assert value.std() == pytest.approx(u.mean(), rel=0.44)
@@ -71,11 +71,11 @@ def test_its_uncertainty_is_that_of_the_added_information():
     data = trials(2.0)
     alone = fit(MODEL, data)
     precise = fit_joint(alone, data, wash(2.0, u=1e-5, u_control=1e-5))
-    assert precise.estimates["K_b"].value == pytest.approx(2.0, abs=0.01)
-    assert precise.estimates["K_b"].u < 0.01
+    assert precise.parameters["K_b"].value == pytest.approx(2.0, abs=0.01)
+    assert precise.parameters["K_b"].u < 0.01
     vague = fit_joint(alone, data, wash(2.0, u=10.0))
-    assert vague.estimates["K_b"].value == pytest.approx(alone.estimates["K_b"].value, abs=1e-3)
-    assert vague.estimates["K_b"].u == pytest.approx(alone.estimates["K_b"].u, rel=1e-3)
+    assert vague.parameters["K_b"].value == pytest.approx(alone.estimates["K_b"].value, abs=1e-3)
+    assert vague.parameters["K_b"].u == pytest.approx(alone.estimates["K_b"].u, rel=1e-3)
 
 
 def test_derivatives_at_several_values_are_those_at_each():
@@ -85,7 +85,6 @@ def test_derivatives_at_several_values_are_those_at_each():
         data=alone.problem.data,
         covariance=alone.problem.covariance,
         downwash=wash(2.0),
-        geometry=GEOMETRY,
     )
     theta = np.array([[1.5], [2.0], [2.5]])
     found = both.derivatives(theta)
@@ -114,9 +113,7 @@ def test_residuals_are_those_of_lift_then_of_downwash_and_broadcast():
     data = trials(2.0)
     alone = fit(MODEL, data)
     problem = assemble(MODEL, data, (), alone.noise, alone.theta)
-    both = JointProblem(
-        model=MODEL, data=data, covariance=problem.covariance, downwash=wash(2.0), geometry=GEOMETRY
-    )
+    both = JointProblem(model=MODEL, data=data, covariance=problem.covariance, downwash=wash(2.0))
     many = both.residuals(np.array([[1.0], [2.0]]))
     assert many.shape == (2, data.n + 3)
     np.testing.assert_allclose(many[1], both.residuals(np.array([2.0])))

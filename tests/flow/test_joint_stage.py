@@ -33,9 +33,9 @@ def test_the_stage_takes_only_cuts_that_stand_for_the_disk(wakes, tmp_path: Path
     (raw / "piv").symlink_to(wakes.job.root / "piv")
     campaign = manifests.load(raw)
     table = wakes.job.read(DOWNWASH)
-    used, left_out, measured = joint.select(table, campaign, "ground")
-    assert used == ("ground-4",)
-    reasons = {entry.case: entry.reason for entry in left_out}
+    measured = joint.select(table, campaign, "ground")
+    assert measured.used == ("ground-4",)
+    reasons = {entry.case: entry.reason for entry in measured.left_out}
     assert (reasons["ground-3.4"], reasons["ground-1.8"], reasons["tilt+1.5"]) == (
         "deflection zone",
         "meets boundary",

@@ -9,38 +9,31 @@ there are sound logs (Student's t), and every contrast shares the stated false-a
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood import student
+from nearlift.results.hover import HoverShift
 
 #: Fewest sound logs from which their scatter is estimated.
 FEWEST_SOUND = 3
 
 
-class Shifts(NamedTuple):
-    """Relative differences of voltage, of all rotors and then of each against the others (R + 1,),
-    and their limits at the false-alarm rate; a single rotor has no others.
-    """
-
-    value: FloatArray
-    limit: FloatArray
-
-
-def shifts(of: FloatArray, sound: FloatArray, false_alarm_rate: float) -> Shifts:
+def shifts(of: FloatArray, sound: FloatArray, false_alarm_rate: float) -> tuple[HoverShift, ...]:
     """Shifts of logs `of` one condition (m, S, R) from `sound` ones (n, S, R): mean log voltages of
     each start, nan where a log has fewer. Starts are compared by number, since a battery is warm in
-    the second.
+    the second. A single rotor is not compared with others.
     """
     usual = np.nanmean(sound, axis=0)
     contrast = _contrasts(of.shape[2])
     value, scatter = (contrast @ np.nanmean(logs - usual, axis=1).T for logs in (of, sound))
     m, n = len(of), len(sound)
     reach = student.quantile(1 - false_alarm_rate / 2 / len(contrast), n - 1)
-    limit = reach * np.std(scatter, axis=1, ddof=1) * np.sqrt(1 / m + 1 / n)
-    return Shifts(value=value.mean(axis=1), limit=limit)
+    limits = reach * np.std(scatter, axis=1, ddof=1) * np.sqrt(1 / m + 1 / n)
+    return tuple(
+        HoverShift(rotor=rotor, value=float(shift), limit=float(limit))
+        for rotor, (shift, limit) in enumerate(zip(value.mean(axis=1), limits, strict=True))
+    )
 
 
 def _contrasts(rotors: int) -> FloatArray:

@@ -8,20 +8,21 @@ inflow at the disk: give only cuts that represent it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from nearlift.declare import FloatArray, LiftModel
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.fit.least_squares import LeastSquaresFit, assemble, interval90, parameter_covariance
 from nearlift.fit.minimum import minimise
 from nearlift.likelihood import budget
 from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.problem import Problem, usable
-from nearlift.results import Estimate, Observations
+from nearlift.results import Observations
+from nearlift.results.fit import ParameterCovariance
+from nearlift.results.joint import BoundaryJointFit, LeftOutCase
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,12 +38,16 @@ class DownwashRatio:
         Relative standard uncertainty of each case's own downwash.
     u_control : float
         Relative standard uncertainty of the control's, common to all.
+    used, left_out : tuple
+        The cases, and those that take no part.
     """
 
     z_hat: FloatArray
     ratio: FloatArray
     u_own: FloatArray
     u_control: float
+    used: tuple[str, ...] = ()
+    left_out: tuple[LeftOutCase, ...] = ()
 
     def whitener(self) -> FloatArray:
         """W (n, n) with W C W' = 1 for the covariance C of the logarithms."""
@@ -55,29 +60,21 @@ class JointProblem(Problem):
     """A `Problem` with the residuals of the downwash appended."""
 
     downwash: DownwashRatio
-    geometry: Mapping[str, object]
 
     @cached_property
     def _whitener(self) -> FloatArray:
         return self.downwash.whitener()
 
-    def log_downwash(self, theta: FloatArray) -> FloatArray:
-        """Log downwash over its value far away at the measured distances, (..., n)."""
-        assert self.model.downwash is not None
-        columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
-        known = {name: self.geometry[name] for name in self.model.needs}
-        value = np.asarray(
-            self.model.downwash(self.downwash.z_hat, **columns, **known), dtype=float
-        )
-        with np.errstate(invalid="ignore", divide="ignore"):
-            log: FloatArray = np.log(np.where(value > 0, value, np.nan))
-        return np.broadcast_to(log, (*np.shape(theta)[:-1], len(self.downwash.z_hat)))
-
     def downwash_residuals(self, theta: FloatArray) -> FloatArray:
         """Whitened residuals of the downwash alone, (..., n)."""
-        return where_finite(
-            lambda x: x @ self._whitener.T, np.log(self.downwash.ratio) - self.log_downwash(theta)
-        )
+        assert self.model.downwash is not None
+        z_hat, measured = self.downwash.z_hat, np.log(self.downwash.ratio)
+        columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
+        value = np.asarray(self.model.downwash(z_hat, **columns, **self.known), dtype=float)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            log: FloatArray = np.log(np.where(value > 0, value, np.nan))
+        modelled = np.broadcast_to(log, (*np.shape(theta)[:-1], len(z_hat)))
+        return where_finite(lambda x: x @ self._whitener.T, measured - modelled)
 
     def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Whitened residuals of lift, then of downwash; `offset_m` moves the former only."""
@@ -106,33 +103,17 @@ class JointProblem(Problem):
         return np.stack(rows, axis=-2)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class JointFit:
-    """A model fitted to lift and downwash together.
-
-    `chi2_lift` and `chi2_downwash` are their parts of chi2 at the common optimum. `p_value` is that
-    of the rise of chi2 over its minimum for lift alone when the downwash is added: small where the
-    two contradict each other.
-    """
-
-    model: LiftModel
-    theta: FloatArray
-    covariance: FloatArray
-    estimates: dict[str, Estimate]
-    chi2_lift: float
-    chi2_downwash: float
-    n_downwash: int
-    p_value: float
-
-
 def fit_joint(
     lift: LeastSquaresFit,
     data: Observations,
     downwash: DownwashRatio,
     parts: tuple[budget.Component, ...] = (),
-) -> JointFit:
+) -> BoundaryJointFit:
     """Fit the model of a lift fit again, to the same trials with the same noise, and to the
     downwash.
+
+    The parts of chi2 are those at the common optimum; `p_value` is that of the rise of chi2 over
+    its minimum for lift alone when the downwash is added.
 
     Raises
     ------
@@ -144,24 +125,17 @@ def fit_joint(
     """
     from scipy.stats import chi2
 
-    model = lift.model
+    model, where = lift.model, f"joint fit of {lift.model.name}"
     if model.downwash is None or not model.parameters:
         lack = "declares no downwash" if model.downwash is None else "has no free coefficient"
-        raise InputRefused(
-            f"joint fit of {model.name}",
-            lack,
-            "choose another `base`, or leave downwash = true out",
-        )
+        raise InputRefused(where, lack, "choose another `base`, or leave downwash = true out")
     lacking = [n for n in model.needs if n not in data.geometry]
     if lacking:
-        raise InputRefused(
-            f"joint fit of {model.name}",
-            f"its downwash needs {', '.join(lacking)}",
-            "add it to [vehicle]",
-        )
+        needs = f"its downwash needs {', '.join(lacking)}"
+        raise InputRefused(where, needs, "add it to [vehicle]")
     if not len(downwash.z_hat):
         raise InputRefused(
-            f"joint fit of {model.name}",
+            where,
             "no case of [piv] stands for the inflow at the disk",
             "measure farther from the boundary",
         )
@@ -172,7 +146,6 @@ def fit_joint(
         data=kept,
         covariance=alone.covariance,
         downwash=downwash,
-        geometry=data.geometry,
     )
     theta = minimise(both, lift.theta)
     covariance, determined = parameter_covariance(both.derivatives(theta))
@@ -180,13 +153,16 @@ def fit_joint(
     r_downwash = both.downwash_residuals(theta)
     chi2_lift, chi2_downwash = float(alone.chi2(theta)), float(r_downwash @ r_downwash)
     rise = max(chi2_lift + chi2_downwash - float(alone.chi2(minimise(alone, lift.theta))), 0.0)
-    return JointFit(
-        model=model,
-        theta=theta,
-        covariance=covariance,
-        estimates=interval90(model, theta, sd, lift.effective),
+    return BoundaryJointFit(
+        model=model.name,
+        title=model.title,
+        parameters=interval90(model, theta, sd, lift.effective),
+        lift_alone=lift.estimates,
+        covariance=ParameterCovariance.named(lift.names, covariance),
         chi2_lift=chi2_lift,
         chi2_downwash=chi2_downwash,
         n_downwash=len(r_downwash),
         p_value=float(chi2.sf(rise, len(r_downwash))),
+        used=downwash.used,
+        left_out=downwash.left_out,
     )

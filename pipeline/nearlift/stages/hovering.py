@@ -11,7 +11,7 @@ from nearlift.fit import hover
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers.schedule import CONDITION
 from nearlift.reduction.quality import rejected
-from nearlift.results.hover import HoverComparison, HoverShift
+from nearlift.results.hover import HoverComparison
 from nearlift.run.store import Table
 
 #: Hover: so slow, m/s, and so far from the boundary, in rotor radii, that lift is the weight.
@@ -57,11 +57,7 @@ def compared(campaign: Campaign, trials: Table, boundary: Boundary) -> list[Hove
     comparisons = []
     for condition, logs, reference in pairs:
         each, other = (np.array([voltages[r] for r in group]) for group in (logs, reference))
-        seen = hover.shifts(each, other, rate)
-        shifts = tuple(
-            HoverShift(rotor=k, value=float(value), limit=float(limit))
-            for k, (value, limit) in enumerate(zip(seen.value, seen.limit, strict=True))
-        )
+        shifts = hover.shifts(each, other, rate)
         comparisons.append(HoverComparison.compared(condition, logs, len(reference), shifts))
     return comparisons
 

@@ -12,7 +12,6 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.likelihood import budget
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import DOWNWASH, TRIALS
-from nearlift.results.fit import ParameterCovariance
 from nearlift.results.joint import BoundaryJointFit, JointResults, LeftOutCase
 from nearlift.run.job import Job, Outcome
 from nearlift.run.store import Table
@@ -40,38 +39,19 @@ def run(job: Job) -> Outcome:
             notes.append(f"{boundary}: no joint fit: no trial was accepted")
             continue
         job.say(f"joint {boundary}")
-        used, left_out, measured = select(table, job.campaign, boundary)
+        measured = select(table, job.campaign, boundary)
         data = observe(trials, job.campaign, boundary)
         base, _ = choice(job.campaign, boundary)
         try:
-            alone = fit(base, data, parts)
-            together = fit_joint(alone, data, measured, parts)
+            fits[boundary] = fit_joint(fit(base, data, parts), data, measured, parts)
         except NearliftError as fault:
             notes.append(f"{boundary}: no joint fit: {fault.what}; {fault.remedy}")
-            continue
-        fits[boundary] = BoundaryJointFit(
-            model=together.model.name,
-            title=together.model.title,
-            parameters=together.estimates,
-            lift_alone=alone.estimates,
-            covariance=ParameterCovariance.named(together.estimates, together.covariance),
-            chi2_lift=together.chi2_lift,
-            chi2_downwash=together.chi2_downwash,
-            n_downwash=together.n_downwash,
-            p_value=together.p_value,
-            used=used,
-            left_out=left_out,
-        )
     job.save(JointResults(boundaries=fits))
     return Outcome(notes=tuple(notes))
 
 
-def select(
-    table: Table, campaign: Campaign, boundary: Boundary
-) -> tuple[tuple[str, ...], tuple[LeftOutCase, ...], DownwashRatio]:
-    """The untilted cases whose cut stands for the inflow at the disk, why others do not, and the
-    former's downwash.
-    """
+def select(table: Table, campaign: Campaign, boundary: Boundary) -> DownwashRatio:
+    """The downwash of the untilted cases whose cut stands for the inflow at the disk."""
     assert campaign.piv is not None
     whole = table["rotor"] == "all"
     u_relative = (
@@ -91,10 +71,11 @@ def select(
         else:
             used.append(i)
     at = np.array(used, dtype=np.int64)
-    measured = DownwashRatio(
+    return DownwashRatio(
         z_hat=table["z_hat"][at],
         ratio=table["downwash_m_s"][at] / table["downwash_m_s"][control],
         u_own=u_relative[at],
         u_control=float(u_relative[control]),
+        used=tuple(str(table["case"][i]) for i in used),
+        left_out=tuple(left_out),
     )
-    return tuple(str(table["case"][i]) for i in used), tuple(left_out), measured
