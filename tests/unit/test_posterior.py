@@ -14,12 +14,11 @@ from tests.unit import simulated
 from nearlift import catalogue, randomness
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal, uniform
 from nearlift.errors import NotConverged
-from nearlift.fit import agreement, convergence, ensemble, importance, pareto, posterior
+from nearlift.fit import convergence, ensemble, importance, posterior
 from nearlift.fit.density import Density
 from nearlift.fit.grid import grid
 from nearlift.fit.least_squares import fit
-from nearlift.fit.prior import JointPrior, TruncatedPrior
-from nearlift.fit.prior_comparison import compare_with_fit, compare_with_prior
+from nearlift.fit.prior import JointPrior, TruncatedPrior, compare_with_fit, compare_with_prior
 from nearlift.fit.snooker import SnookerMove
 from nearlift.likelihood.stations import Stations
 from nearlift.results import Noise
@@ -257,14 +256,14 @@ def test_a_disagreement_is_asked_again_of_a_chain_twice_as_long(monkeypatch):
     settings = posterior.Settings(sampler="emcee", ess=500)
     short = []
     posterior.sample(target, settings, 1, keep=short.append)
-    compare, asked = agreement.compare, []
+    compare, asked = posterior.compare, []
 
     def doubtful(*given):
         # the judge of the weights, then two of the chain; then the same two of the longer one
         asked.append(given)
         return dataclasses.replace(compare(*given), apart=50.0 if len(asked) in (2, 3) else 1.0)
 
-    monkeypatch.setattr(agreement, "compare", doubtful)
+    monkeypatch.setattr(posterior, "compare", doubtful)
     longer = []
     found = posterior.sample(target, settings, 1, keep=longer.append)
     assert found.steps == ensemble.BLOCK * len(longer) == 2 * ensemble.BLOCK * len(short)
@@ -298,7 +297,7 @@ def test_emcee_agrees_about_a_shape_with_a_long_tail():
     target, _ = density("power_law", seed=2, dof=300.0)
     found = posterior.sample(target, posterior.Settings(sampler="emcee", ess=1500), 1)
     assert {c.by for c in found.checks if not c.unfit} == {"grid", "importance sampling"}
-    assert max(c.apart for c in found.checks) < agreement.APART
+    assert max(c.apart for c in found.checks) < posterior.APART
 
 
 def test_a_tail_is_worth_less_than_the_bulk_where_the_spread_is_slow():
@@ -317,12 +316,12 @@ def test_a_tail_is_worth_less_than_the_bulk_where_the_spread_is_slow():
 def test_judges_that_cannot_judge_do_not():
     check = SamplerCheck(by="grid", apart=50.0, where="somewhere", unfit="too coarse")
     assert not check.failed
-    agreement.insist("m", "emcee", [check], "")
+    posterior.insist("m", "emcee", [check], "")
     with pytest.raises(
         NotConverged,
         match=r"(?s)importance and the grid disagree: somewhere, 50\.0 Monte Carlo.*do this",
     ):
-        agreement.insist("m", "importance", [dataclasses.replace(check, unfit="")], "do this")
+        posterior.insist("m", "importance", [dataclasses.replace(check, unfit="")], "do this")
 
 
 def test_heavy_weights_are_refused_or_left_to_emcee(monkeypatch):
@@ -416,7 +415,7 @@ def test_a_curved_two_parameter_shape_is_learnt():
     )
     found = posterior.sample(target, posterior.Settings(), 1)
     assert found.sampler == "importance"
-    assert found.pareto_k < pareto.LIMIT
+    assert found.pareto_k < importance.LIMIT
     assert np.corrcoef(found.flat().T)[0, 1] != 0
     weighted = importance.sample(target, randomness.generator(9), 4400)
     lattice = grid(target, *weighted.moments())
@@ -433,16 +432,16 @@ def test_pareto_k_is_that_of_arviz(tail):
     arviz = opened_arviz()
 
     weights = stats.genpareto(tail).rvs(4000, random_state=np.random.default_rng(7)) + 1
-    ours = pareto.pareto_k(np.log(weights))
+    ours = importance.pareto_k(np.log(weights))
     theirs = float(arviz.psislw(np.log(weights), normalize=True)[1])
     assert ours == pytest.approx(theirs, abs=0.02)
     assert ours == pytest.approx(tail, abs=0.25)
 
 
 def test_weights_without_a_tail_have_none():
-    assert pareto.pareto_k(np.zeros(1000)) == 0.0
-    assert pareto.enough(0.7) == pytest.approx(10 ** (1 / 0.3))
-    assert pareto.enough(1.2) == np.inf
+    assert importance.pareto_k(np.zeros(1000)) == 0.0
+    assert importance.enough(0.7) == pytest.approx(10 ** (1 / 0.3))
+    assert importance.enough(1.2) == np.inf
 
 
 def test_effective_size_and_r_hat_are_those_of_arviz():

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,8 +57,6 @@ class ThinnedChain:
     tau: FloatArray
     acceptance: float
     steps: int
-    burn: int
-    thin: int
 
 
 def walkers(p: int, wanted: int) -> int:
@@ -110,7 +107,6 @@ def run(
 
     Parameters
     ----------
-    density : Density
     rng : Generator
         Places the walkers and seeds emcee; a resumed chain needs it in the same state as the first
         time.
@@ -151,8 +147,12 @@ def run(
             if BLOCK * len(blocks) >= longest:
                 raise NotConverged(f"posterior of {density.problem.model.name}", *chain)
         if known:
-            blocks.append(known.pop(0))
-            state = _state(emcee, blocks[-1])
+            block = known.pop(0)
+            blocks.append(block)
+            generator = ("MT19937", block.keys, *block.place.tolist(), block.cached)
+            state = emcee.State(
+                block.theta[-1], log_prob=block.log_prob[-1], random_state=generator
+            )
             continue
         sampler.reset()
         state = sampler.run_mcmc(state, BLOCK)
@@ -168,11 +168,6 @@ def run(
         )
         keep(block)
         blocks.append(block)
-
-
-def _state(emcee: Any, block: Block) -> Any:
-    generator = ("MT19937", block.keys, int(block.place[0]), int(block.place[1]), block.cached)
-    return emcee.State(block.theta[-1], log_prob=block.log_prob[-1], random_state=generator)
 
 
 def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> ThinnedChain | tuple[str, str]:
@@ -211,8 +206,6 @@ def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> ThinnedChain 
                 tau=tau,
                 acceptance=float(np.mean(accepted)),
                 steps=steps,
-                burn=burn,
-                thin=thin,
             )
         short = [
             asked / max(worth, 1.0)

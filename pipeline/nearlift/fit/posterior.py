@@ -17,19 +17,20 @@ import numpy as np
 from nearlift import randomness
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
-from nearlift.fit import agreement, convergence, ensemble, importance, pareto
-from nearlift.fit.agreement import PROBABILITIES
+from nearlift.fit import convergence, ensemble, importance
 from nearlift.fit.density import Density
 from nearlift.fit.ensemble import Block
-from nearlift.fit.grid import grid
+from nearlift.fit.grid import PosteriorGrid, grid
 from nearlift.fit.importance import Weighted
-from nearlift.results.posterior import SamplerCheck
+from nearlift.results.posterior import APART, SamplerCheck
 
 Sampler = Literal["auto", "emcee", "importance"]
 #: Chains into which independent draws are divided, for the usual diagnostics.
 CHAINS = 4
 #: Maximum number of parameters for a grid.
 GRID = 2
+#: Cumulative probabilities at which two computations are compared.
+PROBABILITIES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,7 +72,6 @@ class Posterior:
         standard error.
     steps : int
         Steps of emcee.
-    checks : tuple of SamplerCheck
     """
 
     names: tuple[str, ...]
@@ -98,6 +98,75 @@ class Posterior:
 Stream = Callable[[str], np.random.Generator]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judge:
+    """A second computation of a posterior: `below` gives the cumulative probability of a parameter
+    at a value, with an effective sample size `ess` and a numerical error of at most `error`.
+    """
+
+    name: str
+    below: Callable[[int, float], float]
+    ess: float = math.inf
+    error: float = 0.0
+    unfit: str = ""
+
+
+def grid_judge(lattice: PosteriorGrid) -> Judge:
+    """A grid as judge."""
+    unfit = (
+        ""
+        if lattice.resolved
+        else f"too coarse for this shape: half the resolution moves shares by {lattice.error:.3f}"
+    )
+    return Judge(name="grid", below=lattice.below, error=lattice.error, unfit=unfit)
+
+
+def importance_judge(weighted: Weighted) -> Judge:
+    """Importance sampling as judge."""
+    k = weighted.pareto_k
+    unfit = (
+        ""
+        if k < importance.LIMIT
+        else f"its weights cannot be trusted: Pareto k = {k:.2f}, above {importance.LIMIT}"
+    )
+    return Judge(name="importance sampling", below=weighted.below, ess=weighted.ess, unfit=unfit)
+
+
+def compare(
+    names: Sequence[str], values: FloatArray, ess: FloatArray, judge: Judge
+) -> SamplerCheck:
+    """Largest disagreement of quantiles `values` (p, 5), worth `ess` (p, 5) draws, with a judge, in
+    Monte Carlo standard errors.
+    """
+    worst, where = 0.0, ""
+    for i, name in enumerate(names):
+        for probability, value, worth in zip(PROBABILITIES, values[i], ess[i], strict=True):
+            error = (
+                math.sqrt(probability * (1 - probability) * (1 / worth + 1 / judge.ess))
+                + judge.error / APART
+            )
+            share = judge.below(i, float(value))
+            if abs(share - probability) > worst * error:
+                worst = abs(share - probability) / error
+                where = (
+                    f"{100 * probability:.0f} % of {name} lie below {value:.5g} by one,"
+                    f" {100 * share:.1f} % by the other"
+                )
+    return SamplerCheck(by=judge.name, apart=worst, where=where, unfit=judge.unfit)
+
+
+def insist(model: str, sampler: str, checks: Sequence[SamplerCheck], remedy: str) -> None:
+    """Raise `NotConverged` with this remedy if any judge disagrees."""
+    for check in checks:
+        if check.failed:
+            raise NotConverged(
+                f"posterior of {model}",
+                f"{sampler} and the {check.by} disagree: {check.where}, {check.apart:.1f} Monte"
+                f" Carlo standard errors apart (at most {APART:g})",
+                remedy,
+            )
+
+
 def forget(_: Block) -> None:
     """Discard a block."""
 
@@ -114,8 +183,6 @@ def sample(
 
     Parameters
     ----------
-    density : Density
-    settings : Settings
     seed, purpose
         Key of the random streams; see `randomness.generator`.
     stored, keep
@@ -135,26 +202,23 @@ def sample(
     if not names:
         return _without_parameters(density, settings, stream)
     weighted = importance.sample(density, stream("importance"), settings.draws)
-    if settings.sampler == "importance" and weighted.pareto_k >= pareto.LIMIT:
+    if settings.sampler == "importance" and weighted.pareto_k >= importance.LIMIT:
         raise NotConverged(
             f"posterior of {model}",
             f"the weights of {len(weighted.weight)} draws have Pareto k = {weighted.pareto_k:.2f},"
-            f" above {pareto.LIMIT}",
-            f"weights like these would want {pareto.enough(weighted.pareto_k):.2g} draws; say"
+            f" above {importance.LIMIT}",
+            f"weights like these would want {importance.enough(weighted.pareto_k):.2g} draws; say"
             ' `sampler = "emcee"` in [fit]',
         )
-    judges = (
-        [agreement.grid_judge(grid(density, *weighted.moments()))] if len(names) <= GRID else []
-    )
+    judges = [grid_judge(grid(density, *weighted.moments()))] if len(names) <= GRID else []
     value, u = weighted.log_evidence
     drawn = _from_weights(density, weighted, settings, stream)
     quantiles = np.stack([weighted.quantile(i, PROBABILITIES) for i in range(len(names))])
     checks = [
-        agreement.compare(names, quantiles, np.full(quantiles.shape, weighted.ess), judge)
-        for judge in judges
+        compare(names, quantiles, np.full(quantiles.shape, weighted.ess), judge) for judge in judges
     ]
     passed = (
-        weighted.pareto_k < pareto.LIMIT
+        weighted.pareto_k < importance.LIMIT
         and drawn.ess.min() >= settings.ess
         and not any(c.failed for c in checks)
     )
@@ -163,7 +227,7 @@ def sample(
         " in another way"
     )
     if settings.sampler == "emcee" or (settings.sampler == "auto" and not passed):
-        others = [agreement.importance_judge(weighted), *judges]
+        others = [importance_judge(weighted), *judges]
         blocks: list[Block] = []
 
         def both(block: Block) -> None:
@@ -182,7 +246,7 @@ def sample(
             )
             drawn, checks = _judged(density, chain, weighted, others, stream)
         remedy = _after(chain, twice, settings)
-    agreement.insist(model, drawn.sampler, checks, remedy)
+    insist(model, drawn.sampler, checks, remedy)
     return replace(drawn, checks=tuple(checks), log_evidence=value, u_log_evidence=u)
 
 
@@ -190,7 +254,7 @@ def _judged(
     density: Density,
     chain: ensemble.ThinnedChain,
     weighted: Weighted,
-    judges: Sequence[agreement.Judge],
+    judges: Sequence[Judge],
     stream: Stream,
 ) -> tuple[Posterior, list[SamplerCheck]]:
     """A chain's posterior and its comparison with each judge; every quantile has its own effective
@@ -202,9 +266,7 @@ def _judged(
         [convergence.worth((c <= value).astype(float)) for value in row]
         for c, row in zip(np.moveaxis(drawn.theta, -1, 0), quantiles, strict=True)
     ]
-    return drawn, [
-        agreement.compare(drawn.names, quantiles, np.array(worth), judge) for judge in judges
-    ]
+    return drawn, [compare(drawn.names, quantiles, np.array(worth), judge) for judge in judges]
 
 
 def _after(chain: ensemble.ThinnedChain, twice: int, settings: Settings) -> str:
@@ -218,6 +280,29 @@ def _after(chain: ensemble.ThinnedChain, twice: int, settings: Settings) -> str:
     )
 
 
+def _independent(
+    density: Density,
+    theta: FloatArray,
+    log_prob: FloatArray,
+    worth: float,
+    sampler: str,
+    stream: Stream,
+) -> Posterior:
+    """Independent draws (c, n, p), `worth` so many of every parameter."""
+    p = theta.shape[-1]
+    return Posterior(
+        names=density.problem.names,
+        theta=theta,
+        levels_N=levels(density, theta, stream("levels")),
+        log_prob=log_prob,
+        sampler=sampler,
+        ess=np.full(p, worth),
+        ess_tail=np.full(p, worth),
+        r_hat=np.full(p, math.nan),
+        tau=np.ones(p),
+    )
+
+
 def _from_weights(
     density: Density, weighted: Weighted, settings: Settings, stream: Stream
 ) -> Posterior:
@@ -225,18 +310,9 @@ def _from_weights(
     times = np.unique(picked, return_counts=True)[1]
     worth = min(settings.draws**2 / float(times @ times), weighted.ess)
     theta = weighted.theta[picked].reshape(CHAINS, -1, len(density.problem.names))
-    return Posterior(
-        names=density.problem.names,
-        theta=theta,
-        levels_N=levels(density, theta, stream("levels")),
-        log_prob=weighted.log_prob[picked].reshape(CHAINS, -1),
-        sampler="importance",
-        ess=np.full(theta.shape[-1], worth),
-        ess_tail=np.full(theta.shape[-1], worth),
-        r_hat=np.full(theta.shape[-1], math.nan),
-        tau=np.ones(theta.shape[-1]),
-        pareto_k=weighted.pareto_k,
-    )
+    log_prob = weighted.log_prob[picked].reshape(CHAINS, -1)
+    drawn = _independent(density, theta, log_prob, worth, "importance", stream)
+    return replace(drawn, pareto_k=weighted.pareto_k)
 
 
 def _from_chain(
@@ -262,20 +338,9 @@ def _from_chain(
 def _without_parameters(density: Density, settings: Settings, stream: Stream) -> Posterior:
     theta = np.zeros((CHAINS, settings.draws // CHAINS, 0))
     log = float(density(np.zeros((1, 0)))[0])
-    none = np.zeros(0)
-    return Posterior(
-        names=(),
-        theta=theta,
-        levels_N=levels(density, theta, stream("levels")),
-        log_prob=np.full(theta.shape[:2], log),
-        sampler="none",
-        ess=none,
-        ess_tail=none,
-        r_hat=none,
-        tau=none,
-        log_evidence=log,
-        u_log_evidence=0.0,
-    )
+    log_prob = np.full(theta.shape[:2], log)
+    drawn = _independent(density, theta, log_prob, math.nan, "none", stream)
+    return replace(drawn, log_evidence=log, u_log_evidence=0.0)
 
 
 def levels(density: Density, theta: FloatArray, rng: np.random.Generator) -> FloatArray:

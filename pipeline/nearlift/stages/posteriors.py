@@ -19,11 +19,10 @@ from nearlift.fit.grid import grid
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
-from nearlift.fit.prior_comparison import compare_with_fit, compare_with_prior
+from nearlift.fit.prior import compare_with_fit, compare_with_prior
 from nearlift.products import POSTERIOR, TRIALS
 from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import (
-    DeclaredPrior,
     DrawnEstimate,
     LogEvidence,
     PosteriorParameter,
@@ -186,12 +185,7 @@ def _parameter(
         ess_tail=drawn.ess_tail[i],
         r_hat=drawn.r_hat[i],
         tau=drawn.tau[i],
-        prior=DeclaredPrior(
-            text=change.prior,
-            lo90=change.prior_lo90,
-            hi90=change.prior_hi90,
-            bounds=parameter.bounds,
-        ),
+        prior=change.prior,
         width_ratio=change.ratio,
         at_low=change.at_low,
         at_high=change.at_high,

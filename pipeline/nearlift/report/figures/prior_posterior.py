@@ -13,7 +13,7 @@ from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, Style, labelled, note, plain_text
 from nearlift.rounding import plain
 
-#: Above this ratio of widths the prior still has a say; as `fit.prior_comparison` has it.
+#: Above this ratio of widths the prior still has a say; as `fit.prior` has it.
 SHAPED = 0.3
 #: The axis runs this far beyond the prior's interval at most; what lies farther is marked at the
 #: edge.
