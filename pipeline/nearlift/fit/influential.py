@@ -20,7 +20,7 @@ from nearlift.fit.deletion import influence
 from nearlift.fit.least_squares import LeastSquaresFit, fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Estimate
-from nearlift.results.influence import Influence, Suspect
+from nearlift.results.fit import Influence, Suspect
 
 #: Median relative variance up to which trials repeat exactly: just above the variance floor.
 EXACT = 1.1e-12

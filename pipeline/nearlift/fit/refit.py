@@ -30,7 +30,6 @@ def refit(
 
     Parameters
     ----------
-    problem : Problem
     start : (p,)
         Such as the fit to the measured lifts.
     scale : (p,)

@@ -37,9 +37,9 @@ class Component:
 
     name: str
     on: str
-    standard: float
-    distribution: str
     scope: str
+    standard: float = 0.0
+    distribution: str = "normal"
     range_N: float | None = None
     derivative: Callable[[Observations], FloatArray] | None = field(default=None, compare=False)
     moves: tuple[str, ...] = ()
@@ -92,45 +92,30 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
     """
     listed = [_declared(u, campaign) for u in campaign.uncertainty]
     cell = campaign.load_cell
-    if cell.accuracy is not None and cell.range is not None:
+    accuracy = None if cell.accuracy is None else cell.accuracy / np.sqrt(3)
+    if accuracy is not None and cell.range is not None:
         listed.append(
             Component(
                 name="load cell linearity",
                 on="linearity",
-                standard=cell.accuracy / np.sqrt(3),
-                distribution="uniform",
                 scope="campaign",
+                standard=accuracy,
+                distribution="uniform",
                 range_N=cell.range,
             )
         )
     if campaign.segments is not None and cell.tare not in (0.0, "none"):
-        listed.append(
-            Component(
-                name="zero of a record",
-                on="zero",
-                standard=0.0,
-                distribution="normal",
-                scope="record",
-            )
-        )
+        listed.append(Component(name="zero of a record", on="zero", scope="record"))
     if campaign.flight is not None and campaign.flight.lag == "auto":
-        listed.append(
-            Component(
-                name="motor lag",
-                on="lag",
-                standard=0.0,
-                distribution="normal",
-                scope="campaign",
-            )
-        )
-    if cell.tare == "none" and cell.accuracy is not None:
+        listed.append(Component(name="motor lag", on="lag", scope="campaign"))
+    if cell.tare == "none" and accuracy is not None:
         listed.append(
             Component(
                 name="untared zero",
                 on="force",
-                standard=cell.accuracy / np.sqrt(3),
-                distribution="uniform",
                 scope="session",
+                standard=accuracy,
+                distribution="uniform",
             )
         )
     return tuple(listed)

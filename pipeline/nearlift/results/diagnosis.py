@@ -91,7 +91,6 @@ class TriedCandidate:
         Its parameters, those aside that differ by session.
     at_bound : bool
         A size that is not possible.
-    log_evidence, plausibility : float
     judged_by : str or None
         What decided, where it was not the evidence.
     """
@@ -227,7 +226,6 @@ class BoundaryDiagnosis:
 
     Attributes
     ----------
-    boundary, base_model : str
     verdict : str
         ``adequate``, ``effect`` or ``unexplained``.
     effects : tuple of NamedEffect
@@ -243,16 +241,12 @@ class BoundaryDiagnosis:
         nothing that was logged.
     p_value, threshold_log10_p : float
         Of the largest of all tests, and what it needs.
-    structure : tuple of StructureTest
-    rounds : tuple of LoopRound
     not_confirmed : tuple of tuple of str
         Explanations from which visits left out gain nothing.
-    look : InterimClaim or None
     error : LoopError or None
         None where no visit can be predicted from the others.
     noise : Noise
         The noise floor (``noise_floor`` in the file).
-    coefficients : LoopCoefficients
     """
 
     boundary: Boundary = named_by_key()

@@ -7,12 +7,11 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
 from nearlift.results.estimate import Estimate, Noise
-from nearlift.results.influence import Influence
 from nearlift.results.levels import LevelFit
 from nearlift.results.posterior import LogEvidence, PosteriorSummary
 from nearlift.results.serial import Json, Nothing, Unbounded, encode, named_by_key, optional
@@ -90,7 +89,6 @@ class Remedy:
 
     Attributes
     ----------
-    quantity : str
     r : float
         Correlation of the two; of several of a kind, the multiple correlation, without a sign.
     known_to : float
@@ -100,7 +98,6 @@ class Remedy:
         if even an exact one would not.
     u, u_best : float
         The coefficient's standard uncertainty now, and with the quantity known exactly.
-    unit, text : str
     """
 
     quantity: str
@@ -159,8 +156,6 @@ class HeightTreatment:
 
     Attributes
     ----------
-    component : str
-    standard_m : float
     coefficient : str
         The one that suffers most.
     ratio : float
@@ -189,7 +184,6 @@ class ModelFit:
     ----------
     model, title : str
         Name in the catalogue, and what a legend says.
-    parameters : mapping of str to CoefficientEstimate
     L_inf_N : mapping of float to Estimate
         Lift far from every boundary, N, per throttle (a fraction); of a curve, at some throttles,
         what else it is of at its median.
@@ -255,6 +249,55 @@ class ModelFit:
     def values(self) -> dict[str, float]:
         """The parameters' values."""
         return {name: e.value for name, e in self.parameters.items()}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Suspect:
+    """A trial or visit that is named, and the headline coefficient fitted without it.
+
+    Attributes
+    ----------
+    id : str
+        The trial's, or the visit's label.
+    trials : tuple of str
+        The trial, or those of the visit.
+    outlying : bool
+        Beyond what noise allows, whether or not the headline depends on it.
+    without : Estimate or None
+        A visit's also without the trials named; None where that fit failed.
+    shift : float
+        That less the headline (a visit's: less the headline without the trials named).
+    text : str
+        The same in words.
+    """
+
+    kind: Literal["trial", "visit"]
+    id: str
+    trials: tuple[str, ...]
+    outlying: bool
+    without: Estimate | None
+    shift: float
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Influence:
+    """What single trials and visits are worth to one fit.
+
+    Attributes
+    ----------
+    without_all : Estimate or None
+        The headline without any trial named; None unless several are.
+    unscreened : int
+        Trials without repeats to compare them with.
+    why_not : str
+        Why nothing could be screened; empty where it could.
+    """
+
+    suspects: tuple[Suspect, ...] = ()
+    without_all: Estimate | None = None
+    unscreened: int = 0
+    why_not: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -71,7 +71,6 @@ class LevelFit:
 
     Attributes
     ----------
-    curve : LevelCurve
     coefficients : tuple of float
         Of the curve's columns, L_inf in N.
     covariance : tuple of tuple of float

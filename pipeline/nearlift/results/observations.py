@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ class Observations:
 
     Attributes
     ----------
-    boundary : str
     trial : object array of str
     z_hat : array
         Distance over rotor radius; inf in free air.
@@ -166,13 +165,10 @@ class Observations:
 
     def take(self, keep: NDArray[Any]) -> Observations:
         """The trials selected by a mask or an index array."""
-        import dataclasses
-
         arrays = {
             f.name: getattr(self, f.name)[keep]
-            for f in dataclasses.fields(self)
+            for f in fields(self)
             if isinstance(getattr(self, f.name), np.ndarray)
         }
-        return dataclasses.replace(
-            self, **arrays, covariates={k: v[keep] for k, v in self.covariates.items()}
-        )
+        covariates = {k: v[keep] for k, v in self.covariates.items()}
+        return replace(self, **arrays, covariates=covariates)

@@ -42,7 +42,6 @@ class BudgetLine:
 
     Attributes
     ----------
-    source : str
     kind : str
         ``"A"`` from repeats, ``"B"`` declared or taken for granted; `type` in the file.
     u : float
@@ -135,9 +134,6 @@ class CoefficientResult:
         How many explanations that the design cannot tell apart the interval is over.
     refused : str or None
         Why these trials cannot tell it; it is then known to no more than its declared range.
-    budget : tuple of BudgetLine
-    influence : LargestShifts
-    doubts : tuple of Doubt
     """
 
     value: float
@@ -194,7 +190,6 @@ class RestsOn:
         Which of the two it is; `z_hat` is where a visit stood, None in free air.
     shift : float
         The headline coefficient without it less what it is.
-    verdict : str
     effects : tuple of str
         What would be said, and named, without it.
     """

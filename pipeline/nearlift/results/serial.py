@@ -70,8 +70,9 @@ def encode(value: Any) -> Json:
     if dataclasses.is_dataclass(value):
         return {
             key: encode(content)
-            for name, key, left_out in _layout(type(value))  # type: ignore[arg-type]
-            if (content := getattr(value, name)) is not None or not left_out
+            for key, field in _written(type(value))  # type: ignore[arg-type]
+            if (content := getattr(value, field.name)) is not None
+            or not field.metadata.get("optional")
         }
     return value
 
@@ -81,11 +82,11 @@ def _key(key: object) -> str:
 
 
 @cache
-def _layout(kind: Any) -> tuple[tuple[str, str, bool], ...]:
-    """Name, key, and whether it is left out where None, of each field that is written."""
+def _written(kind: Any) -> tuple[tuple[str, dataclasses.Field[Any]], ...]:
+    """Key and field of all that is written of a dataclass; of any other type nothing."""
     return tuple(
-        (f.name, f.metadata.get("key") or f.name, f.metadata.get("optional", False))
-        for f in dataclasses.fields(kind)
+        (f.metadata.get("key") or f.name, f)
+        for f in (dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ())
         if not f.metadata.get("above")
     )
 
@@ -139,9 +140,7 @@ def _of_union(members: tuple[Any, ...]) -> Callable[[Json], Any]:
     there.
     """
     kinds = [m for m in members if m is not type(None) and m is not Nothing]
-    needed = [
-        {f.metadata.get("key") or f.name for f in _fields(kind) if _required(f)} for kind in kinds
-    ]
+    needed = [{key for key, field in _written(kind) if _required(field)} for kind in kinds]
 
     def read(content: Json) -> Any:
         if content is None and type(None) in members:
@@ -166,27 +165,19 @@ def _of_mapping(key: Any, value: Any) -> Callable[[Json], Any]:
 
 
 def _named(value: Any, key: str) -> Any:
-    above = [f.name for f in _fields(value) if f.metadata.get("above")]
+    fields = dataclasses.fields(value) if dataclasses.is_dataclass(value) else ()
+    above = [f.name for f in fields if f.metadata.get("above")]
     return dataclasses.replace(value, **dict.fromkeys(above, key)) if above else value
-
-
-def _fields(kind: Any) -> tuple[dataclasses.Field[Any], ...]:
-    return dataclasses.fields(kind) if dataclasses.is_dataclass(kind) else ()
 
 
 def _of_record(kind: Any) -> Callable[[Json], Any]:
     hints = get_type_hints(kind, include_extras=True)
-    readers = [
-        (f.name, f.metadata.get("key") or f.name, _decoder(hints[f.name]), _required(f))
-        for f in dataclasses.fields(kind)
-        if not f.metadata.get("above")
-    ]
+    readers = [(key, field, _decoder(hints[field.name])) for key, field in _written(kind)]
 
     def read(content: Json) -> Any:
-        for _, key, _, required in readers:
-            if required and key not in content:
+        for key, field, _ in readers:
+            if _required(field) and key not in content:
                 raise LookupError(f"{kind.__name__} lacks {key!r}")
-        known = (reader for reader in readers if reader[1] in content)
-        return kind(**{name: each(content[key]) for name, key, each, _ in known})
+        return kind(**{f.name: each(content[key]) for key, f, each in readers if key in content})
 
     return read

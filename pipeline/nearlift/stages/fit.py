@@ -22,8 +22,7 @@ from nearlift.likelihood.noise import REPEATS
 from nearlift.likelihood.problem import height_slope
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROFILES, TRIALS
-from nearlift.results.fit import FitResults, ModelComparison, ModelFit
-from nearlift.results.influence import Influence
+from nearlift.results.fit import FitResults, Influence, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome, part

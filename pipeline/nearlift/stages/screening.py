@@ -12,7 +12,7 @@ from nearlift.fit import influential
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood.budget import Component
 from nearlift.reduction import outliers
-from nearlift.results.influence import Influence, Suspect
+from nearlift.results.fit import Influence, Suspect
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.run.store import Table
 
