@@ -138,41 +138,32 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     An undetermined coefficient has infinite variance.
     """
     data, k = problem.data, len(problem.data.levels)
-    declared, target = problem.model.parameters, problem.project(np.log(data.lift_N))
-    low, high = (
-        np.array([*[p.bounds[i] for p in declared[:1]] * k, *[p.bounds[i] for p in declared[1:]]])
-        for i in (0, 1)
-    )
+    low, high = (np.r_[np.full(k, end[0]), end[1:]] for end in problem.model.bounds)
 
-    def log_ratio(x: FloatArray) -> FloatArray:
-        each = np.column_stack([x[:k], np.broadcast_to(x[k:], (k, len(x) - k))])
-        return problem.log_ratio(each)[data.level, np.arange(data.n)]
+    def each(x: FloatArray) -> FloatArray:
+        return np.column_stack([x[:k], np.broadcast_to(x[k:], (k, len(x) - k))])
 
-    def residuals(x: FloatArray) -> FloatArray:
-        return priced(target - problem.project(log_ratio(x)))
+    def left(x: FloatArray) -> FloatArray:
+        return problem.left(problem.log_ratio(each(x))[data.level, np.arange(data.n)])
+
+    def jacobian(x: FloatArray) -> FloatArray:
+        slopes = problem.slopes(each(x))[data.level, :, np.arange(data.n)]
+        return np.hstack([np.eye(k)[data.level] * slopes[:, :1], slopes[:, 1:]]).T
 
     def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
-        each = np.column_stack([x[0, :k], np.broadcast_to(x[0, k:], (k, len(x[0]) - k))])
-        slopes = problem.slopes(each)[data.level, :, np.arange(data.n)]
-        columns = np.hstack([np.eye(k)[data.level] * slopes[:, :1], slopes[:, 1:]])
-        return (target - problem.project(log_ratio(x[0])))[None], -problem.project(columns.T)[None]
+        return left(x[0])[None], -problem.project(jacobian(x[0]))[None]
 
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
-    best = polished(residuals, linearised, start, (low, high), size)
-    _, slopes = linearised(best, np.zeros(1, dtype=np.int64))
-    whole = np.zeros(len(start))
-    for i in range(len(start)):
-        step = np.zeros(len(start))
-        step[i] = 1e-4 * size[i]
-        whole[i] = (
-            np.linalg.norm(problem.covariance.whiten(log_ratio(start + step) - log_ratio(start)))
-            / step[i]
-        )
-    covariance, determined = parameter_covariance(np.nan_to_num(slopes[0]), whole)
+    [best] = polished(lambda x: priced(left(x)), linearised, start, (low, high), size)
+    rows = jacobian(best)
+    covariance, determined = parameter_covariance(
+        np.nan_to_num(problem.project(rows)),
+        np.linalg.norm(problem.covariance.whiten(rows), axis=1),
+    )
     covariance[~determined, ~determined] = np.inf
-    return best[0, :k], covariance[:k, :k], float(np.sum(residuals(best[0]) ** 2))
+    return best[:k], covariance[:k, :k], float(np.sum(priced(left(best)) ** 2))
 
 
 def _contrasts(throttles: int) -> FloatArray:

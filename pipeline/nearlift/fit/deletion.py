@@ -71,11 +71,7 @@ def _free(fit: LeastSquaresFit) -> list[int]:
 
 
 def visits_of(
-    problem: Problem,
-    theta: FloatArray,
-    free: Sequence[int],
-    offset: float,
-    slope: FloatArray,
+    problem: Problem, theta: FloatArray, free: Sequence[int], offset: float, slope: FloatArray
 ) -> tuple[Deletion, ...]:
     """`visits` of any likelihood at its optimum `theta` (p,), the coefficients `free` estimated.
 
@@ -152,11 +148,7 @@ def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
 
 
 def influence_on(
-    problem: Problem,
-    theta: FloatArray,
-    free: Sequence[int],
-    offset: float,
-    slope: FloatArray,
+    problem: Problem, theta: FloatArray, free: Sequence[int], offset: float, slope: FloatArray
 ) -> DeletionDiagnostics:
     """`influence` on any likelihood at its optimum, as `visits_of`."""
     data, names, p = problem.data, problem.names, len(theta)

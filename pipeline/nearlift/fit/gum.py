@@ -160,23 +160,28 @@ def _repeats(data: Observations, g: FloatArray, scatter: Noise, slope: FloatArra
         record_dof = contribution.sum(axis=1) ** 2 / (
             contribution**2 / np.maximum(data.n_eff - 1, 1)
         ).sum(axis=1)
-    visit = np.unique(data.visit, return_inverse=True)[1]
-    by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
-    age = ages(data)
-    drifts = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
-    drift = float(np.sqrt(np.sum(np.square(scatter.drift))))
-    within, by_force = (g * record**2) @ g.T, (g * (scatter.force_N / data.lift_N) ** 2) @ g.T
     rms, record_dof = float(np.sqrt(np.mean(record**2))), np.nan_to_num(record_dof, nan=np.inf)
+    within = (g * record**2) @ g.T
     budget = [_line(RECORD_NOISE, "A", "normal", "trial", rms, "1", within, record_dof)]
-    for kind, scope, standard, unit, parts in (
-        ("relative", "trial", scatter.relative, "1", scatter.relative**2 * g @ g.T),
-        ("force_N", "trial", scatter.force_N, "N", by_force),
-        ("height_m", "visit", scatter.height_m, "m", by_height @ by_height.T * scatter.height_m**2),
-        ("common", "visit", scatter.common, "1", by_common @ by_common.T * scatter.common**2),
-        ("drift", "campaign", drift, "1", drifts),
+    visit, age = np.unique(data.visit, return_inverse=True)[1], ages(data)
+    by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
+    covariances = {
+        "relative": scatter.relative**2 * g @ g.T,
+        "force_N": (g * (scatter.force_N / data.lift_N) ** 2) @ g.T,
+        "height_m": by_height @ by_height.T * scatter.height_m**2,
+        "common": by_common @ by_common.T * scatter.common**2,
+    }
+    for k, size in enumerate(scatter.drift):
+        covariances[f"drift{k}"] = size**2 * _drifted(g, age[:, k])
+    for kind, scope, standard, unit in (
+        ("relative", "trial", scatter.relative, "1"),
+        ("force_N", "trial", scatter.force_N, "N"),
+        ("height_m", "visit", scatter.height_m, "m"),
+        ("common", "visit", scatter.common, "1"),
+        ("drift", "campaign", float(np.sqrt(np.sum(np.square(scatter.drift)))), "1"),
     ):
-        each = parts if isinstance(parts, dict) else {kind: parts}
-        sizes = {name: np.diag(covariance) for name, covariance in each.items()}
+        each = {name: c for name, c in covariances.items() if name.startswith(kind)}
+        sizes = {name: np.diag(c) for name, c in each.items()}
         covariance: FloatArray = sum(each.values(), np.zeros((len(g), len(g))))
         variance, known = _scatter_variance(scatter, sizes, len(g))
         with np.errstate(divide="ignore", invalid="ignore"):

@@ -257,13 +257,11 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
     def residuals(x: FloatArray) -> FloatArray:
         return priced(problem.left(x[-1] * problem.log_ratio(x[:-1])))
 
-    target = problem.project(np.log(problem.data.lift_N))
-
     def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
         at, n = x[:, :-1], x[:, -1:]
         ratio = problem.log_ratio(at)
         slopes = np.concatenate([n[:, :, None] * problem.slopes(at), ratio[:, None]], axis=1)
-        return target - problem.project(n * ratio), -problem.project(slopes)
+        return problem.left(n * ratio), -problem.project(slopes)
 
     size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)

@@ -71,11 +71,14 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
     near = np.clip(centre + NEAR * sd[i] * np.linspace(-1, 1, NEAR_POINTS), low, high)
     value = _apart(np.r_[np.linspace(*ends, POINTS), near], sd[i])[0]
     chi2 = _along(fit, i, value, sd)
+
+    def extended(more: FloatArray) -> tuple[FloatArray, FloatArray]:
+        whole, first = _apart(np.r_[value, more], sd[i])
+        return whole, np.r_[chi2, _along(fit, i, more, sd)][first]
+
     if fit.marginal:
         # the mean over the height error is not where the profile is lowest
-        value, chi2 = _with(
-            fit, i, sd, value, chi2, np.array([np.clip(_vertex(value, chi2), *ends)])
-        )
+        value, chi2 = extended(np.array([np.clip(_vertex(value, chi2), *ends)]))
     for _ in range(WIDENINGS):
         rise = chi2 - chi2.min()
         further = []
@@ -87,7 +90,7 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
             )
         if not further:
             break
-        value, chi2 = _with(fit, i, sd, value, chi2, np.concatenate(further))
+        value, chi2 = extended(np.concatenate(further))
     value, chi2 = value[np.isfinite(chi2)], chi2[np.isfinite(chi2)]
     rise = chi2 - chi2.min()
     return Profile(
@@ -97,19 +100,6 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
         quadratic=((value - fit.theta[i]) / sd[i]) ** 2,
         ends=_intervals(value, rise, dof),
     )
-
-
-def _with(
-    fit: LeastSquaresFit,
-    i: int,
-    sd: FloatArray,
-    value: FloatArray,
-    chi2: FloatArray,
-    more: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """The profile with further values, ascending."""
-    whole, first = _apart(np.r_[value, more], sd[i])
-    return whole, np.r_[chi2, _along(fit, i, more, sd)][first]
 
 
 def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:

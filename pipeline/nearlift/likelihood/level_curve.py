@@ -35,7 +35,7 @@ def with_curve(data: Observations, of: Sequence[str], degree: int | None) -> Obs
         A column is missing, has a blank or a value that is not positive, or hardly varies.
     """
     columns = {"throttle": data.throttle, **data.covariates}
-    ranges = [_range(name, columns.get(name)) for name in of]
+    low, typical, high = zip(*(_range(name, columns.get(name)) for name in of), strict=True)
     throttles = np.unique(data.throttle)
     if len(throttles) > MOST_SHOWN:
         middles = (np.arange(SHOWN) + 0.5) / SHOWN
@@ -44,9 +44,9 @@ def with_curve(data: Observations, of: Sequence[str], degree: int | None) -> Obs
     curve = LevelCurve(
         of=tuple(of),
         degree=degree or 1,
-        low=tuple(low for low, _, _ in ranges),
-        high=tuple(high for _, _, high in ranges),
-        typical=tuple(middle for _, middle, _ in ranges),
+        low=low,
+        high=high,
+        typical=typical,
         shown=tuple(throttles.tolist()),
     )
     data = dataclasses.replace(data, curve=curve)

@@ -142,16 +142,12 @@ class VarianceComponents:
         amplitude, memory = whole.processes
         order = whole.order
         known_variance = np.maximum((data.u_lift_N / data.lift_N) ** 2 + extra, LEAST_VARIANCE)
-        # force in units of the median lift: no lift is too small for a square
-        diagonals = [
-            np.ones(data.n),
-            (np.median(data.lift_N) / data.lift_N) ** 2,
-            *(amplitude**2).T,
-        ]
+        # in units of the median lift: no lift is too small for a square
+        force = (np.median(data.lift_N) / data.lift_N) ** 2
         return cls(
             priors=priors,
             known_variance=known_variance[order],
-            diagonals=[diagonals[0], diagonals[1][order], *diagonals[2:]],
+            diagonals=[np.ones(data.n), force[order], *(amplitude**2).T],
             amplitude=amplitude,
             memory=memory,
             order=order,
