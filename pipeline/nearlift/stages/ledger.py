@@ -164,9 +164,7 @@ def _exclusions(
     return quality.Exclusions(
         model=model.name,
         parameter=name,
-        accepted=quality.HeadlineOf(
-            value=before.value, u=before.u, trials=accepted.problem.data.n
-        ),
+        accepted=quality.HeadlineOf(value=before.value, u=before.u, trials=accepted.problem.data.n),
         excluded=int(mine.sum()),
         cannot_be_put_back={
             str(trials["trial"][i]): "it has no mean lift"
