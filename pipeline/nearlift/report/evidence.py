@@ -197,6 +197,11 @@ def select(table: Rows, rows: Any) -> Columns:
     return {name: column[rows] for name, column in table.items()}
 
 
+def where(table: Rows, **values: object) -> Columns:
+    """The rows in which these columns have these values."""
+    return select(table, np.all([table[name] == value for name, value in values.items()], axis=0))
+
+
 def single(table: Rows, rows: Any) -> dict[str, Any]:
     """The one row of a mask, its values as Python's own."""
     return {name: column[rows].item() for name, column in table.items()}

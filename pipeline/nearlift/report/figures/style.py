@@ -7,7 +7,9 @@ Fonts are those that matplotlib brings, so that a figure has the same bytes wher
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+import itertools
+import string
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +17,7 @@ from typing import Any
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from nearlift import nomenclature
@@ -35,8 +38,7 @@ class Style:
     double_in: float
     height_in: float
     text_pt: float
-    font: str
-    mathtext: str
+    serif: bool
     dpi: int = 300
     line_pt: float = 1.0
     marker_pt: float = 3.2
@@ -51,8 +53,7 @@ STYLES = (
         double_in=6.75,
         height_in=9.0,
         text_pt=8,
-        font="STIXGeneral",
-        mathtext="stix",
+        serif=True,
     ),
     Style(
         name="elsevier",
@@ -61,8 +62,7 @@ STYLES = (
         double_in=7.48,
         height_in=9.4,
         text_pt=8,
-        font="DejaVu Sans",
-        mathtext="dejavusans",
+        serif=False,
     ),
     Style(
         name="nature",
@@ -71,8 +71,7 @@ STYLES = (
         double_in=7.20,
         height_in=9.7,
         text_pt=7,
-        font="DejaVu Sans",
-        mathtext="dejavusans",
+        serif=False,
         line_pt=0.8,
         marker_pt=2.8,
     ),
@@ -83,8 +82,7 @@ STYLES = (
         double_in=7.16,
         height_in=9.0,
         text_pt=8,
-        font="STIXGeneral",
-        mathtext="stix",
+        serif=True,
     ),
     Style(
         name="screen",
@@ -93,8 +91,7 @@ STYLES = (
         double_in=10.0,
         height_in=11.0,
         text_pt=11,
-        font="DejaVu Sans",
-        mathtext="dejavusans",
+        serif=False,
         dpi=150,
         line_pt=1.5,
         marker_pt=4.5,
@@ -155,17 +152,16 @@ def context(look: Style) -> Iterator[None]:
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
         current: Any = matplotlib.rcParams
-        current.update(settings(look))
+        current.update(_settings(look))
         yield
 
 
-def settings(look: Style) -> dict[str, object]:
-    """The look as matplotlib's settings."""
+def _settings(look: Style) -> dict[str, object]:
     small = look.text_pt - 1
     return {
         # the second serves letters that the first lacks
-        "font.family": [look.font, "DejaVu Sans"],
-        "mathtext.fontset": look.mathtext,
+        "font.family": ["STIXGeneral" if look.serif else "DejaVu Sans", "DejaVu Sans"],
+        "mathtext.fontset": "stix" if look.serif else "dejavusans",
         "font.size": look.text_pt,
         "axes.labelsize": look.text_pt,
         "axes.titlesize": look.text_pt,
@@ -230,6 +226,28 @@ def dots(ax: Axes, x: Any, y: Any, colour: str = SERIES[0][0]) -> None:
         zorder=1,
         rasterized=len(x) > CLOUD,
     )
+
+
+def circles(ax: Axes, x: Any, y: Any, colour: str, **more: Any) -> list[Line2D]:
+    """Open circles."""
+    look: dict[str, Any] = {"color": colour, "markerfacecolor": "white", "markeredgewidth": 0.8}
+    return ax.plot(x, y, "o", **look | more)
+
+
+def grid(
+    axes: Any, rows: Sequence[str], columns: Sequence[str]
+) -> Iterator[tuple[str, Any, str, str]]:
+    """Letter, axes, row and column of each panel of a grid, line by line."""
+    places = itertools.product(rows, columns)
+    for letter, ax, (row, column) in zip(string.ascii_lowercase, axes.flat, places, strict=False):
+        yield letter, ax, row, column
+
+
+def headed(panels: Sequence[str]) -> list[str]:
+    """Titles of panels side by side; lettered where there are several."""
+    if len(panels) == 1:
+        return [*panels]
+    return [f"{a}) {name}" for a, name in zip(string.ascii_lowercase, panels, strict=False)]
 
 
 def note(

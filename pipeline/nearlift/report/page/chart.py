@@ -208,3 +208,8 @@ def frame(description: str, *, height: int, layers: list[Spec], **signals: Any) 
             },
         },
     }
+
+
+def layer(data: str, transform: list[Spec], mark: Spec, **encoding: Any) -> Spec:
+    """One layer of a drawing: the marks of a view's data."""
+    return {"data": {"name": data}, "transform": transform, "mark": mark, "encoding": encoding}
