@@ -133,7 +133,7 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     assert abs(float(away @ away) - n) < 4 * np.sqrt(2 * n)
     # sixty trials a throttle, and the coefficient's slope beside the level
     assert noise / np.sqrt(60) < over.u_L_inf < 3 * noise / np.sqrt(60)
-    assert fig2.named(made, "ground") == effects
+    assert relative_lift.named(made, "ground") == effects
     assert ("whose part at each trial" in fig2_words._fit_note(made, "ground")) == bool(effects)
 
 

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.likelihood import student
 from nearlift.products import POSTERIOR
-from nearlift.report.evidence import Evidence
+from nearlift.report.evidence import Evidence, where
 from nearlift.results.fit import ModelFit, ParameterCovariance
 
 #: Two curves that part by less than this much of what the data span are one line in a figure.
@@ -23,9 +24,8 @@ def ratio(model: LiftModel, z_hat: FloatArray, arguments: Mapping[str, object]) 
     low, high = model.valid_z_hat
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         value = np.broadcast_to(np.asarray(model(z_hat, **arguments), dtype=float), z_hat.shape)
-    return np.where(
-        (z_hat > low) & (z_hat <= high) & np.isfinite(value) & (value > 0), value, np.nan
-    )
+    defined = (z_hat > low) & (z_hat <= high) & np.isfinite(value) & (value > 0)
+    return np.where(defined, value, np.nan)
 
 
 def uncertainty(
@@ -41,18 +41,16 @@ def uncertainty(
     names = among.names
     covariance = np.array(among.values, dtype=float).reshape(len(names), len(names))
     covariance[~np.isfinite(covariance)] = np.nan
-    centre = {n: values[n] for n in names}
+    centre = {**arguments, **{n: values[n] for n in names}}
     jacobian = np.zeros((len(names), len(z_hat)))
     for i, name in enumerate(names):
         low, high = model.parameter(name).bounds
         # a step well within the uncertainty, so that the slope is that of the curve where the data
         # leave it
-        step = max(0.01 * float(np.sqrt(covariance[i, i])), 1e-7 * max(abs(centre[name]), 1.0))
-        up, down = min(centre[name] + step, high), max(centre[name] - step, low)
-        jacobian[i] = (
-            ratio(model, z_hat, {**arguments, **centre, name: up})
-            - ratio(model, z_hat, {**arguments, **centre, name: down})
-        ) / (up - down)
+        step = max(0.01 * float(np.sqrt(covariance[i, i])), 1e-7 * max(abs(values[name]), 1.0))
+        ends = min(values[name] + step, high), max(values[name] - step, low)
+        up, down = (ratio(model, z_hat, {**centre, name: end}) for end in ends)
+        jacobian[i] = (up - down) / (ends[0] - ends[1])
     variance = np.einsum("iz,ij,jz->z", jacobian, covariance, jacobian)
     result: FloatArray = np.sqrt(np.maximum(variance, 0.0))
     return result
@@ -100,59 +98,49 @@ def posterior_quantiles(
     """
     if not evidence.has(POSTERIOR):
         return None
-    draws = evidence.table(POSTERIOR)
-    mine = (draws["boundary"] == boundary) & (draws["model"] == model.name)
-    each = {
-        p.name: draws["value"][mine & (draws["parameter"] == p.name)][:, None]
-        for p in model.parameters
-    }
+    draws = where(evidence.table(POSTERIOR), boundary=boundary, model=model.name)
+    each = {p.name: where(draws, parameter=p.name)["value"][:, None] for p in model.parameters}
     if not each or not all(len(x) for x in each.values()):
         return None
     with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
         value = np.asarray(model(z_hat, **known, **each), dtype=float) - 1
-    inside = np.isfinite(
-        ratio(model, z_hat, {**known, **{n: float(np.median(x)) for n, x in each.items()}})
-    )
-    low, middle, high = np.where(
-        inside,
-        np.nanquantile(
-            np.where(np.isfinite(value) & inside, value, 0.0), [0.05, 0.5, 0.95], axis=0
-        ),
-        np.nan,
-    )
+    medians = {n: float(np.median(x)) for n, x in each.items()}
+    inside = np.isfinite(ratio(model, z_hat, {**known, **medians}))
+    finite = np.where(np.isfinite(value) & inside, value, 0.0)
+    quantiles = np.nanquantile(finite, [0.05, 0.5, 0.95], axis=0)
+    low, middle, high = np.where(inside, quantiles, np.nan)
     return low, middle, high
 
 
-def least_squares(
-    evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray
-) -> FloatArray:
-    """The base model's L / L_inf - 1 at recorded distances as least squares has it, taken where the
-    rotor stood, by the height error that the fit found.
+def stood(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatArray) -> FloatArray:
+    """Where the rotor stood at recorded distances, by the height error that the fit found."""
+    return z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
+
+
+def fitted(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatArray) -> FloatArray:
+    """L / L_inf at recorded distances by least squares, taken where the rotor stood."""
+    model = catalogue.model(fit.model)
+    arguments = {**evidence.known(boundary, model), **fit.values}
+    return ratio(model, stood(evidence, boundary, fit, z_hat), arguments)
+
+
+def band(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
+    """The base model's curve at recorded distances as believed, with its 90 % band, and as least
+    squares has it, both taken where the rotor stood.
     """
-    fit = evidence.base(boundary)[1]
-    stood = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
-    return ratio(model, stood, {**evidence.known(boundary, model), **fit.values}) - 1
-
-
-def band(evidence: Evidence, boundary: Boundary, model: LiftModel, z_hat: FloatArray) -> Curve:
-    """The base model's curve as believed, with its 90 % band, and as least squares has it.
-
-    `z_hat` is as recorded; the model is taken where the rotor stood, by the height error that the
-    fit found.
-    """
-    fit, fitted = evidence.base(boundary)[1], least_squares(evidence, boundary, model, z_hat)
-    z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
+    model, fit = evidence.base(boundary)
+    plain = fitted(evidence, boundary, fit, z_hat) - 1
+    z_hat = stood(evidence, boundary, fit, z_hat)
     known = evidence.known(boundary, model)
     drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
     if drawn is None:
         reach = quantile90(fit) * uncertainty(model, z_hat, known, fit.values, fit.covariance)
-        drawn = fitted - reach, fitted, fitted + reach
+        drawn = plain - reach, plain, plain + reach
     low, middle, high = drawn
     if endless(fit):
-        low, high = np.full_like(middle, np.nan), np.full_like(middle, np.nan)
-    return Curve(
-        middle=middle, low=low, high=high, least_squares=fitted, sampled=middle is not fitted
-    )
+        low = high = np.full_like(middle, np.nan)
+    sampled = middle is not plain
+    return Curve(middle=middle, low=low, high=high, least_squares=plain, sampled=sampled)
 
 
 def endless(fit: ModelFit) -> bool:

@@ -7,6 +7,7 @@ belong to a line of distance alone. Without one it is the lift itself.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -14,9 +15,9 @@ import numpy as np
 
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.likelihood import student
-from nearlift.products import LOOP_RESIDUALS
+from nearlift.products import LIFT, LOOP_RESIDUALS
 from nearlift.report import curves
-from nearlift.report.evidence import Evidence, lift_inf_N
+from nearlift.report.evidence import Evidence, lift_inf_N, where
 from nearlift.results.fit import ParameterCovariance
 from nearlift.results.quotation import BoundaryResult
 
@@ -46,33 +47,41 @@ class RelativeLift:
     u_L_inf: float
 
 
+def by_fit(evidence: Evidence) -> bool:
+    """Whether cells are referred to the fitted L_inf, and not to the farthest station."""
+    return evidence.campaign.report.reference == "fit"
+
+
 def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
-    """The effects of the quoted model, where their residuals exist."""
-    return evidence.quoted(boundary).effects if evidence.has(LOOP_RESIDUALS) else ()
+    """The effects of the quoted model that are taken out of the cells: where these are referred to
+    its L_inf, and where residuals exist.
+    """
+    taken_out = by_fit(evidence) and evidence.has(LOOP_RESIDUALS)
+    return evidence.quoted(boundary).effects if taken_out else ()
 
 
 def as_quoted(evidence: Evidence, boundary: Boundary) -> bool:
-    """Whether the quoted coefficients are others than those of the base fit."""
-    unexplained = evidence.quoted(boundary).verdict == "unexplained"
+    """Whether the line is that of the quoted coefficients where these are not the base fit's."""
+    unexplained = by_fit(evidence) and evidence.quoted(boundary).verdict == "unexplained"
     return unexplained or bool(named(evidence, boundary))
 
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
-    """The quoted model's L / L_inf - 1 over distance, its effects aside, and its 90 % band; of a
-    model with a refused coefficient what least squares would say, without a band.
+    """The line that belongs to the cells: the quoted model's L / L_inf - 1 over distance, its
+    effects aside, and its 90 % band; of a model with a refused coefficient what least squares would
+    say, without a band.
     """
     model, fit = evidence.base(boundary)
     quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
     if not (quoted.refused or as_quoted(evidence, boundary)):
-        return curves.band(evidence, boundary, model, z_hat)
-    effects = named(evidence, boundary)
-    values = fit.values | {n: c.value for n, c in quoted.coefficients.items()}
-    middle = plain = curves.least_squares(evidence, boundary, model, z_hat)
+        return curves.band(evidence, boundary, z_hat)
+    values = {**known, **fit.values, **{n: c.value for n, c in quoted.coefficients.items()}}
+    middle = plain = curves.fitted(evidence, boundary, fit, z_hat) - 1
     low = high = np.full_like(plain, np.nan)
     if not quoted.refused:
-        middle = curves.ratio(model, z_hat, {**known, **values}) - 1
-        plain = middle if effects else plain
-        low, high = _band(quoted, model, z_hat, {**known, **values}, middle)
+        middle = curves.ratio(model, z_hat, values) - 1
+        plain = middle if named(evidence, boundary) else plain
+        low, high = _band(quoted, model, z_hat, values, middle)
     return curves.Curve(middle=middle, low=low, high=high, least_squares=plain, sampled=False)
 
 
@@ -104,19 +113,29 @@ def _band(
 
 
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
-    """Every cell's lift over the fitted L_inf."""
+    """Every cell's lift over the fitted L_inf, or over that of the farthest station, of which
+    nobody knows how good it is.
+    """
+    if not by_fit(evidence):
+        table = where(evidence.table(LIFT), boundary=boundary)
+        return RelativeLift(
+            throttle=table["throttle"],
+            z_hat=table["z_hat"],
+            delta_L=np.asarray(table["delta_L"], dtype=float),
+            u=np.asarray(table["u_delta_L"], dtype=float),
+            u_L_inf=math.nan,
+        )
     data = evidence.observations[boundary]
     data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
     if named(evidence, boundary):
-        table = evidence.table(LOOP_RESIDUALS)
-        mine = table["boundary"] == boundary
-        left = dict(zip(table["trial"][mine].tolist(), table["after"][mine].tolist(), strict=True))
+        table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
+        left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
         residual = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
         log_ratio = np.log1p(line(evidence, boundary, data.z_hat).middle) + residual
+        diagnosed = evidence.diagnosed(boundary)
     else:
         level = lift_inf_N(evidence.base(boundary)[1], data, drawn=True)
-        log_ratio = np.log(data.lift_N / level)
-    diagnosed = evidence.diagnosed(boundary) if named(evidence, boundary) else None
+        log_ratio, diagnosed = np.log(data.lift_N / level), None
     noise = diagnosed.noise if diagnosed else evidence.fits.noise[boundary]
     keep = np.isfinite(log_ratio)
     data, log_ratio = data.take(keep), log_ratio[keep]

@@ -7,9 +7,9 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.products import LIFT, POSTERIOR
+from nearlift.products import POSTERIOR
 from nearlift.report import curves, relative_lift
-from nearlift.report.evidence import Columns, Evidence, distinct
+from nearlift.report.evidence import Columns, Evidence, distinct, where
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.findings import coverage
 from nearlift.results.fit import ModelFit
@@ -27,18 +27,19 @@ PQUAD_RANGE = (2.5, 4.0)
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know to read the figure, numbers included."""
-    parts = ["Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius."]
-    parts.append(
+    symbols = (
         "Symbols: cell means over the fit's L∞; bars: ± 1 standard uncertainty from the scatter of"
         " trials and visits, without L∞'s own (shade about zero), which moves a throttle's symbols"
         " together."
-        if fig2.by_fit(evidence)
-        else (
-            "Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which"
-            " a throttle's cells share through L∞."
-        )
+        if relative_lift.by_fit(evidence)
+        else "Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which"
+        " a throttle's cells share through L∞."
     )
-    parts.append(_line_note(evidence, table))
+    parts = [
+        "Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius.",
+        symbols,
+        _line_note(evidence, table),
+    ]
     drawn = {r.label for b in evidence.boundaries for r in fig2.references(evidence, b)}
     if "C-B (theory)" in drawn:
         parts.append("C-B: Cheeseman and Bennett, one rotor.")
@@ -54,8 +55,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         )
     if "H-C (theory)" in drawn:
         parts.append("H-C: Hsiao and Chirarattananon with α = 0.125.")
-    for boundary in evidence.boundaries:
-        parts.append(_reference_note(evidence, boundary, table))
+    note = _fit_note if relative_lift.by_fit(evidence) else _reference_note
+    parts += [note(evidence, boundary) for boundary in evidence.boundaries]
     return " ".join(p for p in parts if p)
 
 
@@ -66,14 +67,14 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
             "Solid line and shade: base model by least squares, with the pointwise 90 % band that"
             " the covariance of its parameters implies."
         )
-    apart = distinct(table["panel"][table["kind"] == fig2.LEAST_SQUARES])
+    apart = distinct(where(table, kind=fig2.LEAST_SQUARES)["panel"])
     beside = (
         f"thin line: least squares, which parts from it visibly ({', '.join(apart)}), as where a"
         " prior still has a say or structure stays unexplained"
         if apart
         else "least squares falls on the same line"
     )
-    if plainly := [b for b in evidence.boundaries if fig2.as_quoted(evidence, b)]:
+    if plainly := [b for b in evidence.boundaries if relative_lift.as_quoted(evidence, b)]:
         coefficients = "the quoted coefficients', with the band of their uncertainties"
         beside += f"; {', '.join(plainly)}: {coefficients}"
     if refused := [b for b in evidence.boundaries if evidence.quoted(b).refused]:
@@ -93,29 +94,28 @@ def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
     model, entry = evidence.base(boundary)
     coefficients = _coefficients(evidence.quoted(boundary))
     quoted = f" ({coefficients})" if coefficients else ""
-    effects = fig2.named(evidence, boundary)
-    out = (
-        f"; line and symbols are without {' and '.join(effects)}, whose part at each trial is"
-        " taken out of its lift"
-        if effects
-        else ""
-    )
+    effects = relative_lift.named(evidence, boundary)
+    out, moved = "", _moved(entry)
+    if effects:
+        names, moved = " and ".join(effects), ""
+        out = (
+            f"; line and symbols are without {names}, whose part at each trial is taken out of its"
+            " lift"
+        )
     u = 100 * relative_lift.relative_lift(evidence, boundary).u_L_inf
     return (
         f"{boundary.capitalize()}: {model.title}{quoted}{out}; L∞ is known to {plain(u, 2)} %, by"
-        f" the scatter.{'' if effects else _moved(entry)}{_influence_note(evidence, boundary)}"
+        f" the scatter.{moved}{_influence_note(evidence, boundary)}"
     )
 
 
 def _moved(fit: ModelFit) -> str:
     """That the line is drawn where the fit finds the rotor, if not where it was recorded."""
     offset_m = curves.height_found_m(fit)
+    if not offset_m:
+        return ""
     side = f"{abs(1e3 * offset_m):.2g} mm {'farther' if offset_m > 0 else 'nearer'}"
-    return (
-        f" The fit finds the rotor {side} than recorded; its line is drawn for there."
-        if offset_m
-        else ""
-    )
+    return f" The fit finds the rotor {side} than recorded; its line is drawn for there."
 
 
 def _coefficients(quoted: BoundaryResult) -> str:
@@ -141,44 +141,30 @@ def _influence_note(evidence: Evidence, boundary: Boundary) -> str:
     return f" No single trial or visit moves a coefficient by more than {fixed(most, 1)} u."
 
 
-def _reference_note(evidence: Evidence, boundary: Boundary, table: Columns) -> str:
-    if fig2.by_fit(evidence):
-        return _fit_note(evidence, boundary)
+def _reference_note(evidence: Evidence, boundary: Boundary) -> str:
     model, entry = evidence.base(boundary)
     quoted = evidence.quoted(boundary)
     coefficients = _coefficients(quoted)
-    beyond = (
-        f", with {' and '.join(quoted.effects)} in the model, which the line is without"
-        if quoted.effects
-        else ""
-    )
-    bracket = f" ({coefficients}{beyond})" if coefficients else ""
-    mine = (table["panel"] == boundary) & (table["kind"] == "data")
-    if not mine.any():
+    if coefficients and quoted.effects:
+        effects = " and ".join(quoted.effects)
+        coefficients += f", with {effects} in the model, which the line is without"
+    bracket = f" ({coefficients})" if coefficients else ""
+    over = relative_lift.relative_lift(evidence, boundary)
+    known = np.isfinite(over.delta_L)
+    if not (known & (over.z_hat > 0)).any():
         return ""
+    head = f"{boundary.capitalize()}: {model.title}{bracket};"
     if np.isinf(evidence.observations[boundary].z_hat).any():
-        return (
-            f"{boundary.capitalize()}: {model.title}{bracket}; L∞ of the data from trials in free"
-            f" air.{_moved(entry)}"
-        )
-    far = float(table["z_hat"][mine].max())
-    cells = evidence.table(LIFT)
-    lacking = cells["throttle"][
-        (cells["boundary"] == boundary) & np.isnan(np.asarray(cells["delta_L"], dtype=float))
-    ]
-    without = (
-        f" No trial far away at {', '.join(f'{100 * t:.3g} %' for t in np.unique(lacking))}"
-        " throttle, hence no ΔL."
-        if len(lacking)
-        else ""
-    )
-    there = float(curves.band(evidence, boundary, model, np.array([far])).middle[0])
+        return f"{head} L∞ of the data from trials in free air.{_moved(entry)}"
+    far = float(over.z_hat[known].max())
+    lacking = ", ".join(f"{100 * t:.3g} %" for t in np.unique(over.throttle[~known]))
+    without = f" No trial far away at {lacking} throttle, hence no ΔL." if lacking else ""
+    there = float(curves.band(evidence, boundary, np.array([far])).middle[0])
     apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
     return (
-        f"{boundary.capitalize()}: {model.title}{bracket}; the data take L∞ from their farthest"
-        f" station, ẑ = {plain(far, 3)}, where ΔL is 0 by construction and the fit stands at"
-        f" {fixed(100 * there, 2)} %{apart}.{_shared_far(evidence, boundary)}{without}"
-        f"{_moved(entry)}"
+        f"{head} the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, where ΔL is 0"
+        f" by construction and the fit stands at {fixed(100 * there, 2)} %{apart}."
+        f"{_shared_far(evidence, boundary)}{without}{_moved(entry)}"
     )
 
 
@@ -204,11 +190,11 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
     for boundary in distinct(table["panel"]):
-        mine = (table["panel"] == boundary) & (table["kind"] == "data")
-        z, delta = table["z_hat"][mine], table["delta_L_percent"][mine]
+        mine = where(table, panel=boundary, kind="data")
+        z, delta = mine["z_hat"], mine["delta_L_percent"]
         if not len(z):
             continue
-        top, levels = int(np.argmax(np.abs(delta))), len(set(table["label"][mine].tolist()))
+        top, levels = int(np.argmax(np.abs(delta))), len(distinct(mine["label"]))
         parts.append(
             f"Near the {boundary}, {levels} throttle{'s' if levels > 1 else ''}, ẑ from"
             f" {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}: ΔL runs from"

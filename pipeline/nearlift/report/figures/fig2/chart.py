@@ -10,10 +10,10 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.declare import Boundary, FloatArray
 from nearlift.nomenclature import letter
-from nearlift.report import curves
-from nearlift.report.evidence import Columns, Evidence, levels_N, stack
+from nearlift.report import curves, relative_lift
+from nearlift.report.evidence import Columns, Evidence, distinct, levels_N, select, stack
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.fig2.layers import layers
 from nearlift.report.figures.fig2.points import force_unit, points, throttle_key
@@ -51,19 +51,13 @@ def chart(evidence: Evidence) -> Chart:
     """A view for each boundary; what is chosen of throttles, quantity and axis holds for all."""
     cells = {b: points(evidence, b) for b in evidence.boundaries}
     cells = {b: p for b, p in cells.items() if p}
-    throttles = sorted(
-        {
-            (float(t), str(label))
-            for p in cells.values()
-            for t, label in zip(p["throttle"], p["label"], strict=True)
-        }
-    )
-    keys = [throttle_key(t) for t, _ in throttles]
-    looks = {key: _look(i, len(keys)) for i, key in enumerate(keys)}
+    pairs = {pair for p in cells.values() for pair in distinct(p["throttle"], p["label"])}
+    throttles = dict(sorted(pairs, key=lambda pair: float(pair[0])))
+    looks = {key: _look(i, len(throttles)) for i, key in enumerate(throttles)}
     views = tuple(_view(evidence, b, p, looks) for b, p in cells.items())
     chosen = tuple(
         Choice(value=key, label=label, colour=looks[key][0], shape=looks[key][1])
-        for key, (_, label) in zip(keys, throttles, strict=True)
+        for key, label in throttles.items()
     )
     controls = (
         Control(signal="throttles", legend="Throttle", choices=chosen, folded=len(chosen) > APART),
@@ -77,14 +71,8 @@ def chart(evidence: Evidence) -> Chart:
             choices=(Choice(value="bands", label="90 %"),),
         ),
     )
-    rows = [
-        (b, *(str(x) for x in row))
-        for b, p in cells.items()
-        for row in zip(
-            *(p[n] for n in ("label", "at", "delta_text", "force_text", "trials", "quality")),
-            strict=True,
-        )
-    ]
+    texts = ("label", "at", "delta_text", "force_text", "trials", "quality")
+    rows = [(b, *row) for b, p in cells.items() for row in zip(*(p[n] for n in texts), strict=True)]
     return Chart(
         name="fig2",
         label="Lift change against distance, to be pointed at",
@@ -110,23 +98,23 @@ def _view(
 ) -> View:
     for i, name in enumerate(("colour", "shape", "area")):
         cells[name] = column([looks[str(t)][i] for t in cells["throttle"]])
-    grid = np.geomspace(cells["z_hat"].min(), cells["z_hat"].max(), GRID)
+    span = [float(cells["z_hat"].min()), float(cells["z_hat"].max())]
+    height = float(np.nanmax(cells["delta"]) - np.nanmin(cells["delta"])) / 100
     drawn, choices, levels = _models(
-        evidence, boundary, grid, float(np.nanmax(cells["delta"]) - np.nanmin(cells["delta"])) / 100
+        evidence, boundary, np.geomspace(span[0], span[1], GRID), height
     )
     data = {"cells": cells, "curves": drawn}
     beside = _overlays(evidence, boundary)
     if beside:
         data["overlays"] = beside
-    on = [c.value for c in choices if c.on]
-    span = [float(cells["z_hat"].min()), float(cells["z_hat"].max())]
-    made = layers(span, len(fig2.named(evidence, boundary)))
+    on, off = ([c for c in choices if c.on is chosen] for chosen in (True, False))
+    made = layers(span, len(relative_lift.named(evidence, boundary)))
     spec = frame(
         f"Lift change near the {boundary} against distance over rotor radius",
         height=HEIGHT,
         layers=[layer for layer in made if layer["data"].get("name", "cells") in data],
         throttles=list(looks),
-        models=on,
+        models=[c.value for c in on],
         quantity="delta",
         field="delta",
         per=1,
@@ -154,13 +142,8 @@ def _view(
             },
         },
         controls=(
-            Control(signal="models", legend="Models", choices=tuple(c for c in choices if c.on)),
-            Control(
-                signal="models",
-                legend="Others fitted",
-                choices=tuple(c for c in choices if not c.on),
-                folded=True,
-            ),
+            Control(signal="models", legend="Models", choices=tuple(on)),
+            Control(signal="models", legend="Others fitted", choices=tuple(off), folded=True),
         ),
     )
 
@@ -172,64 +155,43 @@ def _models(
     model and throttle.
     """
     scale = force_unit(evidence)[0]
-    fits = evidence.fits.boundaries[boundary]
     base, fitted = evidence.base(boundary)
+    curve = relative_lift.line(evidence, boundary, grid)
     rows: list[dict[str, Any]] = []
     choices: list[Choice] = []
     levels: dict[str, dict[str, float]] = {}
 
     def add(
-        name: str,
-        label: str,
-        ratio: FloatArray,
-        fit: ModelFit,
-        on: bool,
-        drawn: bool = False,
-        **band: FloatArray,
+        name: str, label: str, ratio: FloatArray, fit: ModelFit = fitted, **band: FloatArray
     ) -> None:
         i = len(choices) - 1
         # colours are the throttles'
-        quoted = name == base.name
-        colour, dash = ("var(--text)", None) if quoted else (GREY, DASHES[i % len(DASHES)])
+        colour, dash = (GREY, DASHES[i % len(DASHES)]) if choices else ("var(--text)", None)
+        on = fit is fitted
         choices.append(Choice(value=name, label=label, on=on, colour=colour, dash=dash))
-        levels[name] = {throttle_key(t): scale * level for t, level in levels_N(fit, drawn).items()}
+        of_fit = levels_N(fit, drawn=on and curve.sampled)
+        levels[name] = {throttle_key(t): scale * level for t, level in of_fit.items()}
         keep = np.isfinite(ratio)
         over_grid = {"z_hat": grid, "ratio": ratio, **band}
         said = {"model": name, "label": label, "colour": colour}
         rows.append(said | {key: values[keep] for key, values in over_grid.items()})
 
-    curve = fig2.line(evidence, boundary, grid)
     apart = curve.parts(span)
-    add(
-        base.name,
-        f"{fitted.title}, {_source(evidence, boundary, curve, apart)}",
-        curve.middle + 1,
-        fitted,
-        True,
-        curve.sampled,
-        lo=curve.low + 1,
-        hi=curve.high + 1,
-    )
+    label = f"{fitted.title}, {_source(evidence, boundary, curve, apart)}"
+    add(base.name, label, curve.middle + 1, lo=curve.low + 1, hi=curve.high + 1)
     if apart:
         quoted = "" if evidence.diagnosed(boundary) else ", as quoted"
         label = f"{fitted.title}, least squares{quoted}"
-        add("least squares", label, curve.least_squares + 1, fitted, True, curve.sampled)
+        add("least squares", label, curve.least_squares + 1)
     for reference in fig2.references(evidence, boundary):
-        add(
-            f"reference:{reference.label}",
-            f"{catalogue.model(reference.model).title.partition(',')[0]}"
-            f" ({reference.label.partition('(')[2]}",
-            curves.ratio(catalogue.model(reference.model), grid, reference.arguments),
-            fitted,
-            True,
-            curve.sampled,
-        )
-    for name, fit in fits.items():
-        model: LiftModel = catalogue.model(name)
+        model = catalogue.model(reference.model)
+        label = f"{model.title.partition(',')[0]} ({reference.label.partition('(')[2]}"
+        ratio = curves.ratio(model, grid, reference.arguments)
+        add(f"reference:{reference.label}", label, ratio)
+    for name, fit in evidence.fits.boundaries[boundary].items():
         if name != base.name:
-            stood = grid + curves.height_found_m(fit) / evidence.observations[boundary].radius_m
-            ratio = curves.ratio(model, stood, {**evidence.known(boundary, model), **fit.values})
-            add(name, f"{fit.title}, least squares", ratio, fit, False)
+            ratio = curves.fitted(evidence, boundary, fit, grid)
+            add(name, f"{fit.title}, least squares", ratio, fit)
     table = stack(rows, ("z_hat", "ratio", "lo", "hi", "model", "label", "colour"))
     dashes = {c.value: list(c.dash or (1, 0)) for c in choices}
     table["dash"] = column([dashes[name] for name in table["model"]])
@@ -240,9 +202,9 @@ def _source(evidence: Evidence, boundary: Boundary, curve: curves.Curve, apart: 
     """What the line is from; `apart` says that it can be told from least squares."""
     if refused := evidence.quoted(boundary).refused:
         return f"least squares: {', '.join(map(letter, refused))} refused"
-    if effects := fig2.named(evidence, boundary):
+    if effects := relative_lift.named(evidence, boundary):
         return f"as quoted, beside {' and '.join(map(titled, effects))}"
-    if fig2.as_quoted(evidence, boundary):
+    if relative_lift.as_quoted(evidence, boundary):
         return "as quoted, with what is unexplained"
     if not curve.sampled:
         return "least squares"
@@ -250,18 +212,20 @@ def _source(evidence: Evidence, boundary: Boundary, curve: curves.Curve, apart: 
 
 
 def _overlays(evidence: Evidence, boundary: Boundary) -> Columns:
-    rows = [
-        (float(z), 100 * float(d), 100 * float(u), overlay.label)
+    beside = [
+        (overlay.label, select(table, table["z_hat"] > 0))
         for overlay, table in evidence.overlays
         if overlay.boundary == boundary
-        for z, d, u in zip(table["z_hat"], table["delta_L"], table["u"], strict=True)
-        if z > 0
     ]
-    return (
-        {
-            name: column([row[i] for row in rows])
-            for i, name in enumerate(("z_hat", "delta", "u_delta", "label"))
-        }
-        if rows
-        else {}
+    return stack(
+        [
+            {
+                "z_hat": rows["z_hat"],
+                "delta": 100 * rows["delta_L"],
+                "u_delta": 100 * rows["u"],
+                "label": label,
+            }
+            for label, rows in beside
+            if len(rows["z_hat"])
+        ]
     )

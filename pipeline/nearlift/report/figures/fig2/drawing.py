@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift.nomenclature import INDEXED
-from nearlift.report.evidence import Rows, distinct, select
+from nearlift.report.evidence import Rows, distinct, where
 from nearlift.report.figures.style import (
     BAND,
     FITTED,
@@ -27,7 +27,9 @@ from nearlift.report.figures.style import (
     SEQUENTIAL,
     SERIES,
     Style,
+    circles,
     distance,
+    headed,
     plain_log,
     plain_text,
 )
@@ -48,28 +50,19 @@ def draw(table: Rows, look: Style) -> Figure:
     height = {1: 0.86, 2: 0.46, 3: 0.40}[len(panels)] * width
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(1, len(panels), squeeze=False)[0]
-    throttles = np.unique(table["throttle_fraction"][table["kind"] == "data"])
-    many = len(throttles) > len(SERIES)
-    shade = (
-        ScalarMappable(Normalize(100 * throttles.min(), 100 * throttles.max()), SEQUENTIAL)
-        if many
-        else None
-    )
-    for letter, boundary, ax in zip("abc", panels, axes, strict=False):
-        _panel(
-            ax,
-            select(table, table["panel"] == boundary),
-            throttles,
-            shade,
-            "lower right" if boundary == "sidewall" else "upper right",
-        )
-        without = table["label"][(table["panel"] == boundary) & (table["kind"] == "without")]
-        words = (
-            f"{boundary}, effect{'s' * (len(without) > 1)} taken out" if len(without) else boundary
-        )
-        ax.set_title(f"{letter}) {words}" if len(panels) > 1 else words)
+    throttles = np.unique(where(table, kind="data")["throttle_fraction"])
+    shade = None
+    if len(throttles) > len(SERIES):
+        ends = Normalize(100 * throttles.min(), 100 * throttles.max())
+        shade = ScalarMappable(ends, SEQUENTIAL)
+    for title, boundary, ax in zip(headed(panels), panels, axes, strict=True):
+        loc: Corner = "lower right" if boundary == "sidewall" else "upper right"
+        _panel(ax, where(table, panel=boundary), throttles, shade, loc)
+        without = len(where(table, panel=boundary, kind="without")["label"])
+        out = f", effect{'s' * (without > 1)} taken out" if without else ""
+        ax.set_title(title + out)
         ax.set_xlabel(f"distance {label}")
-    (reference, *_) = table["label"][table["kind"] == "L_inf"]
+    (reference, *_) = where(table, kind="L_inf")["label"]
     axes[0].set_ylabel(rf"$\Delta L$ from {reference} $L_\infty$ (%)")
     if shade is not None:
         figure.colorbar(shade, ax=axes.tolist(), label="throttle (%)", pad=0.02, aspect=30)
@@ -97,37 +90,48 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     zero = ax.axhline(0, color="0.6", linewidth=0.5, zorder=0.1)
     handles: list[Any] = []
     names: list[str] = []
-    curve = select(rows, rows["kind"] == "band")
+    data, curve, overlays, fitted, theories, ring, level = (
+        where(rows, kind=kind)
+        for kind in ("data", "band", "overlay", "least squares", "model", "influence", "L_inf")
+    )
     low, high = curve["lo90_percent"], curve["hi90_percent"]
     banded = bool(np.isfinite(low).any())
     for label in distinct(curve["label"]):
         handles += ax.plot(curve["z_hat"], curve["delta_L_percent"], color=FITTED, zorder=3)
         shown = INDEXED.sub(r"$\1_\2$", plain_text(label))
         names.append(f"{shown}, 90 %" if banded else shown)
-    data = select(rows, rows["kind"] == "data")
     for i, throttle in enumerate(throttles):
-        mine = select(data, data["throttle_fraction"] == throttle)
+        mine = where(data, throttle_fraction=throttle)
         if shade is None:
             colour, marker = SERIES[i]
-            # throttles often fall on one another: each next symbol is smaller, so that all can be
-            # seen
-            _points(ax, mine, colour, marker, size=NESTED[i])
+            _bars(
+                ax,
+                mine,
+                fmt=marker,
+                color=colour,
+                markerfacecolor="white",
+                markeredgewidth=0.8,
+                # throttles often fall on one another: each next symbol is smaller, so that all can
+                # be seen
+                markersize=NESTED[i] * rcParams["lines.markersize"],
+                elinewidth=0.6,
+                zorder=4,
+            )
         else:
-            _points(ax, mine, shade.to_rgba(100 * throttle), "o", thin=True)
-    overlays = select(rows, rows["kind"] == "overlay")
-    for mark, label in zip(OVERLAYS, distinct(overlays["label"]), strict=False):
-        mine = select(overlays, overlays["label"] == label)
-        handles.append(
-            ax.errorbar(
-                mine["z_hat"],
-                mine["delta_L_percent"],
-                mine["u_delta_L_percent"],
-                fmt=mark,
-                color="0.25",
-                elinewidth=0.5,
+            _bars(
+                ax,
+                mine,
+                fmt="o",
+                color=shade.to_rgba(100 * throttle),
+                markeredgewidth=0.3,
+                markersize=2.2,
+                elinewidth=0.3,
+                alpha=0.7,
                 zorder=2,
             )
-        )
+    for mark, label in zip(OVERLAYS, distinct(overlays["label"]), strict=False):
+        mine = where(overlays, label=label)
+        handles.append(_bars(ax, mine, fmt=mark, color="0.25", elinewidth=0.5, zorder=2))
         names.append(plain_text(label))
     # theory, and the band of a fit that says little, may leave the panel; data and fit decide its
     # limits
@@ -136,7 +140,6 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     band = ax.fill_between(curve["z_hat"], low, high, color=BAND, linewidth=0, zorder=1)
     if banded:
         handles[:1] = [(band, handles[0])]
-    fitted = select(rows, rows["kind"] == "least squares")
     for label in distinct(fitted["label"]):
         # thin, and in front of the band: the posterior's line is the one to read
         handles += ax.plot(
@@ -147,29 +150,27 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
             zorder=2.8,
         )
         names.append(plain_text(label))
-    theories = select(rows, rows["kind"] == "model")
     for (colour, dashes), label in zip(REFERENCES, distinct(theories["label"]), strict=False):
-        theory = select(theories, theories["label"] == label)
+        theory = where(theories, label=label)
         handles += ax.plot(
             theory["z_hat"], theory["delta_L_percent"], color=colour, linestyle=dashes, zorder=2.5
         )
         names.append(plain_text(label))
-    ring = select(rows, rows["kind"] == "influence")
     # about symbols or, where throttles are many, about dots
-    width = (2.6 if shade is None else 1.2) * rcParams["lines.markersize"]
+    size, width = (2.6, 0.8) if shade is None else (1.2, 0.5)
     if len(ring["z_hat"]):
-        handles += ax.plot(
+        handles += circles(
+            ax,
             ring["z_hat"],
             ring["delta_L_percent"],
-            "o",
-            color=FITTED,
+            FITTED,
             markerfacecolor="none",
-            markersize=width,
-            markeredgewidth=0.8 if shade is None else 0.5,
+            markersize=size * rcParams["lines.markersize"],
+            markeredgewidth=width,
             zorder=5,
         )
         names.append("influential")
-    (u,) = rows["u_delta_L_percent"][rows["kind"] == "L_inf"]
+    (u,) = level["u_delta_L_percent"]
     if np.isfinite(u):
         handles.append((ax.axhspan(-u, u, color=UNSURE, linewidth=0, zorder=0), zero))
         names.append(r"uncertainty of $L_\infty$")
@@ -177,19 +178,6 @@ def _panel(ax: Axes, rows: Rows, throttles: Any, shade: ScalarMappable | None, l
     ax.legend(handles, names, loc=loc)
 
 
-def _points(
-    ax: Axes, mine: Rows, colour: Any, marker: str, size: float = 1.0, thin: bool = False
-) -> None:
-    ax.errorbar(
-        mine["z_hat"],
-        mine["delta_L_percent"],
-        mine["u_delta_L_percent"],
-        fmt=marker,
-        color=colour,
-        markerfacecolor=colour if thin else "white",
-        markeredgewidth=0.3 if thin else 0.8,
-        markersize=2.2 if thin else size * rcParams["lines.markersize"],
-        elinewidth=0.3 if thin else 0.6,
-        alpha=0.7 if thin else 1.0,
-        zorder=2 if thin else 4,
-    )
+def _bars(ax: Axes, mine: Rows, **look: Any) -> Any:
+    z_hat, delta, u = (mine[name] for name in ("z_hat", "delta_L_percent", "u_delta_L_percent"))
+    return ax.errorbar(z_hat, delta, u, **look)

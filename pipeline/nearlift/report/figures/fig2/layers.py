@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from nearlift.report.page.chart import Spec, tooltip
+from nearlift.report.page.chart import Spec, layer, tooltip
 
 TOOLTIP = (
     ("label", "throttle"),
@@ -43,32 +43,34 @@ def layers(span: list[float], without: int) -> list[Spec]:
         "scale": {"domain": [{"expr": "low"}, {"expr": "high"}], "nice": False, "zero": False},
         "axis": {"title": {"expr": title}},
     }
-    shown: Spec = {"filter": "indexof(throttles, datum.throttle) >= 0"}
-    value = "100 * (datum.{0} - 1)", "per * levels[datum.model][datum.throttle] * datum.{0}"
+    low, high = {**y, "field": "y_lo"}, {"field": "y_hi"}
+    curve = (
+        "quantity == 'delta' ? 100 * (datum.{0} - 1) : per *"
+        " levels[datum.model][datum.throttle] * datum.{0}"
+    )
     spread: list[Spec] = [
         far,
         {"filter": "indexof(models, datum.model) >= 0"},
         {"calculate": "quantity == 'delta' ? ['all'] : throttles", "as": "throttle"},
         {"flatten": ["throttle"]},
         *(
-            {
-                "calculate": f"quantity == 'delta' ? {value[0].format(n)} : {value[1].format(n)}",
-                "as": to,
-            }
-            for n, to in (("ratio", "y"), ("lo", "y_lo"), ("hi", "y_hi"))
+            {"calculate": curve.format(ratio), "as": to}
+            for ratio, to in (("ratio", "y"), ("lo", "y_lo"), ("hi", "y_hi"))
         ),
         {"filter": "isFinite(datum.y)"},
     ]
-    mine: list[Spec] = [shown, far, {"calculate": "per * datum[field]", "as": "y"}]
+    mine: list[Spec] = [
+        {"filter": "indexof(throttles, datum.throttle) >= 0"},
+        far,
+        {"calculate": "per * datum[field]", "as": "y"},
+    ]
     bar: list[Spec] = [
         {"calculate": f"per * (datum[field] {sign} datum['u_' + field])", "as": f"y_{end}"}
         for sign, end in (("-", "lo"), ("+", "hi"))
     ]
     raw: Spec = {"type": "nominal", "scale": None}
-    points_of: Spec = {
-        "tooltip": tooltip(TOOLTIP),
-        "description": {"field": "words", "type": "nominal"},
-    }
+    colour = {**raw, "field": "colour"}
+    each = [{"field": "model"}, {"field": "throttle"}]
     return [
         {
             "data": {"values": [{"zero": 0}]},
@@ -82,64 +84,46 @@ def layers(span: list[float], without: int) -> list[Spec]:
             },
             "encoding": {"y": {**y, "field": "zero"}},
         },
-        {
-            "data": {"name": "curves"},
-            "transform": [{"filter": "bands && datum.lo != null"}, *spread],
-            "mark": {
-                "type": "area",
-                "clip": True,
-                "aria": False,
-                "color": "var(--soft)",
-                "opacity": 0.3,
-            },
-            "encoding": {
-                "x": x,
-                "y": {**y, "field": "y_lo"},
-                "y2": {"field": "y_hi"},
-                "detail": [{"field": "model"}, {"field": "throttle"}],
-            },
-        },
-        {
-            "data": {"name": "curves"},
-            "transform": spread,
-            "mark": {"type": "line", "clip": True, "aria": False, "strokeWidth": 1.6},
-            "encoding": {
-                "x": x,
-                "y": y,
-                "detail": [{"field": "model"}, {"field": "throttle"}],
-                "stroke": {**raw, "field": "colour"},
-                "strokeDash": {**raw, "field": "dash"},
-            },
-        },
-        {
-            "data": {"name": "cells"},
-            "transform": [*mine, *bar],
-            "mark": {"type": "rule", "aria": False, "clip": True},
-            "encoding": {
-                "x": x,
-                "y": {**y, "field": "y_lo"},
-                "y2": {"field": "y_hi"},
-                "stroke": {**raw, "field": "colour"},
-            },
-        },
-        {
-            "data": {"name": "overlays"},
-            "transform": [
-                {"filter": "quantity == 'delta'"},
-                far,
-                {"calculate": "datum.delta", "as": "y"},
-            ],
-            "mark": {"type": "point", "shape": "cross", "color": "var(--soft)", "clip": True},
-            "encoding": {
-                "x": x,
-                "y": y,
-                "tooltip": tooltip([("label", "beside")]),
-            },
-        },
-        {
-            "data": {"name": "cells"},
-            "transform": mine,
-            "mark": {
+        layer(
+            "curves",
+            [{"filter": "bands && datum.lo != null"}, *spread],
+            {"type": "area", "clip": True, "aria": False, "color": "var(--soft)", "opacity": 0.3},
+            x=x,
+            y=low,
+            y2=high,
+            detail=each,
+        ),
+        layer(
+            "curves",
+            spread,
+            {"type": "line", "clip": True, "aria": False, "strokeWidth": 1.6},
+            x=x,
+            y=y,
+            detail=each,
+            stroke=colour,
+            strokeDash={**raw, "field": "dash"},
+        ),
+        layer(
+            "cells",
+            [*mine, *bar],
+            {"type": "rule", "aria": False, "clip": True},
+            x=x,
+            y=low,
+            y2=high,
+            stroke=colour,
+        ),
+        layer(
+            "overlays",
+            [{"filter": "quantity == 'delta'"}, far, {"calculate": "datum.delta", "as": "y"}],
+            {"type": "point", "shape": "cross", "color": "var(--soft)", "clip": True},
+            x=x,
+            y=y,
+            tooltip=tooltip([("label", "beside")]),
+        ),
+        layer(
+            "cells",
+            mine,
+            {
                 "type": "point",
                 "filled": True,
                 "fill": "var(--paper)",
@@ -148,13 +132,12 @@ def layers(span: list[float], without: int) -> list[Spec]:
                 "opacity": 1,
                 "ariaRoleDescription": "cell",
             },
-            "encoding": {
-                "x": x,
-                "y": y,
-                "stroke": {**raw, "field": "colour"},
-                "shape": {**raw, "field": "shape"},
-                "size": {**raw, "field": "area", "type": "quantitative"},
-                **points_of,
-            },
-        },
+            x=x,
+            y=y,
+            stroke=colour,
+            shape={**raw, "field": "shape"},
+            size={**raw, "field": "area", "type": "quantitative"},
+            tooltip=tooltip(TOOLTIP),
+            description={"field": "words", "type": "nominal"},
+        ),
     ]

@@ -4,6 +4,7 @@ quality.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Any
 
@@ -14,7 +15,7 @@ from nearlift import units
 from nearlift.declare import Boundary
 from nearlift.products import LIFT, TRIALS
 from nearlift.reduction.quality import rejected
-from nearlift.report.evidence import Columns, Evidence, stack
+from nearlift.report.evidence import Columns, Evidence, stack, where
 from nearlift.report.relative_lift import relative_lift
 from nearlift.rounding import plain, plus_minus
 
@@ -38,45 +39,32 @@ def throttle_key(throttle: float) -> str:
 
 
 def points(evidence: Evidence, boundary: Boundary) -> Columns:
-    """The cells of one boundary, a row each, at finite and positive distance.
-
-    Returns
-    -------
-    dict of arrays
-        `throttle` (key), `z_hat`, `delta` and `u_delta` (percent), `force` and `u_force` (in
-        `force_unit`), and as text `label` (throttle), `at`, `delta_text`, `force_text`, `trials`,
-        `names`, `quality`, `words` (all of it in a sentence).
+    """The cells of one boundary, a row each, at finite and positive distance: `throttle` (key),
+    `z_hat`, `delta` and `u_delta` (percent), `force` and `u_force` (in `force_unit`), and as text
+    `label` (throttle), `at`, `delta_text`, `force_text`, `trials`, `names`, `quality`, `words` (all
+    of it in a sentence).
     """
-    cells, trials = evidence.table(LIFT), evidence.table(TRIALS)
+    lift, trials = (where(evidence.table(p), boundary=boundary) for p in (LIFT, TRIALS))
     scale, unit = force_unit(evidence)
-    by_fit = evidence.campaign.report.reference == "fit"
-    relative: dict[tuple[float, float], tuple[float, float]] = {}
-    if by_fit:
-        over = relative_lift(evidence, boundary)
-        values = np.stack([over.throttle, over.z_hat, 100 * over.delta_L, 100 * over.u], axis=1)
-        relative = {(throttle, z): (delta, u) for throttle, z, delta, u in values.tolist()}
+    over = relative_lift(evidence, boundary)
+    values = np.stack([over.throttle, over.z_hat, 100 * over.delta_L, 100 * over.u], axis=1)
+    relative = {(throttle, z): (delta, u) for throttle, z, delta, u in values.tolist()}
     throttles, data = np.array(trials["throttle"], dtype=float), evidence.observations[boundary]
     if data.curve is not None:
         shown = np.array(data.curve.shown)
         throttles = shown[data.curve.nearest(throttles)]
-    drawn = (
-        (cells["boundary"] == boundary)
-        & (by_fit | np.isfinite(cells["delta_L"]))
-        & (cells["z_hat"] > 0)
-    )
-    of_boundary = trials["boundary"] == boundary
     out = rejected(trials["quality"])
     rows: list[dict[str, Any]] = []
-    for i in np.flatnonzero(drawn).tolist():
-        z, throttle = float(cells["z_hat"][i]), float(cells["throttle"][i])
-        mine = of_boundary & (trials["z_hat"] == z) & (throttles == throttle)
-        delta, u_delta = 100 * float(cells["delta_L"][i]), 100 * float(cells["u_delta_L"][i])
-        if by_fit:
-            if (throttle, z) not in relative:
-                continue
-            delta, u_delta = relative[throttle, z]
-        force, u_force = scale * float(cells["lift_N"][i]), scale * float(cells["u_lift_N"][i])
+    columns = (lift[k].tolist() for k in ("throttle", "z_hat", "lift_N", "u_lift_N", "n_trials"))
+    for throttle, z, lift_N, u_lift_N, n in zip(*columns, strict=True):
+        delta, u_delta = relative.get((throttle, z), (math.nan, math.nan))
+        if math.isnan(delta) or not z > 0:
+            continue
+        mine = (trials["z_hat"] == z) & (throttles == throttle)
+        force, u_force = scale * lift_N, scale * u_lift_N
         lost = int((mine & out).sum())
+        averaged = trials["trial"][mine & ~out].tolist()
+        more = f" and {len(averaged) - NAMED} more" if len(averaged) > NAMED else ""
         row = {
             "throttle": throttle_key(throttle),
             "z_hat": z,
@@ -92,10 +80,8 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
                 else "0, by construction: L∞ is taken here"
             ),
             "force_text": f"{plus_minus(force, u_force)} {unit}",
-            "trials": (
-                f"{int(cells['n_trials'][i])} averaged" + (f", {lost} rejected" if lost else "")
-            ),
-            "names": _named(trials["trial"][mine & ~out]),
+            "trials": f"{n} averaged" + (f", {lost} rejected" if lost else ""),
+            "names": ", ".join(averaged[:NAMED]) + more,
             "quality": _quality(trials["quality"][mine]),
         }
         row["words"] = (
@@ -104,11 +90,6 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
         )
         rows.append(row)
     return stack(rows)
-
-
-def _named(trials: NDArray[Any]) -> str:
-    more = len(trials) - NAMED
-    return ", ".join(str(t) for t in trials[:NAMED]) + (f" and {more} more" if more > 0 else "")
 
 
 def _quality(quality: NDArray[Any]) -> str:

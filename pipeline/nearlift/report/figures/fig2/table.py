@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -43,15 +43,11 @@ SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattan
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reference:
-    """A curve of the literature, drawn beside the data; `several_only`: beside vehicles of more
-    than one rotor.
-    """
+    """A curve of the literature, drawn beside the data."""
 
-    boundary: Boundary
     model: str
     label: str
-    arguments: Mapping[str, Any] = field(default_factory=dict)
-    several_only: bool = False
+    arguments: Mapping[str, float]
 
 
 def pquad(spacing_hat: float = PQUAD_SPACING_HAT) -> dict[str, float]:
@@ -62,36 +58,18 @@ def pquad(spacing_hat: float = PQUAD_SPACING_HAT) -> dict[str, float]:
 
 
 REFERENCES = (
-    Reference(
-        boundary="ground", model="cheeseman_bennett", label="C-B (theory)", arguments={"k": 1.0}
-    ),
-    Reference(
-        boundary="ground",
-        model="sanchez_cuevas",
-        label="S-C (PQuad)",
-        arguments=pquad(),
-        several_only=True,
-    ),
-    Reference(
-        boundary="ceiling",
-        model="hsiao_chirarattananon",
-        label="H-C (theory)",
-        arguments={"alpha": 0.125},
-    ),
+    Reference(model="cheeseman_bennett", label="C-B (theory)", arguments={"k": 1.0}),
+    Reference(model="sanchez_cuevas", label="S-C (PQuad)", arguments=pquad()),
+    Reference(model="hsiao_chirarattananon", label="H-C (theory)", arguments={"alpha": 0.125}),
 )
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `kind` (data, model, band, least squares, overlay; L_inf, whose label
-        says what Delta L is from; without, whose label names an effect that is taken out of the
-        symbols; influence, a cell with a trial or visit that a coefficient hangs on), `label`,
-        `throttle_fraction` (data only), `z_hat`, `delta_L_percent`, `u_delta_L_percent` (one
-        standard uncertainty), `lo90_percent`, `hi90_percent` (band only).
+    """Everything that is drawn, a row each: `panel` (boundary), `kind` (data, model, band, least
+    squares, overlay; L_inf, whose label says what Delta L is from; without, whose label names an
+    effect that is taken out of the symbols; influence, a cell with a trial or visit that a
+    coefficient hangs on), `label`, `throttle_fraction` (data only), `z_hat`, `delta_L_percent`,
+    `u_delta_L_percent` (one standard uncertainty), `lo90_percent`, `hi90_percent` (band only).
     """
     table = stack(
         [
@@ -105,38 +83,25 @@ def summarise(evidence: Evidence) -> Columns:
 
 
 def _panel(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
-    cells = evidence.table(LIFT)
-    cells = select(cells, cells["boundary"] == boundary)
-    if not len(cells["z_hat"]):
+    if boundary not in evidence.table(LIFT)["boundary"]:
         return []
-    reference: dict[str, Any] = {"kind": "L_inf", "label": "the farthest"}
-    if by_fit(evidence):
-        over = relative_lift.relative_lift(evidence, boundary)
-        cells = {
-            "throttle": over.throttle,
-            "z_hat": over.z_hat,
-            "delta_L": over.delta_L,
-            "u_delta_L": over.u,
-        }
-        reference |= {"label": "the fit's", "u_delta_L_percent": 100 * over.u_L_inf}
-    z_hat, delta = cells["z_hat"], np.asarray(cells["delta_L"], dtype=float)
-    # what says something of the whole panel stands at its farthest distance
-    parts = [
-        {**part, "z_hat": z_hat.max(), "delta_L_percent": 0.0}
-        for part in (
-            reference,
-            *({"kind": "without", "label": titled(e)} for e in named(evidence, boundary)),
-        )
+    over = relative_lift.relative_lift(evidence, boundary)
+    reference = "the fit's" if relative_lift.by_fit(evidence) else "the farthest"
+    parts: list[dict[str, Any]] = [
+        {"kind": "L_inf", "label": reference, "u_delta_L_percent": 100 * over.u_L_inf},
+        *({"kind": "without", "label": titled(e)} for e in relative_lift.named(evidence, boundary)),
     ]
-    parts += _influence(evidence, boundary, cells)
+    # what says something of the whole panel stands at its farthest distance
+    parts = [{**part, "z_hat": over.z_hat.max(), "delta_L_percent": 0.0} for part in parts]
+    parts += _influence(evidence, boundary, over)
     parts.append(
         {
             "kind": "data",
-            "label": [f"{100 * t:.3g} %" for t in cells["throttle"]],
-            "throttle_fraction": cells["throttle"],
-            "z_hat": z_hat,
-            "delta_L_percent": 100 * delta,
-            "u_delta_L_percent": 100 * np.asarray(cells["u_delta_L"], dtype=float),
+            "label": [f"{100 * t:.3g} %" for t in over.throttle],
+            "throttle_fraction": over.throttle,
+            "z_hat": over.z_hat,
+            "delta_L_percent": 100 * over.delta_L,
+            "u_delta_L_percent": 100 * over.u,
         }
     )
     parts += [
@@ -150,50 +115,22 @@ def _panel(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
         for overlay, points in evidence.overlays
         if overlay.boundary == boundary
     ]
-    positive = z_hat[z_hat > 0]
+    positive = over.z_hat[over.z_hat > 0]
     grid = np.geomspace(positive.min(), positive.max(), POINTS)
     for theory in references(evidence, boundary):
-        curve = curves.ratio(catalogue.model(theory.model), grid, theory.arguments)
-        parts.append(
-            {
-                "kind": "model",
-                "label": theory.label,
-                "z_hat": grid,
-                "delta_L_percent": 100 * (curve - 1),
-            }
-        )
-    return parts + _fit(evidence, boundary, grid, float(np.nanmax(delta) - np.nanmin(delta)))
-
-
-def by_fit(evidence: Evidence) -> bool:
-    """Whether symbols are referred to the fitted L_inf, and not to the farthest station."""
-    return evidence.campaign.report.reference == "fit"
-
-
-def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
-    """The line that belongs to the symbols."""
-    model, _ = evidence.base(boundary)
-    return (
-        relative_lift.line(evidence, boundary, z_hat)
-        if by_fit(evidence) or evidence.quoted(boundary).refused
-        else curves.band(evidence, boundary, model, z_hat)
-    )
-
-
-def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
-    """The effects that are taken out of the symbols."""
-    return relative_lift.named(evidence, boundary) if by_fit(evidence) else ()
-
-
-def as_quoted(evidence: Evidence, boundary: Boundary) -> bool:
-    """Whether the line is that of the quoted coefficients where these are not the base fit's."""
-    return by_fit(evidence) and relative_lift.as_quoted(evidence, boundary)
+        change = 100 * (curves.ratio(catalogue.model(theory.model), grid, theory.arguments) - 1)
+        drawn = {"z_hat": grid, "delta_L_percent": change}
+        parts.append({"kind": "model", "label": theory.label, **drawn})
+    span = float(np.nanmax(over.delta_L) - np.nanmin(over.delta_L))
+    return parts + _fit(evidence, boundary, grid, span)
 
 
 def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
     """The curves of the literature that belong beside this vehicle's data."""
     several = evidence.campaign.vehicle.rotors > 1
-    return [r for r in REFERENCES if r.boundary == boundary and (several or not r.several_only)]
+    known = ((r, catalogue.model(r.model)) for r in REFERENCES)
+    # a model that needs how rotors stand says nothing of one alone
+    return [r for r, model in known if model.boundary == boundary and (several or not model.needs)]
 
 
 def _fit(
@@ -202,30 +139,21 @@ def _fit(
     """The model's curve and band, and least squares beside it where the two can be told apart."""
     model, _ = evidence.base(boundary)
     short = SHORT.get(model.name, model.title)
-    curve = line(evidence, boundary, grid)
-    refused = [letter(name) for name in evidence.quoted(boundary).refused]
+    curve = relative_lift.line(evidence, boundary, grid)
+    refused = ", ".join(letter(name) for name in evidence.quoted(boundary).refused)
     parts: list[dict[str, Any]] = [
         {
             "kind": "band",
-            "label": f"{short}, {LEAST_SQUARES}: {', '.join(refused)} refused"
-            if refused
-            else f"{short}, fitted",
-            "z_hat": grid,
+            "label": f"{LEAST_SQUARES}: {refused} refused" if refused else "fitted",
             "delta_L_percent": 100 * curve.middle,
             "lo90_percent": 100 * curve.low,
             "hi90_percent": 100 * curve.high,
         }
     ]
     if curve.parts(span):
-        parts.append(
-            {
-                "kind": LEAST_SQUARES,
-                "label": f"{short}, {LEAST_SQUARES}",
-                "z_hat": grid,
-                "delta_L_percent": 100 * curve.least_squares,
-            }
-        )
-    return parts
+        change = 100 * curve.least_squares
+        parts.append({"kind": LEAST_SQUARES, "label": LEAST_SQUARES, "delta_L_percent": change})
+    return [{**part, "z_hat": grid, "label": f"{short}, {part['label']}"} for part in parts]
 
 
 def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, str, float]]:
@@ -240,7 +168,9 @@ def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, 
     ]
 
 
-def _influence(evidence: Evidence, boundary: Boundary, cells: Columns) -> list[dict[str, Any]]:
+def _influence(
+    evidence: Evidence, boundary: Boundary, over: relative_lift.RelativeLift
+) -> list[dict[str, Any]]:
     """The cells of what moves a coefficient by at least `INFLUENTIAL`."""
     data = evidence.observations[boundary]
     parts = []
@@ -250,13 +180,13 @@ def _influence(evidence: Evidence, boundary: Boundary, cells: Columns) -> list[d
         mine = (data.trial if kind == "trial" else data.visit.astype(str)) == which
         throttle = data.levels[data.level][mine]
         places = set(zip(throttle.tolist(), data.z_hat[mine].tolist(), strict=True))
-        at = np.array([p in places for p in zip(cells["throttle"], cells["z_hat"], strict=True)])
+        at = np.array([p in places for p in zip(over.throttle, over.z_hat, strict=True)])
         parts.append(
             {
                 "kind": "influence",
                 "label": f"{kind} {which}: {name} by {fixed(shift, 1)} u",
-                "z_hat": cells["z_hat"][at],
-                "delta_L_percent": 100 * cells["delta_L"][at],
+                "z_hat": over.z_hat[at],
+                "delta_L_percent": 100 * over.delta_L[at],
             }
         )
     return parts
