@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from nearlift.report.evidence import Columns, Evidence, distinct
+from nearlift.report.evidence import Columns, Evidence, distinct, select, where
 from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
 from nearlift.rounding import plain
 
@@ -19,113 +19,88 @@ MEANINGS = {
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What each panel shows; letters as in the picture."""
-    after = (table["when"] == "after").any()
-    second = any(
-        len(set(table["covariate"][(table["panel"] == b) & (table["kind"] == "reach")].tolist()))
-        > 1
-        for b in set(table["panel"].tolist())
-    )
+    after = "after" in table["when"]
+    drawn = where(table, kind="reach")
+    second = len(distinct(drawn["panel"], drawn["covariate"])) > len(distinct(drawn["panel"]))
     also = ", and against that of the other effect" if second else ""
-    parts = [
-        (
-            f"Relative residuals ({_letters(table, 'residual')}) against the covariate of the"
-            f" largest test{also}."
-        )
-    ]
-    parts.append(
-        f"Dots: trials{_beyond(table)}; symbols: means with their standard error; shade: ±"
+    beyond = int(np.count_nonzero(table["kind"] == "beyond"))
+    ticks = f", of which {beyond} beyond the axis are ticks at its edge" if beyond else ""
+    residuals = (
+        f"Relative residuals ({_letters(table, 'residual')}) against the covariate of the largest"
+        f" test{also}. Dots: trials{ticks}; symbols: means with their standard error; shade: ±"
         " the noise floor."
     )
+    parts = [residuals]
     if after:
         parts.append(
             "After: the effect added in its declared form, from which the true one may depart by"
             f" {100 * FORM_SD:.0f} %."
         )
-    if ((table["part"] == "residual") & (table["kind"] == "session")).any():
+    if "session" in table["kind"]:
         parts.append("Dashed uprights: a new session.")
-    if (table["part"] == "candidate").any():
+    if "candidate" in table["part"]:
         reference = "best accepted" if after else "best"
         parts.append(
             f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of"
             f" the {reference} one over each; hollow: rejected; shade: within {RIVAL_MAX_2LNB:g},"
             " where this design cannot tell them apart."
         )
-    if (table["part"] == "error").any():
+    if "error" in table["part"]:
         parts.append(
             f"Held-out error ({_letters(table, 'error')}): {evidence.left_out} left out of"
             " the search, 90 %; dashed: noise floor."
         )
-    if (table["part"] == "coefficient").any():
+    if "coefficient" in table["part"]:
         parts.append(
             f"Coefficients ({_letters(table, 'coefficient')}): bold, as quoted, 90 %; numbered, on"
             " a condition (arrows and figures where it leaves the axis)."
         )
-    for boundary in distinct(table["panel"]):
-        parts.append(_boundary(table, boundary))
-    return " ".join(parts)
+    return " ".join([*parts, *(_boundary(table, b) for b in distinct(table["panel"]))])
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """The picture's numbers for those who do not see it."""
     parts = []
     for boundary in distinct(table["panel"]):
-        mine = table["panel"] == boundary
-        means = mine & (table["kind"] == "bin")
-        line = _boundary(table, boundary)
-        for when in distinct(table["when"][means]):
-            strays = np.abs(table["value"][means & (table["when"] == when)])
-            name = str(table["covariate"][means][0]).replace("_", " ")
-            line += (
-                f" Bin means {when} stray up to {plain(float(strays.max()), 2)} % from zero against"
-                f" {name}."
-                if len(strays)
-                else ""
+        parts.append(_boundary(table, boundary))
+        means = where(table, panel=boundary, kind="bin")
+        for when in distinct(means["when"]):
+            most = float(np.abs(where(means, when=when)["value"]).max())
+            name = str(means["covariate"][0]).replace("_", " ")
+            parts.append(
+                f"Bin means {when} stray up to {plain(most, 2)} % from zero against {name}."
             )
-        for i in np.flatnonzero(
-            mine & (table["part"] == "coefficient") & (table["kind"] != "reference")
-        ).tolist():
-            row = {k: v[i] for k, v in table.items()}
-            condition = f", if {row['note']}" if row["note"] else ""
-            line += (
-                f" {row['label']}{condition}: {plain(row['value'], 3)}, 90 %"
-                f" {plain(row['lo90'], 3)} to {plain(row['hi90'], 3)}."
-            )
-        parts.append(line)
+        listed = where(table, panel=boundary, part="coefficient")
+        listed = select(listed, listed["kind"] != "reference")
+        columns = (listed[name] for name in ("label", "note", "value", "lo90", "hi90"))
+        for name, note, value, low, high in zip(*columns, strict=True):
+            condition = f", if {note}" if note else ""
+            interval = f"{plain(value, 3)}, 90 % {plain(low, 3)} to {plain(high, 3)}"
+            parts.append(f"{name}{condition}: {interval}.")
     return " ".join(parts)
 
 
 def _boundary(table: Columns, boundary: str) -> str:
-    mine = table["panel"] == boundary
-    verdict = mine & (table["part"] == "verdict")
-    kind, label = str(table["kind"][verdict][0]), str(table["label"][verdict][0])
+    mine = where(table, panel=boundary)
+    verdict = where(mine, part="verdict")
+    kind, label = str(verdict["kind"][0]), str(verdict["label"][0])
     text = f"{boundary.capitalize()}: {MEANINGS.get(kind, label)}"
-    rmse = mine & (table["kind"] == "rmse")
-    if rmse.any():
-        values = [f"{plain(float(v), 3)} %" for v in table["value"][rmse]]
-        floor = plain(
-            float(
-                table["value"][mine & (table["kind"] == "floor") & (table["part"] == "error")][0]
-            ),
-            3,
-        )
-        text += f"; held-out error {' to '.join(values)}, noise floor {floor} %"
-    conditions = table["note"][mine & (table["part"] == "coefficient") & (table["kind"] == "doubt")]
-    listed = "; ".join(f"({i}) {c}" for i, c in enumerate(dict.fromkeys(conditions.tolist()), 1))
+    rmse = where(mine, kind="rmse")["value"].tolist()
+    if rmse:
+        values = " to ".join(f"{plain(v, 3)} %" for v in rmse)
+        floor = float(where(mine, part="error", kind="floor")["value"][0])
+        text += f"; held-out error {values}, noise floor {plain(floor, 3)} %"
+    conditions = distinct(where(mine, kind="doubt")["note"])
+    listed = "; ".join(f"({i}) {c}" for i, c in enumerate(conditions, 1))
     return text + (f"; if {listed}" if listed else "") + "."
 
 
 def _letters(table: Columns, part: str) -> str:
     """Letters of the panels of a part: ``a, b, f``, neighbours of three and more as ``a–d``."""
-    letters: list[str] = distinct(table["letter"][table["part"] == part])
     runs: list[list[str]] = []
-    for letter in letters:
+    for letter in distinct(where(table, part=part)["letter"]):
         if runs and ord(letter) == ord(runs[-1][-1]) + 1:
             runs[-1].append(letter)
         else:
             runs.append([letter])
     return ", ".join(f"{r[0]}–{r[-1]}" if len(r) > 2 else ", ".join(r) for r in runs)
-
-
-def _beyond(table: Columns) -> str:
-    count = int(np.count_nonzero(table["kind"] == "beyond"))
-    return f", of which {count} beyond the axis are ticks at its edge" if count else ""

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure, SubFigure
 
 from nearlift.catalogue import titled
-from nearlift.report.evidence import Rows, distinct, select
-from nearlift.report.figures.diagnosis import clouds as loop_clouds
+from nearlift.report.evidence import Rows, distinct, where
 from nearlift.report.figures.diagnosis import panels as loop_panels
 from nearlift.report.figures.residuals.drawing import in_units
 from nearlift.report.figures.style import Style, plain_text
@@ -26,24 +25,15 @@ def draw(table: Rows, look: Style) -> Figure:
     """Blocks from top to bottom, no higher than the page."""
     table = in_units(table, look)
     boundaries = distinct(table["panel"])
-    blocks = [select(table, table["panel"] == b) for b in boundaries]
-    heights = [
-        TALL + _more(b)
-        if (b["part"] == "candidate").any() or len(_letters(b, "residual")) > 1
-        else LOW
-        for b in blocks
-    ]
-    scale = look.double_in / 6.75
-    figure = Figure(
-        figsize=(look.double_in, min(scale * sum(heights), look.height_in)),
-        layout="constrained",
-    )
+    blocks = [where(table, panel=b) for b in boundaries]
+    heights = [TALL + _more(b) if _two_lines(b) else LOW for b in blocks]
+    height = min(look.double_in / 6.75 * sum(heights), look.height_in)
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
     figure.get_layout_engine().set(w_pad=0.04, h_pad=0.03, hspace=0.03, wspace=0.03)  # type: ignore[union-attr, call-arg]
     parts = figure.subfigures(len(blocks), 1, height_ratios=heights, squeeze=False)[:, 0]
     for part, boundary, block in zip(parts, boundaries, blocks, strict=True):
-        verdict = select(block, block["part"] == "verdict")
-        headline = plain_text(titled(str(verdict["label"][0])))
-        kind = str(verdict["kind"][0])
+        verdict = where(block, part="verdict")
+        kind, headline = str(verdict["kind"][0]), plain_text(titled(str(verdict["label"][0])))
         part.suptitle(
             f"{boundary.capitalize()}. {kind.capitalize()}: {headline}",
             x=0.008,
@@ -51,17 +41,17 @@ def draw(table: Rows, look: Style) -> Figure:
             fontsize=look.text_pt + 0.5,
             fontweight="bold",
         )
-        _block(part, block, look)
+        _block(part, block, look, named=kind == "effect")
     return figure
 
 
-def _block(part: SubFigure, block: Rows, look: Style) -> None:
-    above = _letters(block, "residual")
-    several = len(set(block["label"][block["part"] == "coefficient"].tolist())) > 1
+def _block(part: SubFigure, block: Rows, look: Style, named: bool) -> None:
+    above = distinct(where(block, part="residual")["letter"])
+    several = len(distinct(where(block, part="coefficient")["label"])) > 1
     wide = {"candidate": 1.7, "error": 0.9, "coefficient": 2.0 if several else 1.25}
-    beneath = [x for part_of in wide for x in _letters(block, part_of)]
-    widths = [wide[str(_of(block, x)["part"][0])] for x in beneath]
-    if (block["part"] == "candidate").any() or len(above) > 1:
+    beneath = [(x, kind) for kind in wide for x in distinct(where(block, part=kind)["letter"])]
+    widths = [wide[kind] for _, kind in beneath]
+    if _two_lines(block):
         ratios = (1.0, 1.05 + 2.05 * _more(block) / TALL)
         two: Any = part.subfigures(2, 1, height_ratios=ratios, hspace=0.0)
         upper = two[0].subplots(1, max(len(above), 1), sharey=True, squeeze=False)[0]
@@ -71,16 +61,15 @@ def _block(part: SubFigure, block: Rows, look: Style) -> None:
             else []
         )
     else:
-        row = part.subplots(
-            1, len(above) + len(beneath), width_ratios=[1.6] * len(above) + widths, squeeze=False
-        )[0]
+        widths = [1.6] * len(above) + widths
+        row = part.subplots(1, len(widths), width_ratios=widths, squeeze=False)[0]
         upper, lower = row[: len(above)], row[len(above) :]
     for ax, letter in zip(upper, above, strict=False):
-        loop_clouds.residual(ax, _of(block, letter), look, first=ax is upper[0])
-        _title(ax, letter, _residual_title(block, letter))
-    for ax, letter in zip(lower, beneath, strict=True):
-        rows = _of(block, letter)
-        kind = str(rows["part"][0])
+        rows = where(block, letter=letter)
+        loop_panels.residual(ax, rows, look, first=ax is upper[0])
+        _title(ax, letter, f"residual {rows['when'][0]}" if named else "residual")
+    for ax, (letter, kind) in zip(lower, beneath, strict=True):
+        rows = where(block, letter=letter)
         if kind == "candidate":
             loop_panels.candidates(ax, rows)
             rejected = (rows["kind"] == "rejected").all()
@@ -92,26 +81,17 @@ def _block(part: SubFigure, block: Rows, look: Style) -> None:
             _title(loop_panels.coefficients(ax, rows), letter, "coefficient")
 
 
+def _two_lines(block: Rows) -> bool:
+    """Whether the residuals stand above what follows from them, and not beside it."""
+    residuals = distinct(where(block, part="residual")["letter"])
+    return "candidate" in block["part"] or len(residuals) > 1
+
+
 def _more(block: Rows) -> float:
     """Height in inches that pairs of effects among the candidates need."""
-    names = block["label"][block["part"] == "candidate"].tolist()
+    names = where(block, part="candidate")["label"].tolist()
     return PAIR * sum(" + " in name for name in names)
-
-
-def _residual_title(block: Rows, letter: str) -> str:
-    verdict = str(block["kind"][block["part"] == "verdict"][0])
-    if verdict != "effect":
-        return "residual"
-    return f"residual {_of(block, letter)['when'][0]}"
 
 
 def _title(ax: Axes, letter: str, text: str) -> None:
     ax.set_title(f"{letter}) {text}", pad=3)
-
-
-def _letters(block: Rows, part: str) -> list[str]:
-    return distinct(block["letter"][block["part"] == part])
-
-
-def _of(block: Rows, letter: str) -> dict[str, Any]:
-    return select(block, block["letter"] == letter)

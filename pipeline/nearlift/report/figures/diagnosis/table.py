@@ -11,12 +11,19 @@ from __future__ import annotations
 import string
 from typing import Any
 
-from nearlift.declare import BOUNDARIES, Boundary
-from nearlift.report.evidence import Columns, Evidence, distinct, select, stack
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import BOUNDARIES, Boundary, FloatArray
+from nearlift.likelihood.covariates import derive
+from nearlift.likelihood.problem import lift_ratio, usable
+from nearlift.products import LOOP_RESIDUALS
+from nearlift.report.evidence import Columns, Evidence, distinct, lift_inf_N, stack, where
 from nearlift.report.figures.diagnosis import abscissa as against
-from nearlift.report.figures.diagnosis.residual_table import residuals
 from nearlift.report.figures.fig2 import table as fig2
+from nearlift.report.figures.residuals.table import means
 from nearlift.report.findings import RankedCandidate, along, ranked
+from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 
 #: So many candidates are drawn.
@@ -25,6 +32,8 @@ CANDIDATES = 8
 COEFFICIENTS = 2
 #: And so many of the conditions on which it would be another.
 DOUBTS = 3
+#: The axis reaches so many standard deviations of a trial before; trials beyond stand at its edge.
+REACH = 3.2
 COLUMNS = (
     *("panel", "letter", "part", "kind", "when", "covariate", "series", "label", "note", "unit"),
     *("x", "value", "u", "lo90", "hi90", "n_trials"),
@@ -32,16 +41,11 @@ COLUMNS = (
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `letter`, `part` (verdict, residual, candidate, error, coefficient),
-        `kind`, `when` (before or after), `covariate` and `series` (of a residual), `label` (trial,
-        candidate or coefficient), `note`, `unit`, `x`, `value`, `u` (one standard error), `lo90`,
-        `hi90`, `n_trials`. A candidate's value is twice the log evidence by which it trails the
-        best.
+    """Everything that is drawn, a row each: `panel` (boundary), `letter`, `part` (verdict,
+    residual, candidate, error, coefficient), `kind`, `when` (before or after), `covariate` and
+    `series` (of a residual), `label` (trial, candidate or coefficient), `note`, `unit`, `x`,
+    `value`, `u` (one standard error), `lo90`, `hi90`, `n_trials`. A candidate's value is twice the
+    log evidence by which it trails the best.
     """
     letters = iter(string.ascii_lowercase + string.ascii_uppercase)
     parts: list[dict[str, Any]] = []
@@ -53,7 +57,7 @@ def summarise(evidence: Evidence) -> Columns:
         for word in against.chosen(diagnosis):
             drawn = residuals(evidence, boundary, diagnosis, word)
             for when in distinct(drawn["when"]) if drawn else ():
-                parts.append({**select(drawn, drawn["when"] == when), "letter": next(letters)})
+                parts.append({**where(drawn, when=when), "letter": next(letters)})
         for part, rows in (
             ("candidate", candidates(diagnosis)),
             ("error", errors(evidence, boundary, diagnosis)),
@@ -66,15 +70,95 @@ def summarise(evidence: Evidence) -> Columns:
 
 
 def _headline(diagnosis: BoundaryDiagnosis) -> str:
-    if diagnosis.verdict == "effect":
-        named = ((e.name, diagnosis.stand_ins(e)) for e in diagnosis.effects)
-        return ", and ".join(
-            f"{name} (or {', '.join(others)})" if others else name for name, others in named
-        )
-    return {
-        "adequate": "nothing beyond the noise",
-        "unexplained": "structure that no candidate explains",
-    }.get(diagnosis.verdict, "")
+    if diagnosis.verdict == "adequate":
+        return "nothing beyond the noise"
+    if diagnosis.verdict == "unexplained":
+        return "structure that no candidate explains"
+    named = ((e.name, diagnosis.stand_ins(e)) for e in diagnosis.effects)
+    return ", and ".join(
+        f"{name} (or {', '.join(others)})" if others else name for name, others in named
+    )
+
+
+def residuals(
+    evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis, word: str
+) -> Columns:
+    """Rows of one covariate, in percent: `trial` (`beyond` where outside the axis), `bin`, `curve`,
+    `floor`, `reach`, `session`.
+
+    `when` is before and, where an effect was named, after. A curve without a name follows what
+    stays unexplained.
+    """
+    data, both = _joined(evidence, boundary)
+    if not data.n:
+        return {}
+    axis = against.axis(word, data)
+    whens = ("before", "after") if diagnosis.verdict == "effect" else ("before",)
+    covariate = against.column(axis.column, data)
+    known = np.isfinite(covariate) & np.isfinite(both["before"]) & np.isfinite(both["after"])
+    labels: dict[str, NDArray[np.int64]] = {}
+    parts: list[dict[str, Any]] = []
+    for when in whens:
+        for name, level in against.series(axis.series, data):
+            mine = level & known
+            x, y, trial = covariate[mine], both[when][mine], data.trial[mine]
+            if not len(x):
+                continue
+            # the same bins before and after
+            bins = labels.setdefault(name, against.label(axis.column, x, y, data.session[mine]))
+            count, centre, mean, error = means(x, y, bins)
+            drawn = {"when": when, "series": name}
+            parts += [
+                {**drawn, "kind": "trial", "label": trial, "x": x, "value": y},
+                {**drawn, "kind": "bin", "x": centre, "value": mean, "u": error, "n_trials": count},
+            ]
+            if diagnosis.verdict == "unexplained" and not axis.series:
+                along, curve = against.curve(axis.column, x, y)
+                parts.append({**drawn, "kind": "curve", "x": along, "value": curve})
+        parts.append({"kind": "floor", "when": when, "value": 100 * diagnosis.noise_floor})
+        if axis.column == "run_order":
+            starts = np.flatnonzero(np.diff(data.session)) + 1.5
+            parts.append({"kind": "session", "when": when, "x": starts, "value": 0.0})
+    shared = {
+        "panel": boundary,
+        "part": "residual",
+        "covariate": axis.column,
+        "unit": "%",
+        # what the series are levels of, for the legend
+        "note": axis.series,
+    }
+    table = stack([{**part, **shared} for part in parts], COLUMNS)
+    reach = _reach(table)
+    far = (table["kind"] == "trial") & (np.abs(table["value"]) > reach)
+    table["kind"][far] = "beyond"
+    ends = [{"kind": "reach", "when": when, "value": reach, **shared} for when in whens]
+    return stack([table, *ends], COLUMNS)
+
+
+def _joined(evidence: Evidence, boundary: Boundary) -> tuple[Observations, dict[str, FloatArray]]:
+    """The boundary's trials with derived covariates, and their residuals before and after in
+    percent.
+    """
+    model, fit = evidence.base(boundary)
+    data = evidence.observations[boundary]
+    data = data.take(usable(model, data))
+    data = derive(data, lift_inf_N(fit, data), lift_ratio(model, data, fit.values))
+    table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
+    row = {str(trial): i for i, trial in enumerate(table["trial"])}
+    data = data.take(np.array([str(t) in row for t in data.trial], dtype=bool))
+    at = np.array([row[str(t)] for t in data.trial], dtype=int)
+    return data, {when: 100 * table[when][at].astype(float) for when in ("before", "after")}
+
+
+def _reach(table: Columns) -> float:
+    """Half the height of the axis: most of the trials before, and every mean with its standard
+    error.
+    """
+    cloud = np.abs(where(table, kind="trial", when="before")["value"])
+    means = where(table, kind="bin")
+    ends = np.abs(means["value"]) + np.nan_to_num(means["u"])
+    most = min(REACH * 1.4826 * float(np.median(cloud)), 1.08 * float(cloud.max()))
+    return float(max(most, 1.15 * ends.max(initial=0.0), 1e-6))
 
 
 def candidates(diagnosis: BoundaryDiagnosis) -> list[dict[str, Any]]:
@@ -101,11 +185,9 @@ def _why_not(candidate: RankedCandidate) -> str:
         return "not confirmed"
     if candidate.tried.judged_by:
         return "too little"
-    return (
-        f"leaves {along(candidate.tried.left_in).removeprefix('the ')}"
-        if candidate.tried.left_in
-        else "explains too little"
-    )
+    if candidate.tried.left_in:
+        return f"leaves {along(candidate.tried.left_in).removeprefix('the ')}"
+    return "explains too little"
 
 
 def errors(
