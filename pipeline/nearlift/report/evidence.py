@@ -211,8 +211,3 @@ def distinct(*columns: NDArray[Any]) -> list[Any]:
     """The values of a column in the order in which they come; of several columns, the tuples."""
     values = [column.tolist() for column in columns]
     return list(dict.fromkeys(values[0] if len(values) == 1 else zip(*values, strict=True)))
-
-
-def text_column(value: str, n: int) -> NDArray[Any]:
-    """A text column that says the same in all its n rows."""
-    return np.full(n, value, dtype=object)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Columns, Evidence, where
 from nearlift.report.figures.residuals.points import dots, every_covariate, sums, word
 from nearlift.report.figures.residuals.table import summarise
 from nearlift.report.page.chart import (
@@ -21,6 +21,7 @@ from nearlift.report.page.chart import (
     View,
     column,
     frame,
+    layer,
     one_of,
     shade,
     tooltip,
@@ -56,33 +57,28 @@ MEAN_TOOLTIP = (
 
 def chart(evidence: Evidence) -> Chart:
     """A view for each boundary; covariate, throttles and what is shown hold for all."""
-    names = every_covariate(evidence)
-    keys = {name: f"c{i}" for i, name in enumerate(names)}
+    keys = {name: f"c{i}" for i, name in enumerate(every_covariate(evidence))}
     trials = {b: dots(evidence, b) for b in evidence.boundaries}
     trials = {b: drawn for b, drawn in trials.items() if drawn[2]}
     every = {str(key) for drawn, _, _ in trials.values() for key in drawn["throttle"]}
-    labels = {key: f"{100 * float(key):.3g} %" for key in sorted(every, key=float)}
-    n = len(labels)
-    colours = (
-        {k: shade(i, n) if n > len(SERIES) else SERIES[i] for i, k in enumerate(labels)}
-        if 1 < n <= APART
-        else {}
-    )
+    n = len(every)
+    colours = {
+        key: shade(i, n) if n > len(SERIES) else SERIES[i]
+        for i, key in enumerate(sorted(every, key=float) if 1 < n <= APART else ())
+    }
     views = tuple(_view(evidence, b, drawn, keys, colours) for b, drawn in trials.items())
-    chosen = tuple(
-        Choice(value=k, label=labels[k], colour=colour, shape="circle")
-        for k, colour in colours.items()
+    throttles = tuple(
+        Choice(value=key, label=f"{100 * float(key):.3g} %", colour=colour, shape="circle")
+        for key, colour in colours.items()
     )
+    shown = {"trials": "trials", "means": "means", "noise": "noise expected"}
     controls = (
         one_of("covariate", "Against", {key: word(name) for name, key in keys.items()}),
-        Control(signal="throttles", legend="Throttle", choices=chosen),
+        Control(signal="throttles", legend="Throttle", choices=throttles),
         Control(
             signal="shown",
             legend="Show",
-            choices=tuple(
-                Choice(value=v, label=t)
-                for v, t in (("trials", "trials"), ("means", "means"), ("noise", "noise expected"))
-            ),
+            choices=tuple(Choice(value=value, label=label) for value, label in shown.items()),
         ),
     )
     rows = _rows(summarise(evidence)) if views else []
@@ -100,17 +96,11 @@ def chart(evidence: Evidence) -> Chart:
 
 
 def _rows(table: Columns) -> list[tuple[str, ...]]:
-    means = np.flatnonzero(table["kind"] == "bin").tolist()
+    means = where(table, kind="bin")
     names = ("panel", "covariate", "x", "residual_percent", "u_residual_percent", "n_trials")
     return [
-        (
-            str(panel),
-            word(name),
-            plain(float(x)),
-            f"{plus_minus(float(mean), float(error))} %",
-            f"{n:.0f}",
-        )
-        for panel, name, x, mean, error, n in ([table[k][i] for k in names] for i in means)
+        (panel, word(name), plain(x), f"{plus_minus(mean, error)} %", f"{n:.0f}")
+        for panel, name, x, mean, error, n in zip(*(means[k].tolist() for k in names), strict=True)
     ]
 
 
@@ -158,17 +148,13 @@ def _axis(name: str, x: Any) -> dict[str, object]:
     """What the abscissa looks like; one that does not vary here has a place for the words that say
     so.
     """
+    linear: dict[str, object] = {"x_scale": "linear", "x_zero": False, "x_title": word(name)}
     if x is None:
-        return {"x_scale": "linear", "x_zero": False, "x_title": word(name), "x_domain": [0, 1]}
+        return {**linear, "x_domain": [0, 1]}
     values = np.unique(x[np.isfinite(x)])
+    look = {"x_scale": "log", "x_title": word(name)} if name == "z_hat" else linear
     ticks = {"x_ticks": values.tolist()} if len(values) <= DISCRETE else {}
-    scale = {"x_scale": "log"} if name == "z_hat" else {"x_scale": "linear", "x_zero": False}
-    return {
-        **scale,
-        "x_title": word(name),
-        "x_domain": [float(values[0]), float(values[-1])],
-        **ticks,
-    }
+    return {**look, "x_domain": [float(values[0]), float(values[-1])], **ticks}
 
 
 def _layers(boundary: str, domain: list[float]) -> list[Spec]:
@@ -236,17 +222,17 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
             "as": "words",
         },
     ]
-    raw: Spec = {"type": "nominal", "scale": None}
+    described: Spec = {"field": "words", "type": "nominal"}
     words = (
         "', residual ' + datum.residual_text + '; lift ' + datum.lift + '; samples ' +"
         " datum.samples + '; quality ' + datum.quality"
     )
     shown = "indexof(shown, '{0}') >= 0".format
     return [
-        {
-            "data": {"name": "sums"},
-            "transform": [{"filter": shown("noise")}, *binned],
-            "mark": {
+        layer(
+            "sums",
+            [{"filter": shown("noise")}, *binned],
+            {
                 "type": "area",
                 "interpolate": "step",
                 "clip": True,
@@ -254,8 +240,10 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
                 "color": "var(--soft)",
                 "opacity": 0.25,
             },
-            "encoding": {"x": x, "y": {**y, "field": "below"}, "y2": {"field": "noise"}},
-        },
+            x=x,
+            y={**y, "field": "below"},
+            y2={"field": "noise"},
+        ),
         {
             "data": {"values": [{"zero": 0}]},
             "mark": {"type": "rule", "color": "var(--soft)", "strokeWidth": 0.7, "aria": False},
@@ -273,9 +261,9 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
             },
             "encoding": {"text": {"field": "told", "type": "nominal"}},
         },
-        {
-            "data": {"name": "trials"},
-            "transform": [
+        layer(
+            "trials",
+            [
                 {"filter": f"{shown('trials')} && indexof(throttles, datum.throttle) >= 0"},
                 {"calculate": "datum[covariate]", "as": "x"},
                 {"filter": "isValid(datum.x)"},
@@ -286,37 +274,37 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
                 },
                 {"calculate": "format(datum.x, '.4~g')", "as": "x_text"},
             ],
-            "mark": {
+            {
                 "type": "circle",
                 "size": 26,
                 "opacity": 0.55,
                 "clip": True,
                 "ariaRoleDescription": "trial",
             },
-            "encoding": {
-                "x": x,
-                "y": {**y, "field": "residual"},
-                "fill": {**raw, "field": "colour"},
-                "tooltip": tooltip((*TOOLTIP, ("x_text", "$x_title"))),
-                "description": {"field": "words", "type": "nominal"},
-            },
-        },
-        {
-            "data": {"name": "sums"},
-            "transform": [{"filter": shown("means")}, *binned],
-            "mark": {
+            x=x,
+            y={**y, "field": "residual"},
+            fill={"type": "nominal", "scale": None, "field": "colour"},
+            tooltip=tooltip((*TOOLTIP, ("x_text", "$x_title"))),
+            description=described,
+        ),
+        layer(
+            "sums",
+            [{"filter": shown("means")}, *binned],
+            {
                 "type": "rule",
                 "clip": True,
                 "aria": False,
                 "color": "var(--text)",
                 "strokeWidth": 1.6,
             },
-            "encoding": {"x": x, "y": {**y, "field": "lo"}, "y2": {"field": "hi"}},
-        },
-        {
-            "data": {"name": "sums"},
-            "transform": [{"filter": shown("means")}, *binned, *labels],
-            "mark": {
+            x=x,
+            y={**y, "field": "lo"},
+            y2={"field": "hi"},
+        ),
+        layer(
+            "sums",
+            [{"filter": shown("means")}, *binned, *labels],
+            {
                 "type": "point",
                 "filled": True,
                 "fill": "var(--paper)",
@@ -328,11 +316,9 @@ def _layers(boundary: str, domain: list[float]) -> list[Spec]:
                 "clip": True,
                 "ariaRoleDescription": "mean",
             },
-            "encoding": {
-                "x": x,
-                "y": y,
-                "tooltip": tooltip(MEAN_TOOLTIP),
-                "description": {"field": "words", "type": "nominal"},
-            },
-        },
+            x=x,
+            y=y,
+            tooltip=tooltip(MEAN_TOOLTIP),
+            description=described,
+        ),
     ]

@@ -4,14 +4,12 @@ by side in columns.
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.report.evidence import Rows, distinct, select
+from nearlift.report.evidence import Rows, distinct, where
 from nearlift.report.figures.style import SERIES, Style, distance, dots, plain_log, quantity
 
 COLUMNS = 3
@@ -24,16 +22,18 @@ def draw(table: Rows, look: Style) -> Figure:
     table = in_units(table, look)
     boundaries = distinct(table["panel"])
     covariates = distinct(table["covariate"])
-    grid = _grid(boundaries, covariates)
-    rows, columns = len(grid), len(grid[0])
+    several = len(boundaries) > 1
+    cells = [(boundary, covariate) for covariate in covariates for boundary in boundaries]
+    columns = len(boundaries) if several else COLUMNS
+    rows = -(-len(cells) // columns)
     height = min(1.25 * look.double_in / 6.75 * rows + 0.3, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
-    axes = figure.subplots(
-        rows, columns, squeeze=False, sharey="col" if len(boundaries) > 1 else True
-    )
+    axes = figure.subplots(rows, columns, squeeze=False, sharey="col" if several else True)
+    for ax in axes.flat[len(cells) :]:
+        ax.set_axis_off()
     shades = []
-    for ax, (boundary, covariate) in zip(axes.flat, itertools.chain(*grid), strict=True):
-        chosen = select(table, (table["panel"] == boundary) & (table["covariate"] == covariate))
+    for ax, (boundary, covariate) in zip(axes.flat, cells, strict=False):
+        chosen = where(table, panel=boundary, covariate=covariate)
         if len(chosen["x"]):
             shades.append((ax, _panel(ax, chosen, covariate, look)))
         else:
@@ -43,29 +43,18 @@ def draw(table: Rows, look: Style) -> Figure:
         ax.set_ylim(ax.get_ylim())
         sigma = noise["u_residual_percent"]
         ax.fill_between(noise["x"], -sigma, sigma, color="0.88", linewidth=0, step="mid", zorder=0)
-    if len(boundaries) > 1:
+    if several:
         for letter, boundary, ax in zip("abc", boundaries, axes[0], strict=False):
             ax.set_title(f"{letter}) {boundary}")
     figure.supylabel("relative residual (%)", fontsize=look.text_pt)
     return figure
 
 
-def _grid(boundaries: list[str], covariates: list[str]) -> list[list[tuple[str, str]]]:
-    """Which boundary and covariate stand where; without a name, neither."""
-    if len(boundaries) > 1:
-        return [[(b, c) for b in boundaries] for c in covariates]
-    cells = [(boundaries[0], c) for c in covariates]
-    cells += [("", "")] * (-len(cells) % COLUMNS)
-    return [cells[i : i + COLUMNS] for i in range(0, len(cells), COLUMNS)]
-
-
 def _panel(ax: Axes, rows: Rows, covariate: str, look: Style) -> Rows:
     """Dots and means; the rows of the noise band are handed back, to be drawn when all limits are
     known.
     """
-    trials, means, noise = (
-        select(rows, rows["kind"] == kind) for kind in ("trial", "bin", "noise")
-    )
+    trials, means, noise = (where(rows, kind=kind) for kind in ("trial", "bin", "noise"))
     dots(ax, trials["x"], trials["residual_percent"])
     ax.axhline(0, color="0.3", linewidth=0.6, zorder=2)
     ax.errorbar(

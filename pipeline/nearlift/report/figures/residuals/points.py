@@ -4,16 +4,13 @@ uncertainty, its quality; sums from which means follow.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.products import TRIALS
-from nearlift.report.evidence import Columns, Evidence, stack, text_column
+from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.fig2.points import force_unit, throttle_key
 from nearlift.report.figures.residuals.table import bins, covariates, ordered, residuals
 from nearlift.rounding import fixed, plain, plus_minus
@@ -42,11 +39,8 @@ def word(covariate: str) -> str:
 
 def every_covariate(evidence: Evidence) -> list[str]:
     """Those that vary near some boundary, in the order of the figure."""
-    return ordered(
-        dict.fromkeys(
-            name for b in evidence.boundaries for name in covariates(residuals(evidence, b)[0])
-        )
-    )
+    varying = (covariates(residuals(evidence, b)[0]) for b in evidence.boundaries)
+    return ordered(dict.fromkeys(name for names in varying for name in names))
 
 
 def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]:
@@ -66,36 +60,28 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
     table = evidence.table(TRIALS)
     row = {str(t): i for i, t in enumerate(table["trial"])}
     scale, unit = force_unit(evidence)
-    keep = (
-        np.unique(np.linspace(0, data.n - 1, min(data.n, DRAWN)).round().astype(int))
-        if data.n
-        else np.zeros(0, dtype=int)
-    )
+    keep = np.unique(np.linspace(0, data.n - 1, min(data.n, DRAWN)).round().astype(int))
     kept: list[dict[str, object]] = []
     throttles = data.levels[data.level]
     for i in keep.tolist():
-        j = row[str(data.trial[i])]
-        z = float(data.z_hat[i])
+        trial, z = str(data.trial[i]), float(data.z_hat[i])
+        j = row[trial]
+        percent, expected = 100 * float(residual[i]), 100 * float(sigma[i])
+        lift = plus_minus(scale * float(data.lift_N[i]), scale * float(data.u_lift_N[i]))
+        n, effective = int(table["n"][j]), plain(float(table["n_eff"][j]), 2)
+        mm = plain(1e3 * z * data.radius_m, 3)
         kept.append(
             {
-                "trial": str(data.trial[i]),
+                "trial": trial,
                 "throttle": throttle_key(float(throttles[i])),
-                "residual": 100 * float(residual[i]),
+                "residual": percent,
                 "label": f"{100 * data.throttle[i]:.3g} %",
-                "at": (
-                    f"{plain(z)} ({plain(1e3 * z * data.radius_m, 3)} mm)"
-                    if np.isfinite(z)
-                    else "free air"
-                ),
-                "residual_text": (
-                    f"{fixed(100 * float(residual[i]), 2)} %, where ± {100 * float(sigma[i]):.2f} %"
-                    " is expected"
-                ),
-                "lift": (
-                    f"{plus_minus(scale * float(data.lift_N[i]), scale * float(data.u_lift_N[i]))}"
-                    f" {unit}"
-                ),
-                "samples": _samples(int(table["n"][j]), float(table["n_eff"][j])),
+                "at": f"{plain(z)} ({mm} mm)" if np.isfinite(z) else "free air",
+                "residual_text": f"{fixed(percent, 2)} %, where ± {expected:.2f} % is expected",
+                "lift": f"{lift} {unit}",
+                "samples": f"{n}, of which {effective} independent"
+                if n > 1
+                else "one mean, as published",
                 "session": str(table["session"][j]) if "session" in table else "not recorded",
                 "quality": str(table["quality"][j]) or "good",
             }
@@ -103,47 +89,31 @@ def dots(evidence: Evidence, boundary: Boundary) -> tuple[Columns, Columns, int]
     return stack(kept), {name: x[keep] for name, x in covariates(data).items()}, data.n
 
 
-def _samples(n: int, effective: float) -> str:
-    return f"{n}, of which {plain(effective, 2)} independent" if n > 1 else "one mean, as published"
-
-
-def sums(evidence: Evidence, boundary: Boundary, *, by_throttle: bool = True) -> Columns:
+def sums(evidence: Evidence, boundary: Boundary, *, by_throttle: bool) -> Columns:
     """Sums over the trials of each bin and throttle, from which the means of any choice of
-    throttles follow.
-
-    Returns
-    -------
-    dict of arrays
-        `covariate`, `bin`, `throttle` (key; ``all`` unless `by_throttle`), `n`, and in percent the
-        sums `x`, `r`, `rr` (of squares), `vv` (of variances in the noise model). The bins are those
-        of the printed figure.
+    throttles follow: `covariate`, `bin`, `throttle` (key; ``all`` unless `by_throttle`), `n`, and
+    in percent the sums `x`, `r`, `rr` (of squares), `vv` (of variances in the noise model). The
+    bins are those of the printed figure.
     """
     data, residual, sigma = residuals(evidence, boundary)
-    keys = (
-        np.array([throttle_key(float(t)) for t in data.levels[data.level]], dtype=object)
-        if by_throttle
-        else text_column("all", data.n)
-    )
-    return stack(
-        [_sums(name, x, 100 * residual, 100 * sigma, keys) for name, x in covariates(data).items()]
-    )
-
-
-def _sums(
-    name: str, x: NDArray[Any], residual: NDArray[Any], sigma: NDArray[Any], throttle: NDArray[Any]
-) -> dict[str, object]:
-    keep = np.isfinite(x) & np.isfinite(residual)
-    x, residual, sigma = x[keep], residual[keep], sigma[keep]
-    keys, which = np.unique(throttle[keep].astype(str), return_inverse=True)
-    label = bins(x)
-    group, index = np.unique(label * len(keys) + which, return_inverse=True)
-    return {
-        "covariate": name,
-        "bin": group // len(keys),
-        "throttle": keys[group % len(keys)].astype(object),
-        "n": np.bincount(index),
-        "x": np.bincount(index, x),
-        "r": np.bincount(index, residual),
-        "rr": np.bincount(index, residual**2),
-        "vv": np.bincount(index, sigma**2),
-    }
+    throttles = data.levels[data.level].tolist()
+    keys = np.array([throttle_key(t) if by_throttle else "all" for t in throttles])
+    parts = []
+    for name, x in covariates(data).items():
+        keep = np.isfinite(x) & np.isfinite(residual)
+        r, sd = 100 * residual[keep], 100 * sigma[keep]
+        known, which = np.unique(keys[keep], return_inverse=True)
+        group, index = np.unique(bins(x[keep]) * len(known) + which, return_inverse=True)
+        parts.append(
+            {
+                "covariate": name,
+                "bin": group // len(known),
+                "throttle": known[group % len(known)].astype(object),
+                "n": np.bincount(index),
+                "x": np.bincount(index, x[keep]),
+                "r": np.bincount(index, r),
+                "rr": np.bincount(index, r**2),
+                "vv": np.bincount(index, sd**2),
+            }
+        )
+    return stack(parts)

@@ -21,7 +21,7 @@ from nearlift.likelihood.problem import height_slope, lift_ratio, usable
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
-from nearlift.report.evidence import Columns, Evidence, lift_inf_N, stack
+from nearlift.report.evidence import Columns, Evidence, lift_inf_N, select, stack, where
 from nearlift.results import Observations
 from nearlift.rounding import plain
 
@@ -50,14 +50,9 @@ ORDER = (
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `covariate`, `kind` (trial, bin or noise), `trial` (its id), `x`,
-        `residual_percent`, `u_residual_percent`: of a bin the standard error of its mean, of noise
-        the standard deviation of a trial there, `n_trials` of a bin.
+    """Everything that is drawn, a row each: `panel` (boundary), `covariate`, `kind` (trial, bin or
+    noise), `trial` (its id), `x`, `residual_percent`, `u_residual_percent`: of a bin the standard
+    error of its mean, of noise the standard deviation of a trial there, `n_trials` of a bin.
     """
     rows = []
     for boundary in evidence.boundaries:
@@ -156,13 +151,10 @@ def bins(x: FloatArray) -> NDArray[np.int64]:
     first = 0
     for members in _clusters(x):
         values = x[members]
-        edges = np.unique(
-            np.quantile(values, np.linspace(0, 1, max(round(BINS * len(values) / len(x)), 1) + 1))
-        )
-        _, inside = np.unique(
-            np.clip(np.searchsorted(edges, values, side="right") - 1, 0, max(len(edges) - 2, 0)),
-            return_inverse=True,
-        )
+        count = max(round(BINS * len(values) / len(x)), 1)
+        edges = np.unique(np.quantile(values, np.linspace(0, 1, count + 1)))
+        place = np.searchsorted(edges, values, side="right") - 1
+        _, inside = np.unique(np.clip(place, 0, max(len(edges) - 2, 0)), return_inverse=True)
         label[members] = first + inside
         first = int(label[members].max()) + 1
     return label
@@ -183,21 +175,17 @@ def _clusters(x: FloatArray) -> list[NDArray[np.int64]]:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and what is not, with counts."""
-    trials = evidence.table(TRIALS)
-    out = rejected(trials["quality"])
-    parts = ["Relative residuals of the base model, log lift − log model − log L∞, in percent."]
-    parts.append(
-        "Dots: accepted trials; circles: means over bins with their standard error (trials taken as"
+    text = (
+        "Relative residuals of the base model, log lift − log model − log L∞, in percent. Dots:"
+        " accepted trials; circles: means over bins with their standard error (trials taken as"
         " independent); shade: ± 1 standard deviation of a trial in the fit's noise model."
     )
+    parts = [text]
     for boundary in evidence.boundaries:
         model, _ = evidence.base(boundary)
-        shown = np.count_nonzero(
-            (table["panel"] == boundary)
-            & (table["kind"] == "trial")
-            & (table["covariate"] == "run_order")
-        )
-        lost = np.count_nonzero(out & (trials["boundary"] == boundary))
+        shown = len(where(table, panel=boundary, kind="trial", covariate="run_order")["x"])
+        trials = where(evidence.table(TRIALS), boundary=boundary)
+        lost = np.count_nonzero(rejected(trials["quality"]))
         beyond = evidence.observations[boundary].n - shown
         notes = [f"{shown} trials", *([f"{lost} rejected (not shown)"] if lost else [])]
         if beyond:
@@ -212,17 +200,13 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """
     parts = []
     for boundary in evidence.boundaries:
-        mine = (
-            (table["panel"] == boundary)
-            & (table["kind"] == "bin")
-            & (table["u_residual_percent"] > 0)
-            & (table["n_trials"] >= FEWEST)
-        )
-        if not mine.any():
+        binned = where(table, panel=boundary, kind="bin")
+        binned = select(binned, (binned["u_residual_percent"] > 0) & (binned["n_trials"] >= FEWEST))
+        if not len(binned["x"]):
             continue
-        pull = np.abs(table["residual_percent"][mine]) / table["u_residual_percent"][mine]
+        pull = np.abs(binned["residual_percent"]) / binned["u_residual_percent"]
         i = int(np.argmax(pull))
-        name, x, mean = (table[k][mine][i] for k in ("covariate", "x", "residual_percent"))
+        name, x, mean = (binned[k][i] for k in ("covariate", "x", "residual_percent"))
         parts.append(
             f"{boundary.capitalize()}: the mean farthest from zero is {plain(float(mean), 2)} %"
             f" ({plain(float(pull[i]), 2)} standard errors) at {name} = {plain(float(x), 3)}."
