@@ -1,5 +1,5 @@
 """A coefficient over many campaigns: a panel per coefficient, a line per campaign, the population
-and the next campaign beneath them.
+and the next campaign beneath them; on paper, and to be pointed at in the order given or by value.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nearlift import nomenclature
-from nearlift.nomenclature import letter
-from nearlift.report.evidence import Columns, Rows, distinct, select, stack
+from nearlift.nomenclature import VERDICTS, letter
+from nearlift.report.evidence import Columns, Rows, distinct, stack, where
 from nearlift.report.figures.style import BAND, SERIES, Style, labelled, plain_text
+from nearlift.report.page.chart import Chart, Spec, View, column, frame, layer, one_of, tooltip
 from nearlift.rounding import like
 
 #: A 90 % interval of a normal is so many standard deviations wide.
@@ -26,23 +26,23 @@ COLUMNS = (
     *("value", "lo90", "hi90"),
 )
 LINE_IN = 0.17
-#: What the loop said of the campaign decides the symbol: only an open one has structure that nobody
-#: could name.
-MARKERS = {"effect": "s"}
+MARKERS, SHAPES = {"effect": "s"}, {"effect": "square"}
+#: Height of a campaign's line in the chart, in pixels.
+LINE = 30
+TOOLTIP = (
+    ("label", "campaign"),
+    ("vehicle", "vehicle"),
+    ("told", "value, 90 %"),
+    ("judged", "verdict"),
+)
 
 
 def summarise(content: Mapping[str, Any]) -> Columns:
     """Rows of comparison.json: `kind` is campaign, population or next."""
     rows: list[dict[str, object]] = []
     for group in content["groups"]:
-        shared = {
-            "panel": group["boundary"],
-            "coefficient": group["coefficient"],
-            "unit": group["campaigns"][0]["quoted"]["unit"],
-        }
-        rows += [
+        lines = [
             {
-                **shared,
                 "kind": "campaign",
                 "label": finished["campaign"],
                 "vehicle": finished["vehicle"],
@@ -53,18 +53,19 @@ def summarise(content: Mapping[str, Any]) -> Columns:
         ]
         if together := group.get("population"):
             mean, following = _interval(together["mean"]), _interval(together["next"])
-            rows.append({**shared, "kind": "population", "label": "population mean", **mean})
-            rows.append({**shared, "kind": "next", "label": "next campaign", **following})
+            lines.append({"kind": "population", "label": "population mean", **mean})
+            lines.append({"kind": "next", "label": "next campaign", **following})
+        shared = {
+            "panel": group["boundary"],
+            "coefficient": group["coefficient"],
+            "unit": group["campaigns"][0]["quoted"]["unit"],
+        }
+        rows += [{**shared, **line} for line in lines]
     return stack(rows, COLUMNS)
 
 
 def _interval(estimate: Mapping[str, Any]) -> dict[str, float]:
     return {name: estimate[name] for name in ("value", "lo90", "hi90")}
-
-
-def panel_rows(table: Rows, boundary: str, coefficient: str) -> Columns:
-    """The rows of one panel."""
-    return select(table, (table["panel"] == boundary) & (table["coefficient"] == coefficient))
 
 
 def interval(rows: Columns, i: int) -> str:
@@ -76,12 +77,12 @@ def interval(rows: Columns, i: int) -> str:
 
 def caption(table: Columns) -> str:
     """What is drawn, with counts."""
-    campaigns = table["kind"] == "campaign"
-    n = len(set(table["label"][campaigns].tolist()))
+    campaigns = where(table, kind="campaign")
+    n = len(distinct(campaigns["label"]))
     parts = [f"Headline coefficients of {n} campaign{'s' if n != 1 else ''}, with 90 % intervals."]
-    if (table["verdict"][campaigns] == "unexplained").any():
+    if "unexplained" in campaigns["verdict"]:
         parts.append("Open symbols: structure that no named effect explains.")
-    if (table["kind"] == "population").any():
+    if "population" in table["kind"]:
         parts.append(
             "Diamond and band: the population's mean; dashed: what a further campaign would find."
         )
@@ -92,7 +93,7 @@ def alt(table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
     for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
-        rows = panel_rows(table, boundary, coefficient)
+        rows = where(table, panel=boundary, coefficient=coefficient)
         lines = "; ".join(f"{name} {interval(rows, i)}" for i, name in enumerate(rows["label"]))
         parts.append(f"{boundary.capitalize()}, {letter(coefficient)}: {lines}.")
     return " ".join(parts)
@@ -101,7 +102,7 @@ def alt(table: Columns) -> str:
 def draw(table: Rows, look: Style) -> Figure:
     """Campaigns from top to bottom in the order given."""
     keys = distinct(table["panel"], table["coefficient"])
-    panels = [panel_rows(table, boundary, coefficient) for boundary, coefficient in keys]
+    panels = [where(table, panel=b, coefficient=c) for b, c in keys]
     lines = [len(rows["value"]) for rows in panels]
     height = min(LINE_IN * (sum(lines) + 3.2 * len(panels)) + 0.3, look.height_in)
     figure = Figure(figsize=(look.single_in * 1.25, height), layout="constrained")
@@ -129,15 +130,8 @@ def _panel(ax: Axes, rows: Rows) -> None:
             ax.plot(span, [y[i]] * 2, color=accent, linestyle=(0, (3, 1.5)), zorder=3)
         else:
             ax.plot(span, [y[i]] * 2, color=colour, zorder=2)
-            filled = "white" if rows["verdict"][i] == "unexplained" else colour
-            ax.plot(
-                rows["value"][i],
-                y[i],
-                MARKERS.get(rows["verdict"][i], "o"),
-                color=colour,
-                markerfacecolor=filled,
-                zorder=3,
-            )
+            symbol = _symbol(rows["verdict"][i])
+            ax.plot(rows["value"][i], y[i], linestyle="none", zorder=3, **symbol)
     ax.set_yticks(y, [plain_text(label) for label in rows["label"]])
     ax.tick_params(axis="y", length=0, right=False)
     ax.set_ylim(y[-1] - 0.7, 0.7)
@@ -146,20 +140,132 @@ def _panel(ax: Axes, rows: Rows) -> None:
     ax.set_axisbelow(True)
 
 
+def _symbol(verdict: str) -> dict[str, Any]:
+    """What the loop said of the campaign decides its symbol: only an open one has structure that
+    nobody could name.
+    """
+    colour = SERIES[0][0]
+    filled = "white" if verdict == "unexplained" else colour
+    return {"marker": MARKERS.get(verdict, "o"), "color": colour, "markerfacecolor": filled}
+
+
 def _legend(figure: Figure, table: Rows) -> None:
     """Only what occurs."""
-    colour = SERIES[0][0]
-    seen = set(table["verdict"][table["kind"] == "campaign"].tolist())
+    seen = distinct(where(table, kind="campaign")["verdict"])
     handles = [
-        Line2D(
-            [],
-            [],
-            color=colour,
-            marker=MARKERS.get(v, "o"),
-            markerfacecolor="white" if v == "unexplained" else colour,
-            label=word,
-        )
-        for v, word in nomenclature.VERDICTS.items()
-        if v in seen
+        Line2D([], [], label=word, **_symbol(verdict))
+        for verdict, word in VERDICTS.items()
+        if verdict in seen
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, columnspacing=1.0)
+
+
+def chart(table: Columns) -> Chart:
+    """A view for each boundary and coefficient of the table."""
+    keys = distinct(table["panel"], table["coefficient"])
+    views = tuple(_view(b, c, where(table, panel=b, coefficient=c)) for b, c in keys)
+    return Chart(
+        name="forest",
+        label="Coefficients of many campaigns, to be pointed at",
+        views=views,
+        controls=(one_of("order", "Order", {"given": "as given", "value": "by value"}),),
+        across="line",
+        among="line",
+        down=True,
+    )
+
+
+def _view(boundary: str, coefficient: str, rows: Columns) -> View:
+    unit = "" if rows["unit"][0] == "1" else f" ({rows['unit'][0]})"
+    values = [interval(rows, i) for i in range(len(rows["value"]))]
+    judged = [
+        VERDICTS[v] if k == "campaign" else ""
+        for v, k in zip(rows["verdict"], rows["kind"], strict=True)
+    ]
+    shown = ("label", "kind", "vehicle", "value", "lo90", "hi90")
+    lines = {
+        **{name: rows[name] for name in shown},
+        "told": column(values),
+        "judged": column(judged),
+        "shape": column([SHAPES.get(v, "circle") for v in rows["verdict"]]),
+        "fill": column(
+            ["var(--paper)" if v == "unexplained" else "var(--s0)" for v in rows["verdict"]]
+        ),
+        "words": column(
+            [
+                f"{name}: {letter(coefficient)} = {t}" + (f"; {j}" if j else "")
+                for name, t, j in zip(rows["label"], values, judged, strict=True)
+            ]
+        ),
+    }
+    campaigns = rows["kind"] == "campaign"
+    given = rows["label"].tolist()
+    sorted_by = np.concatenate(
+        [np.argsort(rows["value"][campaigns], kind="stable"), np.flatnonzero(~campaigns)]
+    )
+    spec = frame(
+        f"{letter(coefficient)} near the {boundary}, campaign by campaign",
+        height=LINE * len(given) + 10,
+        layers=_layers(f"{letter(coefficient)}{unit}"),
+    )
+    orders = {"given": given, "value": [given[i] for i in sorted_by]}
+    return View(
+        name=f"{boundary}-{coefficient}",
+        title=f"{boundary.capitalize()}: {letter(coefficient)}",
+        spec=spec,
+        data={"lines": lines},
+        follows={"order": {order: {"places": places} for order, places in orders.items()}},
+    )
+
+
+def _layers(title: str) -> list[Spec]:
+    """From back to front: the population's band, intervals, values."""
+    x: Spec = {"type": "quantitative", "scale": {"zero": False}, "axis": {"title": title}}
+    y: Spec = {
+        "field": "label",
+        "type": "nominal",
+        "scale": {"domain": "$places"},
+        "axis": {"title": None, "labelLimit": 220},
+    }
+    raw: Spec = {"type": "nominal", "scale": None}
+    span: Spec = {"x": {**x, "field": "lo90"}, "x2": {"field": "hi90"}}
+    band: Spec = {"type": "rect", "aria": False, "color": "var(--soft)", "opacity": 0.2}
+    rule: Spec = {"type": "rule", "aria": False, "strokeWidth": 2}
+    spans: list[tuple[str, Spec, Spec]] = [
+        ("population", band, span),
+        ("campaign", {**rule, "color": "var(--s0)"}, {**span, "y": y}),
+        ("population", {**rule, "color": "var(--s1)", "strokeWidth": 3}, {**span, "y": y}),
+        ("next", {**rule, "color": "var(--s1)", "strokeDash": [5, 3]}, {**span, "y": y}),
+    ]
+    return [
+        *(
+            layer("lines", [{"filter": f"datum.kind == '{kind}'"}], mark, **encoding)
+            for kind, mark, encoding in spans
+        ),
+        layer(
+            "lines",
+            [
+                {
+                    "calculate": "datum.kind == 'campaign' ? datum.fill : 'var(--s1)'",
+                    "as": "inside",
+                },
+                {"calculate": "datum.kind == 'campaign' ? 'var(--s0)' : 'var(--s1)'", "as": "edge"},
+                {"calculate": "datum.kind == 'campaign' ? datum.shape : 'diamond'", "as": "form"},
+            ],
+            {
+                "type": "point",
+                "filled": True,
+                "size": 80,
+                "opacity": 1,
+                "strokeWidth": 1.8,
+                "ariaRoleDescription": "line",
+            },
+            x={**x, "field": "value"},
+            y=y,
+            fill={**raw, "field": "inside"},
+            stroke={**raw, "field": "edge"},
+            shape={**raw, "field": "form"},
+            tooltip=tooltip(TOOLTIP),
+            description={"field": "words", "type": "nominal"},
+        ),
+    ]

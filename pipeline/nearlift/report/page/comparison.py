@@ -8,9 +8,8 @@ from collections.abc import Collection
 from typing import Any
 
 from nearlift.nomenclature import VERDICTS, letter
-from nearlift.report.evidence import Columns, distinct
+from nearlift.report.evidence import Columns, distinct, where
 from nearlift.report.figures import forest
-from nearlift.report.figures import forest_chart as chart
 from nearlift.report.page.render import Picture, rendered
 
 TITLE = "Campaigns compared"
@@ -22,13 +21,13 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
     Parameters
     ----------
     table : Columns
-        Of `summaries.forest`.
+        Of `figures.forest`.
     reports : collection of str
         Campaigns whose own report stands beside this one, to be linked.
     remarks : collection of str
         What to hold against the groups.
     """
-    drawn = chart.chart(table)
+    drawn = forest.chart(table)
     picture = Picture(
         name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table)
     )
@@ -45,7 +44,7 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
 def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:
     groups = []
     for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
-        rows = forest.panel_rows(table, boundary, coefficient)
+        rows = where(table, panel=boundary, coefficient=coefficient)
         lines = [
             {
                 "label": str(rows["label"][i]),
