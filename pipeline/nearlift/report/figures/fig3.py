@@ -16,19 +16,9 @@ from matplotlib.ticker import MultipleLocator
 from nearlift.likelihood import student
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures import flow_panels as flow_panel
-from nearlift.report.figures.flow_panels import (
-    X,
-    Y,
-    cut,
-    field_rows,
-    manifest,
-    origin,
-    profile_rows,
-    reduction_text,
-    title,
-)
+from nearlift.report.figures.flow_panels import cut, manifest, profile_rows
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed, plain
@@ -55,12 +45,11 @@ def summarise(evidence: Evidence) -> Columns:
     """Rows by `kind`: node, rotor, boundary (upper panels); profile, control, span, cut (lower
     panels). Lengths over rotor radius.
     """
-    piv = manifest(evidence)
+    piv, r = manifest(evidence), evidence.campaign.vehicle.rotor_radius
     parts = []
     for case in columns(piv):
         row = cut(evidence, case.name)
-        r = evidence.campaign.vehicle.rotor_radius
-        parts += field_rows(evidence, case, title(case))
+        parts += flow_panel.field_rows(evidence, case, flow_panel.title(case))
         parts.append(profile_rows(evidence, case.name, case.name, "profile"))
         if case.name != piv.control:
             parts.append(profile_rows(evidence, piv.control, case.name, "control"))
@@ -73,34 +62,31 @@ def summarise(evidence: Evidence) -> Columns:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know, numbers included."""
-    piv = manifest(evidence)
-    shown = [c for c in columns(piv) if c.name != piv.control]
-    r = evidence.campaign.vehicle.rotor_radius
+    piv, r = manifest(evidence), evidence.campaign.vehicle.rotor_radius
+    cases = columns(piv)
     first = cut(evidence, piv.control)
-    cross = (
-        f"Below: downwash along the dashed cut, {plain(first['below_m'] / r, 3)} rotor radii"
-        " beneath the rotor plane, with its 90 % band; dotted: the control; shade: the span that"
-        f" is averaged. Control: {fixed(first['downwash_m_s'], 2)} m/s."
-    )
-    first_words = (
+    text = (
         "Time-averaged airspeed (colour) and streamlines; thrust points up, also where the vehicle"
         " hung inverted; grey: no vectors."
+        f" {flow_panel.origin(evidence, [c.name for c in cases])} Below: downwash along the dashed"
+        f" cut, {plain(first['below_m'] / r, 3)} rotor radii beneath the rotor plane, with its 90 %"
+        " band; dotted: the control; shade: the span that is averaged. Control:"
+        f" {fixed(first['downwash_m_s'], 2)} m/s."
     )
-    parts = [first_words, origin(evidence, [c.name for c in columns(piv)]), cross]
-    parts += [
+    reduced = [
         f"{c.boundary.capitalize()} at ẑ = {plain(c.z_hat or 0.0, 3)}: reduced by"
-        f" {reduction_text(cut(evidence, c.name))}."
-        for c in shown
+        f" {flow_panel.reduction_text(cut(evidence, c.name))}."
+        for c in cases
+        if c.name != piv.control
     ]
-    return " ".join(parts)
+    return " ".join([text, *reduced])
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
-    piv = manifest(evidence)
     named = [
         f"{c.name}, downwash {plain(cut(evidence, c.name)['downwash_m_s'], 3)} m/s"
-        for c in columns(piv)
+        for c in columns(manifest(evidence))
     ]
     return (
         f"{len(named)} panels of airspeed with streamlines, and beneath each the downwash along a"
@@ -121,36 +107,29 @@ def draw(table: Rows, look: Style) -> Figure:
     shade: Any = None
     letters = zip(ascii_lowercase, ascii_lowercase[n:], names, axes[0], axes[1], strict=False)
     for letter, below, name, upper, lower in letters:
-        mine = select(table, table["panel"] == name)
+        mine = where(table, panel=name)
         shade = flow_panel.field(upper, mine, flow_panel.speeds(), norm)
-        for x, y in flow_panel.pairs(select(mine, mine["kind"] == "span")):
+        for x, y in flow_panel.pairs(where(mine, kind="span")):
             upper.plot(x, y, color="black", linewidth=0.9, linestyle=(0, (3, 1.5)), zorder=5)
         upper.set_xlim(x0, x1)
         upper.set_ylim(y0, y1)
         upper.set_title(f"{letter}) {mine['label'][0]}")
         _section(lower, mine)
         lower.set_title(f"{below}) along the cut")
-        lower.set_xlabel(X)
-    axes[0, 0].set_ylabel(Y)
+        lower.set_xlabel(flow_panel.X)
+    axes[0, 0].set_ylabel(flow_panel.Y)
     axes[1, 0].set_ylabel("downwash (m/s)")
     figure.colorbar(shade, ax=axes[0].tolist(), label="airspeed (m/s)", pad=0.01, aspect=18)
     return figure
 
 
 def _section(ax: Axes, mine: Rows) -> None:
-    for x, _ in flow_panel.pairs(select(mine, mine["kind"] == "span")):
+    for x, _ in flow_panel.pairs(where(mine, kind="span")):
         ax.axvspan(x[0], x[1], color="0.92", linewidth=0, zorder=0)
     ax.axhline(0, color="0.6", linewidth=0.5, zorder=1)
-    control = select(mine, mine["kind"] == "control")
-    ax.plot(
-        control["x_hat"],
-        control["value_m_s"],
-        color="0.35",
-        linestyle=(0, (1, 1.2)),
-        linewidth=0.9,
-        zorder=2,
-    )
-    profile = select(mine, mine["kind"] == "profile")
+    control, profile = where(mine, kind="control"), where(mine, kind="profile")
+    x, value, dotted = control["x_hat"], control["value_m_s"], (0, (1, 1.2))
+    ax.plot(x, value, color="0.35", linestyle=dotted, linewidth=0.9, zorder=2)
     colour, x, value = SERIES[0][0], profile["x_hat"], profile["value_m_s"]
     reach = student.NORMAL_90 * profile["u_value_m_s"]
     ax.fill_between(x, value - reach, value + reach, color=colour, alpha=0.3, linewidth=0)

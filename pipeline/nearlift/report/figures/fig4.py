@@ -11,13 +11,12 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
-from nearlift.declare import FloatArray
 from nearlift.flow.field import VelocityField, difference
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures import flow_panels as flow_panel
-from nearlift.report.figures.flow_panels import field_rows, manifest, nodes, origin, title
+from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import Style
 from nearlift.rounding import plain
@@ -33,31 +32,23 @@ def cases(evidence: Evidence) -> list[PivCase]:
     return sorted(untilted, key=lambda c: (ROWS.index(c.boundary), -(c.z_hat or 0.0)))
 
 
-def as_field(table: Columns) -> VelocityField:
-    """The mean field of one case from its rows."""
+def as_field(evidence: Evidence, name: str) -> VelocityField:
+    """The mean field of one case."""
+    table = where(evidence.table(FLOW_FIELDS), case=name)
     x, y = np.unique(table["x_m"]), np.unique(table["y_m"])
-    shape = (len(y), len(x))
-    return VelocityField(
-        x_m=x, y_m=y, vx_m_s=table["vx_m_s"].reshape(shape), vy_m_s=table["vy_m_s"].reshape(shape)
-    )
-
-
-def less_control(evidence: Evidence, name: str) -> FloatArray:
-    """Airspeed less the control's at each node of a case; nan where either has no vector."""
-    return difference(
-        as_field(nodes(evidence, name)), as_field(nodes(evidence, manifest(evidence).control))
-    ).ravel()
+    vx, vy = (table[name].reshape(len(y), len(x)) for name in ("vx_m_s", "vy_m_s"))
+    return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy)
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Rows as in Figure 3's upper panels; `value_m_s` is airspeed less the control's. Empty where
-    no case lies near a boundary.
+    """Rows as in Figure 3's upper panels; `value_m_s` is airspeed less the control's, nan where
+    either has no vector. Empty where no case lies near a boundary.
     """
-    parts = [
-        row
-        for case in cases(evidence)
-        for row in field_rows(evidence, case, title(case), less_control(evidence, case.name))
-    ]
+    parts = []
+    control = as_field(evidence, manifest(evidence).control)
+    for case in cases(evidence):
+        less = difference(as_field(evidence, case.name), control).ravel()
+        parts += field_rows(evidence, case, title(case), less)
     return stack(parts, flow_panel.COLUMNS)
 
 
@@ -75,12 +66,9 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
     for case in cases(evidence):
-        value = table["value_m_s"][(table["panel"] == case.name) & (table["kind"] == "node")]
-        known = value[np.isfinite(value)]
-        parts.append(
-            f"{case.boundary} {plain(case.z_hat or 0.0, 3)}: {plain(float(known.min()), 2)} to"
-            f" {plain(float(known.max()), 2)} m/s"
-        )
+        value = where(table, panel=case.name, kind="node")["value_m_s"]
+        low, high = (plain(float(end), 2) for end in (np.nanmin(value), np.nanmax(value)))
+        parts.append(f"{case.boundary} {plain(case.z_hat or 0.0, 3)}: {low} to {high} m/s")
     return (
         "Maps of airspeed less the control's. Range at each distance over rotor radius:"
         f" {'; '.join(parts)}."
@@ -89,11 +77,10 @@ def alt(evidence: Evidence, table: Columns) -> str:
 
 def draw(table: Rows, look: Style) -> Figure:
     """Panels in the order of the table, broken into rows where the boundary changes."""
-    names = distinct(table["panel"])
-    labels = {n: table["label"][table["panel"] == n][0] for n in names}
+    labels = dict(distinct(table["panel"], table["label"]))
     lines = [
-        [n for n in names if labels[n].startswith(b)]
-        for b in dict.fromkeys(label.split(",")[0] for label in labels.values())
+        [name for name, label in labels.items() if label.startswith(boundary)]
+        for boundary in dict.fromkeys(label.split(",")[0] for label in labels.values())
     ]
     across = max(len(line) for line in lines)
     figure, axes = flow_panel.sheet(table, look, len(lines), across)
@@ -106,19 +93,11 @@ def draw(table: Rows, look: Style) -> Figure:
         for ax in places[len(line) :]:
             ax.set_axis_off()
         for name, ax in zip(line, places, strict=False):
-            rows = select(table, table["panel"] == name)
-            shade = flow_panel.field(
-                ax, rows, matplotlib.colormaps["RdBu_r"], norm, line_pt=0.35, density=0.5
-            )
+            rows, colours = where(table, panel=name), matplotlib.colormaps["RdBu_r"]
+            shade = flow_panel.field(ax, rows, colours, norm, line_pt=0.35, density=0.5)
             ax.set_title(f"{next(letters)}) {labels[name]}")
-        figure.colorbar(
-            shade,
-            ax=places.tolist(),
-            label="airspeed less\nthe control's (m/s)",
-            pad=0.01,
-            aspect=14,
-            extend="both",
-        )
+        words, beside = "airspeed less\nthe control's (m/s)", places.tolist()
+        figure.colorbar(shade, ax=beside, label=words, pad=0.01, aspect=14, extend="both")
     return figure
 
 

@@ -13,12 +13,12 @@ from matplotlib.figure import Figure
 
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, single, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, single, stack, where
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig4 import LEVEL
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style
+from nearlift.report.figures.style import SERIES, Style, circles
 from nearlift.rounding import fixed, plain
 
 ACROSS = 3
@@ -60,10 +60,8 @@ def number(evidence: Evidence, case: str, quantity: str) -> dict[str, Any]:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know, numbers included."""
-    areas = [
-        f"{fixed(number(evidence, c.name, 'stagnation_area_hat2')['value'], 2)}"
-        for c in cases(evidence)
-    ]
+    names = [c.name for c in cases(evidence)]
+    areas = [fixed(number(evidence, n, "stagnation_area_hat2")["value"], 2) for n in names]
     tilts = [f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases(evidence)]
     return (
         "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls"
@@ -71,7 +69,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         " 0.5), filled where they turn counter-clockwise. Outline: the stagnation zone, air slower"
         " than 0.3 of the control's downwash that rests on the ground beneath the rotors' inner"
         f" halves; its area for {', '.join(tilts)} is {', '.join(areas)} r²."
-        f" {origin(evidence, [c.name for c in cases(evidence)])}"
+        f" {origin(evidence, names)}"
     )
 
 
@@ -98,24 +96,15 @@ def draw(table: Rows, look: Style) -> Figure:
     for ax in axes.ravel()[len(names) :]:
         ax.set_axis_off()
     for letter, name, ax in zip("abcdefghijkl", names, axes.ravel(), strict=False):
-        mine = select(table, table["panel"] == name)
-        shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm, density=0.6)
-        x, y, zone = flow_panel.grid(select(mine, mine["kind"] == "node"), "flag")
+        mine = where(table, panel=name)
+        shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm)
+        x, y, zone = flow_panel.grid(where(mine, kind="node"), "flag")
         if zone.max() > 0:
             ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
-        core = select(mine, mine["kind"] == "vortex")
         for turns, fill in ((1, ZONE), (-1, "white")):
-            turning = core["flag"] == turns
-            ax.plot(
-                core["x_hat"][turning],
-                core["y_hat"][turning],
-                "o",
-                color="black",
-                markerfacecolor=fill,
-                markersize=4.2,
-                markeredgewidth=0.8,
-                zorder=6,
-            )
+            core = where(mine, kind="vortex", flag=turns)
+            x, y = core["x_hat"], core["y_hat"]
+            circles(ax, x, y, "black", markerfacecolor=fill, markersize=4.2, zorder=6)
         ax.set_title(f"{letter}) {mine['label'][0]}")
     figure.colorbar(shade, ax=axes.ravel().tolist(), label="airspeed (m/s)", pad=0.01, aspect=30)
     return figure

@@ -20,7 +20,7 @@ from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
-from nearlift.report.evidence import Columns, Evidence, Rows, select, single
+from nearlift.report.evidence import Evidence, Rows, single, where
 from nearlift.report.figures.style import Style
 from nearlift.rounding import fixed
 
@@ -40,18 +40,6 @@ def manifest(evidence: Evidence) -> Piv:
     return evidence.campaign.piv
 
 
-def scene(evidence: Evidence, case: PivCase) -> Scene:
-    """Where rotors and boundary stand."""
-    r = evidence.campaign.vehicle.rotor_radius
-    return Scene(
-        boundary=case.boundary,
-        distance_m=math.inf if case.z_hat is None else case.z_hat * r,
-        tilt_rad=case.tilt,
-        rotors_m=tuple(manifest(evidence).setting(case, "rotors")),
-        radius_m=r,
-    )
-
-
 def title(case: PivCase, tilted: bool = False) -> str:
     """What stands above a panel."""
     if tilted:
@@ -59,38 +47,35 @@ def title(case: PivCase, tilted: bool = False) -> str:
     return "control" if case.z_hat is None else f"{case.boundary}, $\\hat{{z}} = {case.z_hat:g}$"
 
 
-def nodes(evidence: Evidence, name: str) -> Columns:
-    """The rows of flow_fields.parquet of one case, with x and y over rotor radius and the speed."""
-    table = evidence.table(FLOW_FIELDS)
-    r = evidence.campaign.vehicle.rotor_radius
-    flow = select(table, table["case"] == name)
-    return flow | {
-        "x_hat": flow["x_m"] / r,
-        "y_hat": flow["y_m"] / r,
-        "speed_m_s": np.hypot(flow["vx_m_s"], flow["vy_m_s"]),
-    }
-
-
 def field_rows(
     evidence: Evidence, case: PivCase, label: str, value: FloatArray | None = None
 ) -> list[dict[str, object]]:
     """One panel: its nodes coloured by speed (or by `value`), its rotors and its boundary."""
     r = evidence.campaign.vehicle.rotor_radius
-    flow = nodes(evidence, case.name)
-    place = scene(evidence, case)
+    flow = where(evidence.table(FLOW_FIELDS), case=case.name)
+    vx, vy = flow["vx_m_s"], flow["vy_m_s"]
+    rotors = tuple(manifest(evidence).setting(case, "rotors"))
     parts: list[dict[str, object]] = [
         {
             "kind": "node",
-            **{name: flow[name] for name in ("x_hat", "y_hat", "vx_m_s", "vy_m_s")},
-            "value_m_s": flow["speed_m_s"] if value is None else value,
+            "x_hat": flow["x_m"] / r,
+            "y_hat": flow["y_m"] / r,
+            "vx_m_s": vx,
+            "vy_m_s": vy,
+            "value_m_s": np.hypot(vx, vy) if value is None else value,
             "flag": flow["stagnant"],
         }
     ]
-    parts += [
-        {"kind": "rotor", "x_hat": [c / r - 1, c / r + 1], "y_hat": 0.0} for c in place.rotors_m
-    ]
+    parts += [{"kind": "rotor", "x_hat": [c / r - 1, c / r + 1], "y_hat": 0.0} for c in rotors]
     if case.boundary != "none":
         ends = np.array([flow["x_m"].min() - 2 * r, flow["x_m"].max() + 2 * r])
+        place = Scene(
+            boundary=case.boundary,
+            distance_m=math.inf if case.z_hat is None else case.z_hat * r,
+            tilt_rad=case.tilt,
+            rotors_m=rotors,
+            radius_m=r,
+        )
         parts.append(
             {
                 "kind": "boundary",
@@ -104,8 +89,7 @@ def field_rows(
 
 def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> dict[str, object]:
     """The cut of one case; `flag` is 1 where it was mirrored."""
-    table = evidence.table(DOWNWASH_PROFILE)
-    profile = select(table, table["case"] == name)
+    profile = where(evidence.table(DOWNWASH_PROFILE), case=name)
     return {
         "panel": panel,
         "kind": kind,
@@ -129,15 +113,11 @@ def reduction_text(row: dict[str, Any]) -> str:
     """
     if not math.isfinite(row["reduction"]):
         return "–"
-    elsewhere = (
-        ", not the inflow at the disk"
-        if set(row["warnings"].split()) & set(NOT_AT_THE_DISK)
-        else ""
-    )
-    if not math.isfinite(row["reduction_lo90"]):
-        return f"{fixed(100 * row['reduction'], 1)} %{elsewhere}"
-    span = f"{fixed(100 * row['reduction_lo90'], 1)} to {fixed(100 * row['reduction_hi90'], 1)}"
-    return f"{fixed(100 * row['reduction'], 1)} % (90 %: {span}){elsewhere}"
+    ends = ("reduction", "reduction_lo90", "reduction_hi90")
+    middle, low, high = (fixed(100 * row[end], 1) for end in ends)
+    interval = f" (90 %: {low} to {high})" if math.isfinite(row["reduction_lo90"]) else ""
+    elsewhere = set(row["warnings"].split()) & set(NOT_AT_THE_DISK)
+    return f"{middle} %{interval}{', not the inflow at the disk' if elsewhere else ''}"
 
 
 def origin(evidence: Evidence, shown: Iterable[str]) -> str:
@@ -178,8 +158,8 @@ def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
     """Common limits of all panels: the nodes, half a radius beyond them downwards for the
     boundary.
     """
-    node = table["kind"] == "node"
-    x, y = table["x_hat"][node], table["y_hat"][node]
+    node = where(table, kind="node")
+    x, y = node["x_hat"], node["y_hat"]
     return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
 
 
@@ -209,7 +189,7 @@ def field(
     density: float = 0.6,
 ) -> Any:
     """Draw one panel and hand back what a colour bar needs."""
-    node = select(rows, rows["kind"] == "node")
+    node = where(rows, kind="node")
     x, y, value = grid(node, "value_m_s")
     ax.set_facecolor(UNOBSERVED)
     wide, high = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
@@ -223,9 +203,9 @@ def field(
         x, y, vx, vy, color=LINES, linewidth=line_pt, density=density, num_arrows=0, zorder=2
     )
     _heads(ax, stream.lines.get_segments())
-    for end in pairs(select(rows, rows["kind"] == "rotor")):
+    for end in pairs(where(rows, kind="rotor")):
         ax.plot(*end, color="black", linewidth=2.0, solid_capstyle="butt", zorder=4)
-    wall = select(rows, rows["kind"] == "boundary")
+    wall = where(rows, kind="boundary")
     if len(wall["x_hat"]):
         outside = -50.0 if wall["flag"][0] > 0 else 50.0
         ax.fill_between(
@@ -281,5 +261,4 @@ def pairs(rows: Rows) -> list[tuple[Any, Any]]:
 
 def highest(table: Rows) -> float:
     """Upper end of a colour scale of speeds: the fastest but a thousandth of all nodes."""
-    value = table["value_m_s"][table["kind"] == "node"]
-    return float(np.nanquantile(value, 0.999))
+    return float(np.nanquantile(where(table, kind="node")["value_m_s"], 0.999))

@@ -9,19 +9,20 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import origin
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 
-#: Panel, its axis label, and the quantities in it with what the legend calls them.
+#: Panel, its axis label, the quantity drawn in it, and what the legend calls that.
 PANELS = (
-    ("vortices", "number", (("vortices_ccw", "counter-clockwise"), ("vortices_cw", "clockwise"))),
-    ("area", "area / $r^2$", (("stagnation_area_hat2", ""),)),
-    ("height", "height / $r$", (("stagnation_height_hat", ""),)),
-    ("split", "split angle (deg)", (("split_angle_deg", ""),)),
-    ("asymmetry", "momentum asymmetry", (("asymmetry", ""),)),
+    ("vortices", "number", "vortices_ccw", "counter-clockwise"),
+    ("vortices", "number", "vortices_cw", "clockwise"),
+    ("area", "area / $r^2$", "stagnation_area_hat2", ""),
+    ("height", "height / $r$", "stagnation_height_hat", ""),
+    ("split", "split angle (deg)", "split_angle_deg", ""),
+    ("asymmetry", "momentum asymmetry", "asymmetry", ""),
 )
 ACROSS = 3
 TITLES = {
@@ -41,21 +42,20 @@ def summarise(evidence: Evidence) -> Columns:
     if not names:
         return {}
     table = evidence.table(FLOW_TOPOLOGY)
+    table = select(table, np.isin(table["case"], names) & np.isfinite(table["value"]))
     parts = []
-    for panel, axis, quantities in PANELS:
-        for quantity, label in quantities:
-            mine = np.isin(table["case"], names) & (table["quantity"] == quantity)
-            rows = select(table, mine & np.isfinite(table["value"]))
-            rows = select(rows, np.argsort(rows["tilt_rad"]))
-            parts.append(
-                {
-                    "panel": panel,
-                    "axis": axis,
-                    "label": label,
-                    "tilt_deg": np.degrees(rows["tilt_rad"]),
-                    **{name: rows[name] for name in ("value", "lo90", "hi90")},
-                }
-            )
+    for panel, axis, quantity, label in PANELS:
+        rows = where(table, quantity=quantity)
+        rows = select(rows, np.argsort(rows["tilt_rad"]))
+        parts.append(
+            {
+                "panel": panel,
+                "axis": axis,
+                "label": label,
+                "tilt_deg": np.degrees(rows["tilt_rad"]),
+                **{name: rows[name] for name in ("value", "lo90", "hi90")},
+            }
+        )
     return stack(parts)
 
 
@@ -72,7 +72,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
     for panel in distinct(table["panel"]):
-        values = table["value"][table["panel"] == panel]
+        values = where(table, panel=panel)["value"]
         parts.append(f"{panel} from {values.min():.3g} to {values.max():.3g}".replace("-", "−"))
     return f"Numbers of the wake against tilt: {'; '.join(parts)}."
 
@@ -87,10 +87,10 @@ def draw(table: Rows, look: Style) -> Figure:
     for ax in axes.ravel()[len(names) :]:
         ax.set_axis_off()
     for letter, name, ax in zip("abcdef", names, axes.ravel(), strict=False):
-        mine = select(table, table["panel"] == name)
+        mine = where(table, panel=name)
         labels = distinct(mine["label"])
         for shift, (colour, marker), label in zip((-0.12, 0.12), SERIES, labels, strict=False):
-            series = select(mine, mine["label"] == label)
+            series = where(mine, label=label)
             value = series["value"]
             x = series["tilt_deg"] + (shift if len(labels) > 1 else 0.0)
             ax.errorbar(
