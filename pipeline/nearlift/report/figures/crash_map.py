@@ -4,6 +4,7 @@ spacing), with the contours of 10, 50 and 90 %; a row per boundary.
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nearlift import nomenclature
-from nearlift.flight.simulation.maps import PAIRS
 from nearlift.products import CRASH_MAP, SAFETY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SEQUENTIAL, Style, plain_log
+from nearlift.report.figures.style import SEQUENTIAL, Style, circles, plain_log
 
 SHOWN = (
     *("boundary", "model", "map", "x_group", "y_group", "x", "y"),
@@ -33,50 +33,35 @@ WORDS = {
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """The maps as they stand in their product, with the values flown elsewhere.
-
-    Returns
-    -------
-    dict of arrays
-        The product's columns, and `x_flown`, `y_flown`: the groups of the campaign's own flights; 0
-        where they lie off the map's axis.
+    """The maps as they stand in their product, with `x_flown` and `y_flown`: the groups of the
+    campaign's own flights; 0 where they lie off the map's axis.
     """
     table, fitted = evidence.table(CRASH_MAP), evidence.document(SAFETY)["fitted"]
+    groups = {s: {**fit["groups"], "spacing_hat": fit["spacing_hat"]} for s, fit in fitted.items()}
     shown: Columns = {name: table[name] for name in SHOWN}
     for axis in ("x", "y"):
-        flown = np.zeros(len(table[axis]))
-        for side, fit in fitted.items():
-            for group in set(table[f"{axis}_group"].tolist()):
-                mine = (table["boundary"] == side) & (table[f"{axis}_group"] == group)
-                value = fit["spacing_hat"] if group == "spacing_hat" else fit["groups"][group]
-                flown[mine] = abs(value or 0.0)
-        shown[f"{axis}_flown"] = flown
+        drawn = zip(table["boundary"], table[f"{axis}_group"], strict=True)
+        flown = [abs(groups.get(side, {}).get(group) or 0.0) for side, group in drawn]
+        shown[f"{axis}_flown"] = np.array(flown)
     return shown
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and at which other groups."""
-    parts = [
-        (
-            "Crash rate of the fitted model over pairs of groups of Eq. 6 and of those that it"
-            " leaves out, all others as flown elsewhere (circle; an arrow where that is off the"
-            " map: gusts without memory). White lines: 10 % (dotted), 50 % (solid) and 90 %"
-            " (dashed), which so many flights resolve."
-        ),
-    ]
-    along = [p for p in PAIRS if p.along]
-    if along:
-        parts.append(
-            "Where noise stands against gain, α and γ change in proportion to β, so that the loop"
-            " keeps its shape."
-        )
+    drawn = (
+        "Crash rate of the fitted model over pairs of groups of Eq. 6 and of those that it leaves"
+        " out, all others as flown elsewhere (circle; an arrow where that is off the map: gusts"
+        " without memory). White lines: 10 % (dotted), 50 % (solid) and 90 % (dashed), which so"
+        " many flights resolve. Where noise stands against gain, α and γ change in proportion to β,"
+        " so that the loop keeps its shape."
+    )
+    parts = [drawn]
     for side, fit in evidence.document(SAFETY)["fitted"].items():
-        mine = table["boundary"] == side
-        if mine.any():
-            g = fit["groups"]
+        mine, g = where(table, boundary=side), fit["groups"]
+        if len(mine["flights"]):
             parts.append(
-                f"{side.capitalize()}: set-point ẑ = {table['target_z_hat'][mine][0]:g},"
-                f" {table['flights'][mine][0]} flights a cell; α = {abs(g['alpha']):.3g}, β ="
+                f"{side.capitalize()}: set-point ẑ = {mine['target_z_hat'][0]:g},"
+                f" {mine['flights'][0]} flights a cell; α = {abs(g['alpha']):.3g}, β ="
                 f" {abs(g['beta']):.3g}, γ = {abs(g['gamma']):.2g}, δ = {g['delta']:.3g} (over"
                 f" hover far away), σ/mg = {g['noise']:.3g}, gusts held {g['hold']:.3g} √(r/g);"
                 f" halving the step changes a rate by up to {fit['maps']['worst']:.2g}"
@@ -89,8 +74,9 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
     for side in distinct(table["boundary"]):
-        for name in distinct(table["map"][table["boundary"] == side]):
-            rate = 100 * table["rate"][(table["boundary"] == side) & (table["map"] == name)]
+        mine = where(table, boundary=side)
+        for name in distinct(mine["map"]):
+            rate = 100 * where(mine, map=name)["rate"]
             parts.append(f"{side}, {name}: from {rate.min():.0f} to {rate.max():.0f} %")
     return "Maps of crash rate. " + "; ".join(parts) + "."
 
@@ -99,20 +85,18 @@ def draw(table: Rows, look: Style) -> Figure:
     """A row for each boundary, a column for each pair of groups."""
     sides = distinct(table["boundary"])
     names = distinct(table["map"])
-    figure = Figure(
-        figsize=(look.double_in, (0.08 + 0.27 * len(sides)) * look.double_in), layout="constrained"
-    )
+    height = (0.08 + 0.27 * len(sides)) * look.double_in
+    figure = Figure(figsize=(look.double_in, height), layout="constrained")
     axes = figure.subplots(len(sides), len(names), squeeze=False)
     letters = iter("abcdefgh")
     mesh: Any = None
-    for row, side in zip(axes, sides, strict=True):
-        for ax, name in zip(row, names, strict=True):
-            mine = (table["boundary"] == side) & (table["map"] == name)
-            if not mine.any():
-                ax.set_axis_off()
-                continue
-            mesh = _map(ax, select(table, mine))
-            ax.set_title(f"{next(letters)}) {side}")
+    for ax, (side, name) in zip(axes.flat, itertools.product(sides, names), strict=True):
+        mine = where(table, boundary=side, map=name)
+        if not len(mine["rate"]):
+            ax.set_axis_off()
+            continue
+        mesh = _map(ax, mine)
+        ax.set_title(f"{next(letters)}) {side}")
     figure.colorbar(mesh, ax=list(axes.ravel()), label="crash rate (%)", pad=0.01, aspect=30)
     return figure
 
@@ -127,35 +111,18 @@ def _map(ax: Axes, cells: Rows) -> Any:
         x, y, rate, cmap=SEQUENTIAL, vmin=0, vmax=100, shading="nearest", rasterized=True
     )
     if rate.min() < max(LEVELS) and rate.max() > min(LEVELS):
-        ax.contour(
-            x,
-            y,
-            rate,
-            levels=list(LEVELS),
-            linestyles=list(LEVELS.values()),
-            colors="white",
-            linewidths=0.9,
-        )
+        shares, dashes = zip(*LEVELS.items(), strict=True)
+        ax.contour(x, y, rate, levels=shares, linestyles=dashes, colors="white", linewidths=0.9)
     at, height = float(cells["x_flown"][0]), float(cells["y_flown"][0])
     if at > 0:
-        ax.plot(
-            [at],
-            [height],
-            "o",
-            color="white",
-            markerfacecolor="none",
-            markersize=6,
-            markeredgewidth=1.0,
-        )
+        circles(ax, at, height, "white", markerfacecolor="none", markersize=6, markeredgewidth=1)
     else:
-        ax.plot(
-            [0.06], [height], "<", color="white", markersize=5, transform=ax.get_yaxis_transform()
-        )
-    for axis in (ax.xaxis, ax.yaxis):
+        along_y = ax.get_yaxis_transform()
+        ax.plot(0.06, height, "<", color="white", markersize=5, transform=along_y)
+    for axis, group in ((ax.xaxis, cells["x_group"][0]), (ax.yaxis, cells["y_group"][0])):
         plain_log(axis)
-    for put, group in ((ax.set_xlabel, cells["x_group"][0]), (ax.set_ylabel, cells["y_group"][0])):
         word, symbol = WORDS[group]
-        put(f"{word} {nomenclature.label(symbol)}")
+        axis.set_label_text(f"{word} {nomenclature.label(symbol)}")
     return mesh
 
 

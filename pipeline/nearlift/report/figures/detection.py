@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
 from nearlift.products import DETECTION, PROXIMITY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, plain_log, words_alone
+from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, grid, plain_log, words_alone
 from nearlift.rounding import plain
 
 COLUMNS = (
@@ -25,29 +25,22 @@ COLUMNS = (
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `row` (range, located, reading), `panel` (boundary), `case` (what weight and supply are
-        known to, in words), `payload_percent`, `voltage_percent`, `x`, `y`, `lo90`, `hi90`. In
-        `range`, x is the averaging time in s and y the range in z_hat (nan: none); in `located`, x
-        is the true z_hat and y the posterior's median; in `reading`, y is what one of the
-        manifest's readings says.
+    """Everything that is drawn, a row each: `row` (range, located, reading), `panel` (boundary),
+    `case` (what weight and supply are known to, in words), `payload_percent`, `voltage_percent`,
+    `x`, `y`, `lo90`, `hi90`. In `range`, x is the averaging time in s and y the range in z_hat
+    (nan: none); in `located`, x is the true z_hat and y the posterior's median; in `reading`, y is
+    what one of the manifest's readings says.
     """
-    table, content = evidence.table(DETECTION), evidence.document(PROXIMITY)["boundaries"]
+    content = evidence.document(PROXIMITY)
     parts = []
-    for side in (b for b in BOUNDARIES if b in content):
-        mine = table["boundary"] == side
-        least = (float(table["payload"][mine].min()), float(table["voltage"][mine].min()))
-        for voltage, payload in sorted(
-            set(zip(table["voltage"][mine].tolist(), table["payload"][mine].tolist(), strict=True))
-        ):
-            if payload != least[0] and voltage != least[1]:
+    for side in (b for b in BOUNDARIES if b in content["boundaries"]):
+        table = where(evidence.table(DETECTION), boundary=side)
+        least = (table["voltage"].min(), table["payload"].min())
+        for voltage, payload in sorted(distinct(table["voltage"], table["payload"])):
+            if voltage != least[0] and payload != least[1]:
                 # each alone shows what it costs; both together are in the product
                 continue
-            curve = mine & (table["payload"] == payload) & (table["voltage"] == voltage)
+            curve = where(table, payload=payload, voltage=voltage)
             parts.append(
                 {
                     "row": "range",
@@ -55,19 +48,19 @@ def summarise(evidence: Evidence) -> Columns:
                     "case": case(payload, voltage),
                     "payload_percent": 100 * payload,
                     "voltage_percent": 100 * voltage,
-                    "x": table["averaging_s"][curve],
-                    "y": table["range_z_hat"][curve],
-                    "lo90": table["lo90"][curve],
-                    "hi90": table["hi90"][curve],
+                    "x": curve["averaging_s"],
+                    "y": curve["range_z_hat"],
+                    "lo90": curve["lo90"],
+                    "hi90": curve["hi90"],
                 }
             )
         parts += [
             {"row": "located", "panel": side, "x": located["z_hat"], **_median(located)}
-            for located in content[side].get("located", [])
+            for located in content["boundaries"][side].get("located", [])
         ]
         parts += [
             {"row": "reading", "panel": side, **_median(read["z_hat"])}
-            for read in evidence.document(PROXIMITY)["readings"]
+            for read in content["readings"]
             if read["boundary"] == side and "refused" not in read
         ]
     return stack(parts, COLUMNS)
@@ -90,27 +83,20 @@ def case(payload: float, voltage: float) -> str:
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, at which rates and with which sensor."""
     content = evidence.document(PROXIMITY)
-    parts = [
-        (
-            "Above: the farthest distance at which a boundary is noticed with"
-            f" {100 * content['false_alarm_rate']:g} % false alarms and"
-            f" {100 * content['miss_rate']:g} % misses, against averaging time, by the standard"
-            " uncertainty of weight or supply voltage; bands: 90 % over the model's uncertainty."
-            " An alarm is one-sided: more lift near ground and ceiling, less near a wall; one"
-            f" decision after each averaging time of {content['averaging_s']:g} s raises"
-            f" {3600 * content['false_alarm_rate'] / content['averaging_s']:g} false ones an hour."
-            " Where there is no curve, no distance that was measured would do."
-        ),
-        (
-            f"Below: what a reading averaged over {content['averaging_s']:g} s says of the distance"
-            " (median and 90 %, weight and supply known best)"
-            + (
-                "; shaded across: the manifest's readings."
-                if (table["row"] == "reading").any()
-                else "."
-            )
-        ),
-    ]
+    across = "; shaded across: the manifest's readings" if "reading" in table["row"] else ""
+    drawn = (
+        "Above: the farthest distance at which a boundary is noticed with"
+        f" {100 * content['false_alarm_rate']:g} % false alarms and"
+        f" {100 * content['miss_rate']:g} % misses, against averaging time, by the standard"
+        " uncertainty of weight or supply voltage; bands: 90 % over the model's uncertainty. An"
+        " alarm is one-sided: more lift near ground and ceiling, less near a wall; one decision"
+        f" after each averaging time of {content['averaging_s']:g} s raises"
+        f" {3600 * content['false_alarm_rate'] / content['averaging_s']:g} false ones an hour."
+        " Where there is no curve, no distance that was measured would do. Below: what a reading"
+        f" averaged over {content['averaging_s']:g} s says of the distance (median and 90 %, weight"
+        f" and supply known best){across}."
+    )
+    parts = [drawn]
     for side, detected in content["boundaries"].items():
         largest, noise, floor = (
             100 * detected[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor")
@@ -132,7 +118,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
     rows = evidence.table(DETECTION)
     parts = []
     for side in distinct(rows["boundary"]):
-        ranges = rows["range_z_hat"][rows["boundary"] == side]
+        ranges = where(rows, boundary=side)["range_z_hat"]
         known = ranges[np.isfinite(ranges)]
         parts.append(
             f"{side}: noticed from z_hat {known.min():.2g} to {known.max():.2g} away"
@@ -145,40 +131,28 @@ def alt(evidence: Evidence, table: Columns) -> str:
 def draw(table: Rows, look: Style) -> Figure:
     """Two panels for each boundary."""
     sides = distinct(table["panel"])
-    figure = Figure(
-        figsize=(look.double_in if len(sides) > 1 else 1.2 * look.single_in, 0.68 * look.double_in),
-        layout="constrained",
-    )
+    width, columns = (look.double_in, 4) if len(sides) > 1 else (1.2 * look.single_in, 2)
+    figure = Figure(figsize=(width, 0.68 * look.double_in), layout="constrained")
     axes = figure.subplots(2, len(sides), squeeze=False)
-    letters = iter("abcdef")
-    for i, row in enumerate(("range", "located")):
-        for j, side in enumerate(sides):
-            ax = axes[i, j]
-            rows, read = (
-                select(table, (table["row"] == r) & (table["panel"] == side))
-                for r in (row, "reading")
-            )
-            ax.set_title(f"{next(letters)}) {side}")
-            if row == "range":
-                _range(ax, rows)
-            else:
-                _located(ax, rows, read)
+    for letter, ax, row, side in grid(axes, ("range", "located"), sides):
+        rows = where(table, row=row, panel=side)
+        ax.set_title(f"{letter}) {side}")
+        if row == "range":
+            _range(ax, rows)
+        else:
+            _located(ax, rows, where(table, row="reading", panel=side))
     axes[0, 0].set_ylabel("detection range " + nomenclature.label("z_hat"))
     axes[1, 0].set_ylabel("located " + nomenclature.label("z_hat"))
     handles, names = axes[0, 0].get_legend_handles_labels()
-    figure.legend(
-        handles,
-        names,
-        loc="outside upper center",
-        ncols=min(len(names), 4 if len(sides) > 1 else 2),
-    )
+    columns = min(len(names), columns)
+    figure.legend(handles, names, loc="outside upper center", ncols=columns)
     return figure
 
 
 def _range(ax: Any, rows: Rows) -> None:
     ax.set_xscale("log")
     for (shade, marker), case in zip(SERIES, distinct(rows["case"]), strict=False):
-        curve = select(rows, rows["case"] == case)
+        curve = where(rows, case=case)
         worse = curve["voltage_percent"][0] > rows["voltage_percent"].min()
         ax.plot(
             curve["x"],
@@ -195,10 +169,9 @@ def _range(ax: Any, rows: Rows) -> None:
             known["x"], known["lo90"], known["hi90"], color=shade, alpha=0.2, linewidth=0
         )
     ax.set_ylim(bottom=0)
-    nowhere = [
-        c for c in distinct(rows["case"]) if not np.isfinite(rows["y"][rows["case"] == c]).any()
-    ]
-    if not np.isfinite(rows["y"]).any():
+    somewhere = distinct(rows["case"][np.isfinite(rows["y"])])
+    nowhere = [c for c in distinct(rows["case"]) if c not in somewhere]
+    if not somewhere:
         ax.set_ylim(0, 1)
         words_alone(ax, "nowhere")
     elif nowhere:
@@ -227,9 +200,8 @@ def _located(ax: Any, rows: Rows, read: Rows) -> None:
     ax.fill_between(rows["x"], rows["lo90"], rows["hi90"], color=BAND, linewidth=0)
     ax.plot(rows["x"], rows["y"], color=FITTED)
     ax.plot(rows["x"], rows["x"], color="0.45", linestyle=(0, (1, 1.2)))
-    for (shade, _), y, low, high in zip(
-        SERIES, read["y"], read["lo90"], read["hi90"], strict=False
-    ):
+    ends = (read[end] for end in ("y", "lo90", "hi90"))
+    for (shade, _), y, low, high in zip(SERIES, *ends, strict=False):
         ax.axhspan(low, high, color=shade, alpha=0.25, linewidth=0)
         ax.axhline(y, color=shade, linewidth=0.8)
     for axis in (ax.xaxis, ax.yaxis):

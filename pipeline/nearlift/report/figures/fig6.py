@@ -14,16 +14,15 @@ from matplotlib.lines import Line2D
 
 from nearlift import catalogue, nomenclature
 from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, plain_text
+from nearlift.report.figures.style import SERIES, Style, grid, plain_text
 
 SIDES = ("ground", "ceiling")
 ROWS = ("histories", "paper", "converged")
 #: Of a sample flight so much is shown before and after the crash that it is about, s.
 BEFORE_S, AFTER_S = 20.0, 10.0
 COLUMNS = ("row", "panel", "kind", "label", "exponent", "flight", "x", "y", "lo90", "hi90")
-LETTERS = "abcdefgh"
 NONE = "#000000"
 COST = {"cost_paper": (0, (4, 1.5)), "cost": (0, (1, 1.2))}
 COST_COLOUR = SERIES[1][0]
@@ -31,15 +30,11 @@ TITLES = {"histories": "sample flights", "paper": "as printed", "converged": "co
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `row` (histories, paper, converged), `panel` (boundary), `kind` (flight, crash, cost_paper,
-        cost), `label` (model), `exponent` of the ratio, `flight`, `x` (time in s or set-point), `y`
-        (z_hat, crash rate or relative cost), `lo90` and `hi90` of a crash rate. A flight that
-        crashed ends at z_hat = 0, on the line through its last two heights.
+    """Everything that is drawn, a row each: `row` (histories, paper, converged), `panel`
+    (boundary), `kind` (flight, crash, cost_paper, cost), `label` (model), `exponent` of the ratio,
+    `flight`, `x` (time in s or set-point), `y` (z_hat, crash rate or relative cost), `lo90` and
+    `hi90` of a crash rate. A flight that crashed ends at z_hat = 0, on the line through its last
+    two heights.
     """
     parts = []
     for side in SIDES:
@@ -52,19 +47,15 @@ def summarise(evidence: Evidence) -> Columns:
 
 def _sample(evidence: Evidence, side: str) -> list[dict[str, object]]:
     """The first flight near a boundary, by each model."""
-    flights = evidence.table(FLIGHTS)
-    mine = flights["boundary"] == side
-    models = distinct(flights["model"][mine])
+    flights = where(evidence.table(FLIGHTS), boundary=side)
+    models = distinct(flights["model"])
     parts = []
-    for flight in flights["flight"][mine][:1].tolist():
-        first = mine & (flights["flight"] == flight)
-        end = min(
-            flights["t_s"][first & (flights["model"] == model)].max()
-            for model in distinct(flights["model"][first])
-        )
-        near = (flights["t_s"] >= end - BEFORE_S) & (flights["t_s"] <= end + AFTER_S)
+    for flight in flights["flight"][:1].tolist():
+        first = where(flights, flight=flight)
+        end = min(where(first, model=model)["t_s"].max() for model in distinct(first["model"]))
+        near = select(first, (first["t_s"] >= end - BEFORE_S) & (first["t_s"] <= end + AFTER_S))
         for model in ("none", *(m for m in models if m != "none")):
-            flown = select(flights, first & near & (flights["model"] == model))
+            flown = where(near, model=model)
             t_s, z_hat = touching(flown["t_s"], flown["z_hat"])
             label = "none" if model == "none" else catalogue.model(model).title
             parts.append({"kind": "flight", "label": label, "flight": flight, "x": t_s, "y": z_hat})
@@ -73,11 +64,10 @@ def _sample(evidence: Evidence, side: str) -> list[dict[str, object]]:
 
 def _curves(evidence: Evidence, side: str, preset: str) -> list[dict[str, object]]:
     """Crash rates of a preset at each power of the ratio, and costs of the model itself."""
-    rates = evidence.table(CRASH_RATES)
-    rates = select(rates, (rates["preset"] == preset) & (rates["boundary"] == side))
+    rates = where(evidence.table(CRASH_RATES), preset=preset, boundary=side)
     parts = []
     for exponent in distinct(rates["exponent"]):
-        curve = select(rates, rates["exponent"] == exponent)
+        curve = where(rates, exponent=exponent)
         shared = {"label": str(curve["model"][0]), "exponent": exponent, "x": curve["target_z_hat"]}
         ends = {"lo90": curve["lo90"], "hi90": curve["hi90"]}
         parts.append({"kind": "crash", **shared, "y": curve["rate"], **ends})
@@ -100,32 +90,24 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and which of it may be believed."""
     content = evidence.document(SAFETY)["presets"]
     flights = {preset["flights"] for p in content.values() for preset in p["boundaries"].values()}
-    parts = [
-        "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and controller.",
-        (
-            "First row: the seconds around a crash in the first flight that the model decides"
-            " (above the ground it saves the vehicle, below the ceiling it is what loses it); both"
-            " curves meet the same gusts; a cross is the crash."
-        ),
-        (
-            "Below: share of flights that touch the boundary against set-point, for no model and"
-            " for the model's ratio raised to powers,"
-            f" {' or '.join(str(f) for f in sorted(flights))} flights a point with the same gusts"
-            " throughout; shade: 90 % binomial interval, of the model itself and of none."
-        ),
-        (
-            "Right axis: relative power to hover, (L/L∞)^(−3/2) as the paper has it (dashed) and"
-            " L∞/L, as its theories mean it (dotted)."
-        ),
-    ]
+    counts = " or ".join(str(f) for f in sorted(flights))
+    text = (
+        "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and controller. First"
+        " row: the seconds around a crash in the first flight that the model decides (above the"
+        " ground it saves the vehicle, below the ceiling it is what loses it); both curves meet the"
+        " same gusts; a cross is the crash. Below: share of flights that touch the boundary against"
+        f" set-point, for no model and for the model's ratio raised to powers, {counts} flights a"
+        " point with the same gusts throughout; shade: 90 % binomial interval, of the model itself"
+        " and of none. Right axis: relative power to hover, (L/L∞)^(−3/2) as the paper has it"
+        " (dashed) and L∞/L, as its theories mean it (dotted)."
+    )
+    parts = [text]
     for name, preset in content.items():
-        worst = max(b["convergence"]["worst"] for b in preset["boundaries"].values())
-        good = all(b["convergence"]["converged"] for b in preset["boundaries"].values())
-        verdict = (
-            "no rate leaves its interval"
-            if good
-            else "its rates are the time step's as much as the vehicle's"
-        )
+        tests = [b["convergence"] for b in preset["boundaries"].values()]
+        worst = max(test["worst"] for test in tests)
+        verdict = "its rates are the time step's as much as the vehicle's"
+        if all(test["converged"] for test in tests):
+            verdict = "no rate leaves its interval"
         parts.append(
             f"{name.capitalize()}: {preset['meaning']}; halving the step changes a crash rate by up"
             f" to {worst:.2g}: {verdict}."
@@ -154,26 +136,17 @@ def draw(table: Rows, look: Style) -> Figure:
     height = min(look.double_in * 0.33 * len(rows) + 0.25, look.height_in)
     figure = Figure(figsize=(look.double_in, height), layout="constrained")
     axes = figure.subplots(len(rows), len(sides), squeeze=False)
-    letters = iter(LETTERS)
-    for i, row in enumerate(rows):
-        for j, side in enumerate(sides):
-            ax = axes[i, j]
-            panel = select(table, (table["row"] == row) & (table["panel"] == side))
-            if row == "histories":
-                _histories(ax, panel, side)
-            else:
-                _rates(ax, panel, last=j == len(sides) - 1)
-            ax.set_title(f"{next(letters)}) {side}, {TITLES[row]}")
-    exponents = sorted(set(table["exponent"][table["kind"] == "crash"].tolist()))
+    for letter, ax, row, side in grid(axes, rows, sides):
+        panel = where(table, row=row, panel=side)
+        if row == "histories":
+            _histories(ax, panel, side)
+        else:
+            _rates(ax, panel, last=side == sides[-1])
+        ax.set_title(f"{letter}) {side}, {TITLES[row]}")
+    exponents = sorted(distinct(where(table, kind="crash")["exponent"]))
     handles = [Line2D([], [], color=colour(e, exponents), linewidth=1.3) for e in exponents]
-    names = [
-        "no model ($L = L_\\infty$)"
-        if e == 0
-        else f"$(L/L_\\infty)^{{{e:g}}}$"
-        if e != 1
-        else "model, $L/L_\\infty$"
-        for e in exponents
-    ]
+    special = {0.0: "no model ($L = L_\\infty$)", 1.0: "model, $L/L_\\infty$"}
+    names = [special.get(e, f"$(L/L_\\infty)^{{{e:g}}}$") for e in exponents]
     handles += [Line2D([], [], color=COST_COLOUR, linestyle=s) for s in COST.values()]
     names += ["power $(L/L_\\infty)^{-3/2}$", "power $(L/L_\\infty)^{-1}$"]
     figure.legend(handles, names, loc="outside lower center", ncols=-(-len(names) // 2))
@@ -182,18 +155,17 @@ def draw(table: Rows, look: Style) -> Figure:
 
 def colour(exponent: float, exponents: list[float]) -> Any:
     """Black without a model, else blue, the darker the higher the power."""
-    powers = [e for e in exponents if e != 0]
     if exponent == 0:
         return NONE
-    return matplotlib.colormaps["Blues"](
-        0.4 + 0.6 * powers.index(exponent) / max(len(powers) - 1, 1)
-    )
+    powers = [e for e in exponents if e != 0]
+    share = powers.index(exponent) / max(len(powers) - 1, 1)
+    return matplotlib.colormaps["Blues"](0.4 + 0.6 * share)
 
 
 def _histories(ax: Axes, rows: Rows, side: str) -> None:
     for label in distinct(rows["label"]):
-        mine = rows["label"] == label
-        x, y = rows["x"][mine], rows["y"][mine]
+        mine = where(rows, label=label)
+        x, y = mine["x"], mine["y"]
         shade = NONE if label == "none" else SERIES[0][0]
         ax.plot(x, y, color=shade, linewidth=0.8)
         if len(y) and y[-1] <= 0:
@@ -211,19 +183,17 @@ def _histories(ax: Axes, rows: Rows, side: str) -> None:
     if side == "ceiling":
         # as one sees it: the ceiling above
         ax.invert_yaxis()
+    model = next((name for name in rows["label"] if name != "none"), "model")
     handles = [Line2D([], [], color=NONE), Line2D([], [], color=SERIES[0][0])]
-    names = [
-        "no model",
-        "with " + plain_text(next((m for m in rows["label"].tolist() if m != "none"), "model")),
-    ]
+    names = ["no model", f"with {plain_text(model)}"]
     ax.legend(handles, names, loc="lower right" if side == "ceiling" else "upper right", ncols=2)
 
 
 def _rates(ax: Axes, rows: Rows, last: bool) -> None:
-    crash = rows["kind"] == "crash"
-    exponents = sorted(set(rows["exponent"][crash].tolist()))
+    crash = where(rows, kind="crash")
+    exponents = sorted(distinct(crash["exponent"]))
     for e in exponents:
-        mine = select(rows, crash & (rows["exponent"] == e))
+        mine = where(crash, exponent=e)
         shade, width = colour(e, exponents), 0.8
         if e in (0, 1):
             width, low, high = 1.3, 100 * mine["lo90"], 100 * mine["hi90"]
@@ -234,8 +204,8 @@ def _rates(ax: Axes, rows: Rows, last: bool) -> None:
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
     for kind, dashes in COST.items():
-        mine = rows["kind"] == kind
-        right.plot(rows["x"][mine], rows["y"][mine], color=COST_COLOUR, linestyle=dashes)
+        mine = where(rows, kind=kind)
+        right.plot(mine["x"], mine["y"], color=COST_COLOUR, linestyle=dashes)
     right.set_ylim(0.5, 1.02)
     right.tick_params(axis="y", colors=COST_COLOUR)
     ax.tick_params(axis="y", right=False)

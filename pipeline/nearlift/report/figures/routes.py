@@ -15,7 +15,7 @@ from matplotlib.patches import Rectangle
 from nearlift.flight.simulation.corridor import BASES, BERTH
 from nearlift.flight.simulation.presets import TARGETS
 from nearlift.products import ROUTES, SAFETY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, SERIES, Style, note, plain_log
 
@@ -35,20 +35,15 @@ Looks = Mapping[int, tuple[str, str]]
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `kind` (way, box, end, front, bound), `way`, `chosen`, `x` and `y` (m; of the front: energy
-        and risk), `x2` and `y2` (a box's far corner; of the front: the ends of the risk's 90 %
-        interval), `seen` (1 where the risk rests on flights that crashed).
+    """Everything that is drawn, a row each: `kind` (way, box, end, front, bound), `way`, `chosen`,
+    `x` and `y` (m; of the front: energy and risk), `x2` and `y2` (a box's far corner; of the front:
+    the ends of the risk's 90 % interval), `seen` (1 where the risk rests on flights that crashed).
     """
     table, entry = evidence.table(ROUTES), evidence.document(SAFETY).get("route")
     if not entry or not len(table["way"]):
         return {}
     numbers = np.unique(table["way"])
-    chosen = int(table["way"][table["chosen"] == 1][0])
+    chosen = int(where(table, chosen=1)["way"][0])
     spread = numbers[np.linspace(0, len(numbers) - 1, min(SHOWN, len(numbers))).astype(int)]
     parts: list[dict[str, object]] = [
         {"kind": "box", "x": left, "x2": right, "y": bottom, "y2": top}
@@ -59,29 +54,20 @@ def summarise(evidence: Evidence) -> Columns:
     (x, z), (x2, z2) = entry["start_m"], entry["goal_m"]
     parts.append({"kind": "end", "x": [x, x2], "y": [z, z2]})
     for way in sorted({chosen, *spread.tolist()}):
-        mine = table["way"] == way
+        mine = where(table, way=way)
         parts.append(
             {
                 "kind": "way",
                 "way": way,
                 "chosen": int(way == chosen),
-                "x": table["x_m"][mine],
-                "y": table["z_m"][mine],
-                "seen": (table["risk_from"][mine] == BASES[0]).astype(int),
+                "x": mine["x_m"],
+                "y": mine["z_m"],
+                "seen": (mine["risk_from"] == BASES[0]).astype(int),
             }
         )
     for i, w in enumerate(entry["ways"]):
-        parts.append(
-            {
-                "kind": "front",
-                "way": i,
-                "chosen": int(w["chosen"]),
-                "x": w["energy"],
-                "y": w["risk"],
-                "x2": w["lo90"],
-                "y2": w["hi90"],
-            }
-        )
+        risk = {"x": w["energy"], "y": w["risk"], "x2": w["lo90"], "y2": w["hi90"]}
+        parts.append({"kind": "front", "way": i, "chosen": int(w["chosen"]), **risk})
     parts.append({"kind": "bound", "y": entry["risk_bound"]})
     return stack([{"way": -1, "chosen": 0, "seen": 1, **part} for part in parts], COLUMNS)
 
@@ -89,10 +75,8 @@ def summarise(evidence: Evidence) -> Columns:
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and what the way is not."""
     e = evidence.document(SAFETY)["route"]
-    shares = e["share_by_basis"]
-    rests = ", ".join(
-        f"{100 * share:.0f} % on {basis}" for basis, share in shares.items() if share > 0
-    )
+    shares = e["share_by_basis"].items()
+    rests = ", ".join(f"{100 * share:.0f} % on {basis}" for basis, share in shares if share > 0)
     berth = "".join(
         f" From the {side}, of which no model was fitted, they keep ẑ ≥ {BERTH:g}."
         for side in TARGETS
@@ -128,10 +112,10 @@ def draw(table: Rows, look: Style) -> Figure:
     """Corridor on the left, front on the right, one colour and marker for a way in both."""
     figure = Figure(figsize=(look.double_in, 0.43 * look.double_in), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.9, 1.0))
-    front = select(table, table["kind"] == "front")
-    looks = dict(zip(distinct(table["way"][table["kind"] == "way"]), SERIES, strict=False))
+    front, ways = where(table, kind="front"), where(table, kind="way")
+    looks = dict(zip(distinct(ways["way"]), SERIES, strict=False))
     _corridor(left, table, looks)
-    _front(right, front, looks, float(table["y"][table["kind"] == "bound"][0]))
+    _front(right, front, looks, float(where(table, kind="bound")["y"][0]))
     handles, names = [], []
     for way, (colour, marker) in looks.items():
         (i,) = np.flatnonzero(front["way"] == way)
@@ -145,7 +129,7 @@ def draw(table: Rows, look: Style) -> Figure:
         (SEEN, "risk from flights that crashed"),
         (BOUND, "no crash flown: risk is a bound"),
     ):
-        if (table["seen"][table["kind"] == "way"] == (dashes == SEEN)).any():
+        if (dashes == SEEN) in ways["seen"]:
             handles.append(Line2D([], [], color="0.35", linestyle=dashes))
             names.append(words)
     figure.legend(handles, names, loc="outside lower center", ncols=2)
@@ -153,18 +137,16 @@ def draw(table: Rows, look: Style) -> Figure:
 
 
 def _corridor(ax: Axes, table: Rows, looks: Looks) -> None:
-    for i in np.flatnonzero(table["kind"] == "box"):
-        x, y, x2, y2 = (float(table[k][i]) for k in ("x", "y", "x2", "y2"))
-        ax.add_patch(
-            Rectangle((x, y), x2 - x, y2 - y, facecolor="0.8", edgecolor="0.4", linewidth=0.6)
-        )
-    room = int(np.flatnonzero(table["kind"] == "room")[0])
-    for height in (0.0, float(table["y2"][room])):
+    boxes, room, ends = (where(table, kind=kind) for kind in ("box", "room", "end"))
+    for x, y, x2, y2 in zip(*(boxes[k] for k in ("x", "y", "x2", "y2")), strict=True):
+        box = Rectangle((x, y), x2 - x, y2 - y, facecolor="0.8", edgecolor="0.4", linewidth=0.6)
+        ax.add_patch(box)
+    for height in (0.0, float(room["y2"][0])):
         ax.axhline(height, color="0.35", linewidth=2.0)
     for way, (colour, marker) in looks.items():
-        mine = (table["kind"] == "way") & (table["way"] == way)
-        chosen = bool(table["chosen"][mine][0])
-        x, y, seen = (table[k][mine] for k in ("x", "y", "seen"))
+        mine = where(table, kind="way", way=way)
+        chosen = bool(mine["chosen"][0])
+        x, y, seen = (mine[k] for k in ("x", "y", "seen"))
         # stretches of one kind, each with the first point of the next
         turns = [0, *(np.flatnonzero(np.diff(seen)) + 1).tolist(), len(x)]
         for a, b in itertools.pairwise(turns):
@@ -178,9 +160,8 @@ def _corridor(ax: Axes, table: Rows, looks: Looks) -> None:
             )
         at = np.searchsorted(x, x[-1] * (np.arange(MARKS) + 0.5) / MARKS)
         ax.plot(x[at], y[at], marker, color=colour, markerfacecolor="white", zorder=5)
-    ends = table["kind"] == "end"
-    ax.plot(table["x"][ends], table["y"][ends], "|", color=FITTED, markersize=9, zorder=6)
-    ax.set_xlim(0, float(table["x2"][room]))
+    ax.plot(ends["x"], ends["y"], "|", color=FITTED, markersize=9, zorder=6)
+    ax.set_xlim(0, float(room["x2"][0]))
     ax.set_xlabel("along the corridor (m)")
     ax.set_ylabel("height of rotor plane (m)")
     ax.set_title("a) routes")
@@ -189,19 +170,19 @@ def _corridor(ax: Axes, table: Rows, looks: Looks) -> None:
 def _front(ax: Axes, front: Rows, looks: Looks, bound: float) -> None:
     ax.set_yscale("log")
     y, low, high = (np.maximum(front[k], LEAST) for k in ("y", "x2", "y2"))
-    bars: Any = {"elinewidth": 0.6, "capsize": 1.2, "linestyle": "none"}
     ax.plot(front["x"], y, color="0.6", linewidth=0.8, zorder=1)
     for i, way in enumerate(front["way"].tolist()):
         colour, marker = looks.get(way, ("0.6", "."))
-        reach = [[y[i] - low[i]], [high[i] - y[i]]]
         ax.errorbar(
             [front["x"][i]],
             [y[i]],
-            yerr=reach,
+            yerr=[[y[i] - low[i]], [high[i] - y[i]]],
             color=colour,
             marker=marker,
             markerfacecolor="white",
-            **bars,
+            elinewidth=0.6,
+            capsize=1.2,
+            linestyle="none",
         )
     ax.axhline(bound, color="0.35", linestyle=BOUND, linewidth=0.8)
     note(

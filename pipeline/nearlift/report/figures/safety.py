@@ -14,7 +14,7 @@ from matplotlib.patches import Patch
 
 from nearlift import nomenclature
 from nearlift.products import CRASH_RATES, SAFETY
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.fig6 import COLUMNS, SIDES
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import (
@@ -23,6 +23,7 @@ from nearlift.report.figures.style import (
     REFERENCES,
     SERIES,
     Style,
+    grid,
     plain_log,
     plain_text,
 )
@@ -38,23 +39,17 @@ PAPER_COLOUR = "#5C2400"
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `row` (crash, front), `panel` (boundary), `kind` (none, model, held, contact, cost, best),
-        `label`, `x`, `y`, `lo90`, `hi90`. In the row `crash`, x is the set-point and y a crash rate
-        (90 % over model and flights; `held`: with lift held below the nearest station) or a
-        relative cost (over what is not known of the held quantity), and `contact` is where the
-        vehicle touches; in
-        `front`, x is the relative cost, y the crash rate, and `best` the set-points of least
-        expected cost.
+    """Everything that is drawn, a row each: `row` (crash, front), `panel` (boundary), `kind` (none,
+    model, held, contact, cost, best), `label`, `x`, `y`, `lo90`, `hi90`. In the row `crash`, x is
+    the set-point and y a crash rate (90 % over model and flights; `held`: with lift held below the
+    nearest station) or a relative cost (over what is not known of the held quantity), and `contact`
+    is where the vehicle touches; in `front`, x is the relative cost, y the crash rate, and `best`
+    the set-points of least expected cost.
     """
     rates, content = evidence.table(CRASH_RATES), evidence.document(SAFETY)["fitted"]
     parts = []
     for side in SIDES:
-        flown = select(rates, (rates["preset"] == "fitted") & (rates["boundary"] == side))
+        flown = where(rates, preset="fitted", boundary=side)
         if side in content and len(flown["rate"]):
             for row, curves in (("crash", _crashes), ("front", _risks)):
                 rows = curves(flown, content[side])
@@ -64,24 +59,18 @@ def summarise(evidence: Evidence) -> Columns:
 
 def _best(rates: Columns, reading: str = "form") -> Columns:
     """What is flown with the fitted coefficients and one `reading` of lift nearer than measured."""
-    return select(rates, (rates["member"] == -1) & (rates["below_nearest"] == reading))
+    return where(rates, member=-1, below_nearest=reading)
 
 
 def _crashes(rates: Columns, fitted: dict[str, Any]) -> list[dict[str, object]]:
     """Crash rates and relative costs against set-point."""
-    none, best = select(rates, rates["exponent"] == 0), _best(rates)
+    none, best = where(rates, exponent=0), _best(rates)
     x, label = best["target_z_hat"], fitted["title"]
     low, high = _band(rates)
-    ends = {"lo90": none["lo90"], "hi90": none["hi90"]}
+    ends = {"x": none["target_z_hat"], "lo90": none["lo90"], "hi90": none["hi90"]}
     costs = {"lo90": best["cost_lo"], "hi90": best["cost_hi"]}
     return [
-        {
-            "kind": "none",
-            "label": "no boundary effect",
-            "x": none["target_z_hat"],
-            "y": none["rate"],
-            **ends,
-        },
+        {"kind": "none", "label": "no boundary effect", "y": none["rate"], **ends},
         {"kind": "model", "label": label, "x": x, "y": best["rate"], "lo90": low, "hi90": high},
         {"kind": "held", "label": label, "x": x, "y": _best(rates, "held")["rate"]},
         {"kind": "contact", "label": "touches", "x": fitted["contact_z_hat"], "y": 0.0},
@@ -124,62 +113,51 @@ def _band(rates: Columns) -> tuple[Any, Any]:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, by boundary."""
-    parts = [
-        (
-            "The fitted models in flight, with the paper's controller and gusts carried over to"
-            " this vehicle (same dimensionless groups) unless the manifest gives its own."
-        ),
-        (
-            "Above: crash rate against set-point, with the 90 % band of model and flights together"
-            " (dotted: L/L∞ held below the nearest station, where else the model's own form is"
-            " carried on), where the vehicle touches (line and shade), and the relative power to"
-            " hover (right axis), by what the trials held (band: what is not known of it) and as"
-            " the paper has it (dashed)."
-        ),
-        (
-            "Below: power against risk, a rate without a crash standing at half a crash. Symbols"
-            " are the set-points of least expected cost where a crash costs so many times the"
-            " flight's energy, by rates of (crashes + 1/2) / (flights + 1) that fall with distance,"
-            " at the rate of as many other flights, which had no part in the choice."
-            " No set-point is named for a price at which even the upper bound of its risk (95 %)"
-            " would cost more than it saves over the farthest set-point."
-        ),
-    ]
+    text = (
+        "The fitted models in flight, with the paper's controller and gusts carried over to this"
+        " vehicle (same dimensionless groups) unless the manifest gives its own. Above: crash rate"
+        " against set-point, with the 90 % band of model and flights together (dotted: L/L∞ held"
+        " below the nearest station, where else the model's own form is carried on), where the"
+        " vehicle touches (line and shade), and the relative power to hover (right axis), by what"
+        " the trials held (band: what is not known of it) and as the paper has it (dashed). Below:"
+        " power against risk, a rate without a crash standing at half a crash. Symbols are the"
+        " set-points of least expected cost where a crash costs so many times the flight's energy,"
+        " by rates of (crashes + 1/2) / (flights + 1) that fall with distance, at the rate of as"
+        " many other flights, which had no part in the choice. No set-point is named for a price at"
+        " which even the upper bound of its risk (95 %) would cost more than it saves over the"
+        " farthest set-point."
+    )
+    parts = [text]
     for side, fit in evidence.document(SAFETY)["fitted"].items():
-        c = fit["convergence"]
-        refused = [
-            (
-                f"{e['price']:g} (about {plain(e['flights_needed'], 2)} flights would do)"
-                if e["flights_needed"]
-                else f"{e['price']:g}"
-            )
-            for e in fit["best_set_points"]
-            if not e["resolved"]
-        ]
-        parted = [f"a price of {e['price']:g}" for e in fit["best_set_points"] if not e["agrees"]]
-        parted += [f"a risk of {e['risk']:g}" for e in fit["levels"] if not e["agrees"]]
-        left = (
-            f" Not resolved by {fit['flights']} flights: prices of {', '.join(refused)}."
-            if refused
-            else ""
-        )
         parts.append(
             f"{side.capitalize()}: {fit['title']}, {fit['draws']} draws from {fit['draws_from']},"
             f" {fit['flights']} flights a point; a crash is ẑ ≤ {fit['contact_z_hat']:.3g}"
             f" ({1e3 * fit['contact_m']:.3g} mm from the rotor plane), and nothing was measured"
             f" below ẑ = {fit['measured_z_hat'][0]:.3g}; halving the step changes a rate by up to"
-            f" {c['worst']:.2g}.{left}{_parted(parted)}"
+            f" {fit['convergence']['worst']:.2g}."
         )
+        refused = [
+            f"{e['price']:g}"
+            + (
+                f" (about {plain(e['flights_needed'], 2)} flights would do)"
+                if e["flights_needed"]
+                else ""
+            )
+            for e in fit["best_set_points"]
+            if not e["resolved"]
+        ]
+        if refused:
+            prices = ", ".join(refused)
+            parts.append(f"Not resolved by {fit['flights']} flights: prices of {prices}.")
+        # where the two readings below the nearest station lead apart
+        parted = [f"a price of {e['price']:g}" for e in fit["best_set_points"] if not e["agrees"]]
+        parted += [f"a risk of {e['risk']:g}" for e in fit["levels"] if not e["agrees"]]
+        if parted:
+            parts.append(
+                f"No advice for {', '.join(parted)}: there it matters what lift does nearer than"
+                " measured."
+            )
     return " ".join(parts)
-
-
-def _parted(what: list[str]) -> str:
-    """What is not advised since the two readings below the nearest station lead apart."""
-    return (
-        f" No advice for {', '.join(what)}: there it matters what lift does nearer than measured."
-        if what
-        else ""
-    )
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
@@ -200,15 +178,12 @@ def draw(table: Rows, look: Style) -> Figure:
     width = look.double_in if len(sides) > 1 else look.single_in * 1.3
     figure = Figure(figsize=(width, 0.72 * look.double_in), layout="constrained")
     axes = figure.subplots(2, len(sides), squeeze=False)
-    letters = iter("abcd")
-    for i, row in enumerate(("crash", "front")):
-        for j, side in enumerate(sides):
-            ax = axes[i, j]
-            rows = select(table, (table["row"] == row) & (table["panel"] == side))
-            (_crash if row == "crash" else _front)(ax, rows)
-            label = plain_text(str(rows["label"][rows["kind"] == "model"][0]))
-            ax.set_title(f"{next(letters)}) {side}, {label}", loc="left", fontsize=look.text_pt)
-    held = plain_text(str(table["label"][table["kind"] == "cost"][0]))
+    for letter, ax, row, side in grid(axes, ("crash", "front"), sides):
+        rows = where(table, row=row, panel=side)
+        (_crash if row == "crash" else _front)(ax, rows)
+        label = plain_text(where(rows, kind="model")["label"][0])
+        ax.set_title(f"{letter}) {side}, {label}")
+    held = plain_text(where(table, kind="cost")["label"][0])
     grey, dashes = REFERENCES[0]
     legend: dict[str, Any] = {
         "no boundary effect": _line(grey, dashes),
@@ -218,12 +193,8 @@ def draw(table: Rows, look: Style) -> Figure:
         f"power, {held} held": (Patch(color=COST, alpha=0.2, linewidth=0), _line(COST)),
         "power, $(L/L_\\infty)^{-3/2}$": _line(PAPER_COLOUR, PAPER),
     }
-    figure.legend(
-        list(legend.values()),
-        list(legend),
-        loc="outside lower center",
-        ncols=3 if len(sides) > 1 else 2,
-    )
+    handles, columns = list(legend.values()), 3 if len(sides) > 1 else 2
+    figure.legend(handles, list(legend), loc="outside lower center", ncols=columns)
     return figure
 
 
@@ -240,11 +211,11 @@ def _band_of(ax: Axes, rows: Rows) -> None:
 def _crash(ax: Axes, rows: Rows) -> None:
     grey, dashes = REFERENCES[0]
     for kind, shade, style in (("none", grey, dashes), ("model", FITTED, "-")):
-        mine = select(rows, rows["kind"] == kind)
+        mine = where(rows, kind=kind)
         _band_of(ax, mine)
         ax.plot(mine["x"], 100 * mine["y"], color=shade, linestyle=style, zorder=3)
-    held, cost, paper = (select(rows, rows["kind"] == k) for k in ("held", "cost", "cost_paper"))
-    contact = rows["x"][rows["kind"] == "contact"][0]
+    held, cost, paper = (where(rows, kind=kind) for kind in ("held", "cost", "cost_paper"))
+    contact = where(rows, kind="contact")["x"][0]
     ax.plot(held["x"], 100 * held["y"], color=FITTED, linestyle=":", zorder=3)
     left = max(0.0, contact - 0.1)
     ax.axvspan(left, contact, color=TOUCHED, linewidth=0, zorder=0)
@@ -264,17 +235,16 @@ def _crash(ax: Axes, rows: Rows) -> None:
 
 
 def _front(ax: Axes, rows: Rows) -> None:
-    model, best = (select(rows, rows["kind"] == kind) for kind in ("model", "best"))
+    model, best = (where(rows, kind=kind) for kind in ("model", "best"))
     ax.set_yscale("log")
     ax.set_ylim(0.7 * 100 * model["lo90"].min(), 140)
     plain_log(ax.yaxis)
     _band_of(ax, model)
     ax.plot(model["x"], 100 * model["y"], color=FITTED, zorder=2, marker=".", markersize=2.5)
-    for (shade, marker), x, y, label in zip(
-        SERIES, best["x"], best["y"], best["label"].tolist(), strict=False
-    ):
-        price, _, where = label.partition(": z_hat ")
-        name = f"crash costs {price}: $\\hat{{z}}_0$ = {where}"
+    points = zip(SERIES, best["x"], best["y"], best["label"], strict=False)
+    for (shade, marker), x, y, label in points:
+        price, _, station = label.partition(": z_hat ")
+        name = f"crash costs {price}: $\\hat{{z}}_0$ = {station}"
         ax.plot(
             [x],
             [100 * y],
