@@ -4,6 +4,7 @@ quantity, and C_L against speed; a row of panels per question, a column per boun
 
 from __future__ import annotations
 
+import itertools
 import string
 
 import numpy as np
@@ -14,9 +15,9 @@ from matplotlib.ticker import MaxNLocator
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.products import FIT
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style
+from nearlift.report.figures.style import BAND, FITTED, REFERENCES, SERIES, Style, circles
 from nearlift.results.assumptions import HeldQuantity, RotorTrend
 from nearlift.rounding import plain
 
@@ -43,16 +44,11 @@ WORDS = {
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `part`, `kind`, `label` (the coefficient's name), `x`, `value`, `lo90`,
-        `hi90`, `lo90_apart`, `hi90_apart`. Part `throttle`: kinds `throttle` (x in per cent; the
-        interval `apart` is without what all throttles share) and `common`. Part `exponent`: kinds
-        `curve`, `plausible`, and `supported` (an end of what the logs leave). Part `rotor`: kinds
-        `C_L` (x in Hz), `law`, `paper`.
+    """Everything that is drawn, a row each: `panel` (boundary), `part`, `kind`, `label` (the
+    coefficient's name), `x`, `value`, `lo90`, `hi90`, `lo90_apart`, `hi90_apart`. Part `throttle`:
+    kinds `throttle` (x in per cent; the interval `apart` is without what all throttles share) and
+    `common`. Part `exponent`: kinds `curve`, `plausible`, and `supported` (an end of what the logs
+    leave). Part `rotor`: kinds `C_L` (x in Hz), `law`, `paper`.
     """
     parts = (("throttle", _throttles), ("exponent", _exponents), ("rotor", _rotor))
     return stack(
@@ -74,15 +70,13 @@ def _throttles(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]
     collapse = evidence.fits.throttle_collapse.get(boundary)
     if collapse is None or len(collapse.per_throttle) < 2:
         return []
-    name = collapse.coefficient
+    name = {"label": collapse.coefficient}
     _, base = evidence.base(boundary)
-    rows = [{"kind": "common", "label": name, **_estimate(base.parameters[name])}]
+    rows = [{"kind": "common", **name, **_estimate(base.parameters[collapse.coefficient])}]
     for throttle, e in collapse.per_throttle.items():
         apart = (e.hi90 - e.value) * e.u_apart / e.u
         around = {"lo90_apart": e.value - apart, "hi90_apart": e.value + apart}
-        rows.append(
-            {"kind": "throttle", "label": name, "x": 100 * throttle, **_estimate(e), **around}
-        )
+        rows.append({"kind": "throttle", **name, "x": 100 * throttle, **_estimate(e), **around})
     return rows
 
 
@@ -90,15 +84,13 @@ def _exponents(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]
     held = evidence.fits.held_quantity.get(boundary)
     if not isinstance(held, HeldQuantity) or not held.curve:
         return []
-    name = held.coefficient
     rows: list[dict[str, object]] = [
-        {"kind": kind, "label": name, "x": e.n, **_estimate(e)}
+        {"kind": kind, "x": e.n, **_estimate(e)}
         for kind, drawn in (("curve", held.curve), ("plausible", held.plausible))
         for e in drawn
     ]
-    return rows + [
-        {"kind": "supported", "label": name, "x": n} for n in held.supported_exponents or ()
-    ]
+    rows += [{"kind": "supported", "x": n} for n in held.supported_exponents or ()]
+    return [{"label": held.coefficient, **row} for row in rows]
 
 
 def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
@@ -106,16 +98,15 @@ def _rotor(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
     if not isinstance(trend, RotorTrend) or not trend.per_throttle:
         return []
     rows: list[dict[str, object]] = [
-        {"kind": "C_L", "label": "C_L", "x": e.speed_Hz, **_estimate(e)}
-        for e in trend.per_throttle.values()
+        {"kind": "C_L", "x": e.speed_Hz, **_estimate(e)} for e in trend.per_throttle.values()
     ]
-    rows.append({"kind": "paper", "label": "C_L", "value": trend.paper})
+    rows.append({"kind": "paper", "value": trend.paper})
     if trend.exponent is not None:
         drawn = [e.speed_Hz for e in trend.per_throttle.values()]
         speeds = np.geomspace(min(drawn), max(drawn), 41)
         law = trend.law.C_L * (speeds / trend.law.speed_Hz) ** trend.exponent.value
-        rows.append({"kind": "law", "label": "C_L", "x": speeds, "value": law})
-    return rows
+        rows.append({"kind": "law", "x": speeds, "value": law})
+    return [{"label": "C_L", **row} for row in rows]
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
@@ -128,20 +119,18 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """The picture's numbers for those who do not see it."""
     parts = []
     for boundary in distinct(table["panel"]):
-        mine = table["panel"] == boundary
-        for part, kind, what, unit in (
-            ("throttle", "throttle", "per throttle", " %"),
-            ("exponent", "plausible", "per exponent", ""),
-            ("rotor", "C_L", "per speed", " Hz"),
+        for kind, what, unit in (
+            ("throttle", "per throttle", " %"),
+            ("plausible", "per exponent", ""),
+            ("C_L", "per speed", " Hz"),
         ):
-            rows = np.flatnonzero(mine & (table["part"] == part) & (table["kind"] == kind))
-            if len(rows):
+            rows = where(table, panel=boundary, kind=kind)
+            if len(rows["x"]):
                 each = ", ".join(
-                    f"{plain(float(table['value'][i]), 3)} at"
-                    f" {plain(float(table['x'][i]), 3)}{unit}"
-                    for i in rows
+                    f"{plain(value, 3)} at {plain(x, 3)}{unit}"
+                    for value, x in zip(rows["value"].tolist(), rows["x"].tolist(), strict=True)
                 )
-                parts.append(f"{boundary.capitalize()}: {table['label'][rows[0]]} {what}: {each}.")
+                parts.append(f"{boundary.capitalize()}: {rows['label'][0]} {what}: {each}.")
     return " ".join(parts)
 
 
@@ -156,17 +145,15 @@ def draw(table: Rows, look: Style) -> Figure:
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False)
     letters = iter(string.ascii_lowercase)
-    for i, part in enumerate(parts):
-        for j, boundary in enumerate(panels):
-            ax = axes[0, i] if lone else axes[i, j]
-            mine = select(table, (table["panel"] == boundary) & (table["part"] == part))
-            if not len(mine["kind"]):
-                ax.set_axis_off()
-                continue
-            DRAW[part](ax, mine)
-            ax.yaxis.set_major_locator(MaxNLocator(4))
-            ax.set_ylabel(nomenclature.label(str(mine["label"][0])), labelpad=1)
-            ax.set_title(f"{next(letters)}) {boundary}")
+    for ax, (part, boundary) in zip(axes.flat, itertools.product(parts, panels), strict=True):
+        mine = where(table, panel=boundary, part=part)
+        if not len(mine["kind"]):
+            ax.set_axis_off()
+            continue
+        DRAW[part](ax, mine)
+        ax.yaxis.set_major_locator(MaxNLocator(4))
+        ax.set_ylabel(nomenclature.label(str(mine["label"][0])), labelpad=1)
+        ax.set_title(f"{next(letters)}) {boundary}")
     return figure
 
 
@@ -175,19 +162,11 @@ def _bars(ax: Axes, rows: Rows, low: str, high: str, linewidth: float) -> None:
 
 
 def _symbols(ax: Axes, rows: Rows) -> None:
-    ax.plot(
-        rows["x"],
-        rows["value"],
-        "o",
-        color=COLOUR,
-        markerfacecolor="white",
-        markeredgewidth=0.8,
-        zorder=4,
-    )
+    circles(ax, rows["x"], rows["value"], COLOUR, zorder=4)
 
 
 def _draw_throttles(ax: Axes, rows: Rows) -> None:
-    common, each = select(rows, rows["kind"] == "common"), select(rows, rows["kind"] == "throttle")
+    common, each = where(rows, kind="common"), where(rows, kind="throttle")
     ax.axhspan(common["lo90"][0], common["hi90"][0], color=BAND, linewidth=0, zorder=0)
     ax.axhline(common["value"][0], color=FITTED, zorder=1)
     _bars(ax, each, "lo90", "hi90", 0.7)
@@ -200,9 +179,7 @@ def _draw_throttles(ax: Axes, rows: Rows) -> None:
 
 
 def _draw_exponents(ax: Axes, rows: Rows) -> None:
-    curve, marks, supported = (
-        select(rows, rows["kind"] == kind) for kind in ("curve", "plausible", "supported")
-    )
+    curve, marks, supported = (where(rows, kind=k) for k in ("curve", "plausible", "supported"))
     if len(supported["x"]) == 2:
         ax.axvspan(*supported["x"], color=SERIES[5][0], alpha=0.3, linewidth=0, zorder=0)
     ax.fill_between(curve["x"], curve["lo90"], curve["hi90"], color=BAND, linewidth=0, zorder=1)
@@ -213,7 +190,7 @@ def _draw_exponents(ax: Axes, rows: Rows) -> None:
 
 
 def _draw_rotor(ax: Axes, rows: Rows) -> None:
-    points, law, paper = (select(rows, rows["kind"] == kind) for kind in ("C_L", "law", "paper"))
+    points, law, paper = (where(rows, kind=kind) for kind in ("C_L", "law", "paper"))
     ax.plot(law["x"], law["value"], color=FITTED, zorder=2)
     ax.axhline(paper["value"][0], color=REFERENCES[0][0], linestyle=REFERENCES[0][1], zorder=1)
     _bars(ax, points, "lo90", "hi90", 1.2)

@@ -5,6 +5,7 @@ known exactly; a panel per coefficient, a bar per source.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,29 +14,27 @@ from matplotlib.patches import Patch
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter, mathematics
 from nearlift.products import FIT
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, effects, note
+from nearlift.report.figures.style import SERIES, Style, effects, headed, note
 from nearlift.results.quotation import BudgetLine, CoefficientResult
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
 #: not drawn; what was declared always is.
 LEAST = 0.002
 COLUMNS = ("panel", "parameter", "component", "type", "fall_percent", "u", "u_without")
-LOOKS = {"A": (SERIES[0][0], ""), "B": (SERIES[1][0], "////")}
+LOOKS: dict[str, dict[str, Any]] = {
+    kind: {"facecolor": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.0}
+    for kind, colour, hatch in (("A", SERIES[0][0], ""), ("B", SERIES[1][0], "////"))
+}
 MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """A row for each bar.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B declared),
-        `fall_percent` of the coefficient's standard uncertainty if the source were known exactly,
-        `u` that it adds, `u_without` it. Every panel has every component, the largest fall first;
-        numbers are NaN where a coefficient has no such source.
+    """A row for each bar: `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B
+    declared), `fall_percent` of the coefficient's standard uncertainty if the source were known
+    exactly, `u` that it adds, `u_without` it. Every panel has every component, the largest fall
+    first; numbers are NaN where a coefficient has no such source.
     """
     budgets = [
         (b, name, c)
@@ -83,12 +82,10 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and the largest source of each coefficient."""
     words = []
     for panel, name in distinct(table["panel"], table["parameter"]):
-        mine = (table["panel"] == panel) & (table["parameter"] == name)
-        top = np.flatnonzero(mine)[np.nanargmax(table["fall_percent"][mine])]
-        words.append(
-            f"{letter(name)} ({panel}): {table['component'][top]},"
-            f" {table['fall_percent'][top]:.0f} %"
-        )
+        mine = where(table, panel=panel, parameter=name)
+        top = np.nanargmax(mine["fall_percent"])
+        source, percent = mine["component"][top], mine["fall_percent"][top]
+        words.append(f"{letter(name)} ({panel}): {source}, {percent:.0f} %")
     return (
         "By how much the standard uncertainty of each coefficient would fall if one source of"
         " error were known exactly; type A from repeats, type B declared in the manifest, always"
@@ -115,35 +112,25 @@ def draw(table: Rows, look: Style) -> Figure:
     # names of sources reach to the figure's edge, and a printer's cut would take their first letter
     figure.set_layout_engine("constrained", rect=(0.012, 0.0, 0.976, 1.0))
     axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-    for place, ax, (boundary, parameter) in zip("abcdefghij", axes, panels, strict=False):
-        mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
-        for y, fall, kind in zip(
-            range(len(components)), table["fall_percent"][mine], table["type"][mine], strict=True
-        ):
+    titles = headed([f"{mathematics(parameter)}, {boundary}" for boundary, parameter in panels])
+    for title, ax, (boundary, parameter) in zip(titles, axes, panels, strict=False):
+        mine = where(table, panel=boundary, parameter=parameter)
+        for y, (fall, kind) in enumerate(zip(mine["fall_percent"], mine["type"], strict=True)):
             if np.isnan(fall):
                 # no source of this coefficient
                 continue
-            colour, hatch = LOOKS[kind]
-            ax.barh(
-                y, fall, height=0.7, facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0
-            )
+            ax.barh(y, fall, height=0.7, **LOOKS[kind])
             note(ax, _percent(fall), (fall, y), (3, 0), va="center")
         ax.set_yticks(range(len(components)), [effects(c) for c in components])
         ax.set_ylim(len(components) - 0.4, -0.6)
         ax.set_xlim(0, 124)
         ax.set_xticks([0, 50, 100])
         ax.tick_params(axis="y", length=0)
-        words = f"{mathematics(parameter)}, {boundary}"
-        ax.set_title(f"{place}) {words}" if len(panels) > 1 else words)
-    figure.supxlabel(
-        "fall of the standard uncertainty if the source were known exactly (%)",
-        fontsize=look.text_pt,
-    )
-    handles = [
-        Patch(facecolor=colour, hatch=hatch, edgecolor="white", linewidth=0.0, label=MEANINGS[k])
-        for k, (colour, hatch) in LOOKS.items()
-        if np.any(table["type"] == k)
-    ]
+        ax.set_title(title)
+    words = "fall of the standard uncertainty if the source were known exactly (%)"
+    figure.supxlabel(words, fontsize=look.text_pt)
+    kinds = [kind for kind in LOOKS if np.any(table["type"] == kind)]
+    handles = [Patch(label=MEANINGS[kind], **LOOKS[kind]) for kind in kinds]
     figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
     return figure
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 from matplotlib.figure import Figure
 
 from nearlift.manifest.campaign import Campaign
 from nearlift.nomenclature import CARRIED, symbol
 from nearlift.products import LIFT
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, quantity
 from nearlift.rounding import plain
@@ -25,16 +27,9 @@ def summarise(evidence: Evidence) -> Columns:
     for name, u in CARRIED.items():
         for side in evidence.boundaries if name in cells else ():
             rows = select(cells, (cells["boundary"] == side) & np.isfinite(cells[name]))
-            parts.append(
-                {
-                    "panel": side,
-                    "quantity": name,
-                    "throttle": rows["throttle"],
-                    "z_hat": rows["z_hat"],
-                    "value": rows[name],
-                    "u_value": rows[u],
-                }
-            )
+            shown = {"throttle": "throttle", "z_hat": "z_hat", "value": name, "u_value": u}
+            values = {to: rows[column] for to, column in shown.items()}
+            parts.append({"panel": side, "quantity": name, **values})
     return stack(parts)
 
 
@@ -57,11 +52,11 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """The largest of each, and where."""
     parts = []
     for name in distinct(table["quantity"]):
-        rows = select(table, table["quantity"] == name)
+        rows, known = where(table, quantity=name), symbol(name)
         i = int(np.argmax(np.abs(rows["value"])))
+        value, z_hat = (plain(float(rows[column][i]), 3) for column in ("value", "z_hat"))
         parts.append(
-            f"{symbol(name).meaning}: largest {plain(float(rows['value'][i]), 3)}"
-            f" {symbol(name).unit} at {plain(float(rows['z_hat'][i]), 3)} radii from the"
+            f"{known.meaning}: largest {value} {known.unit} at {z_hat} radii from the"
             f" {rows['panel'][i]}"
         )
     return f"{'; '.join(parts).capitalize()}; {NO_MODEL}."
@@ -75,16 +70,15 @@ def draw(table: Rows, look: Style) -> Figure:
     axes = figure.subplots(1, len(keys), squeeze=False)[0]
     throttles = np.unique(table["throttle"])
     for ax, (name, side) in zip(axes, keys, strict=True):
-        rows = select(table, (table["quantity"] == name) & (table["panel"] == side))
+        rows = where(table, quantity=name, panel=side)
         ax.axhline(0, color="0.6", linewidth=0.5, zorder=1)
-        for k, throttle in enumerate(throttles):
-            series = select(rows, rows["throttle"] == throttle)
-            colour, marker = SERIES[k % len(SERIES)]
-            order = np.argsort(series["z_hat"])
+        for (colour, marker), throttle in zip(itertools.cycle(SERIES), throttles, strict=False):
+            series = where(rows, throttle=throttle)
+            series = select(series, np.argsort(series["z_hat"]))
             ax.errorbar(
-                series["z_hat"][order],
-                series["value"][order],
-                yerr=np.nan_to_num(series["u_value"][order]),
+                series["z_hat"],
+                series["value"],
+                yerr=np.nan_to_num(series["u_value"]),
                 color=colour,
                 marker=marker,
                 markersize=3,

@@ -4,6 +4,7 @@ parameters and one throttle's L_inf on the diagonal, regions of highest density 
 
 from __future__ import annotations
 
+import itertools
 import re
 from typing import Any
 
@@ -17,9 +18,9 @@ from nearlift import units
 from nearlift.declare import Boundary, FloatArray
 from nearlift.nomenclature import letter
 from nearlift.products import FIT, POSTERIOR
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import FITTED, Style, labelled
+from nearlift.report.figures.style import FITTED, Style, headed, labelled
 from nearlift.rounding import plain
 
 COLUMNS = ("panel", "kind", "x_name", "y_name", "x_low", "x_high", "y_low", "y_high", "value")
@@ -38,47 +39,29 @@ def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
     """Draws of the base model's parameters, and of L_inf at the highest throttle, (n,) each; in
     mN unless the manifest asks for another unit.
     """
-    table = evidence.table(POSTERIOR)
     model, _ = evidence.base(boundary)
-    mine = (table["boundary"] == boundary) & (table["model"] == model.name)
-    names = distinct(table["parameter"][mine])
-    parameters = [n for n in names if not n.startswith("L_inf_N")]
-    levels = [n for n in names if n.startswith("L_inf_N")]
-    drawn = {
-        n: table["value"][mine & (table["parameter"] == n)] for n in (*parameters, *levels[-1:])
-    }
+    table = where(evidence.table(POSTERIOR), boundary=boundary, model=model.name)
+    drawn = {n: where(table, parameter=n)["value"] for n in distinct(table["parameter"])}
+    levels = [n for n in drawn if n.startswith("L_inf_N")]
+    shown = {n: x for n, x in drawn.items() if n not in levels}
     asked = evidence.campaign.report.units.force
     unit = "mN" if asked == "auto" else asked
     newtons, _ = units.to_si(unit, "force", "report.units.force")
-    return {
-        n.replace("_N[", f"_{unit}["): x / newtons if n in levels else x for n, x in drawn.items()
-    }
+    return shown | {n.replace("_N[", f"_{unit}["): drawn[n] / newtons for n in levels[-1:]}
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `kind` (histogram or region), `x_name`, `y_name` (empty for a
-        histogram), the cell's `x_low`, `x_high`, `y_low`, `y_high`, and `value`: of a histogram the
-        density over its greatest, of a region the share of the posterior that lies where it is at
-        least as dense as here.
+    """Everything that is drawn, a row each: `panel` (boundary), `kind` (histogram or region),
+    `x_name`, `y_name` (empty for a histogram), the cell's `x_low`, `x_high`, `y_low`, `y_high`, and
+    `value`: of a histogram the density over its greatest, of a region the share of the posterior
+    that lies where it is at least as dense as here.
     """
     rows = []
     for boundary in evidence.boundaries:
-        drawn = draws(evidence, boundary)
-        edges = {name: _edges(x, CELLS) for name, x in drawn.items()}
-        for i, (name, x) in enumerate(drawn.items()):
-            rows.append({"panel": boundary, **_histogram(name, x)})
-            rows += [
-                {
-                    "panel": boundary,
-                    **_region((name, x, edges[name]), (other, drawn[other], edges[other])),
-                }
-                for other in list(drawn)[i + 1 :]
-            ]
+        drawn = list(draws(evidence, boundary).items())
+        for i, first in enumerate(drawn):
+            parts = [_histogram(*first), *(_region(first, second) for second in drawn[i + 1 :])]
+            rows += [{"panel": boundary, **part} for part in parts]
     return stack(rows, COLUMNS)
 
 
@@ -104,10 +87,9 @@ def _histogram(name: str, x: FloatArray) -> dict[str, object]:
     }
 
 
-def _region(
-    first: tuple[str, FloatArray, FloatArray], second: tuple[str, FloatArray, FloatArray]
-) -> dict[str, object]:
-    (x_name, x, x_edges), (y_name, y, y_edges) = first, second
+def _region(first: tuple[str, FloatArray], second: tuple[str, FloatArray]) -> dict[str, object]:
+    (x_name, x), (y_name, y) = first, second
+    x_edges, y_edges = _edges(x, CELLS), _edges(y, CELLS)
     count = np.histogram2d(x, y, (x_edges, y_edges))[0]
     for axis in (0, 1):
         count = np.apply_along_axis(np.convolve, axis, count, WINDOW, "same")
@@ -131,33 +113,27 @@ def _region(
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know to read the figure, numbers included."""
-    parts = [
-        (
-            "Posterior of each base model: histograms of the draws and, for each pair, the regions"
-            " of highest density that hold 50, 90 and 99 %."
-        )
-    ]
+    shown = (
+        "Posterior of each base model: histograms of the draws and, for each pair, the regions of"
+        " highest density that hold 50, 90 and 99 %."
+    )
+    parts = [shown]
     for boundary in evidence.boundaries:
         drawn = draws(evidence, boundary)
-        names = list(drawn)
         model, fit = evidence.base(boundary)
-        n = len(drawn[names[0]]) if names else 0
+        n = next((len(x) for x in drawn.values()), 0)
         pairs = [
-            (a, b, _correlation(drawn[a], drawn[b]))
-            for i, a in enumerate(names)
-            for b in names[i + 1 :]
+            (_correlation(x, y), _word(a), _word(b))
+            for (a, x), (b, y) in itertools.combinations(drawn.items(), 2)
         ]
-        strongest = max(pairs, key=lambda p: abs(p[2]), default=None)
-        correlation = (
-            f"; strongest correlation {plain(strongest[2], 2)}, of {_word(strongest[0])} and"
-            f" {_word(strongest[1])}"
-            if strongest
-            else ""
-        )
-        parts.append(
+        text = (
             f"{boundary.capitalize()}: {model.title}, {n} draws by"
-            f" {SAMPLERS[fit.posterior.sampler if fit.posterior else 'none']}{correlation}."
+            f" {SAMPLERS[fit.posterior.sampler if fit.posterior else 'none']}"
         )
+        if pairs:
+            strongest, a, b = max(pairs, key=lambda pair: abs(pair[0]))
+            text += f"; strongest correlation {plain(strongest, 2)}, of {a} and {b}"
+        parts.append(f"{text}.")
     return " ".join(parts)
 
 
@@ -191,15 +167,9 @@ def draw(table: Rows, look: Style) -> Figure:
     side = min(look.double_in / sum(sizes), 1.7 * look.double_in / 6.75)
     figure = Figure(figsize=(look.double_in, side * max(sizes) + 0.75), layout="constrained")
     blocks = figure.subfigures(1, len(boundaries), squeeze=False, width_ratios=sizes)[0]
-    for panel, boundary, block in zip("abc", boundaries, blocks, strict=False):
-        chosen = select(table, table["panel"] == boundary)
-        block.suptitle(
-            f"{panel}) {boundary}" if len(boundaries) > 1 else boundary,
-            fontsize=look.text_pt,
-            x=0.02,
-            ha="left",
-        )
-        _triangle(block, chosen, names[boundary], max(sizes))
+    for title, boundary, block in zip(headed(boundaries), boundaries, blocks, strict=True):
+        block.suptitle(title, fontsize=look.text_pt, x=0.02, ha="left")
+        _triangle(block, where(table, panel=boundary), names[boundary], max(sizes))
     figure.legend(
         handles=[Patch(color=c, label=f"{100 * share:g} %") for share, c in REGIONS.items()],
         title="share of the posterior within",
@@ -217,17 +187,16 @@ def _triangle(block: Any, rows: Rows, names: list[str], height: int) -> None:
             if i >= len(names) or j > i:
                 ax.set_axis_off()
                 continue
-            mine = select(rows, rows["x_name"] == x_name)
+            whole = where(rows, x_name=x_name, kind="histogram")
             if i == j:
-                _draw_histogram(ax, select(mine, mine["kind"] == "histogram"))
+                _draw_histogram(ax, whole)
             else:
-                _draw_region(ax, select(mine, mine["y_name"] == names[i]))
+                _draw_region(ax, where(rows, x_name=x_name, y_name=names[i]))
                 if j == 0:
                     ax.set_ylabel(_label(names[i]))
                 else:
                     ax.tick_params(labelleft=False)
             ax.xaxis.set_major_locator(MaxNLocator(3, prune="both"))
-            whole = select(mine, mine["kind"] == "histogram")
             ax.set_xlim(whole["x_low"].min(), whole["x_high"].max())
             if i == len(names) - 1:
                 ax.set_xlabel(_label(x_name))

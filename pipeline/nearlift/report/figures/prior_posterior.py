@@ -8,9 +8,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nearlift.products import FIT, POSTERIOR
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, Style, labelled, note, plain_text
+from nearlift.report.figures.style import BAND, FITTED, Style, circles, labelled, note, plain_text
 from nearlift.rounding import plain
 
 #: Above this ratio of widths the prior still has a say; as `fit.prior` has it.
@@ -21,15 +21,10 @@ BEYOND = 0.6
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """A row for each parameter of each fitted model, base models first.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `model` (its title), `base` (1 or 0), `parameter`, `prior_lo90`,
-        `prior_hi90`, `lo90`, `median`, `hi90` in the parameter's unit, the last three again as
-        `low`, `middle`, `high` with the prior's interval going from 0 to 1, and `ratio`, the
-        posterior's width over the prior's.
+    """A row for each parameter of each fitted model, base models first: `panel` (boundary), `model`
+    (its title), `base` (1 or 0), `parameter`, `prior_lo90`, `prior_hi90`, `lo90`, `median`, `hi90`
+    in the parameter's unit, the last three again as `low`, `middle`, `high` with the prior's
+    interval going from 0 to 1, and `ratio`, the posterior's width over the prior's.
     """
     rows = []
     for boundary in evidence.boundaries:
@@ -61,19 +56,17 @@ def summarise(evidence: Evidence) -> Columns:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What the reader must know to read the figure, numbers included."""
-    shaped = table["ratio"] > SHAPED
-    kept = zip(
-        table["parameter"][shaped], table["model"][shaped], table["ratio"][shaped], strict=True
-    )
+    shaped, n = select(table, table["ratio"] > SHAPED), len(table["ratio"])
+    columns = (shaped[name] for name in ("parameter", "model", "ratio"))
+    kept = [f"{name} of {m} ({100 * ratio:.0f} %)" for name, m, ratio in zip(*columns, strict=True)]
     words = (
-        f"{int(shaped.sum())} of {len(shaped)} parameters keep more than {100 * SHAPED:.0f} % of"
-        " their prior's width: " + ", ".join(f"{p} of {m} ({100 * r:.0f} %)" for p, m, r in kept)
-        if shaped.any()
-        else (
-            f"All {len(shaped)} parameters are known to better than {100 * SHAPED:.0f} % of their"
-            " prior's width"
-        )
+        f"All {n} parameters are known to better than {100 * SHAPED:.0f} % of their prior's width"
     )
+    if kept:
+        words = (
+            f"{len(kept)} of {n} parameters keep more than {100 * SHAPED:.0f} % of their prior's"
+            f" width: {', '.join(kept)}"
+        )
     return (
         "Grey: each parameter's central 90 % before the data, from its declared prior, drawn from"
         " 0 to 1. Black: the same after the data, with the median; the number is the ratio of the"
@@ -101,7 +94,7 @@ def draw(table: Rows, look: Style) -> Figure:
     low = max(min(-0.05, float(table["low"].min()) - 0.05), -BEYOND)
     high = min(max(1.05, float(table["high"].max()) + 0.05), 1 + BEYOND)
     for letter, panel, ax in zip("abc", panels, axes, strict=False):
-        _panel(ax, select(table, table["panel"] == panel), low, high)
+        _panel(ax, where(table, panel=panel), low, high)
         ax.set_title(f"{letter}) {panel}" if len(panels) > 1 else panel)
     note(axes[0], "width ratio", (1, 1), (4, 5), xycoords="axes fraction")
     axes[-1].set_xlabel("place between the ends of the prior's central 90 %")
@@ -113,24 +106,13 @@ def _panel(ax: Axes, rows: Rows, low: float, high: float) -> None:
     places = range(n)
     ax.barh(places, [1.0] * n, height=0.62, color=BAND, linewidth=0)
     ax.hlines(places, rows["low"], rows["high"], color=FITTED, linewidth=2.2)
-    ax.plot(
-        rows["middle"],
-        places,
-        "o",
-        color=FITTED,
-        markerfacecolor="white",
-        markersize=3.4,
-        markeredgewidth=0.8,
-    )
-    for i in places:
-        for end, edge, mark in (
-            (rows["middle"][i] < low, low, "<"),
-            (rows["middle"][i] > high, high, ">"),
-        ):
-            if end:
+    circles(ax, rows["middle"], places, FITTED, markersize=3.4)
+    for i, (middle, ratio) in enumerate(zip(rows["middle"], rows["ratio"], strict=True)):
+        for beyond, edge, mark in ((middle < low, low, "<"), (middle > high, high, ">")):
+            if beyond:
                 ax.plot(edge, i, mark, color=FITTED, clip_on=False)
         ax.annotate(
-            _ratio(rows["ratio"][i]),
+            f"{ratio:.2f}" if ratio >= 0.095 else f"{ratio:.2g}",
             (1, i),
             xycoords=("axes fraction", "data"),
             xytext=(4, 0),
@@ -147,10 +129,6 @@ def _panel(ax: Axes, rows: Rows, low: float, high: float) -> None:
     ax.tick_params(axis="y", length=0)
     ax.set_ylim(n - 0.5, -0.5)
     ax.set_xlim(low, high)
-
-
-def _ratio(value: float) -> str:
-    return f"{value:.2f}" if value >= 0.095 else f"{value:.2g}"
 
 
 FIGURE = FigureSpec(

@@ -4,8 +4,6 @@ the parabola that a standard uncertainty stands for.
 
 from __future__ import annotations
 
-import string
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -13,60 +11,45 @@ from matplotlib.ticker import MaxNLocator
 
 from nearlift.nomenclature import letter, mathematics
 from nearlift.products import FIT, PROFILES
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import REFERENCES, SERIES, Style
+from nearlift.report.figures.style import REFERENCES, SERIES, Style, headed
 
 #: Profiles are drawn up to this rise of chi2.
 TOP = 6.5
-LEVELS = (68, 90, 95)
+LEVELS = {68: SERIES[2], 90: SERIES[4], 95: SERIES[1]}
 #: Halves of a 90 % interval that differ by more than this are called lopsided.
 LOPSIDED = 0.1
 COLUMNS = 4
 
 
 def summarise(evidence: Evidence) -> Columns:
-    """A row for each point of a curve and each interval.
-
-    Returns
-    -------
-    dict of arrays
-        `panel` (boundary), `parameter`, `unit`, `kind` (``profile``, or ``68``, ``90``, ``95`` for
-        the ends of an interval), `x`, `rise` of chi2, of an interval the profile's at that end,
-        `quadratic` the parabola's. An open end has no row.
+    """A row for each point of a curve and each interval: `panel` (boundary), `parameter`, `unit`,
+    `kind` (``profile``, or ``68``, ``90``, ``95`` for the ends of an interval), `x`, `rise` of
+    chi2, of an interval the profile's at that end, `quadratic` the parabola's. An open end has no
+    row.
     """
     table = evidence.table(PROFILES)
+    table = select(table, np.minimum(table["rise"], table["quadratic"]) < TOP + 3)
     rows = []
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)
         for name, interval in entry.profiles.items():
-            mine = (
-                (table["boundary"] == boundary)
-                & (table["model"] == model.name)
-                & (table["parameter"] == name)
-            )
-            mine &= np.minimum(table["rise"], table["quadratic"]) < TOP + 3
-            if not mine.any():
+            curve = where(table, boundary=boundary, model=model.name, parameter=name)
+            x, rise, quadratic = (curve[c] for c in ("value", "rise", "quadratic"))
+            if not len(x):
                 continue
-            shared = {
-                "panel": boundary,
-                "parameter": name,
-                "unit": entry.parameters[name].unit,
-            }
-            x, rise, quadratic = (table[c][mine] for c in ("value", "rise", "quadratic"))
-            rows.append({**shared, "kind": "profile", "x": x, "rise": rise, "quadratic": quadratic})
+            parts = [{"kind": "profile", "x": x, "rise": rise, "quadratic": quadratic}]
             for level in LEVELS:
                 ends = np.array([getattr(interval, f"{end}{level}") for end in ("lo", "hi")])
                 ends = ends[np.isfinite(ends)]
-                rows.append(
-                    {
-                        **shared,
-                        "kind": str(level),
-                        "x": ends,
-                        "rise": np.interp(ends, x, rise),
-                        "quadratic": np.interp(ends, x, quadratic),
-                    }
-                )
+                there = {
+                    "rise": np.interp(ends, x, rise),
+                    "quadratic": np.interp(ends, x, quadratic),
+                }
+                parts.append({"kind": str(level), "x": ends, **there})
+            shared = {"panel": boundary, "parameter": name, "unit": entry.parameters[name].unit}
+            rows += [{**shared, **part} for part in parts]
     return stack(rows)
 
 
@@ -77,11 +60,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
         for name, profile in evidence.base(boundary)[1].profiles.items():
             what = f"{letter(name)} ({boundary})"
             if profile.open:
-                open_ends.append(
-                    f"{what}: no"
-                    f" {' or '.join(sorted({e for ends in profile.open.values() for e in ends}))}"
-                    " end within the bounds"
-                )
+                ends = sorted({end for ends in profile.open.values() for end in ends})
+                open_ends.append(f"{what}: no {' or '.join(ends)} end within the bounds")
             elif abs(np.log(profile.skew)) > LOPSIDED:
                 lopsided.append(f"{what}: {profile.skew:.2f}")
             else:
@@ -118,16 +98,15 @@ def draw(table: Rows, look: Style) -> Figure:
     height = 1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4)
     figure = Figure(figsize=(width, min(height, look.height_in)), layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
-    for i, ax in enumerate(axes.flat):
-        if i >= len(panels):
-            ax.set_axis_off()
-            continue
-        boundary, parameter = panels[i]
-        mine = (table["panel"] == boundary) & (table["parameter"] == parameter)
-        _panel(ax, select(table, mine), look)
-        unit = str(table["unit"][mine][0])
+    for ax in axes.flat[len(panels) :]:
+        ax.set_axis_off()
+    titles = headed([boundary for boundary, _ in panels])
+    for ax, title, (boundary, parameter) in zip(axes.flat, titles, panels, strict=False):
+        mine = where(table, panel=boundary, parameter=parameter)
+        _panel(ax, mine, look)
+        unit = str(mine["unit"][0])
         ax.set_xlabel(mathematics(parameter) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
-        ax.set_title(f"{string.ascii_lowercase[i]}) {boundary}" if len(panels) > 1 else boundary)
+        ax.set_title(title)
     for line in axes:
         line[0].set_ylabel(r"rise of $\chi^2$")
     handles, labels = axes.flat[0].get_legend_handles_labels()
@@ -138,14 +117,12 @@ def draw(table: Rows, look: Style) -> Figure:
 
 
 def _panel(ax: Axes, rows: Rows, look: Style) -> None:
-    curve, (grey, dashes) = select(rows, rows["kind"] == "profile"), REFERENCES[0]
+    curve, (grey, dashes) = where(rows, kind="profile"), REFERENCES[0]
     x, rise = curve["x"], curve["rise"]
     ax.plot(x, curve["quadratic"], color=grey, linestyle=dashes, label="parabola", zorder=1)
     ax.plot(x, rise, color=SERIES[0][0], label="profile", zorder=2)
-    for level, (colour, marker) in zip(
-        ("68", "90", "95"), (SERIES[2], SERIES[4], SERIES[1]), strict=True
-    ):
-        ends = select(rows, rows["kind"] == level)
+    for level, (colour, marker) in LEVELS.items():
+        ends = where(rows, kind=str(level))
         ax.plot(
             ends["x"],
             ends["rise"],
