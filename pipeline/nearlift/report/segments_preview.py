@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.readers.segments import Segmented
-from nearlift.report.figures.style import SERIES, STYLES, context, plain_text
+from nearlift.report.figures.style import SERIES, context, plain_text, style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,10 +31,10 @@ def picture(records: Sequence[Segmented], rate_Hz: float) -> bytes:
     from matplotlib.figure import Figure
 
     shown = [r for r in records if len(r.record.force_N)][:MOST_RECORDS]
-    look = next(s for s in STYLES if s.name == "screen")
+    look, rows = style("screen"), max(len(shown), 1)
     with context(look):
-        figure = Figure(figsize=(look.double_in, HEIGHT_IN * max(len(shown), 1) + 0.6))
-        axes = figure.subplots(max(len(shown), 1), 1, squeeze=False)[:, 0]
+        figure = Figure(figsize=(look.double_in, HEIGHT_IN * rows + 0.6))
+        axes = figure.subplots(rows, 1, squeeze=False)[:, 0]
         for ax, record in zip(axes, shown, strict=False):
             _draw(ax, record, rate_Hz)
         axes[-1].set_xlabel("time from the record's first sample (s)")
@@ -51,9 +51,7 @@ def _draw(ax: Axes, whole: Segmented, rate_Hz: float) -> None:
         np.arange(0, len(force), step) / rate_Hz, force[::step], color=SERIES[0][0], linewidth=0.6
     )
     kept = {piece.number for piece in whole.pieces}
-    for piece in whole.cuts.pieces:
-        if piece.number not in kept:
-            continue
+    for piece in (p for p in whole.cuts.pieces if p.number in kept):
         ax.axvspan(piece.start / rate_Hz, piece.end / rate_Hz, color=SERIES[4][0], alpha=0.35, lw=0)
         ax.text(
             (piece.start + piece.end) / 2 / rate_Hz,

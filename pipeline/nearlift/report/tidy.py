@@ -9,8 +9,6 @@ import io
 import math
 from typing import Any
 
-from numpy.typing import NDArray
-
 from nearlift.report.evidence import Columns
 
 #: A text cell that begins with one of these is a formula to a spreadsheet.
@@ -24,23 +22,17 @@ def to_csv(table: Columns) -> bytes:
     sink = io.StringIO()
     writer = csv.writer(sink, lineterminator="\n")
     writer.writerow(table)
-    writer.writerows(zip(*(_cells(values) for values in table.values()), strict=True))
+    writer.writerows(zip(*(map(cell, values.tolist()) for values in table.values()), strict=True))
     return sink.getvalue().encode()
-
-
-def _cells(values: NDArray[Any]) -> list[str]:
-    if values.dtype.kind == "f":
-        return [f"{v:.9g}" if v - v == 0.0 else "" for v in values.tolist()]
-    return [cell(v) for v in values.tolist()]
 
 
 def cell(value: Any) -> str:
     """One cell: a number, or text that no spreadsheet takes for a formula."""
+    if isinstance(value, float):
+        return f"{value:.9g}" if math.isfinite(value) else ""
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, int):
         return str(value)
-    if isinstance(value, float):
-        return f"{value:.9g}" if math.isfinite(value) else ""
     text = "" if value is None else str(value)
     return f"'{text}" if text.startswith(FORMULA) else text

@@ -13,16 +13,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from nearlift.report.evidence import Columns, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Rows, distinct, stack, where
 from nearlift.report.figures.style import SERIES, Style, effects, note, plain_log
 
 #: Displayed units of sizes that are small in SI.
 SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m", 1e3)}
 LOOKS = {
-    "named": (SERIES[2][0], SERIES[2][1]),
-    "seen, seldom named": (SERIES[4][0], SERIES[4][1]),
-    "seen, not told apart": (SERIES[0][0], SERIES[0][1]),
-    "too small to see": (SERIES[1][0], SERIES[1][1]),
+    "named": SERIES[2],
+    "seen, seldom named": SERIES[4],
+    "seen, not told apart": SERIES[0],
+    "too small to see": SERIES[1],
     "silent": ("0.5", "x"),
 }
 #: Of what would not be seen nothing is said beyond its limit.
@@ -68,7 +68,7 @@ def label(row: dict[str, object]) -> str:
 
 
 def text(outlook: dict[str, Any]) -> str:
-    """The outlook in words, its numbers from `found`."""
+    """The outlook in words."""
     lines = [f"{outlook['campaign']}: a plan from {outlook['plan']}"]
     lines += [line for said in outlook["assumed"] for line in wrap(f"Assumed: {said}.")]
     for boundary, at in outlook["boundaries"].items():
@@ -100,32 +100,23 @@ def _boundary(at: dict[str, Any]) -> list[str]:
         f" rate {at['false_alarm_rate']:g}, for all tests together."
     )
     for name, c in at["coefficients"].items():
-        wide = f"{c['u_with_undetected_effects']:.2g}"
         lines += wrap(
             f"Expected: {name} = {c['expected']:.3g} +- {c['u']:.2g}; with every effect of"
-            f" plausible size unnoticed, +- {wide}."
+            f" plausible size unnoticed, +- {c['u_with_undetected_effects']:.2g}."
         )
-    lines += [
-        "",
-        f"  {'effect':<22} {'limit':>12} {'plausible':>12} {'seen':>5} {'alone':>6}  verdict",
-    ]
+    columns = f"  {'effect':<22} {'limit':>12} {'plausible':>12} {'seen':>5} {'alone':>6}  verdict"
+    lines += ["", columns]
     for row in at["effects"]:
-        limit = (
-            "never"
-            if row["detection_limit"] is None
-            else size_text(row["detection_limit"], row["unit"])
-        )
-        plausible = size_text(row["plausible_size"], row["unit"])
+        size, unit = row["detection_limit"], row["unit"]
+        limit = "never" if size is None else size_text(size, unit)
+        plausible = size_text(row["plausible_size"], unit)
         chances = f"{100 * row['seen']:4.0f}% {100 * row['alone']:5.0f}%"
         lines.append(f"  {label(row):<22} {limit:>12} {plausible:>12} {chances}  {row['verdict']}")
-    lines += [
-        "",
-        (
-            "  limit: size seen with 80 % chance; seen, alone: chances at the plausible size"
-            " (alone: named without a rival)"
-        ),
-        "",
-    ]
+    meant = (
+        "  limit: size seen with 80 % chance; seen, alone: chances at the plausible size (alone:"
+        " named without a rival)"
+    )
+    lines += ["", meant, ""]
     hidden = [r for r in at["effects"] if r["verdict"] in UNSEEN]
     first = next(iter(at["coefficients"]), None)
     if first is not None and hidden:
@@ -152,11 +143,11 @@ def _changes(changes: dict[str, Any]) -> list[str]:
         return ["", "Nothing that would be seen is confused with anything else."]
     lines = ["", "What would part them (expected evidence; 13 is enough for one pair)"]
     for pair in changes["pairs"]:
-        head = (
-            f"  {pair['pair'][0]} of {size_text(pair['size'], pair['unit'])} against"
-            f" {pair['pair'][1]}: evidence {pair['evidence_now']:.1f}"
+        one, other = pair["pair"]
+        lines.append(
+            f"  {one} of {size_text(pair['size'], pair['unit'])} against {other}: evidence"
+            f" {pair['evidence_now']:.1f}"
         )
-        lines.append(head)
         if pair["held_together_by"] == "form":
             lines.append(
                 "    more trials do not help: what is not known is the exact form of either"
@@ -198,24 +189,20 @@ def wrap(text: str) -> list[str]:
 def draw(rows: Rows, look: Style) -> Figure:
     """A line of two panels for each boundary."""
     sides = distinct(rows["boundary"])
-    parts = {side: select(rows, rows["boundary"] == side) for side in sides}
-    heights = [
-        1.55 + 0.155 * len(distinct(part["effect"][part["panel"] == "limits"]))
-        for part in parts.values()
-    ]
+    limits = [where(rows, boundary=side, panel="limits") for side in sides]
+    heights = [1.55 + 0.155 * len(distinct(part["effect"])) for part in limits]
     figure = Figure(figsize=(look.double_in, sum(heights)), layout="constrained")
     grid = figure.subplots(
         len(sides), 2, squeeze=False, width_ratios=(1, 1.25), height_ratios=heights
     )
-    for line, (side, part) in zip(grid, parts.items(), strict=True):
+    for line, side, part in zip(grid, sides, limits, strict=True):
         _limits(line[0], part, side)
-        _confused(line[1], part)
+        _confused(line[1], where(rows, boundary=side, panel="confused"))
     return figure
 
 
 def _limits(ax: Axes, rows: Rows, side: str) -> None:
-    mine = rows["panel"] == "limits"
-    names, verdict, x, sizes = (rows[k][mine] for k in ("effect", "series", "x", "note"))
+    names, verdict, x, sizes = (rows[k] for k in ("effect", "series", "x", "note"))
     place = np.arange(len(names))[::-1]
     finite = x[np.isfinite(x)]
     low, high = (finite.min(), finite.max()) if len(finite) else (0.1, 10.0)
@@ -252,17 +239,13 @@ def _limits(ax: Axes, rows: Rows, side: str) -> None:
 
 
 def _confused(ax: Axes, rows: Rows) -> None:
-    mine = rows["panel"] == "confused"
-    if not mine.any():
+    if not len(rows["x"]):
         ax.set_axis_off()
         return
-    truth = distinct(rows["effect"][mine])
-    taken = list(dict.fromkeys([*truth, *rows["series"][mine].tolist()]))
-    taken = [t for t in taken if np.any((rows["series"] == t) & mine)]
+    truth, said = distinct(rows["effect"]), distinct(rows["series"])
+    taken = [t for t in dict.fromkeys([*truth, *said]) if t in said]
     table = np.full((len(truth), len(taken)), np.nan)
-    for a, b, chance in zip(
-        rows["effect"][mine], rows["series"][mine], rows["x"][mine], strict=True
-    ):
+    for a, b, chance in zip(rows["effect"], rows["series"], rows["x"], strict=True):
         if chance >= LEAST:
             table[truth.index(a), taken.index(b)] = 100 * chance
     ax.imshow(table, cmap="Blues", vmin=0, vmax=130, aspect="auto")

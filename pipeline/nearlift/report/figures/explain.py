@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.report.evidence import Columns, Rows, distinct, select, stack
+from nearlift.report.evidence import Columns, Rows, distinct, select, stack, where
 from nearlift.report.figures.design import SHOWN, size_text, wrap
 from nearlift.report.figures.style import (
     BAND,
@@ -55,7 +55,7 @@ def rows(
     """
     name = effect.varies_with
     recorded = {"z_hat": data.z_hat, "throttle": 100 * data.throttle, "session": data.session + 1.0}
-    x = np.asarray(recorded[name] if name in recorded else data.covariates[name], dtype=float)
+    x = np.asarray({**data.covariates, **recorded}[name], dtype=float)
     finite = np.isfinite(x)
     parts: list[dict[str, object]] = [
         {"panel": "signature", "series": "raw", "x": x[finite], "y": 100 * raw[finite]},
@@ -71,15 +71,9 @@ def rows(
     if at_size["detection_limit"] is not None:
         limit = factor * at_size["detection_limit"]
         parts.append({"panel": "power", "series": "limit", "x": limit, "y": 0.8})
-    parts += [
-        {
-            "panel": "confused",
-            "series": c["effect"],
-            "x": c["rival_chance"],
-            "y": c["energy_absorbed"],
-        }
-        for c in at_size["confused_with"][:MOST]
-    ]
+    for c in at_size["confused_with"][:MOST]:
+        chances = {"x": c["rival_chance"], "y": c["energy_absorbed"]}
+        parts.append({"panel": "confused", "series": c["effect"], **chances})
     shared = {
         "boundary": boundary,
         "effect": effect.title,
@@ -92,7 +86,7 @@ def rows(
 
 
 def text(explanation: dict[str, Any]) -> str:
-    """The explanation in words, its numbers from `found`."""
+    """The explanation in words."""
     source = explanation["source"]
     equation = source["equation"] and f"equation {source['equation']}"
     cited = "; ".join(filter(None, (source["citation"], equation, source["doi"])))
@@ -100,8 +94,6 @@ def text(explanation: dict[str, Any]) -> str:
         f"{explanation['effect']}: {explanation['title']}",
         "",
         *wrap(f"Mechanism: {explanation['mechanism']} (acts on {explanation['acts_on']})."),
-    ]
-    lines += [
         "",
         *explanation["notes_of_declaration"].strip().splitlines(),
         "",
@@ -136,16 +128,13 @@ def _boundary(at: dict[str, Any], explanation: dict[str, Any]) -> list[str]:
     )
     lines += wrap(_here(at["in_this_campaign"]))
     if "within_trial" in at:
-        w = at["within_trial"]
-        return lines + wrap(
-            "It acts within a record and leaves no mark on trial means. "
-            + (
-                f"A mean change of {100 * w.limit:.2g} % of lift over a record would be seen"
-                " with 80 % chance."
-                if w
-                else "Records are unknown here."
+        seen = "Records are unknown here."
+        if w := at["within_trial"]:
+            seen = (
+                f"A mean change of {100 * w.limit:.2g} % of lift over a record would be seen with"
+                " 80 % chance."
             )
-        )
+        return lines + wrap(f"It acts within a record and leaves no mark on trial means. {seen}")
     for size in at["sizes"]:
         lines += ["", *_size(size, at)]
     return lines
@@ -166,8 +155,8 @@ def _here(verdict: dict[str, Any] | None) -> str:
         return f"The loop lists it here among what this design cannot tell from {rival_of}."
     said, tried = "had no need of it here", verdict["tried"]
     if tried and not tried["accepted"]:
-        where = tried.get("left_in")
-        left = f"leaves structure in {where}" if where else "earns too little"
+        covariate = tried.get("left_in")
+        left = f"leaves structure in {covariate}" if covariate else "earns too little"
         said = f"tried it here and did not accept it: it {left}"
     return f"The loop {said}. Verdict: {verdict['verdict']}."
 
@@ -189,26 +178,24 @@ def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
         )
     else:
         ratio = s["detection_limit"] / s["plausible_size"]
+        per = " rms over sessions" if s["per"] == "session" else ""
         lines += wrap(
-            "Detection limit (80 % power):"
-            f" {size_text(s['detection_limit'], unit)}"
-            f"{' rms over sessions' if s['per'] == 'session' else ''},"
-            f" which is {ratio:.2g} times its plausible size of"
-            f" {size_text(s['plausible_size'], unit)}."
+            f"Detection limit (80 % power): {size_text(s['detection_limit'], unit)}{per}, which is"
+            f" {ratio:.2g} times its plausible size of {size_text(s['plausible_size'], unit)}."
         )
-        named = s["limit_named_alone"]
-        lines += wrap(
-            "Among the names or their rivals with 80 % chance from"
-            f" {_or(s['limit_within_set'], unit)}; named alone from {_or(named, unit)}. "
-            + (
-                "(With so few visits the loop decides by what it predicts of a visit left out, so"
-                " take the chances to be named as upper ends.)"
-                if at["few_visits"]
-                else (
-                    "(Before held-out visits have their say, which lowers the chances of weak"
-                    " effects.)"
-                )
+        chances = "Before held-out visits have their say, which lowers the chances of weak effects."
+        if at["few_visits"]:
+            chances = (
+                "With so few visits the loop decides by what it predicts of a visit left out, so"
+                " take the chances to be named as upper ends."
             )
+        within, alone = (
+            "beyond any size looked at" if limit is None else size_text(limit, unit)
+            for limit in (s["limit_within_set"], s["limit_named_alone"])
+        )
+        lines += wrap(
+            f"Among the names or their rivals with 80 % chance from {within}; named alone from"
+            f" {alone}. ({chances})"
         )
     sig = s["signature"]
     lines += wrap(
@@ -218,21 +205,18 @@ def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
         " trial)."
     )
     for name, b in s["bias"].items():
-        units = f"{abs(b['in_u']):.2g} of its standard uncertainty"
         lines += wrap(
             f"Unnoticed at that size it shifts {name} = {b['value']:.3g} by {b['shift']:+.2g},"
-            f" {units}."
+            f" {abs(b['in_u']):.2g} of its standard uncertainty."
         )
     rivals = [
         c for c in s["confused_with"] if c["rival_chance"] >= 0.05 or c["energy_absorbed"] >= 0.5
     ][:8]
     if rivals:
-        lines += [
-            (
-                "Confused with (correlation after theta and L_inf; energy it takes over; chance to"
-                " be named or a rival at that size):"
-            )
-        ]
+        lines.append(
+            "Confused with (correlation after theta and L_inf; energy it takes over; chance to be"
+            " named or a rival at that size):"
+        )
         lines += [
             f"  {c['effect']:<22} r = {c['correlation']:.3f}   {100 * c['energy_absorbed']:3.0f} % "
             f"  {100 * c['rival_chance']:3.0f} %"
@@ -243,51 +227,52 @@ def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _or(value: float | None, unit: str) -> str:
-    return "beyond any size looked at" if value is None else size_text(value, unit)
-
-
 def draw(rows: Rows, look: Style) -> Figure:
     """A line of three panels for each boundary and each of the effect's sizes."""
     keys = distinct(rows["boundary"], rows["parameter"])
     figure = Figure(figsize=(look.double_in, 0.35 + 2.15 * len(keys)), layout="constrained")
     grid = figure.subplots(len(keys), 3, squeeze=False, width_ratios=(1.25, 1.1, 1))
     for line, (boundary, parameter) in zip(grid, keys, strict=True):
-        mine = (rows["boundary"] == boundary) & (rows["parameter"] == parameter)
-        part = select(rows, mine)
-        unit = str(part["unit"][0])
-        size = f"{float(part['size'][0]):.3g}" + ("" if unit == "1" else f" {unit}")
-        word = parameter.removesuffix("_m").removesuffix("_N").replace("_", " ")
-        _signature(line[0], part, f"{boundary}: {word} of {size}")
-        _power(line[1], part, word + ("" if unit == "1" else f" ({unit})"))
-        _confused(line[2], part)
+        mine = where(rows, boundary=boundary, parameter=parameter)
+        size, unit = f"{float(mine['size'][0]):.3g}", str(mine["unit"][0])
+        axis = word = parameter.removesuffix("_m").removesuffix("_N").replace("_", " ")
+        if unit != "1":
+            size, axis = f"{size} {unit}", f"{word} ({unit})"
+        signature, power, confused = (
+            where(mine, panel=panel) for panel in ("signature", "power", "confused")
+        )
+        _signature(line[0], signature, f"{boundary}: {word} of {size}")
+        _power(line[1], power, axis)
+        if len(power["x"]):
+            _confused(line[2], confused)
+        else:
+            line[2].set_axis_off()
     return figure
 
 
 def _signature(ax: Axes, rows: Rows, title: str) -> None:
-    mine = rows["panel"] == "signature"
-    noise = float(rows["y"][mine & (rows["series"] == "noise")][0])
+    noise = float(where(rows, series="noise")["y"][0])
     ax.axhspan(-noise, noise, color=BAND, alpha=0.5, linewidth=0, zorder=0)
     ax.axhline(0, color="0.3", linewidth=0.6, zorder=1)
-    looks = {
-        "raw": ("0.35", "o", "none", "as it acts"),
-        "left": (SERIES[1][0], "s", SERIES[1][0], "what the model leaves"),
-    }
-    for name, (edge, marker, face, _) in looks.items():
-        here = mine & (rows["series"] == name)
-        size = 4.0 if name == "raw" else 1.8
+    handles = []
+    for series, size, marker, face, edge, label in (
+        ("raw", 4.0, "o", "none", "0.35", "as it acts"),
+        ("left", 1.8, "s", SERIES[1][0], SERIES[1][0], "what the model leaves"),
+    ):
+        look: Any = {"marker": marker, "markerfacecolor": face, "markeredgecolor": edge}
+        handles.append(Line2D([], [], linestyle="none", markersize=3, label=label, **look))
+        mine = where(rows, series=series)
         ax.plot(
-            rows["x"][here],
-            rows["y"][here],
-            marker=marker,
+            mine["x"],
+            mine["y"],
             linestyle="none",
             markersize=size,
-            markerfacecolor=face,
-            markeredgecolor=edge,
             markeredgewidth=0.5,
             zorder=3,
             rasterized=True,
+            **look,
         )
+    handles.append(Line2D([], [], color=BAND, linewidth=5, alpha=0.6, label="noise of one trial"))
     covariate = str(rows["covariate"][0])
     if covariate == "z_hat":
         ax.set_xscale("log")
@@ -298,36 +283,23 @@ def _signature(ax: Axes, rows: Rows, title: str) -> None:
     ax.set_xlabel(r"throttle (%)" if covariate == "throttle" else quantity(covariate), labelpad=1)
     ax.set_ylabel("change of lift (%)")
     ax.set_title(title)
-    handles = [
-        Line2D(
-            [], [], linestyle="none", marker=m, markersize=3, markerfacecolor=f, markeredgecolor=e
-        )
-        for e, m, f, _ in looks.values()
-    ]
-    handles.append(Line2D([], [], color=BAND, linewidth=5, alpha=0.6))
     low, high = ax.get_ylim()
     ax.set_ylim(low, high + 0.42 * (high - low))
-    ax.legend(
-        handles,
-        [*(t for *_, t in looks.values()), "noise of one trial"],
-        loc="upper left",
-        handlelength=1.2,
-    )
+    ax.legend(handles=handles, loc="upper left", handlelength=1.2)
 
 
 def _power(ax: Axes, rows: Rows, label: str) -> None:
-    mine = rows["panel"] == "power"
-    if not mine.any():
+    if not len(rows["x"]):
         ax.set_axis_off()
         words_alone(ax, "silent: the model absorbs it\nat any size")
         return
-    false_alarm = float(rows["y"][mine & (rows["series"] == "false alarm")][0])
+    false_alarm = float(where(rows, series="false alarm")["y"][0])
     ax.axhline(100 * false_alarm, color="0.6", linewidth=0.6, linestyle=(0, (2, 2)))
     for name, (colour, dash, text) in LOOKS.items():
-        here = mine & (rows["series"] == name)
-        ax.plot(rows["x"][here], 100 * rows["y"][here], color=colour, linestyle=dash, label=text)
-    limit = mine & (rows["series"] == "limit")
-    for x, y in zip(rows["x"][limit], rows["y"][limit], strict=True):
+        mine = where(rows, series=name)
+        ax.plot(mine["x"], 100 * mine["y"], color=colour, linestyle=dash, label=text)
+    limit = where(rows, series="limit")
+    for x, y in zip(limit["x"], limit["y"], strict=True):
         ax.plot([x, x, 0], [0, 100 * y, 100 * y], color="0.6", linewidth=0.6)
         ax.plot([x], [100 * y], "o", color=FITTED, markersize=3)
     ax.set_ylim(0, 104)
@@ -339,30 +311,21 @@ def _power(ax: Axes, rows: Rows, label: str) -> None:
 
 
 def _confused(ax: Axes, rows: Rows) -> None:
-    if not np.any(rows["panel"] == "power"):
-        ax.set_axis_off()
-        return
-    mine = np.flatnonzero(
-        (rows["panel"] == "confused") & ((rows["x"] >= 0.02) | (rows["y"] >= 0.1))
-    )
-    if not len(mine):
+    rows = select(rows, (rows["x"] >= 0.02) | (rows["y"] >= 0.1))
+    n = len(rows["x"])
+    if not n:
         ax.set_axis_off()
         words_alone(ax, "confused with nothing\nin the library")
         return
-    place = np.arange(len(mine))[::-1]
-    ax.barh(
-        place + 0.2, 100 * rows["y"][mine], height=0.36, color="0.75", label="energy it takes over"
-    )
-    ax.barh(
-        place - 0.2,
-        100 * rows["x"][mine],
-        height=0.36,
-        color=SERIES[0][0],
-        label="chance to be a rival",
-    )
-    ax.set_yticks(place, [effects(str(n)) for n in rows["series"][mine]])
+    place = np.arange(n)[::-1]
+    for up, column, colour, label in (
+        (0.2, "y", "0.75", "energy it takes over"),
+        (-0.2, "x", SERIES[0][0], "chance to be a rival"),
+    ):
+        ax.barh(place + up, 100 * rows[column], height=0.36, color=colour, label=label)
+    ax.set_yticks(place, [effects(str(name)) for name in rows["series"]])
     ax.tick_params(axis="y", length=0)
     ax.set_xlim(0, 100)
-    ax.set_ylim(-0.6, len(mine) - 0.4 + 0.28 * len(mine))
+    ax.set_ylim(-0.6, n - 0.4 + 0.28 * n)
     ax.set_xlabel("%", labelpad=1)
     ax.legend(loc="upper right")
