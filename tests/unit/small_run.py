@@ -106,7 +106,7 @@ def nearlift(*words: object) -> Result:
 
 
 def undrawn(_: Any, table: Mapping[str, Any], look: Any) -> dict[str, bytes]:
-    """In place of `figures.render.render`: what depends on the table and the style, without the
+    """In place of `figures.encoding.render`: what depends on the table and the style, without the
     seconds of drawing.
     """
     told = hashlib.sha256(to_csv(dict(table)) + repr(look).encode()).hexdigest().encode()

@@ -262,7 +262,7 @@ class Blocks:
                 if body:
                     yield line, body
                 line += lines
-        if held == b"\r" or (held.endswith(b"\r") and b"\n" not in held):
+        if held.endswith(b"\r") and b"\n" not in held:
             last = held[:-1] + b"\n"
             if last.strip() and not skip:
                 yield line, last

@@ -68,10 +68,7 @@ def _worst(levels: CrashLevels, boundary: str, one: float, other: float) -> Floa
         levels.varied[boundary, one, variant] - levels.varied[boundary, other, variant]
         for variant in dict.fromkeys(variant for _, _, variant in levels.varied)
     ]
-    # variants have fewer resamples, paired among themselves
-    n = min(map(len, apart))
-    worst: FloatArray = np.min([difference[:n] for difference in apart], axis=0)
-    return worst
+    return np.asarray(np.min(apart, axis=0), dtype=np.float64)
 
 
 CLAIMS = (

@@ -155,7 +155,7 @@ def grid(node: Rows, name: str) -> tuple[Any, Any, Any]:
 
 
 def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Common limits of all panels: the nodes, half a radius beyond them downwards for the
+    """Common limits of all panels: the nodes, and a quarter of a radius below them for the
     boundary.
     """
     node = where(table, kind="node")
