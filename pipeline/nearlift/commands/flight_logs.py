@@ -22,35 +22,40 @@ from nearlift.reduction.specific_force import faults
 #: groups included.
 NAMES = {
     "acceleration": (
-        r"stateestimate\.az$",
-        r"(accelerometer_m_s2|xyz)\[2\]$",
-        r"linear_acceleration\.z$",
-        r"(^|[._/])a(cc(el(eration)?)?)?[._ ]?z\b",
+        re.compile(r"stateestimate\.az$"),
+        re.compile(r"(accelerometer_m_s2|xyz)\[2\]$"),
+        re.compile(r"linear_acceleration\.z$"),
+        re.compile(r"(^|[._/])a(cc(el(eration)?)?)?[._ ]?z\b"),
     ),
     "velocity": (
-        r"stateestimate\.vz$",
-        r"local_position\.vz$",
-        r"twist\.linear\.z$",
-        r"(^|[._/])v(el(ocity)?)?[._ ]?z\b",
+        re.compile(r"stateestimate\.vz$"),
+        re.compile(r"local_position\.vz$"),
+        re.compile(r"twist\.linear\.z$"),
+        re.compile(r"(^|[._/])v(el(ocity)?)?[._ ]?z\b"),
     ),
     "setpoint": (
-        r"(ctrltarget|set_?point|target|desired|ref\w*)\b.*z$",
-        r"(^|[._/])(set_?point|target)([._]z)?$",
+        re.compile(r"(ctrltarget|set_?point|target|desired|ref\w*)\b.*z$"),
+        re.compile(r"(^|[._/])(set_?point|target)([._]z)?$"),
     ),
     "height": (
-        r"stateestimate\.z$",
-        r"local_position\.z$",
-        r"position\.z$",
-        r"(^|[._/])(height|altitude|alt|z|zrange)\b",
+        re.compile(r"stateestimate\.z$"),
+        re.compile(r"local_position\.z$"),
+        re.compile(r"position\.z$"),
+        re.compile(r"(^|[._/])(height|altitude|alt|z|zrange)\b"),
     ),
     "supply": (
-        r"vbatmv$",
-        r"vbat",
-        r"battery.*voltage",
-        r"(^|[._/])(supply|voltage|battery)\b",
+        re.compile(r"vbatmv$"),
+        re.compile(r"vbat"),
+        re.compile(r"battery.*voltage"),
+        re.compile(r"(^|[._/])(supply|voltage|battery)\b"),
     ),
 }
-MOTORS = (r"pwm", r"motor", r"actuator|output|esc", r"(^|[._/])m\d")
+MOTORS = (
+    re.compile(r"pwm"),
+    re.compile(r"motor"),
+    re.compile(r"actuator|output|esc"),
+    re.compile(r"(^|[._/])m\d"),
+)
 #: What a flight holds.
 RIG = '# a flight log: no load cell, the vehicle weighs itself\n[rig]\nheld = "command"\n'
 UNITS = {"height": "m", "velocity": "m/s", "setpoint": "m"}
@@ -69,7 +74,7 @@ def channels_of(contents: Contents) -> Channels | None:
     known: dict[str, Channel] = {}
     for what, patterns in NAMES.items():
         left = [c for c in contents.channels if c not in known.values() and len(c.values)]
-        channel = next((c for p in patterns for c in left if re.search(p, c.name.lower())), None)
+        channel = next((c for p in patterns for c in left if p.search(c.name.lower())), None)
         if channel is not None:
             known[what] = channel
         elif what not in ("setpoint", "supply"):
@@ -83,7 +88,7 @@ def _commands(channels: Sequence[Channel]) -> tuple[Channel, ...]:
     for pattern in MOTORS:
         groups: dict[str, list[Channel]] = {}
         for c in channels:
-            if re.search(pattern, c.name.lower()) and re.search(r"\d", c.name) and len(c.values):
+            if pattern.search(c.name.lower()) and re.search(r"\d", c.name) and len(c.values):
                 groups.setdefault(re.sub(r"\d+", "#", c.name), []).append(c)
         full = [g for g in groups.values() if len(g) > 1]
         # a controller has more outputs than rotors, which then stand still

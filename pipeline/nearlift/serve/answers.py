@@ -4,15 +4,25 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from urllib.parse import parse_qs, quote
-
-from starlette.responses import Response
 
 from nearlift.errors import InputRefused
 
 #: Of a form of the page, ten times over.
 MOST_FIELDS = 100
+HTML = "text/html; charset=utf-8"
+TEXT = "text/plain; charset=utf-8"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PageAnswer:
+    """What goes back."""
+
+    body: bytes = b""
+    kind: str = HTML
+    status: int = 200
+    headers: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +58,12 @@ class PageQuery:
         return self.one(name).replace("\r\n", "\n")
 
 
-def see(path: str, **query: str) -> Response:
+def see(path: str, **query: str) -> PageAnswer:
     """Go there."""
     where = path + ("?" + "&".join(f"{k}={quote(v)}" for k, v in query.items()) if query else "")
-    return Response(status_code=303, headers={"location": where})
+    return PageAnswer(body=b"", status=303, headers={"location": where})
 
 
-def as_json(content: object, status: int = 200) -> Response:
+def as_json(content: object) -> PageAnswer:
     """A JSON answer."""
-    return Response(json.dumps(content), status, media_type="application/json")
+    return PageAnswer(body=json.dumps(content).encode(), kind="application/json")

@@ -8,23 +8,21 @@ import functools
 import json
 import socket
 from collections.abc import AsyncIterator, Callable
-from pathlib import Path
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from starlette.applications import Starlette
-from starlette.concurrency import run_in_threadpool
-from starlette.requests import Request
-from starlette.responses import PlainTextResponse, Response, StreamingResponse
-from starlette.routing import Route
-from starlette.types import ASGIApp
-
 from nearlift.errors import NearliftError, UsageError
-from nearlift.serve import pages
-from nearlift.serve.answers import PageQuery, as_json
+from nearlift.serve import answers, pages
 from nearlift.serve.bench import ServedWorkspace
 from nearlift.serve.gate import Gate
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from starlette.requests import Request
+    from starlette.responses import Response
+    from starlette.types import ASGIApp
+
     from nearlift.serve.live import Live
 
 #: Bytes of a form; seconds between looks at what is to be told, and between signs of life.
@@ -38,6 +36,9 @@ Events = AsyncIterator[tuple[str, object]]
 
 def application(workspace: ServedWorkspace) -> ASGIApp:
     """Every route of the page."""
+    from starlette.applications import Starlette
+    from starlette.routing import Route
+
     site = Site(workspace)
     routes = [
         Route(path, functools.partial(site.handle, handler), methods=[method])
@@ -70,9 +71,11 @@ class Site:
             async for part in request.stream():
                 content += part
                 if len(content) > MOST_FORM:
-                    return PlainTextResponse("too large\n", 413)
+                    return _response(
+                        answers.PageAnswer(body=b"too large\n", kind=answers.TEXT, status=413)
+                    )
             text = content.decode("utf-8", "replace")
-        return await self._answered(lambda: handler(self.workspace, PageQuery.parsed(text)))
+        return await self._answered(lambda: handler(self.workspace, answers.PageQuery.parsed(text)))
 
     async def file(self, request: Request) -> Response:
         """A product."""
@@ -84,14 +87,14 @@ class Site:
 
     async def icon(self, request: Request) -> Response:
         """None: a browser asks for one beside texts and pictures, and would log its absence."""
-        return Response(status_code=204)
+        return _response(answers.PageAnswer(status=204))
 
     async def work(self, request: Request) -> Response:
         """What a command says, while it says it."""
         try:
             command = self.workspace.work(request.query_params.get("key", ""))
         except NearliftError as refusal:
-            return pages.refused(self.workspace, refusal)
+            return _response(pages.refused(self.workspace, refusal))
 
         async def events() -> Events:
             count = 0
@@ -109,6 +112,8 @@ class Site:
 
     async def live(self, request: Request) -> Response:
         """Trials as they land, and looks as they end."""
+        from starlette.concurrency import run_in_threadpool
+
         from nearlift.serve.live import Live, looks, watching
 
         try:
@@ -116,7 +121,7 @@ class Site:
                 self.workspace.campaign, request.query_params.get("campaign", "")
             )
         except NearliftError as refusal:
-            return pages.refused(self.workspace, refusal)
+            return _response(pages.refused(self.workspace, refusal))
 
         async def events() -> Events:
             recording, pages_of = self.watched.get(place.root, (Live(place), 0))
@@ -154,20 +159,31 @@ class Site:
         from nearlift.serve.draft import receive
 
         try:
-            query = PageQuery.parsed(str(request.url.query))
+            query = answers.PageQuery.parsed(str(request.url.query))
             await receive(self.workspace, query.one("name"), query.one("file"), request.stream())
         except NearliftError as refusal:
-            return as_json({"refusal": f"{refusal.what}; {refusal.remedy}"}, 409)
-        return as_json({})
+            refused = answers.as_json({"refusal": f"{refusal.what}; {refusal.remedy}"})
+            return _response(replace(refused, status=409))
+        return _response(answers.as_json({}))
 
-    async def _answered(self, make: Callable[..., Response], *given: Any) -> Response:
+    async def _answered(self, make: Callable[..., answers.PageAnswer], *given: Any) -> Response:
+        from starlette.concurrency import run_in_threadpool
+
         try:
-            return await run_in_threadpool(make, *given)
+            return _response(await run_in_threadpool(make, *given))
         except NearliftError as refusal:
-            return await run_in_threadpool(pages.refused, self.workspace, refusal)
+            return _response(await run_in_threadpool(pages.refused, self.workspace, refusal))
+
+
+def _response(answer: answers.PageAnswer) -> Response:
+    from starlette.responses import Response
+
+    return Response(answer.body, answer.status, dict(answer.headers), answer.kind)
 
 
 def _stream(events: Events) -> Response:
+    from starlette.responses import StreamingResponse
+
     return StreamingResponse(_sent(events), media_type="text/event-stream")
 
 

@@ -14,16 +14,13 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from starlette.responses import HTMLResponse, Response
-
 from nearlift.errors import NearliftError, UsageError
-from nearlift.run.stage import Stage
-from nearlift.serve.answers import PageQuery, as_json, see
+from nearlift.serve.answers import TEXT, PageAnswer, PageQuery, as_json, see
 from nearlift.serve.bench import MANIFEST, NotThere, ServedCampaign, ServedWorkspace, command_line
 from nearlift.serve.gate import POLICY
 from nearlift.stages.asked import ROUNDS
 
-Handler = Callable[[ServedWorkspace, PageQuery], Response]
+Handler = Callable[[ServedWorkspace, PageQuery], PageAnswer]
 
 
 @functools.cache
@@ -43,21 +40,20 @@ def _templates() -> Any:
     return environment
 
 
-def page(workspace: ServedWorkspace, name: str, title: str, **facts: Any) -> Response:
+def page(workspace: ServedWorkspace, name: str, title: str, **facts: Any) -> PageAnswer:
     """A page of the template of that name."""
     given: dict[str, object] = {"title": title, "workspace": str(workspace.root), **facts}
     template = _templates().get_template(f"{name}.html.j2")
-    return HTMLResponse(template.render(given))
+    return PageAnswer(body=template.render(given).encode())
 
 
-def refused(workspace: ServedWorkspace, refusal: NearliftError) -> Response:
+def refused(workspace: ServedWorkspace, refusal: NearliftError) -> PageAnswer:
     """The page that says why not."""
     answer = page(workspace, "refusal", "Refused", refusal=refusal)
-    answer.status_code = 404 if isinstance(refusal, NotThere) else 409
-    return answer
+    return PageAnswer(body=answer.body, status=404 if isinstance(refusal, NotThere) else 409)
 
 
-def campaigns(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def campaigns(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """All campaigns, each with what it says."""
     from nearlift.products import RESULTS
     from nearlift.results.quotation import Results
@@ -83,7 +79,7 @@ def campaigns(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return page(workspace, "campaigns", "Campaigns", rows=rows, works=works)
 
 
-def past(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def past(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """The kept runs of a campaign."""
     from nearlift.run import history
     from nearlift.run.lock import settled
@@ -100,7 +96,7 @@ def past(workspace: ServedWorkspace, query: PageQuery) -> Response:
     )
 
 
-def difference(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def difference(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """What changed between two runs."""
     both = query.all("run")
     if len(both) != 2:
@@ -112,7 +108,7 @@ def difference(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return page(workspace, "text", "Two runs", text=text, cmd=command_line(words))
 
 
-def begin(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def begin(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """A command that takes its time."""
     what, title, result, campaign = query.one("do"), "", "", ""
     if what == "compare":
@@ -136,14 +132,14 @@ def begin(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return see("/work", key=workspace.begin(words, title, result, campaign).key)
 
 
-def work(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def work(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """A command at work."""
     command = workspace.work(query.one("key"))
     stages = _stages(workspace.campaign(command.campaign)) if command.words[0] == "run" else []
     return page(workspace, "work", command.title, work=command, cmd=command.command, stages=stages)
 
 
-def _stages(place: ServedCampaign) -> list[tuple[Stage, float]]:
+def _stages(place: ServedCampaign) -> list[dict[str, object]]:
     """Each stage, and the seconds that it took the last time."""
     from nearlift.products import PROVENANCE
     from nearlift.results.provenance import ProvenanceLedger
@@ -151,10 +147,17 @@ def _stages(place: ServedCampaign) -> list[tuple[Stage, float]]:
     from nearlift.run.registry import STAGES
 
     known = store.load_if_whole(place.homes.processed / PROVENANCE.file, ProvenanceLedger()).stages
-    return [(s, known[s.name].wall_s if s.name in known else 0) for s in STAGES]
+    return [
+        {
+            "name": s.name,
+            "summary": s.summary,
+            "wall_s": known[s.name].wall_s if s.name in known else 0,
+        }
+        for s in STAGES
+    ]
 
 
-def cancel(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def cancel(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """End a command."""
     command = workspace.work(query.one("key"))
     command.cancel()
@@ -166,7 +169,7 @@ def watch_words(place: ServedCampaign) -> tuple[str, ...]:
     return ("run", place.given, "--watch", "--every", "1", "--json")
 
 
-def live(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def live(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """A campaign while it is recorded."""
     from nearlift.serve.live import watching
 
@@ -176,14 +179,14 @@ def live(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return page(workspace, "live", title, place=place, work=work, cmd=cmd, rounds=ROUNDS)
 
 
-def looked(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def looked(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """What the last look at a campaign found."""
     from nearlift.serve.live import looked
 
     return as_json(looked(workspace.campaign(query.one("campaign"))))
 
 
-def upcoming(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def upcoming(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """The next visits, as JSON or as rows for the schedule."""
     place = workspace.campaign(query.one("campaign"))
     words = ["next", place.given, f"--for={query.one('for')}"]
@@ -194,7 +197,7 @@ def upcoming(workspace: ServedWorkspace, query: PageQuery) -> Response:
     if query.one("as") == "csv":
         text = workspace.ask([*words, "--csv"])
         named = {"content-disposition": f'attachment; filename="{place.name}-next.csv"'}
-        return Response(text, headers=named, media_type="text/csv")
+        return PageAnswer(body=text.encode(), kind="text/csv; charset=utf-8", headers=named)
     try:
         visits = json.loads(workspace.ask([*words, "--json"]), parse_constant=lambda _: None)
     except NearliftError as refusal:
@@ -202,14 +205,14 @@ def upcoming(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return as_json({**visits, "command": command_line(words)})
 
 
-def report(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def report(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """The finished page, within."""
     place = workspace.campaign(query.one("campaign"))
     workspace.product(f"reports/{place.name}/index.html")
     return page(workspace, "report", f"Report of {place.name}", place=place)
 
 
-def fresh(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def fresh(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """Where a new campaign begins."""
     folders = []
     for folder in sorted((workspace.root / "raw").glob("*")):
@@ -219,7 +222,7 @@ def fresh(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return page(workspace, "new", "New campaign", folders=folders)
 
 
-def make(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def make(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """The campaign of what was dropped, or of what lies in a folder."""
     from nearlift.serve import draft
 
@@ -234,7 +237,7 @@ def make(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return see("/edit", campaign=given)
 
 
-def edit(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def edit(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """Manifest and schedule, as they stand."""
     from nearlift.serve import draft
 
@@ -251,7 +254,7 @@ def edit(workspace: ServedWorkspace, query: PageQuery) -> Response:
 
 def _edited(
     workspace: ServedWorkspace, given: str, texts: dict[str, str], known: dict[str, str], said: str
-) -> Response:
+) -> PageAnswer:
     from nearlift.serve import draft
 
     manifest, schedule = texts[MANIFEST], texts[draft.SCHEDULE]
@@ -270,7 +273,7 @@ def _edited(
     )
 
 
-def check(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def check(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """What a form says, after one of its values was set; nothing is written."""
     from nearlift.serve import draft
     from nearlift.serve.manifest_text import with_value
@@ -287,7 +290,7 @@ def check(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return as_json({**asdict(checked), "manifest": text})
 
 
-def save(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def save(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """Manifest and schedule into their places."""
     from nearlift.serve import draft
 
@@ -308,7 +311,7 @@ def save(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return see("/edit", campaign=given, said="saved")
 
 
-def channels(workspace: ServedWorkspace, query: PageQuery) -> Response:
+def channels(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """A record's channels, as they are drawn."""
     from nearlift.serve import draft
 
@@ -319,7 +322,7 @@ def channels(workspace: ServedWorkspace, query: PageQuery) -> Response:
     return as_json(draft.channels(path))
 
 
-def file(workspace: ServedWorkspace, relative: str) -> Response:
+def file(workspace: ServedWorkspace, relative: str) -> PageAnswer:
     """A product as it stands; of scripts in it, a browser runs those of nearlift's reports."""
     from nearlift.report.page.render import policy, scripts
 
@@ -330,8 +333,9 @@ def file(workspace: ServedWorkspace, relative: str) -> Response:
     else:
         rules = POLICY.split(";")[0] + "; frame-ancestors 'self'"
     if kind is None or kind in ("text/markdown", "text/csv", "application/toml"):
-        kind = "application/octet-stream" if path.suffix == ".parquet" else "text/plain"
-    return Response(path.read_bytes(), 200, {"content-security-policy": rules}, kind)
+        kind = "application/octet-stream" if path.suffix == ".parquet" else TEXT
+    kind = f"{kind}; charset=utf-8" if kind == "text/html" else kind
+    return PageAnswer(body=path.read_bytes(), kind=kind, headers={"content-security-policy": rules})
 
 
 STATIC = {
@@ -342,13 +346,13 @@ STATIC = {
 }
 
 
-def static(name: str) -> Response:
+def static(name: str) -> PageAnswer:
     """A style sheet or a script."""
     if name not in STATIC:
         raise NotThere(name, "is no part of this page", "reload it")
     where = "nearlift.report.page" if name == "page.css" else "nearlift.serve"
     body = Path(str(resources.files(where) / "templates" / name)).read_bytes()
-    return Response(body, media_type=STATIC[name])
+    return PageAnswer(body=body, kind=f"{STATIC[name]}; charset=utf-8")
 
 
 #: By method and path.
