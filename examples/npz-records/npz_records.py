@@ -53,6 +53,5 @@ NPZ = Format(
     title="NumPy archives, one file per trial",
     recognises=recognises,
     contents=contents,
-    checked=True,
 )
 READER = reader_of(NPZ)
