@@ -27,7 +27,6 @@ from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import TRIALS
 from nearlift.report.evidence import Columns, stack
-from nearlift.report.figures import explain as picture
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
 from nearlift.run.job import Job
@@ -86,6 +85,9 @@ def run(job: Job, name: str) -> dict[str, object]:
         "files": [],
     }
     if pictures:
+        # whoever asks for what cannot be told waits for no picture
+        from nearlift.report.figures import explain as picture
+
         files = for_print(picture.draw, stack(pictures), job.campaign.report.style)
         answer["files"] = [
             str(job.publish(f"explain/{name}.{kind}", data)) for kind, data in files.items()
@@ -166,6 +168,8 @@ def _at(
 
 def _size(foresight: Foresight, handle: Handle) -> tuple[dict[str, object], Columns]:
     """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
+    from nearlift.report.figures.explain import rows
+
     stage = foresight.stage
     silent = visibility(stage, handle.effect) <= SILENT
     power = None if silent else foresight.power(handle)
@@ -216,7 +220,7 @@ def _size(foresight: Foresight, handle: Handle) -> tuple[dict[str, object], Colu
     }
     noise, chance = floor(stage.data, stage.noise, stage.slope), stage.options.false_alarm_rate
     data = stage.data
-    return size, picture.rows(data, handle.effect, data.boundary, size, raw, left, noise, chance)
+    return size, rows(data, handle.effect, data.boundary, size, raw, left, noise, chance)
 
 
 def _rms(x: Any) -> float:
