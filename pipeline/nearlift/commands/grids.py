@@ -27,8 +27,12 @@ class Grid:
         """Its columns as channels."""
         raw, across = self.raw, self.raw.length_unit or ""
         speed = raw.velocity_unit or ""
-        columns = [(n, across, v) for n, v in (("x", raw.x), ("y", raw.y))]
-        columns += [(n, speed, v) for n, v in (("u", raw.u), ("v", raw.v))]
+        columns = (
+            ("x", across, raw.x),
+            ("y", across, raw.y),
+            ("u", speed, raw.u),
+            ("v", speed, raw.v),
+        )
         return Contents(
             channels=tuple(Channel(name=n, unit=unit, values=v) for n, unit, v in columns),
             kind=f"velocity grid, {self.title}",

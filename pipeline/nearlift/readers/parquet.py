@@ -66,11 +66,12 @@ def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
     spans = dict(zip(answer["trials"], rows, strict=True))
     wanted = set(trials)
     unlisted = [name for name in spans if name not in wanted]
-    notes = [
-        f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not list,"
-        f" such as {name!r}; they were left out"
-        for name in unlisted[:1]
-    ]
+    notes = []
+    if unlisted:
+        notes.append(
+            f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not list,"
+            f" such as {unlisted[0]!r}; they were left out"
+        )
     here = {name: span for name, span in spans.items() if name in wanted}
     return ReadingPlan(pieces=tuple(_pieces(path, here, ends)), notes=tuple(notes))
 

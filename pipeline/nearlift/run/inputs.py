@@ -2,6 +2,8 @@
 has changed.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import time

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from nearlift import readers
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers import segments
+from nearlift.readers import files, segments
 from nearlift.readers.expanded import schedule_of_trials
 from nearlift.readers.files import per_trial, unlisted
-from nearlift.readers.files import pieces as tasks_of
 from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
@@ -131,7 +130,7 @@ def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) 
         trial: rig.offset(side)
         for trial, side in zip(schedule.trial[near], schedule.boundary[near], strict=True)
     }
-    for piece in tasks_of(there):
+    for piece in files.pieces(there):
         yield Task(
             root=job.root,
             campaign=job.campaign,

@@ -121,11 +121,11 @@ def check(
             raise InputRefused(str(path), f"states other sums for {others}", remedy)
         missing = [source for source in sums if not (job.root / source).is_file()]
         notes += _note(missing, f"{name} lists", "missing: copy anew from the rig")
-        listed_too, folder = {*sums, name}, PurePosixPath(name).parent
+        covered, folder = {*sums, name}, PurePosixPath(name).parent
         unlisted = [
             source
             for source in (*shared, *records)
-            if PurePosixPath(source).parent == folder and source not in listed_too
+            if PurePosixPath(source).parent == folder and source not in covered
         ]
         notes += _note(unlisted, f"{name} does not list", "read all the same, and unchecked")
     return faults, notes
