@@ -73,7 +73,7 @@ SYNONYMS = {
 
 
 def named(name: str) -> tuple[str, str]:
-    """Name and unit of ``Thrust (gf)``, ``weight[g]`` or ``h_mm``; no unit is empty."""
+    """Name and unit (empty: none) of ``Thrust (gf)``, ``weight[g]`` or ``h_mm``."""
     bare, unit = split_unit(name)
     if unit:
         return bare, unit

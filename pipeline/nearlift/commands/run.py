@@ -86,7 +86,7 @@ def command(
 
 
 def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
-    """Run several campaigns, whichever is refused; ends with the gravest exit code."""
+    """Run several campaigns, the others where one is refused; ends with the gravest exit code."""
     from nearlift.run import many
 
     ends = []

@@ -93,7 +93,9 @@ def split_unit(name: str) -> tuple[str, str]:
 
 
 def unit_word(cell: str) -> str | None:
-    """What nearlift calls the unit in a cell, brackets aside; empty for none, None for no unit."""
+    """What nearlift calls the unit in a cell, brackets aside; None where it is no unit, ""
+    where it is blank.
+    """
     plain = fold(cell.strip().strip("()[]"))
     return UNITS.get(plain) if plain else ""
 

@@ -28,7 +28,7 @@ NANO = 1e-9
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a bag; raises as `channels_of`, and what the library makes of damage."""
+    """The channels of a bag; raises as `channels_of`, and as the library where it is cut off."""
     reading = library("mcap.reader", "mcap")
     ros = library("mcap_ros2.decoder", "mcap")
     with path.open("rb") as file:

@@ -31,7 +31,7 @@ class _Room:
 
 
 def _room_for(rows: int) -> _Room:
-    """A thread's room, kept from file to file: fresh memory takes longer than to fill it."""
+    """A thread's room, kept from file to file: to get fresh memory takes longer than to fill it."""
     room: _Room | None = getattr(_kept, "room", None)
     if room is None or rows > room.columns.shape[1]:
         room = _Room(rows)

@@ -22,7 +22,9 @@ OWN_SCATTER = 4
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Scatter:
-    """Covariance of cell means: `variance` (c,), and of a station's, as (members, block)."""
+    """Covariance of cell means: `variance` (c,) of each, and what the cells of one station share,
+    as (members, block).
+    """
 
     variance: FloatArray
     joint: tuple[tuple[IntArray, FloatArray], ...]

@@ -77,7 +77,9 @@ SURELY_LESS = 1e-6
 
 
 def run(job: Job) -> Outcome:
-    """Fit base and rivals of every boundary; a rival that fails is noted, a base ends the run."""
+    """Fit base and rivals of every boundary; a rival that fails is noted, a base that
+    fails ends the run with exit code 5.
+    """
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
     present = boundaries(trials)

@@ -297,7 +297,9 @@ def _result(
     doubts: tuple[Doubt, ...] = (),
     turn: Callable[[float], float] = float,
 ) -> CoefficientResult:
-    """A coefficient over every answer that may be right, the first its value, all put to `turn`."""
+    """One coefficient over every answer that may be right; the first is its value. `turn` makes it
+    of what was solved for.
+    """
     dof = min(a.dof for a in answers)
     reach = {level: student.quantile(0.5 + level / 200, dof) for level in LEVELS}
     spans = [(float(a.theta[k]), float(a.u[k])) for a in answers]

@@ -16,7 +16,7 @@ from nearlift.stages.rows import Rows
 
 
 def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
-    """Columns of trials.parquet in run order, with the codes that need at most others' lengths."""
+    """Columns of trials.parquet in run order, with all codes but those that `judge` adds."""
     codes = [list(trial_codes) for trial_codes in rows.codes]
     owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
     if campaign.cuts_records:
@@ -57,7 +57,7 @@ def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
 def _duplicates(
     rows: Rows, codes: Sequence[list[str]], owners: NDArray[np.object_], same: tuple[str, ...]
 ) -> None:
-    """Reject what has the file of an earlier owner, as these columns tell it."""
+    """Reject a trial whose columns `same` are those of an earlier one of another owner."""
     first: dict[tuple[object, ...], str] = {}
     columns = [rows.columns[name].tolist() for name in same]
     for i in np.flatnonzero(rows.columns["n"]).tolist():

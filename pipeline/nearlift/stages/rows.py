@@ -25,7 +25,7 @@ from nearlift.run.executors import Threads, ordered
 LONGEST_FAULT = 300
 #: Bytes of a record from which on threads are worth their turns.
 WORTH_A_THREAD = 1 << 20
-#: What of an answer is not the reduction's.
+#: Columns that stand in a `Row` itself; the others stand in its reduction.
 OF_THE_FILE = {"samples", "source_sha256", "source", "fault"}
 Answer = TypeVar("Answer")
 
