@@ -7,6 +7,8 @@ import pytest
 
 from nearlift.manifest import campaign as manifests
 from nearlift.readers.schedule import read_schedule
+from nearlift.results.explanation import EffectAccount
+from nearlift.results.serial import decode, encode
 from nearlift.stages.design import schedule_text
 from nearlift.stages.plans import draw
 
@@ -168,6 +170,7 @@ def test_explain_says_what_why_and_how_large(explained):
     answer = nearlift("diagnose", raw, "--out", out, "--explain", "height_offset", "--json")
     assert (answer.exit_code, answer.stderr) == (0, "")
     found = json.loads(answer.stdout)
+    assert encode(decode(EffectAccount, found)) == found
     at = found["boundaries"]["ground"]
     size = at["sizes"][0]
     assert (size["parameter"], size["unit"]) == ("offset_m", "m")

@@ -13,12 +13,13 @@ from nearlift.loop import foresight as loop_foresight
 from nearlift.loop import outlook, proposals, rehearsal
 from nearlift.loop.absorption import unknowable
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.handle import LIMIT_POWER, Power, handles
+from nearlift.loop.handle import LIMIT_POWER, handles
 from nearlift.loop.rehearsal import planned
 from nearlift.loop.search import run
 from nearlift.loop.search_problem import Options
 from nearlift.loop.within_trial import heating, power
 from nearlift.results import Noise
+from nearlift.results.explanation import Power
 from nearlift.synthetic.trial_schedule import _williams, balanced, from_both_sides, randomised
 
 from .simulated import THROTTLES, campaign, hsiao
@@ -191,8 +192,8 @@ def test_limits_are_read_off_a_curve():
         first=size * 0,
         alone=size * 0,
     )
-    assert curve.limit() == pytest.approx(1.5)
-    assert curve.limit("within") is None
+    assert curve.limit(LIMIT_POWER) == pytest.approx(1.5)
+    assert curve.limit(LIMIT_POWER, "within") is None
 
 
 def test_what_theta_absorbs_is_silent_and_has_no_limit():

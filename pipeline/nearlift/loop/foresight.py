@@ -20,12 +20,13 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Linearised, mean_evidence
-from nearlift.loop.handle import Contest, Handle, Power
+from nearlift.loop.handle import LIMIT_POWER, Contest, Handle
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility, visible
 from nearlift.loop.wander import worth
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
+from nearlift.results.explanation import Power
 
 #: Draws of the noise; a chance of 80 % is then known to 1.3 %.
 DRAWS = 1000
@@ -176,7 +177,8 @@ class Foresight:
         signals = (self.visible(handle, s) + self._elsewhere(handle, s) for s in size)
         chance = np.array([self.seen(signal).mean() for signal in signals])
         none = np.zeros_like(chance)
-        return Power(size=size, seen=chance, within=none, first=none, alone=none).limit()
+        curves = Power(size=size, seen=chance, within=none, first=none, alone=none)
+        return curves.limit(LIMIT_POWER)
 
     def power(self, handle: Handle) -> Power:
         """Detection and naming against size, up to three times the size that is just visible or to

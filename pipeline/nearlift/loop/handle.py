@@ -1,13 +1,11 @@
-"""Size parameters of effects, and the power with which a design detects and names an effect."""
+"""Size parameters of effects, and the chances to detect and name an effect of one size."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
-
-from nearlift.declare import Effect, FloatArray, Parameter
+from nearlift.declare import Effect, Parameter
 from nearlift.loop.candidate import moments
 
 #: Power that defines a detection limit.
@@ -52,36 +50,6 @@ def handles(effect: Effect) -> tuple[Handle, ...]:
     return tuple(
         Handle(effect=effect, parameter=p, shape=shape) for p in effect.parameters if not p.grid
     )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Power:
-    """Power curves over size (distance from the null, in the parameter's unit); arrays (m,).
-
-    Probabilities that the test for structure is significant (`seen`), and that the effect then is
-    the name or a rival (`within`), the name (`first`), or the name without a rival (`alone`). All
-    before the confirmation on held-out visits.
-    """
-
-    size: FloatArray
-    seen: FloatArray
-    within: FloatArray
-    first: FloatArray
-    alone: FloatArray
-
-    def limit(self, of: str = "seen", at: float = LIMIT_POWER) -> float | None:
-        """Size at which the curve `of` reaches `at`, interpolated; None if no size here does."""
-        chance = np.maximum.accumulate(getattr(self, of))
-        if chance[-1] < at:
-            return None
-        above = int(np.argmax(chance >= at))
-        if above == 0:
-            return float(self.size[0])
-        low, high = chance[above - 1], chance[above]
-        return float(
-            self.size[above - 1]
-            + (at - low) / (high - low) * (self.size[above] - self.size[above - 1])
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

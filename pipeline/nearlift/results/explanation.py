@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from nearlift.declare import Boundary, FloatArray
+from nearlift.results.diagnosis import LoopEstimate
+from nearlift.results.estimate import Noise
+from nearlift.results.quotation import Verdict
+from nearlift.results.serial import Above, Below, Unbounded, optional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -14,3 +24,205 @@ class WithinTrialPower:
     u_of_mean: float
     visits: int
     limit: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Power:
+    """Power curves over size (distance from the null, in the parameter's unit); arrays (m,).
+
+    Probabilities that the test for structure is significant (`seen`), and that the effect then is
+    the name or a rival (`within`), the name (`first`), or the name without a rival (`alone`). All
+    before the confirmation on held-out visits.
+    """
+
+    size: FloatArray
+    seen: FloatArray
+    within: FloatArray
+    first: FloatArray
+    alone: FloatArray
+
+    def limit(self, at: float, of: str = "seen") -> float | None:
+        """Size at which the curve `of` reaches `at`, interpolated; None if no size here does."""
+        chance = np.maximum.accumulate(getattr(self, of))
+        if chance[-1] < at:
+            return None
+        above = int(np.argmax(chance >= at))
+        if above == 0:
+            return float(self.size[0])
+        low, high = chance[above - 1], chance[above]
+        return float(
+            self.size[above - 1]
+            + (at - low) / (high - low) * (self.size[above] - self.size[above - 1])
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectSource:
+    """Where an effect's formula came from."""
+
+    citation: str
+    equation: str
+    doi: str
+    doubts: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectParameter:
+    """An effect's parameter as declared; `expected` is its prior in words."""
+
+    name: str
+    unit: str
+    null: float
+    bounds: tuple[Below, Above]
+    expected: str
+    meaning: str
+    per: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signature:
+    """Relative change of lift over trials, and what of it the coefficients and L_inf leave."""
+
+    rms: float
+    rms_left: float
+    largest_left: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Confusion:
+    """Another effect, the share of energy that it takes over, and its chance to be a rival."""
+
+    effect: str
+    energy_absorbed: float
+    correlation: float
+    rival_chance: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnnoticedShift:
+    """A coefficient, and its shift by an effect that nobody noticed, also in its own `u`."""
+
+    value: float
+    shift: float
+    in_u: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectSize:
+    """One of an effect's sizes.
+
+    Attributes
+    ----------
+    detection_limit, limit_within_set, limit_named_alone : float or None
+        Sizes seen, named or a rival, and named alone with 80 % chance; None where none is.
+    shown_size : float
+        The size that `signature`, `confused_with` and `bias` are of.
+    power : Power or None
+        None of an effect that the model absorbs.
+    """
+
+    parameter: str
+    unit: str
+    meaning: str
+    per: str
+    shape: Mapping[str, float]
+    plausible_size: float
+    largest_size: Unbounded
+    detection_limit: float | None
+    limit_within_set: float | None
+    limit_named_alone: float | None
+    shown_size: float
+    signature: Signature
+    power: Power | None
+    confused_with: tuple[Confusion, ...]
+    bias: Mapping[str, UnnoticedShift]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectTrial:
+    """What came of an effect that the loop tried."""
+
+    gain: float
+    p_value: float
+    accepted: bool
+    left_in: str | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectVerdict:
+    """What the loop made of an effect in this campaign; `rival_of` are the named effects that it
+    cannot be told from.
+    """
+
+    verdict: Verdict
+    named: bool
+    parameters: Mapping[str, LoopEstimate] | None
+    rivals: tuple[str, ...]
+    rival_of: tuple[str, ...]
+    tried: EffectTrial | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoCandidate:
+    """An effect that this boundary's trials say nothing of: what it needs, or a `reason`."""
+
+    testable: Literal[False] = False
+    needs: tuple[str, ...]
+    log_next_time: tuple[str, ...]
+    reason: str | None = optional()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CandidateEffect:
+    """An effect that this boundary's trials could show; `in_this_campaign` is None where the loop
+    has not run.
+    """
+
+    testable: Literal[True] = True
+    base_model: str
+    trials: int
+    false_alarm_rate: float
+    draws: int
+    few_visits: bool
+    noise: Noise
+    in_this_campaign: EffectVerdict | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectWithinTrial(CandidateEffect):
+    """The same of one that acts within a record; None where records are unknown."""
+
+    within_trial: WithinTrialPower | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectBetweenTrials(CandidateEffect):
+    """The same of one that shows in the means of trials."""
+
+    share_visible: float
+    sizes: tuple[EffectSize, ...]
+
+
+EffectAtBoundary = NoCandidate | EffectWithinTrial | EffectBetweenTrials
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectAccount:
+    """The whole answer: what the declaration says, each boundary, and the figure's files; `notes`
+    are boundaries that could not be looked at.
+    """
+
+    effect: str
+    title: str
+    mechanism: str
+    notes_of_declaration: str
+    formula: str
+    acts_on: str
+    varies_with: str
+    source: EffectSource
+    parameters: tuple[EffectParameter, ...]
+    log: tuple[str, ...]
+    campaign: str
+    boundaries: Mapping[Boundary, EffectAtBoundary]
+    notes: tuple[str, ...]
+    files: tuple[str, ...]

@@ -128,6 +128,8 @@ def _decoder(kind: Any) -> Callable[[Json], Any]:
     if origin is tuple:
         parts = [_decoder(part) for part in inner]
         return lambda content: tuple(p(c) for p, c in zip(parts, content, strict=True))
+    if origin is np.ndarray:
+        return lambda content: np.asarray(content, dtype=float)
     if origin is not None and issubclass(origin, Mapping):
         return _of_mapping(*inner)
     # a field may have this name too

@@ -8,12 +8,11 @@ there is one, and writes ``reports/<campaign>/explain/NAME.*``.
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from nearlift import catalogue
-from nearlift.declare import Effect
+from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import floor
@@ -28,6 +27,21 @@ from nearlift.loop.within_trial import power as heating_power
 from nearlift.products import TRIALS
 from nearlift.report.evidence import Columns, stack
 from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.results.explanation import (
+    Confusion,
+    EffectAccount,
+    EffectAtBoundary,
+    EffectBetweenTrials,
+    EffectParameter,
+    EffectSize,
+    EffectSource,
+    EffectTrial,
+    EffectVerdict,
+    EffectWithinTrial,
+    NoCandidate,
+    Signature,
+    UnnoticedShift,
+)
 from nearlift.results.outlook import UntestableEffect
 from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen, diagnosed
@@ -36,7 +50,7 @@ from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.report import for_print
 
 
-def run(job: Job, name: str) -> dict[str, object]:
+def run(job: Job, name: str) -> EffectAccount:
     """Explain the effect of that name at every boundary of the campaign; writes the figure, and
     returns what the console shows.
 
@@ -52,7 +66,7 @@ def run(job: Job, name: str) -> dict[str, object]:
     parts = budget.components(job.campaign)
     options = chosen(job)
     loop = diagnosed(job.processed)
-    explained: dict[str, object] = {}
+    explained: dict[Boundary, EffectAtBoundary] = {}
     pictures: list[Columns] = []
     refused = []
     present = boundaries(trials)
@@ -77,55 +91,44 @@ def run(job: Job, name: str) -> dict[str, object]:
             "; ".join(refused) or "no trial was accepted",
             "an explanation needs what a diagnosis needs",
         )
-    answer = {
-        **_words(effect),
-        "campaign": job.campaign.name,
-        "boundaries": explained,
-        "notes": refused,
-        "files": [],
-    }
+    files: dict[str, bytes] = {}
     if pictures:
         # whoever asks for what cannot be told waits for no picture
         from nearlift.report.figures import explain as picture
 
         files = for_print(picture.draw, stack(pictures), job.campaign.report.style)
-        answer["files"] = [
-            str(job.publish(f"explain/{name}.{kind}", data)) for kind, data in files.items()
-        ]
-    return answer
-
-
-def _words(effect: Effect) -> dict[str, object]:
-    """What the declaration says."""
-    source = effect.source
-    return {
-        "effect": effect.name,
-        "title": effect.title,
-        "mechanism": effect.mechanism,
-        "notes_of_declaration": effect.notes,
-        "formula": effect.formula,
-        "acts_on": effect.acts_on + (", additive" if effect.additive else ""),
-        "varies_with": effect.varies_with,
-        "source": {
-            "citation": source.citation,
-            "equation": source.equation,
-            "doi": source.doi,
-            "doubts": list(source.doubts),
-        },
-        "parameters": [
-            {
-                "name": p.name,
-                "unit": p.unit,
-                "null": p.value,
-                "bounds": list(p.bounds),
-                "expected": str(p.prior),
-                "meaning": p.meaning,
-                "per": p.per,
-            }
+    return EffectAccount(
+        effect=effect.name,
+        title=effect.title,
+        mechanism=effect.mechanism,
+        notes_of_declaration=effect.notes,
+        formula=effect.formula,
+        acts_on=effect.acts_on + (", additive" if effect.additive else ""),
+        varies_with=effect.varies_with,
+        source=EffectSource(
+            citation=effect.source.citation,
+            equation=effect.source.equation,
+            doi=effect.source.doi,
+            doubts=effect.source.doubts,
+        ),
+        parameters=tuple(
+            EffectParameter(
+                name=p.name,
+                unit=p.unit,
+                null=p.value,
+                bounds=p.bounds,
+                expected=str(p.prior),
+                meaning=p.meaning,
+                per=p.per,
+            )
             for p in effect.parameters
-        ],
-        "log": list(effect.log_next_time),
-    }
+        ),
+        log=effect.log_next_time,
+        campaign=job.campaign.name,
+        boundaries=explained,
+        notes=tuple(refused),
+        files=tuple(str(job.publish(f"explain/{name}.{k}", data)) for k, data in files.items()),
+    )
 
 
 def _at(
@@ -134,112 +137,114 @@ def _at(
     library: tuple[Effect, ...],
     untestable: tuple[UntestableEffect, ...],
     loop: BoundaryDiagnosis | None,
-) -> tuple[dict[str, object], list[Columns]]:
+) -> tuple[EffectAtBoundary, list[Columns]]:
     """One boundary: numbers, and the rows of the figure."""
     for lacking in untestable:
         if lacking.effect == effect.name:
-            needs = {"needs": lacking.needs, "log_next_time": lacking.log_next_time}
-            return {"testable": False, **needs}, []
+            return NoCandidate(needs=lacking.needs, log_next_time=lacking.log_next_time), []
     if effect.name not in {e.name for e in library}:
         reason = "it does not occur at this boundary, or the base model holds it already"
-        return {"testable": False, "needs": [], "log_next_time": [], "reason": reason}, []
-    common: dict[str, object] = {
-        "testable": True,
-        "base_model": stage.base.name,
-        "trials": stage.data.n,
-        "false_alarm_rate": stage.options.false_alarm_rate,
-        "draws": DRAWS,
-        "few_visits": applies(stage.data),
-        "noise": stage.noise.record(),
-        "in_this_campaign": _verdict(effect.name, loop),
-    }
+        return NoCandidate(needs=(), log_next_time=(), reason=reason), []
+    verdict, rate = _verdict(effect.name, loop), stage.options.false_alarm_rate
     if effect.within_trial:
-        return common | {
-            "within_trial": heating_power(stage.data, stage.options.false_alarm_rate, LIMIT_POWER)
-        }, []
+        return EffectWithinTrial(
+            base_model=stage.base.name,
+            trials=stage.data.n,
+            false_alarm_rate=rate,
+            draws=DRAWS,
+            few_visits=applies(stage.data),
+            noise=stage.noise,
+            in_this_campaign=verdict,
+            within_trial=heating_power(stage.data, rate, LIMIT_POWER),
+        ), []
     foresight = Foresight(stage=stage)
-    sizes, rows = [], []
-    for handle in handles(effect):
-        size, table = _size(foresight, handle)
-        sizes.append(size)
-        rows.append(table)
-    return common | {"share_visible": visibility(stage, effect), "sizes": sizes}, rows
+    sizes = [_size(foresight, handle) for handle in handles(effect)]
+    return EffectBetweenTrials(
+        base_model=stage.base.name,
+        trials=stage.data.n,
+        false_alarm_rate=rate,
+        draws=DRAWS,
+        few_visits=applies(stage.data),
+        noise=stage.noise,
+        in_this_campaign=verdict,
+        share_visible=visibility(stage, effect),
+        sizes=tuple(size for size, _ in sizes),
+    ), [rows for _, rows in sizes]
 
 
-def _size(foresight: Foresight, handle: Handle) -> tuple[dict[str, object], Columns]:
+def _size(foresight: Foresight, handle: Handle) -> tuple[EffectSize, Columns]:
     """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
     from nearlift.report.figures.explain import rows
 
-    stage = foresight.stage
+    stage, data = foresight.stage, foresight.stage.data
     silent = visibility(stage, handle.effect) <= SILENT
     power = None if silent else foresight.power(handle)
-    limit = power.limit() if power else None
+    limit = power.limit(LIMIT_POWER) if power else None
     shown = min(handle.plausible, handle.largest) if limit is None else limit
     raw, left = foresight.signature(handle, shown)
     contest = None if silent else foresight.contest(handle, shown)
     absorbed = {} if silent else foresight.absorbed(handle)
     value, u = coefficients.spread(stage, stage.base_fit)
     shift = foresight.harm(handle, shown)
-    confused: list[dict[str, Any]] = [
-        {
-            "effect": n,
-            "energy_absorbed": a,
-            "correlation": float(np.sqrt(a)),
-            "rival_chance": contest.rivals.get(n, 0.0) if contest else 0.0,
-        }
+    confused = [
+        Confusion(
+            effect=n,
+            energy_absorbed=a,
+            correlation=float(np.sqrt(a)),
+            rival_chance=contest.rivals.get(n, 0.0) if contest else 0.0,
+        )
         for n, a in absorbed.items()
     ]
-    confused.sort(key=lambda c: (-c["rival_chance"], -c["energy_absorbed"]))
-    size = {
-        "parameter": handle.parameter.name,
-        "unit": handle.parameter.unit,
-        "meaning": handle.parameter.meaning,
-        "per": handle.parameter.per,
-        "shape": dict(handle.shape),
-        "plausible_size": handle.plausible,
-        "largest_size": handle.largest,
-        "detection_limit": limit,
-        "limit_within_set": power.limit("within") if power else None,
-        "limit_named_alone": power.limit("alone") if power else None,
-        "shown_size": shown,
-        "signature": {
-            "rms": _rms(raw),
-            "rms_left": _rms(left),
-            "largest_left": float(np.abs(left).max()),
-        },
-        "power": {
-            k: getattr(power, k).tolist() for k in ("size", "seen", "within", "first", "alone")
-        }
-        if power
-        else None,
-        "confused_with": confused,
-        "bias": {
-            p.name: {"value": float(v), "shift": float(d), "in_u": float(d / s) if s > 0 else 0.0}
+    size = EffectSize(
+        parameter=handle.parameter.name,
+        unit=handle.parameter.unit,
+        meaning=handle.parameter.meaning,
+        per=handle.parameter.per,
+        shape=handle.shape,
+        plausible_size=handle.plausible,
+        largest_size=handle.largest,
+        detection_limit=limit,
+        limit_within_set=power.limit(LIMIT_POWER, "within") if power else None,
+        limit_named_alone=power.limit(LIMIT_POWER, "alone") if power else None,
+        shown_size=shown,
+        signature=Signature(
+            rms=_rms(raw), rms_left=_rms(left), largest_left=float(np.abs(left).max())
+        ),
+        power=power,
+        confused_with=tuple(sorted(confused, key=lambda c: (-c.rival_chance, -c.energy_absorbed))),
+        bias={
+            p.name: UnnoticedShift(
+                value=float(v), shift=float(d), in_u=float(d / s) if s > 0 else 0.0
+            )
             for p, v, d, s in zip(stage.base.parameters, value, shift, u, strict=True)
         },
-    }
-    noise, chance = floor(stage.data, stage.noise, stage.slope), stage.options.false_alarm_rate
-    data = stage.data
+    )
+    noise, chance = floor(data, stage.noise, stage.slope), stage.options.false_alarm_rate
     return size, rows(data, handle.effect, data.boundary, size, raw, left, noise, chance)
 
 
-def _rms(x: Any) -> float:
+def _rms(x: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
-def _verdict(name: str, loop: BoundaryDiagnosis | None) -> dict[str, object] | None:
+def _verdict(name: str, loop: BoundaryDiagnosis | None) -> EffectVerdict | None:
     """What the loop made of the effect in this campaign; None where it has not run."""
     if loop is None:
         return None
     named = next((e for e in loop.effects if e.name == name), None)
     tried = next((c for r in loop.rounds for c in r.candidates if c.name == name), None)
-    return {
-        "verdict": loop.verdict,
-        "named": named is not None,
-        "parameters": named.parameters if named else None,
-        "rivals": named.rivals if named else (),
-        "rival_of": [e.name for e in loop.effects if name in e.rivals],
-        "tried": {k: getattr(tried, k) for k in ("gain", "p_value", "accepted", "left_in")}
+    return EffectVerdict(
+        verdict=loop.verdict,
+        named=named is not None,
+        parameters=named.parameters if named else None,
+        rivals=named.rivals if named else (),
+        rival_of=tuple(e.name for e in loop.effects if name in e.rivals),
+        tried=EffectTrial(
+            gain=tried.gain,
+            p_value=tried.p_value,
+            accepted=tried.accepted,
+            left_in=tried.left_in,
+        )
         if tried
         else None,
-    }
+    )

@@ -26,6 +26,14 @@ from nearlift.report.figures.style import (
     words_alone,
 )
 from nearlift.results import Observations
+from nearlift.results.explanation import (
+    EffectAccount,
+    EffectAtBoundary,
+    EffectSize,
+    EffectVerdict,
+    EffectWithinTrial,
+    NoCandidate,
+)
 
 #: Rivals drawn.
 MOST = 8
@@ -40,7 +48,7 @@ def rows(
     data: Observations,
     effect: Effect,
     boundary: str,
-    at_size: dict[str, Any],
+    at_size: EffectSize,
     raw: FloatArray,
     left: FloatArray,
     noise: float,
@@ -62,167 +70,165 @@ def rows(
         {"panel": "signature", "series": "left", "x": x[finite], "y": 100 * left[finite]},
         {"panel": "signature", "series": "noise", "y": 100 * noise},
     ]
-    power = at_size["power"]
-    unit, factor = SHOWN.get(at_size["unit"], (at_size["unit"], 1.0))
+    power = at_size.power
+    unit, factor = SHOWN.get(at_size.unit, (at_size.unit, 1.0))
     if power is not None:
-        size = factor * np.asarray(power["size"])
-        parts += [{"panel": "power", "series": key, "x": size, "y": power[key]} for key in LOOKS]
+        x = factor * power.size
+        parts += [
+            {"panel": "power", "series": key, "x": x, "y": getattr(power, key)} for key in LOOKS
+        ]
         parts.append({"panel": "power", "series": "false alarm", "y": false_alarm_rate})
-    if at_size["detection_limit"] is not None:
-        limit = factor * at_size["detection_limit"]
+    if at_size.detection_limit is not None:
+        limit = factor * at_size.detection_limit
         parts.append({"panel": "power", "series": "limit", "x": limit, "y": 0.8})
-    for c in at_size["confused_with"][:MOST]:
-        chances = {"x": c["rival_chance"], "y": c["energy_absorbed"]}
-        parts.append({"panel": "confused", "series": c["effect"], **chances})
+    for c in at_size.confused_with[:MOST]:
+        chances = {"x": c.rival_chance, "y": c.energy_absorbed}
+        parts.append({"panel": "confused", "series": c.effect, **chances})
     shared = {
         "boundary": boundary,
         "effect": effect.title,
-        "parameter": at_size["parameter"],
+        "parameter": at_size.parameter,
         "unit": unit,
-        "size": factor * at_size["shown_size"],
+        "size": factor * at_size.shown_size,
         "covariate": name,
     }
     return stack([{**shared, **part} for part in parts], (*shared, "panel", "series", "x", "y"))
 
 
-def text(explanation: dict[str, Any]) -> str:
+def text(explanation: EffectAccount) -> str:
     """The explanation in words."""
-    source = explanation["source"]
-    equation = source["equation"] and f"equation {source['equation']}"
-    cited = "; ".join(filter(None, (source["citation"], equation, source["doi"])))
+    source = explanation.source
+    equation = source.equation and f"equation {source.equation}"
+    cited = "; ".join(filter(None, (source.citation, equation, source.doi)))
     lines = [
-        f"{explanation['effect']}: {explanation['title']}",
+        f"{explanation.effect}: {explanation.title}",
         "",
-        *wrap(f"Mechanism: {explanation['mechanism']} (acts on {explanation['acts_on']})."),
+        *wrap(f"Mechanism: {explanation.mechanism} (acts on {explanation.acts_on})."),
         "",
-        *explanation["notes_of_declaration"].strip().splitlines(),
+        *explanation.notes_of_declaration.strip().splitlines(),
         "",
         *wrap(f"Source: {cited}."),
     ]
-    lines += [line for doubt in source["doubts"] for line in wrap(f"Doubt: {doubt}")]
-    for boundary, at in explanation["boundaries"].items():
-        lines += ["", f"In {explanation['campaign']}, {boundary}", ""]
-        lines += _boundary(at, explanation)
-    lines += [
-        line for note in explanation["notes"] for line in ("", *wrap(f"Not looked at: {note}"))
-    ]
-    if explanation["files"]:
-        lines += ["", *explanation["files"]]
+    lines += [line for doubt in source.doubts for line in wrap(f"Doubt: {doubt}")]
+    for boundary, at in explanation.boundaries.items():
+        lines += ["", f"In {explanation.campaign}, {boundary}", ""]
+        lines += _boundary(at)
+    lines += [line for note in explanation.notes for line in ("", *wrap(f"Not looked at: {note}"))]
+    if explanation.files:
+        lines += ["", *explanation.files]
     return "\n".join(lines) + "\n"
 
 
-def _boundary(at: dict[str, Any], explanation: dict[str, Any]) -> list[str]:
-    if not at["testable"]:
-        if at.get("reason"):
-            return wrap(f"Not a candidate here: {at['reason']}.")
+def _boundary(at: EffectAtBoundary) -> list[str]:
+    if isinstance(at, NoCandidate):
+        if at.reason:
+            return wrap(f"Not a candidate here: {at.reason}.")
         return wrap(
-            f"Untestable: {', '.join(at['needs'])} {'are' if len(at['needs']) > 1 else 'is'}"
+            f"Untestable: {', '.join(at.needs)} {'are' if len(at.needs) > 1 else 'is'}"
             " unknown, or did not vary. Log next time:"
-            f" {', '.join(at['log_next_time']) or 'more of the same'}, and let it vary."
+            f" {', '.join(at.log_next_time) or 'more of the same'}, and let it vary."
         )
-    noise = at["noise"]
+    noise = at.noise
     lines = wrap(
-        f"{at['trials']} trials about {at['base_model']}; noise {100 * noise['relative']:.2g} % of"
-        f" lift, {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit;"
-        f" false-alarm rate {at['false_alarm_rate']:g}, for all tests together."
+        f"{at.trials} trials about {at.base_model}; noise {100 * noise.relative:.2g} % of"
+        f" lift, {1e3 * noise.force_N:.2g} mN, {1e3 * noise.height_m:.2g} mm per visit;"
+        f" false-alarm rate {at.false_alarm_rate:g}, for all tests together."
     )
-    lines += wrap(_here(at["in_this_campaign"]))
-    if "within_trial" in at:
+    lines += wrap(_here(at.in_this_campaign))
+    if isinstance(at, EffectWithinTrial):
         seen = "Records are unknown here."
-        if w := at["within_trial"]:
+        if w := at.within_trial:
             seen = (
                 f"A mean change of {100 * w.limit:.2g} % of lift over a record would be seen with"
                 " 80 % chance."
             )
         return lines + wrap(f"It acts within a record and leaves no mark on trial means. {seen}")
-    for size in at["sizes"]:
-        lines += ["", *_size(size, at)]
+    for size in at.sizes:
+        lines += ["", *_size(size, at.few_visits)]
     return lines
 
 
-def _here(verdict: dict[str, Any] | None) -> str:
+def _here(verdict: EffectVerdict | None) -> str:
     """What the loop made of the effect in this campaign."""
     if verdict is None:
         return (
             "The loop has not run on this campaign (`nearlift diagnose CAMPAIGN`); the noise is"
             " that of its own trials."
         )
-    rivals, rival_of = ", ".join(verdict["rivals"]), ", ".join(verdict["rival_of"])
-    if verdict["named"]:
+    rivals, rival_of = ", ".join(verdict.rivals), ", ".join(verdict.rival_of)
+    if verdict.named:
         beside = f"with the rivals {rivals}" if rivals else "without a rival"
         return f"The loop named it here, {beside}."
     if rival_of:
         return f"The loop lists it here among what this design cannot tell from {rival_of}."
-    said, tried = "had no need of it here", verdict["tried"]
-    if tried and not tried["accepted"]:
-        covariate = tried.get("left_in")
+    said, tried = "had no need of it here", verdict.tried
+    if tried and not tried.accepted:
+        covariate = tried.left_in
         left = f"leaves structure in {covariate}" if covariate else "earns too little"
         said = f"tried it here and did not accept it: it {left}"
-    return f"The loop {said}. Verdict: {verdict['verdict']}."
+    return f"The loop {said}. Verdict: {verdict.verdict}."
 
 
-def _size(s: dict[str, Any], at: dict[str, Any]) -> list[str]:
-    unit = s["unit"]
-    shape = ", ".join(f"{k} = {v:g}" for k, v in s["shape"].items())
-    head = f"{s['parameter']}{f' (with {shape})' if shape else ''}: {s['meaning']}."
+def _size(s: EffectSize, few_visits: bool) -> list[str]:
+    unit = s.unit
+    shape = ", ".join(f"{k} = {v:g}" for k, v in s.shape.items())
+    head = f"{s.parameter}{f' (with {shape})' if shape else ''}: {s.meaning}."
     lines = wrap(head)
-    if at["share_visible"] <= 1e-4:
+    if s.power is None:
         lines += wrap(
             "Silent: the model's coefficients and L_inf absorb it wholly. No number of trials of"
             " this kind can show it."
         )
-    elif s["detection_limit"] is None:
+    elif s.detection_limit is None:
         lines += wrap(
-            f"Even the largest possible size, {size_text(s['largest_size'], unit)}, is not seen"
-            f" with 80 % chance (seen with {100 * s['power']['seen'][-1]:.0f} %)."
+            f"Even the largest possible size, {size_text(s.largest_size, unit)}, is not seen"
+            f" with 80 % chance (seen with {100 * s.power.seen[-1]:.0f} %)."
         )
     else:
-        ratio = s["detection_limit"] / s["plausible_size"]
-        per = " rms over sessions" if s["per"] == "session" else ""
+        ratio = s.detection_limit / s.plausible_size
+        per = " rms over sessions" if s.per == "session" else ""
         lines += wrap(
-            f"Detection limit (80 % power): {size_text(s['detection_limit'], unit)}{per}, which is"
-            f" {ratio:.2g} times its plausible size of {size_text(s['plausible_size'], unit)}."
+            f"Detection limit (80 % power): {size_text(s.detection_limit, unit)}{per}, which is"
+            f" {ratio:.2g} times its plausible size of {size_text(s.plausible_size, unit)}."
         )
         chances = "Before held-out visits have their say, which lowers the chances of weak effects."
-        if at["few_visits"]:
+        if few_visits:
             chances = (
                 "With so few visits the loop decides by what it predicts of a visit left out, so"
                 " take the chances to be named as upper ends."
             )
         within, alone = (
             "beyond any size looked at" if limit is None else size_text(limit, unit)
-            for limit in (s["limit_within_set"], s["limit_named_alone"])
+            for limit in (s.limit_within_set, s.limit_named_alone)
         )
         lines += wrap(
             f"Among the names or their rivals with 80 % chance from {within}; named alone from"
             f" {alone}. ({chances})"
         )
-    sig = s["signature"]
+    sig = s.signature
     lines += wrap(
-        f"At {size_text(s['shown_size'], unit)} it changes lift by {100 * sig['rms']:.2g} % (rms"
-        f" over trials), of which {100 * sig['rms_left']:.2g} % are left when the coefficients and"
-        f" L_inf have absorbed what they can (at most {100 * sig['largest_left']:.2g} % in one"
+        f"At {size_text(s.shown_size, unit)} it changes lift by {100 * sig.rms:.2g} % (rms"
+        f" over trials), of which {100 * sig.rms_left:.2g} % are left when the coefficients and"
+        f" L_inf have absorbed what they can (at most {100 * sig.largest_left:.2g} % in one"
         " trial)."
     )
-    for name, b in s["bias"].items():
+    for name, b in s.bias.items():
         lines += wrap(
-            f"Unnoticed at that size it shifts {name} = {b['value']:.3g} by {b['shift']:+.2g},"
-            f" {abs(b['in_u']):.2g} of its standard uncertainty."
+            f"Unnoticed at that size it shifts {name} = {b.value:.3g} by {b.shift:+.2g},"
+            f" {abs(b.in_u):.2g} of its standard uncertainty."
         )
-    rivals = [
-        c for c in s["confused_with"] if c["rival_chance"] >= 0.05 or c["energy_absorbed"] >= 0.5
-    ][:8]
+    rivals = [c for c in s.confused_with if c.rival_chance >= 0.05 or c.energy_absorbed >= 0.5][:8]
     if rivals:
         lines.append(
             "Confused with (correlation after theta and L_inf; energy it takes over; chance to be"
             " named or a rival at that size):"
         )
         lines += [
-            f"  {c['effect']:<22} r = {c['correlation']:.3f}   {100 * c['energy_absorbed']:3.0f} % "
-            f"  {100 * c['rival_chance']:3.0f} %"
+            f"  {c.effect:<22} r = {c.correlation:.3f}   {100 * c.energy_absorbed:3.0f} % "
+            f"  {100 * c.rival_chance:3.0f} %"
             for c in rivals
         ]
-    elif at["share_visible"] > 1e-4:
+    elif s.power:
         lines += ["Confused with nothing in the library."]
     return lines
 
