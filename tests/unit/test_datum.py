@@ -13,6 +13,7 @@ from nearlift import catalogue
 from nearlift.fit.least_squares import fit
 from nearlift.loop import confirmation
 from nearlift.loop.diagnose import diagnose, set_up
+from nearlift.loop.families import families
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.search import settle
 from nearlift.loop.search_problem import Options
@@ -63,6 +64,20 @@ def test_under_a_ceiling_the_loop_and_the_exact_fit_agree(off_m):
     assert stage.base_fit.vector[0] == pytest.approx(exact.theta[0], abs=0.25 * u)
 
 
+def test_the_trial_before_stands_off_as_far():
+    """Else every trial would seem to have moved since, if only by the datum."""
+    stage = set_up(near_ceiling(3, off_m=1.2e-3, visits=6), CEILING, (datum(0.5e-3),), Options())[0]
+    z_hat, came = stage.data.z_hat, stage.data.covariates["previous_z_hat"]
+    assert stage.datum.error_m > 1e-3
+    assert np.array_equal(came[1:], np.where(came[1:] > 0, z_hat[:-1], 0.0))
+    recorded = dataclasses.replace(stage.datum, error_m=0.0).data
+    moves = [
+        [f.columns for f in families(data) if f.name == "last move"]
+        for data in (stage.data, recorded)
+    ]
+    assert np.array_equal(np.sign(moves[0][0][:, 0]), np.sign(moves[1][0][:, 0]))
+
+
 def test_where_the_slope_carries_it_trials_stay_as_recorded():
     data = campaign(9, visits=8)
     stage = set_up(data, GROUND, (datum(0.2e-3),), Options())[0]
@@ -105,5 +120,5 @@ def test_no_trial_is_taken_through_the_boundary():
     data = near_ceiling(3, off_m=-1.2e-3, visits=6)
     stage = set_up(data, CEILING, (datum(2e-3),), Options())[0]
     assert stage.datum.error_m == pytest.approx(-1.2e-3, abs=0.1e-3)
-    assert (stage.datum.at(-1.0).z_hat > 0).all()
+    assert (stage.datum.at(-1.0).data.z_hat > 0).all()
     assert diagnose(data, CEILING, (datum(2e-3),), Options()).findings.verdict == "adequate"

@@ -40,9 +40,15 @@ class Datum:
     error_m: float = 0.0
 
     @property
-    def z_hat(self) -> FloatArray:
-        """Likeliest heights, (n,)."""
-        return self.recorded.z_hat + self.error_m / self.recorded.radius_m
+    def data(self) -> Observations:
+        """The trials at their likeliest heights, and those before them; with lift as recorded."""
+        recorded, moved = self.recorded, self.error_m / self.recorded.radius_m
+        covariates = dict(recorded.covariates)
+        if "previous_z_hat" in covariates:
+            # 0 where no trial came before
+            before = covariates["previous_z_hat"]
+            covariates["previous_z_hat"] = np.where(before > 0, before + moved, before)
+        return replace(recorded, z_hat=recorded.z_hat + moved, covariates=covariates)
 
     def lift_N(self, slope: FloatArray) -> FloatArray:
         """Lift (n,) that goes with them; `slope` (n,) is that of the log ratio there, per m."""

@@ -55,7 +55,7 @@ def prepare(
     `start` is the noise of nearly the same trials, as a starting value.
     """
     p, noise_floor = len(theta), start
-    data = dataclasses.replace(datum.recorded, z_hat=datum.z_hat)
+    data = datum.data
     if about is not None:
         about = dataclasses.replace(about[0], data=data), about[1]
     candidate, vector = about or (Candidate(base=base, effects=(), data=data), theta)
