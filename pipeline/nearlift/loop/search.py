@@ -69,11 +69,11 @@ def settle(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     answer = run(stage, shortlist)
     for again in range(2):
         about, datum = large(answer), stage.recorded.likeliest(answer.best, stage.slope)
-        # once taken about an explanation, that of these trials stays so
-        settled = about is None and (again or stage.about is None)
-        if about and stage.about:
-            settled = about[0].effects == stage.about[0].effects
-        if settled and datum.error_m == stage.recorded.error_m:
+        if again:
+            # once taken about an explanation, that of these trials stays so
+            about = about or stage.about
+        now, before = (one and one[0].effects for one in (about, stage.about))
+        if now == before and datum.error_m == stage.recorded.error_m:
             break
         ground = stage.base, stage.effects, stage.parts, stage.theta, stage.options
         del answer, stage
