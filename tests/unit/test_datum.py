@@ -11,10 +11,11 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.fit.least_squares import fit
-from nearlift.loop import confirmation
+from nearlift.loop import coefficients, confirmation, separation
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import families
 from nearlift.loop.noise_floor import prepare
+from nearlift.loop.result import result
 from nearlift.loop.search import settle
 from nearlift.loop.search_problem import Options
 
@@ -76,6 +77,17 @@ def test_the_trial_before_stands_off_as_far():
         for data in (stage.data, recorded)
     ]
     assert np.array_equal(np.sign(moves[0][0][:, 0]), np.sign(moves[1][0][:, 0]))
+
+
+def test_trials_and_places_are_named_by_the_distances_recorded():
+    data = near_ceiling(3, off_m=1.2e-3, visits=6)
+    stage = set_up(data, CEILING, (datum(0.5e-3),), Options())[0]
+    answer = settle(stage)
+    offered = [p.text for p in separation.menu(stage.as_recorded)]
+    assert "more visits at the closest distance, z_hat = 0.1" in offered
+    quoted = result(answer, coefficients.answers(answer, {}), None).coefficients["alpha"]
+    named = quoted.influence.trial, quoted.influence.visit
+    assert all(one.z_hat in data.z_hat for one in named)
 
 
 def test_where_the_slope_carries_it_trials_stay_as_recorded():

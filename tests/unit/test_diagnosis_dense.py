@@ -592,7 +592,11 @@ def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(sta
     slope = np.where(z == 1.1, np.sqrt(share / 2), np.sqrt((1 - share) / 18))
     data = SimpleNamespace(z_hat=z, visit=visit, session=np.zeros(20, dtype=int), ordered=True)
     planned = SimpleNamespace(
-        theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x)
+        theta=np.zeros(1),
+        base=GROUND,
+        data=data,
+        as_recorded=data,
+        space=SimpleNamespace(project=lambda x: x),
     )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.coefficient for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
@@ -620,7 +624,11 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
         z_hat=np.arange(40.0), visit=np.arange(40), session=session, ordered=True
     )
     planned = SimpleNamespace(
-        theta=np.zeros(1), base=GROUND, data=data, space=SimpleNamespace(project=lambda x: x)
+        theta=np.zeros(1),
+        base=GROUND,
+        data=data,
+        as_recorded=data,
+        space=SimpleNamespace(project=lambda x: x),
     )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.absorbed_by for f in found] == (["session_gain"] if said else [])

@@ -348,7 +348,7 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
 ):
     def tried(n, quoted, accepted=(), to_try=visits_to_try):
         some = data.take(np.arange(data.n) < n)
-        stage = SimpleNamespace(data=some, base=GROUND)
+        stage = SimpleNamespace(data=some, as_recorded=some, base=GROUND)
         answer = SimpleNamespace(stage=stage, accepted=accepted, singles=(), pairs=())
         return [v.id for v in to_try(answer, quoted)]
 

@@ -73,6 +73,8 @@ class Estimator:
         d log ratio / dz there.
     fixed : (p,) mask
         At a bound, or undetermined.
+    z_hat : (n,)
+        Of the trials, as recorded.
     """
 
     problem: Problem
@@ -85,6 +87,7 @@ class Estimator:
     offset_m: float = 0.0
     slope: FloatArray
     fixed: NDArray[np.bool_]
+    z_hat: FloatArray
 
     @classmethod
     def from_fit(cls, fit: LeastSquaresFit) -> Estimator:
@@ -102,6 +105,7 @@ class Estimator:
             offset_m=offset,
             slope=slope,
             fixed=np.array([e.at_bound or not np.isfinite(e.u) for e in estimates], dtype=bool),
+            z_hat=problem.data.z_hat,
         )
 
     def reach(self, i: int) -> dict[int, float]:
@@ -194,8 +198,8 @@ class Estimator:
         moved = deletion.influence_on(self.problem, self.theta, free, self.offset_m, self.slope)
         return {
             name: LargestShifts(
-                trial=largest(moved.trial, moved.of_trial[:, i], data.trial, data.z_hat),
-                visit=largest(moved.visit, moved.of_visit[:, i], data.visit, data.z_hat),
+                trial=largest(moved.trial, moved.of_trial[:, i], data.trial, self.z_hat),
+                visit=largest(moved.visit, moved.of_visit[:, i], data.visit, self.z_hat),
             )
             for i, name in enumerate(moved.names)
         }

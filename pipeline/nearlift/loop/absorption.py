@@ -75,7 +75,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
     """
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
-    places, station = np.unique(stage.data.z_hat, return_inverse=True)
+    places, station = np.unique(stage.as_recorded.z_hat, return_inverse=True)
     absorbing = []
     gain = next(
         e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive
@@ -88,7 +88,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
         energy = np.bincount(station, slope**2)
         most = int(np.argmax(energy))
         share, where = float(energy[most] / energy.sum()), float(places[most])
-        if share >= RESTS and len(np.unique(stage.data.visit[stage.data.z_hat == where])) == 1:
+        if share >= RESTS and len(np.unique(stage.data.visit[station == most])) == 1:
             text = (
                 f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}:"
                 f" {100 * share:.0f} % of what is known of it."

@@ -99,7 +99,11 @@ def held_out(
         # extrapolated
         known = test & data.level_known_from(train)
         part = dataclasses.replace(
-            stage, data=data.take(train), log_lift=stage.log_lift[train], drawn=stage.null
+            stage,
+            data=data.take(train),
+            log_lift=stage.log_lift[train],
+            drawn=stage.null,
+            datum=stage.recorded.take(train),
         )
         best = None
         if again:

@@ -57,7 +57,7 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
         visits = stage.data.visit
         for i, (name, quoted) in enumerate(coefficients.items()):
             moved = vectors[:, i] - answer.best.vector[i]
-            most = largest(np.unique(visits), moved, visits, stage.data.z_hat)
+            most = largest(np.unique(visits), moved, visits, stage.as_recorded.z_hat)
             influence = dataclasses.replace(quoted.influence, visit=most)
             coefficients[name] = dataclasses.replace(quoted, influence=influence)
     else:
@@ -177,6 +177,7 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
         parts=stage.parts,
         slope=stage.slope,
         fixed=fixed,
+        z_hat=stage.as_recorded.z_hat,
     )
 
 

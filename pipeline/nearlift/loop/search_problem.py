@@ -91,6 +91,11 @@ class SearchProblem:
         """The trials as recorded, with the datum at which they count here."""
         return self.datum or Datum(recorded=self.data)
 
+    @property
+    def as_recorded(self) -> Observations:
+        """The trials as recorded: at the distances by which people know them."""
+        return self.recorded.recorded
+
     @cached_property
     def space(self) -> Problem:
         """Whitening at the noise floor, with the declared budget, L_inf per throttle removed."""

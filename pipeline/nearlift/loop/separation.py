@@ -171,7 +171,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
     for rival in compared[1:5]:
         now = parted(stage, stage.data, best.fitted.point, rival.fitted.point)
         ranked = []
-        for proposal in menu(stage.data, stage.options.not_feasible):
+        for proposal in menu(stage.as_recorded, stage.options.not_feasible):
             whole = join(stage.data, proposal.added)
             gain = parted(stage, whole, best.fitted.point, rival.fitted.point) - now
             ranked.append((gain / proposal.added.n, proposal))

@@ -105,7 +105,7 @@ def decisive(answer: Answer, quoted: BoundaryResult, label: NDArray[Any]) -> tup
     for one, other, margin in chosen:
         each = np.bincount(index[order], 0.5 * (other.residual**2 - one.residual**2))
         np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
-    where = np.bincount(index, answer.stage.data.z_hat) / count
+    where = np.bincount(index, answer.stage.as_recorded.z_hat) / count
     return tuple(
         Shift.at(float(where[j]), str(labels[j]), 0.0)
         for j in np.argsort(-share)[:TRIES]
@@ -136,7 +136,7 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
         ],
         axis=0,
     )
-    order, data = stage.space.covariance.order, stage.data
+    order, data = stage.space.covariance.order, stage.as_recorded
     return tuple(
         Shift.at(float(data.z_hat[order[i]]), str(data.trial[order[i]]), 0.0)
         for i in np.argsort(-beyond)[:TRIES]
@@ -148,7 +148,7 @@ def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Trials to leave out: each one of a small table; else those that decide the name, and those
     without which a test would turn.
     """
-    data = answer.stage.data
+    data = answer.stage.as_recorded
     if few(data, answer.stage.base):
         return each_of(data.trial, data)
     return (*decisive(answer, quoted, data.trial), *turning(answer))
@@ -158,7 +158,7 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Visits to leave out: each one of a small table; else those that decide the name, and the one
     that moves the headline by more than its standard uncertainty.
     """
-    data = answer.stage.data
+    data = answer.stage.as_recorded
     if few(data, answer.stage.base):
         return each_of(data.visit, data)
     hangs = decisive(answer, quoted, data.visit)
