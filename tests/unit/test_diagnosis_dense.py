@@ -585,18 +585,23 @@ def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
 )
 def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(stage, share, visits):
     """`share` of the slope's energy at one distance, which one or two visits hold; the rest spread
-    over the other visits.
+    over the other visits. Whitened rows stand visit by visit, trials as they were run.
     """
     z = np.array([1.1, 1.1, *np.linspace(2, 9, 18)])
     visit = np.array([0, 0 if visits == 1 else 1, *range(2, 20)])
     slope = np.where(z == 1.1, np.sqrt(share / 2), np.sqrt((1 - share) / 18))
-    data = SimpleNamespace(z_hat=z, visit=visit, session=np.zeros(20, dtype=int), ordered=True)
+    run = np.random.default_rng(5).permutation(20)
+    data = SimpleNamespace(
+        z_hat=z[run], visit=visit[run], session=np.zeros(20, dtype=int), ordered=True
+    )
     planned = SimpleNamespace(
         theta=np.zeros(1),
         base=GROUND,
         data=data,
         as_recorded=data,
-        space=SimpleNamespace(project=lambda x: x),
+        space=SimpleNamespace(
+            project=lambda x: x, covariance=SimpleNamespace(order=np.argsort(run))
+        ),
     )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.coefficient for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
@@ -628,7 +633,7 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
         base=GROUND,
         data=data,
         as_recorded=data,
-        space=SimpleNamespace(project=lambda x: x),
+        space=SimpleNamespace(project=lambda x: x, covariance=SimpleNamespace(order=np.arange(40))),
     )
     found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
     assert [f.absorbed_by for f in found] == (["session_gain"] if said else [])

@@ -85,7 +85,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
         whole = float(slope @ slope)
         if whole <= 0:
             continue
-        energy = np.bincount(station, slope**2)
+        energy = np.bincount(station[stage.space.covariance.order], slope**2)
         most = int(np.argmax(energy))
         share, where = float(energy[most] / energy.sum()), float(places[most])
         if share >= RESTS and len(np.unique(stage.data.visit[station == most])) == 1:

@@ -11,7 +11,7 @@ import numpy as np
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import floor
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.loop.confirmation import HeldOut, misfit
+from nearlift.loop.confirmation import HeldOut, declared_errors, misfit
 from nearlift.loop.search_problem import SearchProblem
 
 #: Significance level of the test of held-out visits against the noise, one-sided, and of that of
@@ -31,7 +31,9 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
     if scored is None:
         return []
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
-    free = stage.data.unknown_levels + len(stage.theta)
+    # of a declared error as much is free as the trials tell of it
+    declared = stage.space.project(declared_errors(stage).T)
+    free = stage.data.unknown_levels + len(stage.theta) + np.sum(declared**2)
     left = misfit(stage, stage.noise, scored, scored.before)
     beyond = np.bincount(visit, left - 1 - free / max(stage.data.n - free, 1))
     blocks = len(beyond)

@@ -33,7 +33,7 @@ from nearlift.loop import (
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
-from nearlift.loop.datum import datum
+from nearlift.loop.datum import Datum, datum
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
@@ -339,5 +339,7 @@ def set_up(
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
     acting = inputs.acting(parts, base, first.theta)
-    stage = prepare(datum(first, kept), base, between, acting, first.theta, options)
+    # trials of few visits are fitted as if they shared no error
+    trials = Datum(recorded=kept) if few_visits.applies(kept) else datum(first, kept)
+    stage = prepare(trials, base, between, acting, first.theta, options)
     return stage, known, untestable
