@@ -7,6 +7,7 @@ import pytest
 
 from nearlift.manifest import campaign as manifests
 from nearlift.readers.schedule import read_schedule
+from nearlift.results.design import DesignOutlook
 from nearlift.results.explanation import EffectAccount
 from nearlift.results.serial import decode, encode
 from nearlift.stages.design import schedule_text
@@ -89,6 +90,7 @@ def test_design_writes_a_schedule_that_nearlift_reads(weighed):
 
 def test_design_says_what_it_assumes_and_finds(weighed):
     base, found = weighed
+    assert encode(decode(DesignOutlook, found)) == found
     at = found["boundaries"]["ground"]
     assert at["trials"] == 75
     rows = {r["effect"]: r for r in at["effects"]}

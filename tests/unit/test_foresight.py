@@ -208,9 +208,9 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
         data, catalogue.model("hsiao_chirarattananon"), (), NOISE, Options(), np.array([0.125])
     )
     row = outlook.weigh(foresight, handle("height_scale"))
-    assert row["verdict"] == "silent"
-    assert row["detection_limit"] is None
-    assert row["bias"]["alpha"]["in_u"] != 0
+    assert row.verdict == "silent"
+    assert row.detection_limit is None
+    assert row.bias["alpha"].in_u != 0
     assert "height_scale" in {e.name for e in library}
 
 
@@ -225,7 +225,7 @@ def test_too_few_planned_trials_are_refused():
 
 def test_groups_are_linked_pairs():
     def row(name, verdict="seen, not told apart", **rivals):
-        return {"effect": name, "verdict": verdict, "rivals": rivals}
+        return SimpleNamespace(effect=name, verdict=verdict, rivals=rivals)
 
     rows = [
         row("a", b=0.9),
@@ -235,35 +235,34 @@ def test_groups_are_linked_pairs():
         row("f", "too small to see", a=0.9),
         row("g", h=0.7),
     ]
-    assert outlook.groups(rows) == [["a", "b", "c"], ["g", "h"]]
+    assert outlook.groups(rows) == (("a", "b", "c"), ("g", "h"))
 
 
 def test_changes_part_what_they_promise(foresight):
     pair = proposals.Pair(handle=handle("reynolds"), rival="zero_offset", size=0.1, chance=0.8)
     found = proposals.changes(foresight, [pair], {})
-    assert [p["pair"] for p in found["pairs"]] == [["reynolds", "zero_offset"]]
-    asked = found["pairs"][0]
-    assert asked["evidence_now"] < proposals.APART
+    assert [p.pair for p in found.pairs] == [("reynolds", "zero_offset")]
+    asked = found.pairs[0]
+    assert asked.evidence_now < proposals.APART
     # a zero of the cell stands where the rotors do not, and costs little
-    sweep = next(o for o in asked["options"] if o["change"].startswith("a motors-off sweep"))
-    assert sweep["trials_to_part"] == 2 * len(np.unique(foresight.stage.data.z_hat))
-    assert "rpm" in asked["log"]
-    assert "start" not in asked["log"]
-    costs = [o["trials_to_part"] for o in asked["options"]]
+    sweep = next(o for o in asked.options if o.change.startswith("a motors-off sweep"))
+    assert sweep.trials_to_part == 2 * len(np.unique(foresight.stage.data.z_hat))
+    assert "rpm" in asked.log
+    assert "start" not in asked.log
+    costs = [o.trials_to_part for o in asked.options]
     assert costs == sorted(costs)
-    checked = [b for b in found["best"] if b.get("rivals_after")]
+    checked = [b for b in found.best if getattr(b, "rivals_after", None)]
     assert checked
-    assert all(0 <= r["after"] <= 1 for b in checked for r in b["rivals_after"])
+    assert all(0 <= r.after <= 1 for b in checked for r in b.rivals_after)
 
 
 def test_a_gauge_parts_an_offset_from_what_else_acts_close_by(foresight):
     pair = proposals.Pair(
         handle=handle("image_strength"), rival="height_offset", size=0.2, chance=1.0
     )
-    options = proposals.changes(foresight, [pair], {})["pairs"][0]["options"]
+    options = proposals.changes(foresight, [pair], {}).pairs[0].options
     assert any(
-        o["change"].startswith("touch the traverse off") and o["trials_to_part"] == 0
-        for o in options
+        o.change.startswith("touch the traverse off") and o.trials_to_part == 0 for o in options
     )
 
 

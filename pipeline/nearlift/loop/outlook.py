@@ -4,8 +4,7 @@ changes that separate these; of few trials, once diagnosed, the detection limits
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
-from typing import Any
+from collections.abc import Collection, Iterable, Mapping
 
 import numpy as np
 
@@ -18,8 +17,15 @@ from nearlift.loop.handle import LIMIT_POWER, Contest, Handle, handles
 from nearlift.loop.proposals import Pair, changes
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
-from nearlift.results import Observations
-from nearlift.results.outlook import DetectionLimit, Sensitivity
+from nearlift.results import Noise, Observations
+from nearlift.results.design import BoundaryOutlook, ExpectedCoefficient, ExpectedNoise
+from nearlift.results.outlook import (
+    DetectionLimit,
+    EffectOutlook,
+    Sensitivity,
+    UnseenBias,
+    UntestableEffect,
+)
 from nearlift.rounding import plain
 
 #: Probability from which a rival counts as confounded with an effect, or the effect as named.
@@ -29,8 +35,10 @@ CONFUSED = 0.5
 def outlook(
     foresight: Foresight,
     library: tuple[Effect, ...],
-    variants: Mapping[str, Observations] | None = None,
-) -> dict[str, object]:
+    untestable: tuple[UntestableEffect, ...],
+    expected: Noise,
+    variants: Mapping[str, Observations],
+) -> BoundaryOutlook:
     """Power, confounding, bias and proposed changes of a stage's design.
 
     Parameters
@@ -38,12 +46,15 @@ def outlook(
     foresight : Foresight
     library : tuple of Effect
         The testable effects.
+    untestable : tuple of UntestableEffect
+    expected : Noise
+        What the plan assumes; the stage's is the floor that the loop would find.
     variants : mapping of str to Observations
         The same trials run otherwise (throttles in another order, from both sides), with derived
         covariates.
     """
     stage = foresight.stage
-    rows: list[dict[str, object]] = []
+    rows: list[EffectOutlook] = []
     pairs: list[Pair] = []
     for effect in library:
         if effect.within_trial:
@@ -51,31 +62,39 @@ def outlook(
         for handle in handles(effect):
             row = weigh(foresight, handle)
             rows.append(row)
-            for rival, chance in row["rivals"].items():
-                if chance >= CONFUSED and row["verdict"] != "too small to see":
-                    pairs.append(
-                        Pair(handle=handle, rival=rival, size=row["plausible_size"], chance=chance)
-                    )
+            pairs += [
+                Pair(handle=handle, rival=rival, size=row.plausible_size, chance=chance)
+                for rival, chance in confounded(row).items()
+            ]
     value, u = coefficients.spread(stage, stage.base_fit)
     unseen = coefficients.constrained_columns(stage, (), {})
     _, u_wide = coefficients.spread(stage, stage.base_fit, unseen)
-    return {
-        "base_model": stage.base.name,
-        "trials": stage.data.n,
-        "false_alarm_rate": stage.options.false_alarm_rate,
-        "noise": stage.noise.record(),
-        "coefficients": {
-            p.name: {"expected": float(v), "u": float(s), "u_with_undetected_effects": float(w)}
+    return BoundaryOutlook(
+        base_model=stage.base.name,
+        trials=stage.data.n,
+        false_alarm_rate=stage.options.false_alarm_rate,
+        noise=stage.noise,
+        coefficients={
+            p.name: ExpectedCoefficient(
+                expected=float(v), u=float(s), u_with_undetected_effects=float(w)
+            )
             for p, v, s, w in zip(stage.base.parameters, value, u, u_wide, strict=True)
         },
-        "effects": rows,
-        "groups": groups(rows),
-        "limits": unknowable(stage, stage.base_fit),
-        "changes": changes(foresight, pairs, variants or {}),
-    }
+        effects=tuple(rows),
+        groups=groups(rows),
+        limits=unknowable(stage, stage.base_fit),
+        changes=changes(foresight, pairs, variants),
+        expected_noise=ExpectedNoise(
+            relative=expected.relative,
+            force_N=expected.force_N,
+            height_m=expected.height_m,
+            source=expected.source,
+        ),
+        untestable=untestable,
+    )
 
 
-def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
+def weigh(foresight: Foresight, handle: Handle) -> EffectOutlook:
     """Detection limit of one handle, its contest at the plausible size, and the bias of the
     coefficients at the largest plausible size that goes undetected.
     """
@@ -99,38 +118,44 @@ def weigh(foresight: Foresight, handle: Handle) -> dict[str, Any]:
             if any(c >= CONFUSED for c in contest.rivals.values())
             else "seen, seldom named"
         )
-    return {
-        "effect": handle.effect.name,
-        "parameter": handle.parameter.name,
-        "unit": handle.parameter.unit,
-        "shape": dict(handle.shape),
-        "share_visible": share,
-        "plausible_size": plausible,
-        "detection_limit": limit,
-        "verdict": verdict,
-        **{k: getattr(contest, k) for k in ("seen", "within", "first", "alone")},
-        "rivals": {
-            n: c for n, c in sorted(contest.rivals.items(), key=lambda i: -i[1]) if c >= 0.05
-        },
-        "hides_up_to": hiding,
-        "bias": {
-            p.name: {"shift": float(d), "in_u": float(d / s) if s > 0 else 0.0}
+    return EffectOutlook(
+        effect=handle.effect.name,
+        parameter=handle.parameter.name,
+        unit=handle.parameter.unit,
+        shape=handle.shape,
+        share_visible=share,
+        plausible_size=plausible,
+        detection_limit=limit,
+        verdict=verdict,
+        seen=contest.seen,
+        within=contest.within,
+        first=contest.first,
+        alone=contest.alone,
+        rivals={n: c for n, c in sorted(contest.rivals.items(), key=lambda i: -i[1]) if c >= 0.05},
+        hides_up_to=hiding,
+        bias={
+            p.name: UnseenBias(shift=float(d), in_u=float(d / s) if s > 0 else 0.0)
             for p, d, s in zip(stage.base.parameters, shift, u, strict=True)
         },
-    }
+    )
 
 
-def groups(rows: list[dict[str, Any]]) -> list[list[str]]:
+def confounded(row: EffectOutlook) -> dict[str, float]:
+    """The rivals that an effect of its plausible size is confounded with, and their chances."""
+    if row.verdict == "too small to see":
+        return {}
+    return {rival: chance for rival, chance in row.rivals.items() if chance >= CONFUSED}
+
+
+def groups(rows: Iterable[EffectOutlook]) -> tuple[tuple[str, ...], ...]:
     """Connected components of the effects that are confounded at their plausible sizes."""
     group: dict[str, set[str]] = {}
     for row in rows:
-        for rival, chance in row["rivals"].items():
-            if chance >= CONFUSED and row["verdict"] != "too small to see":
-                merged = group.get(row["effect"], {row["effect"]}) | group.get(rival, {rival})
-                for name in merged:
-                    group[name] = merged
-    unique = {tuple(sorted(g)) for g in group.values()}
-    return [list(g) for g in sorted(unique)]
+        for rival in confounded(row):
+            merged = group.get(row.effect, {row.effect}) | group.get(rival, {rival})
+            for name in merged:
+                group[name] = merged
+    return tuple(sorted({tuple(sorted(g)) for g in group.values()}))
 
 
 def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity:

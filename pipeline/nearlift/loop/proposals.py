@@ -10,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,14 @@ from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import Handle
 from nearlift.loop.separation import APART, join, menu, parted, session
 from nearlift.results import Observations
+from nearlift.results.design import (
+    ChangeOption,
+    CheckedChange,
+    ConfoundedPair,
+    PlanChanges,
+    RankedChange,
+    RivalChance,
+)
 
 #: Trials in an addition of this module.
 FEW = 80
@@ -53,7 +60,7 @@ class DesignChange:
 
 def changes(
     foresight: Foresight, pairs: list[Pair], variants: Mapping[str, Observations]
-) -> dict[str, object]:
+) -> PlanChanges:
     """Changes that would separate each confounded pair, and those that serve most pairs.
 
     `variants` are the same trials run otherwise. A pair whose evidence is large already is
@@ -63,7 +70,7 @@ def changes(
     stage = foresight.stage
     effects = {e.name: e for e, _ in stage.library}
     offered = menu_of(foresight, variants)
-    listed: list[dict[str, object]] = []
+    listed: list[ConfoundedPair] = []
     tally: dict[str, list[tuple[bool, float]]] = {c.text: [] for c in offered}
     likeliest: dict[frozenset[str], Pair] = {}
     for pair in sorted(pairs, key=lambda p: -p.chance):
@@ -76,7 +83,7 @@ def changes(
         other = search(stage.candidate(rival), stage.starts, log_lift).point
         now = parted(stage, stage.data, one, other)
         by_form = now >= APART
-        options: list[dict[str, Any]] = []
+        options: list[ChangeOption] = []
         for change in offered:
             gain = change.gain(one, other, now)
             # a pair confounded by form and not by noise needs another kind of measurement
@@ -84,64 +91,72 @@ def changes(
             parts = gain >= APART if by_form and other_kind else not by_form and now + gain >= APART
             tally[change.text].append((parts, min(gain, APART)))
             option = _option(change, gain, APART if by_form else max(APART - now, 0.0))
-            if option["trials_to_part"] is not None and (other_kind or not by_form):
+            if option is not None and (other_kind or not by_form):
                 options.append(option)
-        options.sort(key=lambda o: (o["trials_to_part"], -o["evidence"]))
+        options.sort(key=lambda o: (o.trials_to_part, -o.evidence))
         missing = {x for e in (effect, rival) for x in unlogged(e, stage.data)}
         listed.append(
-            {
-                "pair": [effect.name, rival.name],
-                "parameter": pair.handle.parameter.name,
-                "size": pair.size,
-                "unit": pair.handle.parameter.unit,
-                "rival_chance": pair.chance,
-                "evidence_now": now,
-                "held_together_by": "form" if by_form else "noise",
-                "options": options[:LISTED],
-                "log": sorted(missing),
-            }
+            ConfoundedPair(
+                pair=(effect.name, rival.name),
+                parameter=pair.handle.parameter.name,
+                size=pair.size,
+                unit=pair.handle.parameter.unit,
+                rival_chance=pair.chance,
+                evidence_now=now,
+                held_together_by="form" if by_form else "noise",
+                options=tuple(options[:LISTED]),
+                log=tuple(sorted(missing)),
+            )
         )
-    ranking: list[dict[str, Any]] = [
-        {
-            "change": c.text,
-            "trials": c.trials,
-            "pairs_parted": sum(p for p, _ in tally[c.text]),
-            "pairs": len(kept),
-            "evidence_per_trial": sum(g for _, g in tally[c.text]) / max(c.trials, 1),
-        }
+    ranking = [
+        RankedChange(
+            change=c.text,
+            trials=c.trials,
+            pairs_parted=sum(p for p, _ in tally[c.text]),
+            pairs=len(kept),
+            evidence_per_trial=sum(g for _, g in tally[c.text]) / max(c.trials, 1),
+        )
         for c in offered
         if kept
     ]
-    ranking.sort(key=lambda r: (-int(r["pairs_parted"]), -float(r["evidence_per_trial"])))
-    best = ranking[: CHECKED + 2]
+    ranking.sort(key=lambda r: (-r.pairs_parted, -r.evidence_per_trial))
     by_text = {c.text: c for c in offered}
-    for entry in best[:CHECKED]:
-        entry["rivals_after"] = _after(foresight, by_text[str(entry["change"])], kept)
-    return {"pairs": listed, "best": best}
+    best = [
+        CheckedChange(
+            change=r.change,
+            trials=r.trials,
+            pairs_parted=r.pairs_parted,
+            pairs=r.pairs,
+            evidence_per_trial=r.evidence_per_trial,
+            rivals_after=_after(foresight, by_text[r.change], kept),
+        )
+        for r in ranking[:CHECKED]
+    ]
+    return PlanChanges(pairs=tuple(listed), best=(*best, *ranking[CHECKED : CHECKED + 2]))
 
 
-def _option(change: DesignChange, gain: float, lacking: float) -> dict[str, object]:
-    """Evidence of one change for one pair; `trials_to_part` is None where ten times its trials do
-    not separate them.
-    """
-    needed: int | None = change.trials
+def _option(change: DesignChange, gain: float, lacking: float) -> ChangeOption | None:
+    """Evidence of one change for one pair; None where ten times its trials do not separate them."""
+    needed = change.trials
     enough = gain >= lacking
     if change.data is not None and change.trials:
         rate = gain / change.trials
-        needed = int(np.ceil(lacking / rate)) if rate > 0 else None
-        enough = needed is not None and needed <= 10 * change.trials
-    return {
-        "change": change.text,
-        "trials": change.trials,
-        "evidence": gain,
-        "evidence_per_trial": gain / change.trials if change.trials else None,
-        "trials_to_part": needed if enough else None,
-    }
+        needed = int(np.ceil(lacking / rate)) if rate > 0 else 0
+        enough = rate > 0 and needed <= 10 * change.trials
+    if not enough:
+        return None
+    return ChangeOption(
+        change=change.text,
+        trials=change.trials,
+        evidence=gain,
+        evidence_per_trial=gain / change.trials if change.trials else None,
+        trials_to_part=needed,
+    )
 
 
 def _after(
     foresight: Foresight, change: DesignChange, pairs: list[Pair]
-) -> list[dict[str, object]] | None:
+) -> tuple[RivalChance, ...] | None:
     """Each pair's probability of confusion after the change; None if it changes no trials."""
     if change.data is None:
         return None
@@ -151,14 +166,14 @@ def _after(
         stage, data=change.data, log_lift=np.log(change.data.covariates["lift_inf_N"]) + log_ratio
     )
     then = dataclasses.replace(foresight, stage=changed)
-    return [
-        {
-            "pair": [p.handle.effect.name, p.rival],
-            "before": p.chance,
-            "after": then.contest(p.handle, p.size).rivals.get(p.rival, 0.0),
-        }
+    return tuple(
+        RivalChance(
+            pair=(p.handle.effect.name, p.rival),
+            before=p.chance,
+            after=then.contest(p.handle, p.size).rivals.get(p.rival, 0.0),
+        )
         for p in pairs
-    ]
+    )
 
 
 def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[DesignChange]:

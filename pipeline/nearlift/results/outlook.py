@@ -1,7 +1,10 @@
-"""What trials could not show, and what to measure next: blocks of diagnosis.json."""
+"""What trials could not show, or could not if they were run as planned, and what to measure next:
+blocks of diagnosis.json and of a design's outlook.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 
@@ -71,6 +74,51 @@ class SilentEffect:
     def shift(self) -> float:
         """That bias in the coefficient's own unit."""
         return self.bias_at_detection_limit * self.u
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnseenBias:
+    """How far an effect that goes unseen shifts a coefficient; `in_u` in its standard
+    uncertainties.
+    """
+
+    shift: float
+    in_u: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectOutlook:
+    """What trials show of one effect of its plausible size, its likelier rivals with their chance,
+    and the bias of the coefficients by the size that it `hides_up_to`.
+
+    `detection_limit` is None where no size is seen.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    shape: Mapping[str, float]
+    share_visible: float
+    plausible_size: float
+    detection_limit: float | None
+    verdict: str
+    seen: float
+    within: float
+    first: float
+    alone: float
+    rivals: Mapping[str, float]
+    hides_up_to: float
+    bias: Mapping[str, UnseenBias]
+
+    @property
+    def label(self) -> str:
+        """The effect's name; its parameter's where it has several sizes."""
+        return self.parameter if self.effect == "tilt" else self.effect
+
+    @property
+    def hidden(self) -> bool:
+        """Whether it would go unseen."""
+        return self.verdict in ("silent", "too small to see")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

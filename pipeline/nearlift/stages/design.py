@@ -7,6 +7,7 @@ says, but never over anything: a campaign's folder is its owner's.
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from nearlift.manifest.campaign import Campaign
 from nearlift.manifest.design import Planned
 from nearlift.readers.columns import BY_NAME
 from nearlift.readers.schedule_text import csv_text
+from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule
 from nearlift.run import store
 from nearlift.run.job import Job
 from nearlift.stages.diagnose import chosen
@@ -38,7 +40,7 @@ SCHEDULE = "trials.csv"
 USUAL = {"distance": "mm", "throttle": "percent", "start": "s", "supply": "V"}
 
 
-def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> dict[str, object]:
+def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> DesignOutlook:
     """Weigh the planned campaign; writes the figure, the numbers and a random schedule, and returns
     what the console shows.
 
@@ -57,13 +59,8 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
     made = plan(job.campaign, job.root, job.seed)
     parts = budget.components(job.campaign)
     options = chosen(job)
-    answer: dict[str, Any] = {
-        "campaign": job.campaign.name,
-        "plan": made.source,
-        "assumed": list(made.assumed),
-        "boundaries": {},
-        "notes": [],
-    }
+    weighed: dict[Boundary, BoundaryOutlook] = {}
+    notes = []
     present = boundaries(made.table)
     for i, boundary in enumerate(present):
         job.say(f"design {boundary}", i / len(present))
@@ -82,7 +79,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
         try:
             foresight, library, untestable = planned(data, base, parts, noise, options, theta)
         except NotConverged as fault:
-            answer["notes"].append(f"{boundary}: {fault.what}; {fault.remedy}")
+            notes.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
         variants = {}
         if made.design is None and "both directions" not in options.not_feasible:
@@ -94,22 +91,23 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
                     other.level_medians(other.lift_N)[other.level],
                     lift_ratio(base, other, base.named(theta)),
                 )
-        result = outlook(foresight, library, variants)
-        expected = {k: getattr(noise, k) for k in ("relative", "force_N", "height_m", "source")}
-        answer["boundaries"][boundary] = result | {
-            "expected_noise": expected,
-            "untestable": untestable,
-        }
-    if not answer["boundaries"]:
+        weighed[boundary] = outlook(foresight, library, untestable, noise, variants)
+    if not weighed:
         raise NotConverged(
             f"design of {job.campaign.name}",
-            "; ".join(answer["notes"]) or "no trial is planned",
+            "; ".join(notes) or "no trial is planned",
             "plan more trials",
         )
     drawn = made.design or draw(job.campaign, job.seed, _read_off(job.campaign, made))
-    answer["schedule"] = _write(job, drawn, target)
-    answer["files"] = _draw(job, answer)
-    return answer
+    answer = DesignOutlook(
+        campaign=job.campaign.name,
+        plan=made.source,
+        assumed=made.assumed,
+        boundaries=weighed,
+        notes=tuple(notes),
+        schedule=_write(job, drawn, target),
+    )
+    return dataclasses.replace(answer, files=_draw(job, answer))
 
 
 def _target(job: Job, write: Path | None) -> Path:
@@ -159,7 +157,7 @@ def _otherwise(campaign: Campaign, made: PlannedTrials, seed: int) -> dict[str, 
     return {"the same trials in random order, each distance from both sides": table}
 
 
-def _write(job: Job, drawn: TrialSchedule, target: Path) -> dict[str, object]:
+def _write(job: Job, drawn: TrialSchedule, target: Path) -> DrawnSchedule:
     text = schedule_text(drawn, job.campaign)
     if target.is_relative_to(job.reports):
         job.publish(str(target.relative_to(job.reports)), text.encode())
@@ -170,16 +168,16 @@ def _write(job: Job, drawn: TrialSchedule, target: Path) -> dict[str, object]:
     via = drawn.further.get("via_m", np.full(len(drawn), np.nan))
     stops = np.unique(drawn.visit, return_index=True)[1]
     sides = drawn.approach[stops]
-    return {
-        "file": str(target),
-        "trials": len(drawn),
-        "visits": len(stops),
-        "sessions": len(np.unique(drawn.session)),
-        "hours": float((drawn.start_s[-1] + trial_s) / 3600),
-        "from_afar": float(np.mean(sides < 0)),
-        "detours": int(np.isfinite(via[stops]).sum()),
-        "seed": job.seed,
-    }
+    return DrawnSchedule(
+        file=str(target),
+        trials=len(drawn),
+        visits=len(stops),
+        sessions=len(np.unique(drawn.session)),
+        hours=float((drawn.start_s[-1] + trial_s) / 3600),
+        from_afar=float(np.mean(sides < 0)),
+        detours=int(np.isfinite(via[stops]).sum()),
+        seed=job.seed,
+    )
 
 
 def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
@@ -224,11 +222,11 @@ def outside(campaign: Campaign, name: str, value: float) -> str:
     return f"{(value - offset) / factor:.6g}"
 
 
-def _draw(job: Job, answer: dict[str, object]) -> list[str]:
+def _draw(job: Job, answer: DesignOutlook) -> tuple[str, ...]:
     """Numbers as JSON, the figure as pdf, png and csv; the paths written."""
     # whoever wants a schedule waits for no picture
     from nearlift.report.figures import design as picture
 
     files = for_print(picture.draw, picture.rows(answer), job.campaign.report.style)
     content = {"json": store.json_bytes(answer), **files}
-    return [str(job.publish(f"design/design.{kind}", data)) for kind, data in content.items()]
+    return tuple(str(job.publish(f"design/design.{kind}", data)) for kind, data in content.items())

@@ -5,7 +5,6 @@ and as text for the console.
 from __future__ import annotations
 
 import textwrap
-from typing import Any
 
 import numpy as np
 from matplotlib import rcParams
@@ -15,6 +14,13 @@ from matplotlib.lines import Line2D
 
 from nearlift.report.evidence import Columns, Rows, distinct, stack, where
 from nearlift.report.figures.style import SERIES, Style, effects, note, plain_log
+from nearlift.results.design import (
+    BoundaryOutlook,
+    ChangeOption,
+    CheckedChange,
+    DesignOutlook,
+    PlanChanges,
+)
 
 #: Displayed units of sizes that are small in SI.
 SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m", 1e3)}
@@ -25,8 +31,6 @@ LOOKS = {
     "too small to see": SERIES[1],
     "silent": ("0.5", "x"),
 }
-#: Of what would not be seen nothing is said beyond its limit.
-UNSEEN = ("silent", "too small to see")
 #: Chances below this are left blank.
 LEAST = 0.05
 
@@ -37,148 +41,138 @@ def size_text(value: float, unit: str) -> str:
     return f"{factor * value:.3g} {shown}".strip()
 
 
-def rows(outlook: dict[str, Any]) -> Columns:
+def rows(outlook: DesignOutlook) -> Columns:
     """The figure's rows. `panel` limits: `x` the detection limit over the plausible size (nan if
     never seen); confused: `x` the chance.
     """
     parts: list[dict[str, object]] = []
-    for boundary, at in outlook["boundaries"].items():
-        for row in at["effects"]:
-            limit = row["detection_limit"]
+    for boundary, at in outlook.boundaries.items():
+        for row in at.effects:
+            limit = row.detection_limit
             parts.append(
                 {
                     "boundary": boundary,
                     "panel": "limits",
-                    "effect": label(row),
-                    "series": row["verdict"],
-                    "x": None if limit is None else limit / row["plausible_size"],
-                    "note": "" if limit is None else size_text(limit, row["unit"]),
+                    "effect": row.label,
+                    "series": row.verdict,
+                    "x": None if limit is None else limit / row.plausible_size,
+                    "note": "" if limit is None else size_text(limit, row.unit),
                 }
             )
-        for row in (r for r in at["effects"] if r["verdict"] not in UNSEEN):
-            shared = {"boundary": boundary, "panel": "confused", "effect": label(row)}
-            named = [(row["effect"], row["within"]), *row["rivals"].items()]
+        # of what would not be seen nothing is said beyond its limit
+        for row in (r for r in at.effects if not r.hidden):
+            shared = {"boundary": boundary, "panel": "confused", "effect": row.label}
+            named = [(row.effect, row.within), *row.rivals.items()]
             parts += [{**shared, "series": name, "x": chance} for name, chance in named]
     return stack(parts)
 
 
-def label(row: dict[str, object]) -> str:
-    """An effect's name; with its parameter where it has several sizes."""
-    return str(row["parameter"]) if row["effect"] == "tilt" else str(row["effect"])
-
-
-def text(outlook: dict[str, Any]) -> str:
+def text(outlook: DesignOutlook) -> str:
     """The outlook in words."""
-    lines = [f"{outlook['campaign']}: a plan from {outlook['plan']}"]
-    lines += [line for said in outlook["assumed"] for line in wrap(f"Assumed: {said}.")]
-    for boundary, at in outlook["boundaries"].items():
-        lines += ["", f"{boundary}: {at['trials']} trials about {at['base_model']}", ""]
+    lines = [f"{outlook.campaign}: a plan from {outlook.plan}"]
+    lines += [line for said in outlook.assumed for line in wrap(f"Assumed: {said}.")]
+    for boundary, at in outlook.boundaries.items():
+        lines += ["", f"{boundary}: {at.trials} trials about {at.base_model}", ""]
         lines += _boundary(at)
-    lines += [line for note in outlook["notes"] for line in ("", *wrap(f"Not weighed: {note}"))]
-    s = outlook["schedule"]
+    lines += [line for note in outlook.notes for line in ("", *wrap(f"Not weighed: {note}"))]
+    s = outlook.schedule
     lines += [
         "",
         *wrap(
-            f"Random schedule (seed {s['seed']}): {s['trials']} trials at {s['visits']} visits in"
-            f" {s['sessions']} sessions, about {s['hours']:.1f} h; {100 * s['from_afar']:.0f} % of"
-            f" visits arrive moving towards the boundary, {s['detours']} drive past their station"
+            f"Random schedule (seed {s.seed}): {s.trials} trials at {s.visits} visits in"
+            f" {s.sessions} sessions, about {s.hours:.1f} h; {100 * s.from_afar:.0f} % of"
+            f" visits arrive moving towards the boundary, {s.detours} drive past their station"
             " first (column via). Times are planned ones: put the true ones in."
         ),
-        s["file"],
+        s.file,
         "Copy it into the campaign's folder as trials.csv; nothing is written there.",
         "",
-        *outlook["files"],
+        *(outlook.files or ()),
     ]
     return "\n".join(lines) + "\n"
 
 
-def _boundary(at: dict[str, Any]) -> list[str]:
-    noise = at["expected_noise"]
+def _boundary(at: BoundaryOutlook) -> list[str]:
+    noise = at.expected_noise
     lines = wrap(
-        f"Noise ({noise['source']}): {100 * noise['relative']:.2g} % of lift,"
-        f" {1e3 * noise['force_N']:.2g} mN, {1e3 * noise['height_m']:.2g} mm per visit. False-alarm"
-        f" rate {at['false_alarm_rate']:g}, for all tests together."
+        f"Noise ({noise.source}): {100 * noise.relative:.2g} % of lift,"
+        f" {1e3 * noise.force_N:.2g} mN, {1e3 * noise.height_m:.2g} mm per visit. False-alarm"
+        f" rate {at.false_alarm_rate:g}, for all tests together."
     )
-    for name, c in at["coefficients"].items():
+    for name, c in at.coefficients.items():
         lines += wrap(
-            f"Expected: {name} = {c['expected']:.3g} +- {c['u']:.2g}; with every effect of"
-            f" plausible size unnoticed, +- {c['u_with_undetected_effects']:.2g}."
+            f"Expected: {name} = {c.expected:.3g} +- {c.u:.2g}; with every effect of"
+            f" plausible size unnoticed, +- {c.u_with_undetected_effects:.2g}."
         )
     columns = f"  {'effect':<22} {'limit':>12} {'plausible':>12} {'seen':>5} {'alone':>6}  verdict"
     lines += ["", columns]
-    for row in at["effects"]:
-        size, unit = row["detection_limit"], row["unit"]
+    for row in at.effects:
+        size, unit = row.detection_limit, row.unit
         limit = "never" if size is None else size_text(size, unit)
-        plausible = size_text(row["plausible_size"], unit)
-        chances = f"{100 * row['seen']:4.0f}% {100 * row['alone']:5.0f}%"
-        lines.append(f"  {label(row):<22} {limit:>12} {plausible:>12} {chances}  {row['verdict']}")
+        plausible = size_text(row.plausible_size, unit)
+        chances = f"{100 * row.seen:4.0f}% {100 * row.alone:5.0f}%"
+        lines.append(f"  {row.label:<22} {limit:>12} {plausible:>12} {chances}  {row.verdict}")
     meant = (
         "  limit: size seen with 80 % chance; seen, alone: chances at the plausible size (alone:"
         " named without a rival)"
     )
     lines += ["", meant, ""]
-    hidden = [r for r in at["effects"] if r["verdict"] in UNSEEN]
-    first = next(iter(at["coefficients"]), None)
+    hidden = [r for r in at.effects if r.hidden]
+    first = next(iter(at.coefficients), None)
     if first is not None and hidden:
-        worst = sorted(hidden, key=lambda r: -abs(r["bias"][first]["in_u"]))[:3]
+        worst = sorted(hidden, key=lambda r: -abs(r.bias[first].in_u))[:3]
         biases = "; ".join(
-            f"{label(r)} of {size_text(r['hides_up_to'], r['unit'])}:"
-            f" {r['bias'][first]['shift']:+.2g}"
+            f"{r.label} of {size_text(r.hides_up_to, r.unit)}: {r.bias[first].shift:+.2g}"
             for r in worst
         )
         lines += wrap(f"Bias of {first} by what this plan would not see: {biases}.")
-    for limit in at["limits"]:
-        lines += wrap(limit.text)
-    for group in at["groups"]:
+    lines += [line for unknown in at.limits for line in wrap(unknown.text)]
+    for group in at.groups:
         lines += wrap(f"Not told apart: {', '.join(group)}.")
-    for lacking in at["untestable"]:
+    for lacking in at.untestable:
         if lacking.log_next_time:
             lines += wrap(f"Untestable: {lacking.effect}; log {', '.join(lacking.log_next_time)}.")
-    lines += _changes(at["changes"])
+    lines += _changes(at.changes)
     return lines
 
 
-def _changes(changes: dict[str, Any]) -> list[str]:
-    if not changes["pairs"]:
+def _changes(changes: PlanChanges) -> list[str]:
+    if not changes.pairs:
         return ["", "Nothing that would be seen is confused with anything else."]
     lines = ["", "What would part them (expected evidence; 13 is enough for one pair)"]
-    for pair in changes["pairs"]:
-        one, other = pair["pair"]
+    for pair in changes.pairs:
+        one, other = pair.pair
         lines.append(
-            f"  {one} of {size_text(pair['size'], pair['unit'])} against {other}: evidence"
-            f" {pair['evidence_now']:.1f}"
+            f"  {one} of {size_text(pair.size, pair.unit)} against {other}: evidence"
+            f" {pair.evidence_now:.1f}"
         )
-        if pair["held_together_by"] == "form":
+        if pair.held_together_by == "form":
             lines.append(
                 "    more trials do not help: what is not known is the exact form of either"
             )
-        elif not pair["options"]:
+        elif not pair.options:
             lines.append("    none of the proposals parts them within ten times its trials")
-        for o in pair["options"]:
-            lines.append(f"    {o['change']}: {_cost(o)}")
-        if pair["log"]:
-            lines.append(f"    log: {', '.join(pair['log'])}")
+        lines += [f"    {option.change}: {_cost(option)}" for option in pair.options]
+        if pair.log:
+            lines.append(f"    log: {', '.join(pair.log)}")
     lines += ["", "Changes that serve most pairs"]
-    for best in changes["best"]:
-        cost = f"{best['trials']} trials" if best["trials"] else "no further trial"
-        lines.append(
-            f"  {best['change']} ({cost}): parts {best['pairs_parted']} of {best['pairs']}"
-        )
-        resolved = [r for r in best.get("rivals_after") or [] if r["after"] < r["before"] - 0.2]
+    for best in changes.best:
+        cost = f"{best.trials} trials" if best.trials else "no further trial"
+        lines.append(f"  {best.change} ({cost}): parts {best.pairs_parted} of {best.pairs}")
+        checked = (best.rivals_after if isinstance(best, CheckedChange) else None) or ()
+        resolved = [r for r in checked if r.after < r.before - 0.2]
         lines += [
-            f"    {r['pair'][0]} taken for {r['pair'][1]}: {100 * r['before']:.0f} % ->"
-            f" {100 * r['after']:.0f} %"
+            f"    {r.pair[0]} taken for {r.pair[1]}: {100 * r.before:.0f} % ->"
+            f" {100 * r.after:.0f} %"
             for r in resolved[:4]
         ]
     return lines
 
 
-def _cost(option: dict[str, object]) -> str:
-    if option["evidence_per_trial"] is None:
-        return f"no further trial, evidence {option['evidence']:.1f}"
-    return (
-        f"some {option['trials_to_part']} trials (evidence {option['evidence_per_trial']:.2g} each)"
-    )
+def _cost(option: ChangeOption) -> str:
+    if option.evidence_per_trial is None:
+        return f"no further trial, evidence {option.evidence:.1f}"
+    return f"some {option.trials_to_part} trials (evidence {option.evidence_per_trial:.2g} each)"
 
 
 def wrap(text: str) -> list[str]:

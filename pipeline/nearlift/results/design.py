@@ -1,0 +1,147 @@
+"""design.json: what a planned campaign could see, what it would confuse, and what to change."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from nearlift.declare import Boundary
+from nearlift.results.diagnosis import CoefficientLimit
+from nearlift.results.estimate import Noise
+from nearlift.results.outlook import EffectOutlook, UntestableEffect
+from nearlift.results.serial import optional
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExpectedCoefficient:
+    """A coefficient, and its standard uncertainty without and with all that could act unseen."""
+
+    expected: float
+    u: float
+    u_with_undetected_effects: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExpectedNoise:
+    """What a plan takes for the scatter of its visits; see `Noise`."""
+
+    relative: float
+    force_N: float
+    height_m: float
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChangeOption:
+    """What a change to the plan does for one pair: the `evidence` that its trials add, and how many
+    of them part the two; 0 where none are needed, and then no evidence is per trial.
+    """
+
+    change: str
+    trials: int
+    evidence: float
+    evidence_per_trial: float | None
+    trials_to_part: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ConfoundedPair:
+    """An effect of one `size` of its parameter and a rival, their evidence by the plan as it is,
+    the changes that part them, the cheapest first, and what to log.
+    """
+
+    pair: tuple[str, str]
+    parameter: str
+    size: float
+    unit: str
+    rival_chance: float
+    evidence_now: float
+    held_together_by: Literal["form", "noise"]
+    options: tuple[ChangeOption, ...]
+    log: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RivalChance:
+    """The chance of a pair to be confused, before a change and after."""
+
+    pair: tuple[str, str]
+    before: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RankedChange:
+    """A change to the plan, and how many of all pairs it parts."""
+
+    change: str
+    trials: int
+    pairs_parted: int
+    pairs: int
+    evidence_per_trial: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckedChange(RankedChange):
+    """One that was looked at as a plan of its own; None where it changes no trials."""
+
+    rivals_after: tuple[RivalChance, ...] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanChanges:
+    """What parts the confounded pairs, and the changes that serve most of them."""
+
+    pairs: tuple[ConfoundedPair, ...]
+    best: tuple[CheckedChange | RankedChange, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoundaryOutlook:
+    """A plan's outlook at one boundary.
+
+    `noise` is the floor that the loop would find where trials scatter as expected; `groups` are
+    effects that are not told apart.
+    """
+
+    base_model: str
+    trials: int
+    false_alarm_rate: float
+    noise: Noise
+    coefficients: Mapping[str, ExpectedCoefficient]
+    effects: tuple[EffectOutlook, ...]
+    groups: tuple[tuple[str, ...], ...]
+    limits: tuple[CoefficientLimit, ...]
+    changes: PlanChanges
+    expected_noise: ExpectedNoise
+    untestable: tuple[UntestableEffect, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DrawnSchedule:
+    """A random schedule that was written: the fraction of visits that arrive `from_afar`, and how
+    many drive past their station first.
+    """
+
+    file: str
+    trials: int
+    visits: int
+    sessions: int
+    hours: float
+    from_afar: float
+    detours: int
+    seed: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DesignOutlook:
+    """What `design` answers; `notes` say what could not be weighed, `files` what was written."""
+
+    campaign: str
+    plan: str
+    assumed: tuple[str, ...]
+    boundaries: Mapping[Boundary, BoundaryOutlook]
+    notes: tuple[str, ...]
+    schedule: DrawnSchedule
+    files: tuple[str, ...] | None = optional()
