@@ -9,12 +9,11 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from nearlift import units
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged, UsageError
 from nearlift.likelihood import budget
 from nearlift.likelihood.covariates import derive
@@ -188,7 +187,7 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
     """
     constant = campaign.trials.constants
 
-    def listed(values: Any, name: str) -> list[str]:
+    def listed(values: FloatArray, name: str) -> list[str]:
         return [outside(campaign, name, v) for v in values]
 
     columns: dict[str, list[str]] = {
