@@ -269,8 +269,8 @@ def original_over_printed_fountain(z_hat: float) -> float:
     return float(
         original
         / (
-            sanchez_cuevas_as_printed.cancelled(z_hat, spacing_hat=d, inverse_K_b=0.5)
-            - sanchez_cuevas_as_printed.cancelled(z_hat, spacing_hat=d, inverse_K_b=0.0)
+            sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.5)
+            - sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.0)
         )
     )
 

@@ -22,16 +22,18 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Check, LiftModel, Parameter, Prior, Source, normal
-from nearlift.models.inflow import chained, clear_of_boundary, gain
+from nearlift.models.inflow import clear_of_boundary, gain
 
 
-def cancelled(z_hat: Any, /, *, c: Any, e: Any) -> Any:
+def cancelled(z_hat: Any, c: Any, e: Any) -> Any:
     """What the form puts in place of the inflow cancelled by an image."""
     # beyond the pole, where the shifted height is not positive, the square would come back finite
     return c / np.square(clear_of_boundary(clear_of_boundary(z_hat) + e))
 
 
-evaluate = chained(cancelled, gain)
+def evaluate(z_hat: Any, /, *, c: Any, e: Any) -> Any:
+    """L / L_inf; nan at and below the pole. Shapes broadcast."""
+    return gain(cancelled(z_hat, c, e))
 
 
 def gradient(z_hat: Any, /, *, c: Any, e: Any) -> tuple[Any, ...]:

@@ -26,21 +26,27 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import chained, clear_of_boundary, gain, image, inflow_left
+from nearlift.models.inflow import clear_of_boundary, gain, image
 
 
-def cancelled(z_hat: Any, /, *, k: Any) -> Any:
+def cancelled(z_hat: Any, k: Any) -> Any:
     """Fraction of inflow cancelled by k times the rotor's own image: k / (16 z_hat^2)."""
     return k * image(2.0 * clear_of_boundary(z_hat))
 
 
-evaluate = chained(cancelled, gain)
-downwash = chained(cancelled, inflow_left)
+def evaluate(z_hat: Any, /, *, k: Any) -> Any:
+    """L / L_inf; nan at and below the pole sqrt(k) / 4. Shapes broadcast."""
+    return gain(cancelled(z_hat, k))
 
 
 def gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
     """Derivative of `evaluate` with respect to k."""
     return (np.square(evaluate(z_hat, k=k)) * image(2.0 * clear_of_boundary(z_hat)),)
+
+
+def downwash(z_hat: Any, /, *, k: Any) -> Any:
+    """Induced velocity at the disk over its value far away, 1 - s."""
+    return 1.0 - cancelled(z_hat, k)
 
 
 COEFFICIENT = Parameter(
@@ -154,11 +160,14 @@ Refusal: nan at and below the pole, z_hat = sqrt(k) / 4.
 )
 
 
-def _theory(z_hat: Any, /) -> Any:
-    return cancelled(z_hat, k=1.0)
+def theory(z_hat: Any, /) -> Any:
+    """L / L_inf; nan at and below z_hat = 0.25."""
+    return evaluate(z_hat, k=1.0)
 
 
-theory, theory_downwash = chained(_theory, gain), chained(_theory, inflow_left)
+def theory_downwash(z_hat: Any, /) -> Any:
+    """Induced velocity at the disk over its value far away."""
+    return downwash(z_hat, k=1.0)
 
 
 THEORY = LiftModel(
@@ -170,8 +179,11 @@ THEORY = LiftModel(
     downwash=theory_downwash,
     boundary="ground",
     valid_z_hat=(0.25, float("inf")),
-    source=replace(
-        MODEL.source, doubts=("Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant.",)
+    source=Source(
+        citation=MODEL.source.citation,
+        equation=MODEL.source.equation,
+        bibtex=MODEL.source.bibtex,
+        doubts=("Carter et al. print 1/16z^2 where 1/(16 z_hat^2) is meant.",),
     ),
     checks=(
         Check(x=1.0, expected=1.066667, quoted_by="golden value, exact from the formula"),

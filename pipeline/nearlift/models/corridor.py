@@ -38,7 +38,7 @@ import numpy as np
 
 from nearlift.declare import Check, FloatArray, LiftModel, Parameter, Source, normal
 from nearlift.models.images import square
-from nearlift.models.inflow import clear_of_boundary, image, over_rotors
+from nearlift.models.inflow import clear_of_boundary, gain, image
 
 REFLECTIONS = 16
 
@@ -61,7 +61,7 @@ def reflected(z_hat: Any, layout_hat: Any, gap_hat: float) -> Iterator[FloatArra
         yield np.where(free[..., None], 0.0, pairs.sum(axis=-1))
 
 
-def cancelled_per_rotor(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> FloatArray:
+def cancelled_per_rotor(z_hat: Any, layout_hat: Any, gap_hat: float, kappa: Any) -> FloatArray:
     """Fraction of inflow cancelled at each rotor, shape (..., rotors)."""
     share = np.asarray(kappa, dtype=float)[..., None]
     orders = reflected(z_hat, layout_hat, gap_hat)
@@ -69,7 +69,14 @@ def cancelled_per_rotor(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: 
     return result
 
 
-evaluate, downwash, each = over_rotors(cancelled_per_rotor)
+def each(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> Any:
+    """L / L_inf of each rotor."""
+    return gain(cancelled_per_rotor(z_hat, layout_hat, gap_hat, kappa))
+
+
+def evaluate(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> Any:
+    """L / L_inf of the whole vehicle. Shapes broadcast."""
+    return each(z_hat, layout_hat=layout_hat, gap_hat=gap_hat, kappa=kappa).mean(axis=-1)
 
 
 def gradient(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> tuple[Any, ...]:
@@ -79,6 +86,11 @@ def gradient(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> tup
     slope = sum((n * share ** (n - 1) * part for n, part in orders if n), start=np.zeros(1))
     ratio = each(z_hat, layout_hat=layout_hat, gap_hat=gap_hat, kappa=kappa)
     return ((np.square(ratio) * slope).mean(axis=-1),)
+
+
+def downwash(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> Any:
+    """Induced velocity at the disks over its value far away, mean over the rotors."""
+    return 1.0 - cancelled_per_rotor(z_hat, layout_hat, gap_hat, kappa).mean(axis=-1)
 
 
 _ONE = ((0.0, 0.0),)

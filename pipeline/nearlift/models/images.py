@@ -31,14 +31,25 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Check, FloatArray, LiftModel, Source
-from nearlift.models.inflow import clear_of_boundary, image, over_rotors, tabulated
+from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 
 
 def cancelled_per_rotor(
     z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any = 0.0, edge_hat: Any = math.inf
 ) -> FloatArray:
-    """Fraction of inflow cancelled at each rotor, shape (..., rotors); arguments as the module's
-    convention has them, `tilt_rad` about y. The boundary fills x <= edge_hat.
+    """Fraction of inflow cancelled at each rotor, shape (..., rotors).
+
+    Parameters
+    ----------
+    z_hat : array_like
+        Distance of the layout's origin from the boundary, along its normal.
+    layout_hat : array_like, shape (rotors, 2)
+        Rotor axes (x, y) in the rotor plane.
+    tilt_rad : array_like
+        Tilt about y, positive where rotors at positive x are farther from the boundary; broadcasts
+        with `z_hat`.
+    edge_hat : float
+        The boundary fills x <= edge_hat.
     """
     layout = np.asarray(layout_hat, dtype=float)
     x, y = layout[:, 0], layout[:, 1]
@@ -65,11 +76,64 @@ def share(edge_hat: Any, height_hat: Any, separation_hat: Any) -> Any:
     return 0.5 + sine * (0.75 - 0.25 * np.square(sine))
 
 
-LEVEL, TILT, RIM = ("layout_hat",), ("layout_hat", "tilt_rad"), ("layout_hat", "edge_hat")
-evaluate, downwash, each_level = over_rotors(cancelled_per_rotor, *LEVEL)
-#: Force along the rotor axes.
-tilted, tilted_downwash, each_tilted = over_rotors(cancelled_per_rotor, *TILT)
-at_edge, edge_downwash, each_at_edge = over_rotors(cancelled_per_rotor, *RIM)
+def gain_per_rotor(
+    z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any = 0.0, edge_hat: Any = math.inf
+) -> FloatArray:
+    """Lift of each rotor over its lift far away, shape (..., rotors); arguments as
+    `cancelled_per_rotor`.
+    """
+    return gain(
+        cancelled_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad, edge_hat=edge_hat)
+    )
+
+
+def each_level(z_hat: Any, /, *, layout_hat: Any) -> Any:
+    """L / L_inf of each rotor over a boundary without end, parallel to the vehicle."""
+    return gain_per_rotor(z_hat, layout_hat=layout_hat)
+
+
+def evaluate(z_hat: Any, /, *, layout_hat: Any) -> Any:
+    """L / L_inf of the whole vehicle over a boundary without end, parallel to it. Shapes
+    broadcast.
+    """
+    return each_level(z_hat, layout_hat=layout_hat).mean(axis=-1)
+
+
+def downwash(z_hat: Any, /, *, layout_hat: Any) -> Any:
+    """Induced velocity at the disks over its value far away, mean over the rotors."""
+    return 1.0 - cancelled_per_rotor(z_hat, layout_hat=layout_hat).mean(axis=-1)
+
+
+def each_tilted(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
+    """L / L_inf of each rotor over a tilted boundary."""
+    return gain_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad)
+
+
+def tilted(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
+    """L / L_inf of the whole vehicle, force along the rotor axes, over a tilted boundary."""
+    return each_tilted(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad).mean(axis=-1)
+
+
+def tilted_downwash(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
+    """Induced velocity at the disks over its value far away, mean over the rotors."""
+    cancelled = cancelled_per_rotor(z_hat, layout_hat=layout_hat, tilt_rad=tilt_rad)
+    return 1.0 - cancelled.mean(axis=-1)
+
+
+def each_at_edge(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> Any:
+    """L / L_inf of each rotor over a boundary that ends at an edge."""
+    return gain_per_rotor(z_hat, layout_hat=layout_hat, edge_hat=edge_hat)
+
+
+def at_edge(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> Any:
+    """L / L_inf of the whole vehicle over a boundary that ends at an edge."""
+    return each_at_edge(z_hat, layout_hat=layout_hat, edge_hat=edge_hat).mean(axis=-1)
+
+
+def edge_downwash(z_hat: Any, /, *, layout_hat: Any, edge_hat: Any) -> Any:
+    """Induced velocity at the disks over its value far away, mean over the rotors."""
+    cancelled = cancelled_per_rotor(z_hat, layout_hat=layout_hat, edge_hat=edge_hat)
+    return 1.0 - cancelled.mean(axis=-1)
 
 
 def square(spacing_hat: float) -> tuple[tuple[float, float], ...]:
@@ -90,7 +154,7 @@ MODEL = LiftModel(
     per_rotor=each_level,
     boundary="ground",
     rotors="several",
-    needs=LEVEL,
+    needs=("layout_hat",),
     valid_z_hat=(0.25, float("inf")),
     source=Source(
         citation=(
@@ -134,7 +198,7 @@ TILTED = replace(
     evaluate=tilted,
     downwash=tilted_downwash,
     per_rotor=each_tilted,
-    needs=TILT,
+    needs=("layout_hat", "tilt_rad"),
     checks=(
         Check(
             x=1.0,
@@ -186,7 +250,7 @@ EDGE = replace(
     evaluate=at_edge,
     downwash=edge_downwash,
     per_rotor=each_at_edge,
-    needs=RIM,
+    needs=("layout_hat", "edge_hat"),
     source=Source(
         citation=(
             "Own derivation from the images of Cheeseman and Bennett, per rotor after"

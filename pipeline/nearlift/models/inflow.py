@@ -11,28 +11,33 @@ image and a ratio of exactly 1.
 
 from __future__ import annotations
 
-import inspect
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, Evaluate, FloatArray, keywords
+from nearlift.declare import Check, FloatArray
 
 
 def clear_of_boundary(z_hat: Any) -> FloatArray:
     """`z_hat` as an array, nan where it is not positive."""
     z = np.asarray(z_hat, dtype=float)
-    return np.where(z > 0, z, np.nan)
+    result: FloatArray = np.where(z > 0, z, np.nan)
+    return result
 
 
 def image(height_hat: Any, separation_hat: Any = 0.0) -> Any:
     """Fraction of a rotor's induced inflow cancelled by one image, positive where lift is gained.
 
-    `height_hat` is the distance of rotor and image along the boundary's normal, 2 z_hat for a flat
-    boundary, `separation_hat` that along it, 0 for a rotor's own image. Shapes broadcast.
-    Approximation: a point source at the image's centre, strength (rotor area) x (induced velocity),
-    its velocity taken at the rotor's centre and along the boundary's normal.
+    Shapes broadcast. Approximation: a point source at the image's centre, strength (rotor area) x
+    (induced velocity), its velocity taken at the rotor's centre and along the boundary's normal.
+
+    Parameters
+    ----------
+    height_hat : array_like
+        Distance between rotor and image along the boundary's normal: 2 z_hat for a flat boundary.
+    separation_hat : array_like
+        Their distance along the boundary: 0 for a rotor's own image.
     """
     height = np.asarray(height_hat, dtype=float)
     slant = 1.0 + np.square(separation_hat / height)
@@ -46,40 +51,6 @@ def gain(cancelled: Any) -> FloatArray:
     left = 1.0 - np.asarray(cancelled, dtype=float)
     result: FloatArray = np.divide(1.0, left, out=np.full(left.shape, np.nan), where=left > 0)
     return result
-
-
-def inflow_left(cancelled: Any) -> Any:
-    """Induced velocity at the disk over its value far away, 1 - s."""
-    return 1.0 - cancelled
-
-
-def chained(cancelled: Evaluate, result: Callable[[Any], Any], *takes: str) -> Evaluate:
-    """`result` of the fraction of inflow that `cancelled` gives, with the latter's arguments, or
-    those of them that it `takes`.
-    """
-
-    def evaluate(z_hat: Any, /, **arguments: Any) -> Any:
-        return result(cancelled(z_hat, **arguments))
-
-    names = takes or keywords(cancelled)
-    evaluate.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [
-            inspect.Parameter("z_hat", inspect.Parameter.POSITIONAL_ONLY),
-            *(inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY) for n in names),
-        ]
-    )
-    return evaluate
-
-
-def over_rotors(cancelled: Evaluate, *takes: str) -> tuple[Evaluate, Evaluate, Evaluate]:
-    """From the inflow cancelled at each rotor, a last axis: L / L_inf and downwash of the whole
-    vehicle, means over the rotors, and L / L_inf of each rotor; arguments as `chained`.
-    """
-    return (
-        chained(cancelled, lambda s: gain(s).mean(axis=-1), *takes),
-        chained(cancelled, lambda s: inflow_left(s.mean(axis=-1)), *takes),
-        chained(cancelled, gain, *takes),
-    )
 
 
 def tabulated(*rows: tuple[float, float, Mapping[str, Any], str]) -> tuple[Check, ...]:

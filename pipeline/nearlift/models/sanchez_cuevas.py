@@ -33,7 +33,7 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import chained, clear_of_boundary, gain, image, inflow_left, tabulated
+from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 
 
 def four_images(z_hat: Any, spacing_hat: Any) -> Any:
@@ -46,21 +46,27 @@ def four_images(z_hat: Any, spacing_hat: Any) -> Any:
     )
 
 
-def cancelled(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
+def cancelled(z_hat: Any, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
     """Fraction of inflow cancelled by images and fountain."""
     return four_images(z_hat, spacing_hat) + 4.0 * K_b * image(
         2.0 * clear_of_boundary(z_hat), diagonal_hat
     )
 
 
-evaluate = chained(cancelled, gain)
-downwash = chained(cancelled, inflow_left)
+def evaluate(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
+    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
+    return gain(cancelled(z_hat, spacing_hat, diagonal_hat, K_b))
 
 
 def gradient(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> tuple[Any, ...]:
     """Derivative of `evaluate` with respect to K_b."""
     ratio = evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b)
     return (np.square(ratio) * (4.0 * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)),)
+
+
+def downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
+    """Induced velocity at the disk over its value far away, 1 - s."""
+    return 1.0 - cancelled(z_hat, spacing_hat, diagonal_hat, K_b)
 
 
 FOUNTAIN = Parameter(
@@ -146,11 +152,14 @@ MODEL = LiftModel(
 )
 
 
-def _published(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
-    return cancelled(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
+def published(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
+    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
+    return evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
 
 
-published, published_downwash = chained(_published, gain), chained(_published, inflow_left)
+def published_downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
+    """Induced velocity at the disk over its value far away."""
+    return downwash(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
 
 
 PUBLISHED = LiftModel(

@@ -26,25 +26,31 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import LiftModel, Parameter, Source, normal
-from nearlift.models.inflow import chained, clear_of_boundary, gain, image, inflow_left, tabulated
+from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 from nearlift.models.sanchez_cuevas import four_images
 
 
-def cancelled(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
+def cancelled(z_hat: Any, spacing_hat: Any, inverse_K_b: Any) -> Any:
     """Fraction of inflow cancelled by images and the printed fountain term."""
     return four_images(z_hat, spacing_hat) + inverse_K_b * image(
         2.0 * clear_of_boundary(z_hat), spacing_hat
     )
 
 
-evaluate = chained(cancelled, gain)
-downwash = chained(cancelled, inflow_left)
+def evaluate(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
+    """L / L_inf as printed; nan where nothing of the inflow is left. Shapes broadcast."""
+    return gain(cancelled(z_hat, spacing_hat, inverse_K_b))
 
 
 def gradient(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> tuple[Any, ...]:
     """Derivative of `evaluate` with respect to inverse_K_b."""
     ratio = evaluate(z_hat, spacing_hat=spacing_hat, inverse_K_b=inverse_K_b)
     return (np.square(ratio) * image(2.0 * clear_of_boundary(z_hat), spacing_hat),)
+
+
+def downwash(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
+    """Induced velocity at the disk over its value far away, 1 - s."""
+    return 1.0 - cancelled(z_hat, spacing_hat, inverse_K_b)
 
 
 MODEL = LiftModel(
