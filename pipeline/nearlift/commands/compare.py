@@ -11,7 +11,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import click
 import numpy as np
@@ -19,10 +18,19 @@ import numpy as np
 from nearlift.commands.common import Call, declared
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
-from nearlift.fit.population import FEWEST, Population, population
+from nearlift.fit.population import FEWEST, population
 from nearlift.products import PROVENANCE, RESULTS
-from nearlift.results import Estimate
+from nearlift.results.comparison import (
+    CampaignComparison,
+    ComparedCampaign,
+    ComparedCoefficient,
+    HeadlineValue,
+    Population,
+)
+from nearlift.results.estimate import UncertainValue
+from nearlift.results.provenance import ProvenanceLedger
 from nearlift.results.quotation import BoundaryResult, CoefficientResult, Results
+from nearlift.results.serial import encode
 from nearlift.rounding import like, plain
 from nearlift.run import store
 from nearlift.run.lock import settled
@@ -48,7 +56,7 @@ class Entry:
     result: BoundaryResult
 
     @property
-    def kind(self) -> tuple[str, str, str]:
+    def kind(self) -> tuple[Boundary, str, str]:
         """Boundary, base model and coefficient: only what has these in common is compared."""
         return self.boundary, self.result.base_model, self.result.headline
 
@@ -62,6 +70,19 @@ class Entry:
         """What each declared component that all of a campaign shares contributes, signed."""
         shared = (line for line in self.quoted.budget if line.scope in ("boundary", "campaign"))
         return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
+
+    def compared(self, shrunk: UncertainValue | None) -> ComparedCampaign:
+        """What the comparison says of the campaign."""
+        c = self.quoted
+        return ComparedCampaign(
+            campaign=self.campaign,
+            vehicle=self.vehicle,
+            verdict=self.result.verdict,
+            quoted=HeadlineValue(
+                value=c.value, u=c.u, lo90=c.lo90, hi90=c.hi90, unit=c.unit, holds=c.holds
+            ),
+            in_population=shrunk,
+        )
 
 
 def finished(out: Path, names: Sequence[str]) -> list[Path]:
@@ -95,7 +116,7 @@ def finished(out: Path, names: Sequence[str]) -> list[Path]:
 def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
     results = store.load(folder / RESULTS.file, Results)
-    vehicle = store.read_json_if_whole(folder / PROVENANCE.file).get("vehicle", "")
+    vehicle = store.load_if_whole(folder / PROVENANCE.file, ProvenanceLedger()).vehicle
     return [
         Entry(campaign=folder.name, vehicle=vehicle, boundary=boundary, result=result)
         for boundary, result in results.boundaries.items()
@@ -103,8 +124,8 @@ def entries(folder: Path) -> list[Entry]:
     ]
 
 
-def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> list[dict[str, Any]]:
-    """Entries by boundary, base model and coefficient, as JSON: each group with its population.
+def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> tuple[ComparedCoefficient, ...]:
+    """Entries by boundary, base model and coefficient, each group with its population.
 
     `shared` names components that are one and the same error in all campaigns (the same load cell,
     the same gauge block).
@@ -123,7 +144,7 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> list[dict[str, An
                 f"there are: {', '.join(map(repr, known)) or 'none'}",
             )
     kinds = sorted({e.kind for e in listed})
-    return [_document([e for e in listed if e.kind == kind], shared) for kind in kinds]
+    return tuple(_compared([e for e in listed if e.kind == kind], shared) for kind in kinds)
 
 
 def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
@@ -143,7 +164,7 @@ def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
     return total
 
 
-def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> dict[str, object]:
+def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignComparison:
     """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and
     answer what stands in the first.
     """
@@ -152,20 +173,15 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> dict[str, obj
     from nearlift.stages.report import for_print
 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
-    groups = grouped(listed, shared)
-    content: dict[str, object] = {
-        "schema": "nearlift.comparison/1",
-        "shared": list(shared),
-        "groups": groups,
-    }
+    compared = CampaignComparison(shared=tuple(shared), groups=grouped(listed, shared))
     target = out / "reports" / FOLDER
-    rows = forest.summarise(content)
+    rows = forest.summarise(compared)
     for kind, drawn in for_print(forest.draw, rows, LOOK).items():
         store.write_bytes(target / f"forest.{kind}", drawn)
     said = [
-        f"{g['boundary'].capitalize()}, {g['coefficient']}: {remark}"
-        for g in groups
-        for remark in g["remarks"]
+        f"{group.boundary.capitalize()}, {group.coefficient}: {remark}"
+        for group in compared.groups
+        for remark in group.remarks
     ]
     reported = {
         str(name)
@@ -173,38 +189,37 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> dict[str, obj
         if (out / "reports" / str(name) / "index.html").is_file()
     }
     store.write_bytes(target / "index.html", comparison.page(rows, reported, said))
-    store.write_json(target / "comparison.json", content)
-    return content
+    store.write_json(target / "comparison.json", compared)
+    return compared
 
 
-def table(content: dict[str, Any]) -> list[str]:
-    """comparison.json as lines of text."""
+def table(compared: CampaignComparison) -> list[str]:
+    """The comparison as lines of text."""
     lines = []
-    for group in content["groups"]:
-        lines.append(f"{group['boundary']}: {group['coefficient']} of {group['model']}")
-        rows = [
-            (entry["campaign"], entry["quoted"], entry["verdict"]) for entry in group["campaigns"]
+    for group in compared.groups:
+        lines.append(f"{group.boundary}: {group.coefficient} of {group.model}")
+        rows: list[tuple[str, UncertainValue, str]] = [
+            (c.campaign, c.quoted, c.verdict) for c in group.campaigns
         ]
-        together = group.get("population")
-        if together:
-            spread = together["spread"]
+        if together := group.population:
+            spread = together.spread
             words = (
-                f"spread {plain(spread['value'], 2)} (up to {plain(spread['hi90'], 2)}); no spread:"
-                f" {_chance(together['p_value'])}"
+                f"spread {plain(spread.value, 2)} (up to {plain(spread.hi90, 2)}); no spread:"
+                f" {_chance(together.p_value)}"
             )
             rows += [
-                ("population mean", together["mean"], words),
-                ("next campaign", together["next"], ""),
+                ("population mean", together.mean, words),
+                ("next campaign", together.next, ""),
             ]
         wide = max(len(name) for name, _, _ in rows)
         for name, e, words in rows:
-            value, low, high = (like(e[key], e["u"]) for key in ("value", "lo90", "hi90"))
+            value, low, high = (like(x, e.u) for x in (e.value, e.lo90, e.hi90))
             lines.append(f"  {name:<{wide}}  {value} ({low} to {high})  {words}".rstrip())
-        lines += [f"  {remark}" for remark in group["remarks"]]
+        lines += [f"  {remark}" for remark in group.remarks]
     return lines
 
 
-def _remarks(members: Sequence[Entry], p: Population | None) -> list[str]:
+def _remarks(members: Sequence[Entry], p: Population | None) -> tuple[str, ...]:
     """What to hold against a group: campaigns that are one, and a spread that the prior decides."""
     listed = []
     same: dict[tuple[float, float], list[str]] = {}
@@ -217,64 +232,39 @@ def _remarks(members: Sequence[Entry], p: Population | None) -> list[str]:
                 f" count once, not {len(names)} times"
             )
     if p is not None:
-        wider = max(abs(p.if_doubled.lo90 - p.mean.lo90), abs(p.if_doubled.hi90 - p.mean.hi90))
+        doubled = p.spread_prior.mean_if_doubled
+        wider = max(abs(doubled.lo90 - p.mean.lo90), abs(doubled.hi90 - p.mean.hi90))
         if wider > PRIOR_MATTERS * (p.mean.hi90 - p.mean.lo90):
-            ends = " to ".join(like(x, p.mean.u) for x in (p.if_doubled.lo90, p.if_doubled.hi90))
+            ends = " to ".join(like(x, p.mean.u) for x in (doubled.lo90, doubled.hi90))
             listed.append(
                 f"of {len(members)} campaigns the spread is little known, and its prior"
                 f" counts: were it twice as wide, the mean would be {ends}"
             )
-    return listed
+    return tuple(listed)
 
 
 def _chance(p: float) -> str:
     return f"p = {plain(p, 2)}" if p > LEAST_CHANCE else f"p < {LEAST_CHANCE:g}"
 
 
-def _document(members: Sequence[Entry], shared: Sequence[str]) -> dict[str, Any]:
+def _compared(members: Sequence[Entry], shared: Sequence[str]) -> ComparedCoefficient:
     """Entries of one kind, and what they say together unless they are too few."""
-    p = None
+    together: Population | None = None
+    shrunk: Sequence[UncertainValue | None] = [None] * len(members)
     if len(members) >= FEWEST:
         # an interval over rivals is lopsided, and its best value no centre: the population is
         # fitted to the interval
         value = np.array([(e.quoted.lo90 + e.quoted.hi90) / 2 for e in members])
-        p = population(value, covariance(members, shared), members[0].quoted.unit)
+        together, shrunk = population(value, covariance(members, shared), members[0].quoted.unit)
     boundary, model, coefficient = members[0].kind
-    encoded: dict[str, object] = {
-        "boundary": boundary,
-        "model": model,
-        "coefficient": coefficient,
-        "campaigns": [
-            {
-                "campaign": e.campaign,
-                "vehicle": e.vehicle,
-                "verdict": e.result.verdict,
-                "quoted": {**_estimate(e.quoted), "holds": e.quoted.holds},
-                "in_population": _estimate(p.campaigns[i]) if p else None,
-            }
-            for i, e in enumerate(members)
-        ],
-        "remarks": _remarks(members, p),
-    }
-    if p is not None:
-        encoded["population"] = {
-            "mean": _estimate(p.mean),
-            "spread": _estimate(p.spread),
-            "next": _estimate(p.next_value),
-            "q": p.q,
-            "dof": p.dof,
-            "p_value": p.p,
-            "spread_prior": {
-                "distribution": "half-Cauchy",
-                "scale": p.prior_scale,
-                "mean_if_doubled": _estimate(p.if_doubled),
-            },
-        }
-    return encoded
-
-
-def _estimate(e: Estimate | CoefficientResult) -> dict[str, object]:
-    return {"value": e.value, "u": e.u, "lo90": e.lo90, "hi90": e.hi90, "unit": e.unit}
+    return ComparedCoefficient(
+        boundary=boundary,
+        model=model,
+        coefficient=coefficient,
+        campaigns=tuple(e.compared(s) for e, s in zip(members, shrunk, strict=True)),
+        remarks=_remarks(members, together),
+        population=together,
+    )
 
 
 @declared("compare")
@@ -287,6 +277,6 @@ def _estimate(e: Estimate | CoefficientResult) -> dict[str, object]:
 )
 def command(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None:
     """Table and forest plot."""
-    content = run(call.out, names, shared)
+    compared = run(call.out, names, shared)
     plot = call.out / "reports" / FOLDER / "forest.pdf"
-    call.answer(content, "\n".join([*table(content), str(plot)]))
+    call.answer(encode(compared), "\n".join([*table(compared), str(plot)]))

@@ -5,9 +5,8 @@ manifest that differ, last what went in and what made it. Writes nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -76,7 +75,7 @@ class RunComparison:
     key, None where a manifest was not kept; `trials` the rejected ones that differ.
     """
 
-    schema: str = "nearlift.run_comparison/1"
+    schema: str = field(default="nearlift.run_comparison/1", init=False)
     runs: tuple[RunAbout, RunAbout]
     same: Mapping[str, int]
     inputs: Differences
@@ -133,7 +132,7 @@ def run(a: Path, b: Path) -> RunComparison:
     one, two = (_side(path) for path in (a, b))
     # a kept run has no digests, and is not held against one that has
     whole = bool(one.ledger.nearlift and two.ledger.nearlift)
-    changed: dict[str, Any] = {}
+    changed: dict[str, Differences] = {}
     same: dict[str, int] = {}
     for part in PARTS:
         pair = [_part(side.ledger, part) if whole else {} for side in (one, two)]

@@ -9,13 +9,12 @@ flat prior.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.results import Estimate
+from nearlift.results.comparison import Population, SpreadPrior
+from nearlift.results.estimate import UncertainValue
 
 #: Grid points of the integral over the spread.
 GRID = 400
@@ -25,41 +24,11 @@ FEWEST = 3
 TAIL = 0.05
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Population:
-    """Random-effects estimates from many campaigns.
-
-    Attributes
-    ----------
-    mean : Estimate
-        Of the population; 90 % interval with the spread integrated over.
-    spread : Estimate
-        Standard deviation between campaigns beyond their uncertainties; value is the median.
-    next_value : Estimate
-        Prediction for another campaign of the same population, measured without error.
-    campaigns : tuple of Estimate
-        Each campaign's value, shrunk towards the mean.
-    q, dof, p : float
-        Cochran's statistic of zero spread, its degrees of freedom, and its p-value.
-    prior_scale : float
-        Scale of the half-Cauchy prior of the spread.
-    if_doubled : Estimate
-        The mean with that scale doubled.
-    """
-
-    mean: Estimate
-    spread: Estimate
-    next_value: Estimate
-    campaigns: tuple[Estimate, ...]
-    q: float
-    dof: int
-    p: float
-    prior_scale: float
-    if_doubled: Estimate
-
-
-def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Population:
-    """Population mean and spread of a coefficient.
+def population(
+    value: FloatArray, covariance: FloatArray, unit: str = "1"
+) -> tuple[Population, tuple[UncertainValue, ...]]:
+    """Population mean and spread of a coefficient, and each campaign's value, shrunk towards the
+    mean.
 
     Parameters
     ----------
@@ -118,20 +87,21 @@ def population(value: FloatArray, covariance: FloatArray, unit: str = "1") -> Po
     variance = spread[:, None] ** 2 * (1.0 - kept @ axes.T**2)
     u_shrunk = np.sqrt(np.maximum(variance, 0.0) + (left * u_mean[:, None]) ** 2)
     q = float(misfit[0])
-    return Population(
+    together = Population(
         mean=_mixture(mean, u_mean, density, unit),
         spread=_quantiles(spread, density, unit),
-        next_value=_mixture(mean, np.hypot(u_mean, spread), density, unit),
-        campaigns=tuple(_mixture(shrunk[:, i], u_shrunk[:, i], density, unit) for i in range(n)),
+        next=_mixture(mean, np.hypot(u_mean, spread), density, unit),
         q=q,
         dof=n - 1,
-        p=float(chi2.sf(q, n - 1)),
-        prior_scale=scale,
-        if_doubled=_mixture(mean, u_mean, posterior(2 * scale), unit),
+        p_value=float(chi2.sf(q, n - 1)),
+        spread_prior=SpreadPrior(
+            scale=scale, mean_if_doubled=_mixture(mean, u_mean, posterior(2 * scale), unit)
+        ),
     )
+    return together, tuple(_mixture(shrunk[:, i], u_shrunk[:, i], density, unit) for i in range(n))
 
 
-def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> Estimate:
+def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> UncertainValue:
     """Mean, standard deviation and 90 % interval of a mixture of normals."""
     from scipy.optimize import brentq
     from scipy.special import ndtr
@@ -151,15 +121,15 @@ def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) 
             )
         )
 
-    return Estimate(value=mean, u=u, lo90=quantile(TAIL), hi90=quantile(1 - TAIL), unit=unit)
+    return UncertainValue(value=mean, u=u, lo90=quantile(TAIL), hi90=quantile(1 - TAIL), unit=unit)
 
 
-def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> Estimate:
+def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> UncertainValue:
     """Median, standard deviation and 90 % interval of a density on a grid."""
     below = np.cumsum(weight) - 0.5 * weight
     low, median, high = np.interp([TAIL, 0.5, 1 - TAIL], below, x)
     mean = weight @ x
-    return Estimate(
+    return UncertainValue(
         value=float(median),
         u=float(np.sqrt(weight @ (x - mean) ** 2)),
         lo90=float(low),

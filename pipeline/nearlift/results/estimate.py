@@ -10,7 +10,7 @@ from nearlift.results.serial import Above, Below, Json, Unbounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
+class UncertainValue:
     """A number with its standard uncertainty and 90 % interval, in `unit`."""
 
     value: float
@@ -18,6 +18,12 @@ class Estimate:
     lo90: Below
     hi90: Above
     unit: str = "1"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Estimate(UncertainValue):
+    """A parameter of a model, and whether it stands at the end of its range."""
+
     at_bound: bool = False
 
 

@@ -4,8 +4,7 @@ and the next campaign beneath them; on paper, and to be pointed at in the order 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,6 +16,8 @@ from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report.evidence import Columns, Rows, distinct, stack, where
 from nearlift.report.figures.style import BAND, SERIES, Style, labelled, plain_text
 from nearlift.report.page.chart import Chart, Spec, View, column, frame, layer, one_of, tooltip
+from nearlift.results.comparison import CampaignComparison, ComparedCoefficient
+from nearlift.results.estimate import UncertainValue
 from nearlift.rounding import like
 
 #: A 90 % interval of a normal is so many standard deviations wide.
@@ -37,35 +38,27 @@ TOOLTIP = (
 )
 
 
-def summarise(content: Mapping[str, Any]) -> Columns:
-    """Rows of comparison.json: `kind` is campaign, population or next."""
-    rows: list[dict[str, object]] = []
-    for group in content["groups"]:
-        lines = [
-            {
-                "kind": "campaign",
-                "label": finished["campaign"],
-                "vehicle": finished["vehicle"],
-                "verdict": finished["verdict"],
-                **_interval(finished["quoted"]),
-            }
-            for finished in group["campaigns"]
-        ]
-        if together := group.get("population"):
-            mean, following = _interval(together["mean"]), _interval(together["next"])
-            lines.append({"kind": "population", "label": "population mean", **mean})
-            lines.append({"kind": "next", "label": "next campaign", **following})
-        shared = {
-            "panel": group["boundary"],
-            "coefficient": group["coefficient"],
-            "unit": group["campaigns"][0]["quoted"]["unit"],
-        }
-        rows += [{**shared, **line} for line in lines]
+def summarise(comparison: CampaignComparison) -> Columns:
+    """Rows of the comparison: `kind` is campaign, population or next."""
+    rows = [
+        {"panel": group.boundary, "coefficient": group.coefficient, **line}
+        for group in comparison.groups
+        for line in _lines(group)
+    ]
     return stack(rows, COLUMNS)
 
 
-def _interval(estimate: Mapping[str, Any]) -> dict[str, float]:
-    return {name: estimate[name] for name in ("value", "lo90", "hi90")}
+def _lines(group: ComparedCoefficient) -> Iterator[dict[str, object]]:
+    for c in group.campaigns:
+        about = {"label": c.campaign, "vehicle": c.vehicle, "verdict": c.verdict}
+        yield {"kind": "campaign", **about, **_interval(c.quoted)}
+    if together := group.population:
+        yield {"kind": "population", "label": "population mean", **_interval(together.mean)}
+        yield {"kind": "next", "label": "next campaign", **_interval(together.next)}
+
+
+def _interval(e: UncertainValue) -> dict[str, object]:
+    return {"unit": e.unit, "value": e.value, "lo90": e.lo90, "hi90": e.hi90}
 
 
 def interval(rows: Columns, i: int) -> str:
@@ -130,8 +123,8 @@ def _panel(ax: Axes, rows: Rows) -> None:
             ax.plot(span, [y[i]] * 2, color=accent, linestyle=(0, (3, 1.5)), zorder=3)
         else:
             ax.plot(span, [y[i]] * 2, color=colour, zorder=2)
-            symbol = _symbol(rows["verdict"][i])
-            ax.plot(rows["value"][i], y[i], linestyle="none", zorder=3, **symbol)
+            marker, inside = _symbol(rows["verdict"][i])
+            ax.plot(rows["value"][i], y[i], marker, color=colour, mfc=inside, zorder=3)
     ax.set_yticks(y, [plain_text(label) for label in rows["label"]])
     ax.tick_params(axis="y", length=0, right=False)
     ax.set_ylim(y[-1] - 0.7, 0.7)
@@ -140,21 +133,21 @@ def _panel(ax: Axes, rows: Rows) -> None:
     ax.set_axisbelow(True)
 
 
-def _symbol(verdict: str) -> dict[str, Any]:
-    """What the loop said of the campaign decides its symbol: only an open one has structure that
-    nobody could name.
+def _symbol(verdict: str) -> tuple[str, str]:
+    """Marker and its inside: what the loop said of the campaign decides, and only an open symbol
+    has structure that nobody could name.
     """
-    colour = SERIES[0][0]
-    filled = "white" if verdict == "unexplained" else colour
-    return {"marker": MARKERS.get(verdict, "o"), "color": colour, "markerfacecolor": filled}
+    inside = "white" if verdict == "unexplained" else SERIES[0][0]
+    return MARKERS.get(verdict, "o"), inside
 
 
 def _legend(figure: Figure, table: Rows) -> None:
     """Only what occurs."""
     seen = distinct(where(table, kind="campaign")["verdict"])
     handles = [
-        Line2D([], [], label=word, **_symbol(verdict))
+        Line2D([], [], label=word, color=SERIES[0][0], marker=marker, markerfacecolor=inside)
         for verdict, word in VERDICTS.items()
+        for marker, inside in [_symbol(verdict)]
         if verdict in seen
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, columnspacing=1.0)

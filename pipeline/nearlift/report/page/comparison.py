@@ -5,7 +5,7 @@ nothing.
 from __future__ import annotations
 
 from collections.abc import Collection
-from typing import Any
+from dataclasses import dataclass
 
 from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report.evidence import Columns, distinct, where
@@ -13,6 +13,19 @@ from nearlift.report.figures import forest
 from nearlift.report.page.render import Picture, rendered
 
 TITLE = "Campaigns compared"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ForestLine:
+    """A line of a table: a campaign, the population's mean or the next campaign; `linked` where its
+    own report stands beside this one.
+    """
+
+    label: str
+    linked: bool
+    vehicle: str
+    value: str
+    verdict: str
 
 
 def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str] = ()) -> bytes:
@@ -36,24 +49,24 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
         [drawn],
         title=TITLE,
         chapter={"charts": (drawn,), "pictures": [picture], "tabled": (drawn,)},
-        groups=_groups(table, reports),
+        tables=_tables(table, reports),
         remarks=list(remarks),
     )
 
 
-def _groups(table: Columns, reports: Collection[str]) -> list[dict[str, Any]]:
-    groups = []
+def _tables(table: Columns, reports: Collection[str]) -> dict[str, list[ForestLine]]:
+    """Lines by title: a table for each boundary and coefficient."""
+    tables = {}
     for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
         rows = where(table, panel=boundary, coefficient=coefficient)
-        lines = [
-            {
-                "label": str(rows["label"][i]),
-                "linked": rows["kind"][i] == "campaign" and rows["label"][i] in reports,
-                "vehicle": str(rows["vehicle"][i]),
-                "value": forest.interval(rows, i),
-                "verdict": VERDICTS[rows["verdict"][i]] if rows["kind"][i] == "campaign" else "",
-            }
-            for i in range(len(rows["value"]))
+        tables[f"{boundary.capitalize()}: {letter(coefficient)}"] = [
+            ForestLine(
+                label=str(rows["label"][i]),
+                linked=campaign and rows["label"][i] in reports,
+                vehicle=str(rows["vehicle"][i]),
+                value=forest.interval(rows, i),
+                verdict=VERDICTS[rows["verdict"][i]] if campaign else "",
+            )
+            for i, campaign in enumerate((rows["kind"] == "campaign").tolist())
         ]
-        groups.append({"title": f"{boundary.capitalize()}: {letter(coefficient)}", "lines": lines})
-    return groups
+    return tables
