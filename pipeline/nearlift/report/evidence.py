@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,12 +14,15 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ProductError
 from nearlift.manifest.campaign import Campaign, Overlay, boundaries_of
-from nearlift.products import DIAGNOSIS, FIT, RESULTS, Product
+from nearlift.products import DIAGNOSIS, FIT, RESULTS, SAFETY, Product
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.fit import FitResults, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.results.serial import decode
+
+if TYPE_CHECKING:
+    from nearlift.flight.simulation.safety_result import SafetyResult
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Columns = dict[str, NDArray[Any]]
@@ -101,6 +104,13 @@ class Evidence:
         if not self.has(DIAGNOSIS):
             return {}
         return decode(DiagnosisResults, self.document(DIAGNOSIS), DIAGNOSIS.file).boundaries
+
+    @cached_property
+    def safety(self) -> SafetyResult:
+        """safety.json."""
+        from nearlift.flight.simulation.safety_result import SafetyResult
+
+        return decode(SafetyResult, self.document(SAFETY), SAFETY.file)
 
     def base(self, boundary: Boundary) -> tuple[LiftModel, ModelFit]:
         """The base model of a boundary and its fit."""

@@ -4,12 +4,10 @@ models, roll near a sidewall.
 
 from __future__ import annotations
 
-from typing import Any
-
 from nearlift.declare import BOUNDARIES
 from nearlift.flight.simulation import presets
 from nearlift.flight.simulation.corridor import BERTH
-from nearlift.flight.simulation.energy import MOST_FLIGHTS
+from nearlift.flight.simulation.energy import MOST_FLIGHTS, BestSetPoint
 from nearlift.products import SAFETY
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
@@ -31,7 +29,10 @@ def facts(evidence: Evidence) -> dict[str, object]:
         "root": root,
         "presets": [_preset(place) for place in root.every("presets")],
         "fitted": [root.at("fitted", b) for b in BOUNDARIES if b in root.content["fitted"]],
-        "refusal": refusal,
+        "refusals": {
+            boundary: [refusal(point, fitted.flights) for point in fitted.best_set_points]
+            for boundary, fitted in evidence.safety.fitted.items()
+        },
         "rolls": ROLLS,
         "sides": presets.TARGETS,
         "berth_z_hat": BERTH,
@@ -51,15 +52,15 @@ def _preset(place: Place) -> dict[str, object]:
     }
 
 
-def refusal(point: dict[str, Any], flights: int) -> str:
+def refusal(point: BestSetPoint, flights: int) -> str:
     """Why no set-point is named for a price, and what would do; empty where one is."""
-    if not point["agrees"]:
+    if not point.agrees:
         return "no advice: it depends on lift nearer than measured; measure nearer"
-    if point["resolved"]:
+    if point.resolved:
         return ""
     enough = (
-        f"about {plain(point['flights_needed'], 2)} would"
-        if point["flights_needed"]
+        f"about {plain(point.flights_needed, 2)} would"
+        if point.flights_needed
         else f"{MOST_FLIGHTS / 1e6:g} million would not either"
     )
     return f"not resolved by {flights} flights; {enough}"

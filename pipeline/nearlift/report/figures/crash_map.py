@@ -5,6 +5,7 @@ spacing), with the contours of 10, 50 and 90 %; a row per boundary.
 from __future__ import annotations
 
 import itertools
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -36,8 +37,10 @@ def summarise(evidence: Evidence) -> Columns:
     """The maps as they stand in their product, with `x_flown` and `y_flown`: the groups of the
     campaign's own flights; 0 where they lie off the map's axis.
     """
-    table, fitted = evidence.table(CRASH_MAP), evidence.document(SAFETY)["fitted"]
-    groups = {s: {**fit["groups"], "spacing_hat": fit["spacing_hat"]} for s, fit in fitted.items()}
+    table, fitted = evidence.table(CRASH_MAP), evidence.safety.fitted
+    groups = {
+        s: {**asdict(fit.groups), "spacing_hat": fit.spacing_hat} for s, fit in fitted.items()
+    }
     shown: Columns = {name: table[name] for name in SHOWN}
     for axis in ("x", "y"):
         drawn = zip(table["boundary"], table[f"{axis}_group"], strict=True)
@@ -56,16 +59,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
         " so that the loop keeps its shape."
     )
     parts = [drawn]
-    for side, fit in evidence.document(SAFETY)["fitted"].items():
-        mine, g = where(table, boundary=side), fit["groups"]
-        if len(mine["flights"]):
+    for side, fit in evidence.safety.fitted.items():
+        mine, g = where(table, boundary=side), fit.groups
+        if fit.maps:
             parts.append(
                 f"{side.capitalize()}: set-point ẑ = {mine['target_z_hat'][0]:g},"
-                f" {mine['flights'][0]} flights a cell; α = {abs(g['alpha']):.3g}, β ="
-                f" {abs(g['beta']):.3g}, γ = {abs(g['gamma']):.2g}, δ = {g['delta']:.3g} (over"
-                f" hover far away), σ/mg = {g['noise']:.3g}, gusts held {g['hold']:.3g} √(r/g);"
-                f" halving the step changes a rate by up to {fit['maps']['worst']:.2g}"
-                f" ({fit['maps']['settings']} cells, corners and those between 10 and 90 %)."
+                f" {mine['flights'][0]} flights a cell; α = {abs(g.alpha):.3g}, β ="
+                f" {abs(g.beta):.3g}, γ = {abs(g.gamma):.2g}, δ = {g.delta:.3g} (over"
+                f" hover far away), σ/mg = {g.noise:.3g}, gusts held {g.hold:.3g} √(r/g);"
+                f" halving the step changes a rate by up to {fit.maps.worst:.2g}"
+                f" ({fit.maps.settings} cells, corners and those between 10 and 90 %)."
             )
     return " ".join(parts)
 

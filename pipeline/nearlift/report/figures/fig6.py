@@ -13,12 +13,13 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift import catalogue, nomenclature
+from nearlift.declare import Boundary
 from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, grid, plain_text
 
-SIDES = ("ground", "ceiling")
+SIDES: tuple[Boundary, ...] = ("ground", "ceiling")
 ROWS = ("histories", "paper", "converged")
 #: Of a sample flight so much is shown before and after the crash that it is about, s.
 BEFORE_S, AFTER_S = 20.0, 10.0
@@ -88,8 +89,8 @@ def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and which of it may be believed."""
-    content = evidence.document(SAFETY)["presets"]
-    flights = {preset["flights"] for p in content.values() for preset in p["boundaries"].values()}
+    presets = evidence.safety.presets
+    flights = {flown.flights for p in presets.values() for flown in p.boundaries.values()}
     counts = " or ".join(str(f) for f in sorted(flights))
     text = (
         "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and controller. First"
@@ -102,14 +103,14 @@ def caption(evidence: Evidence, table: Columns) -> str:
         " (dashed) and L∞/L, as its theories mean it (dotted)."
     )
     parts = [text]
-    for name, preset in content.items():
-        tests = [b["convergence"] for b in preset["boundaries"].values()]
-        worst = max(test["worst"] for test in tests)
+    for name, preset in presets.items():
+        tests = [flown.convergence for flown in preset.boundaries.values()]
+        worst = max(test.worst for test in tests)
         verdict = "its rates are the time step's as much as the vehicle's"
-        if all(test["converged"] for test in tests):
+        if all(test.converged for test in tests):
             verdict = "no rate leaves its interval"
         parts.append(
-            f"{name.capitalize()}: {preset['meaning']}; halving the step changes a crash rate by up"
+            f"{name.capitalize()}: {preset.meaning}; halving the step changes a crash rate by up"
             f" to {worst:.2g}: {verdict}."
         )
     return " ".join(parts)
@@ -118,9 +119,9 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = []
-    for name, preset in evidence.document(SAFETY)["presets"].items():
-        for side, flown in preset["boundaries"].items():
-            half = {e["exponent"]: e["value"] for e in flown["levels"] if e["risk"] == 0.5}
+    for name, preset in evidence.safety.presets.items():
+        for side, flown in preset.boundaries.items():
+            half = {e.exponent: e.value for e in flown.levels if e.risk == 0.5}
             if half:
                 parts.append(
                     f"{name}, {side}: half of the flights crash at z_hat {half[0.0]:.2f} without"

@@ -39,7 +39,7 @@ def summarise(evidence: Evidence) -> Columns:
     `x` and `y` (m; of the front: energy and risk), `x2` and `y2` (a box's far corner; of the front:
     the ends of the risk's 90 % interval), `seen` (1 where the risk rests on flights that crashed).
     """
-    table, entry = evidence.table(ROUTES), evidence.document(SAFETY).get("route")
+    table, entry = evidence.table(ROUTES), evidence.safety.route
     if not entry or not len(table["way"]):
         return {}
     numbers = np.unique(table["way"])
@@ -47,11 +47,11 @@ def summarise(evidence: Evidence) -> Columns:
     spread = numbers[np.linspace(0, len(numbers) - 1, min(SHOWN, len(numbers))).astype(int)]
     parts: list[dict[str, object]] = [
         {"kind": "box", "x": left, "x2": right, "y": bottom, "y2": top}
-        for left, right, bottom, top in entry["boxes_m"]
+        for left, right, bottom, top in entry.boxes_m
     ]
-    room = {"x": 0.0, "x2": entry["length_m"], "y": 0.0, "y2": entry["height_m"]}
+    room = {"x": 0.0, "x2": entry.length_m, "y": 0.0, "y2": entry.height_m}
     parts.append({"kind": "room", **room})
-    (x, z), (x2, z2) = entry["start_m"], entry["goal_m"]
+    (x, z), (x2, z2) = entry.start_m, entry.goal_m
     parts.append({"kind": "end", "x": [x, x2], "y": [z, z2]})
     for way in sorted({chosen, *spread.tolist()}):
         mine = where(table, way=way)
@@ -65,32 +65,33 @@ def summarise(evidence: Evidence) -> Columns:
                 "seen": (mine["risk_from"] == BASES[0]).astype(int),
             }
         )
-    for i, w in enumerate(entry["ways"]):
-        risk = {"x": w["energy"], "y": w["risk"], "x2": w["lo90"], "y2": w["hi90"]}
-        parts.append({"kind": "front", "way": i, "chosen": int(w["chosen"]), **risk})
-    parts.append({"kind": "bound", "y": entry["risk_bound"]})
+    for i, w in enumerate(entry.ways):
+        risk = {"x": w.energy, "y": w.risk, "x2": w.lo90, "y2": w.hi90}
+        parts.append({"kind": "front", "way": i, "chosen": int(w.chosen), **risk})
+    parts.append({"kind": "bound", "y": entry.risk_bound})
     return stack([{"way": -1, "chosen": 0, "seen": 1, **part} for part in parts], COLUMNS)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """What is drawn, and what the way is not."""
-    e = evidence.document(SAFETY)["route"]
-    shares = e["share_by_basis"].items()
+    e = evidence.safety.route
+    assert e is not None
+    shares = e.share_by_basis.items()
     rests = ", ".join(f"{100 * share:.0f} % on {basis}" for basis, share in shares if share > 0)
     berth = "".join(
         f" From the {side}, of which no model was fitted, they keep ẑ ≥ {BERTH:g}."
         for side in TARGETS
-        if side not in e["boundaries"]
+        if side not in e.boundaries
     )
-    lowest = " and ".join(f"ẑ ≥ {z:.3g} from the {side}" for side, z in e["lowest_z_hat"].items())
+    lowest = " and ".join(f"ẑ ≥ {z:.3g} from the {side}" for side, z in e.lowest_z_hat.items())
     return (
-        f"Ways through a corridor of {e['length_m']:g} by {e['height_m']:g} m at {e['speed_m_s']:g}"
-        f" m/s, from the fitted models near {' and '.join(e['boundaries'])}. Solid where the risk"
+        f"Ways through a corridor of {e.length_m:g} by {e.height_m:g} m at {e.speed_m_s:g}"
+        f" m/s, from the fitted models near {' and '.join(e.boundaries)}. Solid where the risk"
         " comes from flights that crashed, dashed where it is only a bound set by"
-        f" {e['flights']} flights a set-point. Bold: the cheapest way"
-        f" whose risk is shown to be at most {e['risk_bound']:g} (dashed line); of its points' risk"
-        f" rests {rests}. It takes {e['energy']:.3f} of the straight way's energy far from"
-        f" boundaries, at a risk of {e['risk']:.2g} (90 %: {e['lo90']:.2g} to {e['hi90']:.2g}), and"
+        f" {e.flights} flights a set-point. Bold: the cheapest way"
+        f" whose risk is shown to be at most {e.risk_bound:g} (dashed line); of its points' risk"
+        f" rests {rests}. It takes {e.energy:.3f} of the straight way's energy far from"
+        f" boundaries, at a risk of {e.risk:.2g} (90 %: {e.lo90:.2g} to {e.hi90:.2g}), and"
         f" keeps {lowest}, below which nothing was both measured and flown, or it matters what lift"
         f" does nearer than measured.{berth} Right: energy"
         " against risk of all ways on the front, 90 % over model and flights. A plan on a grid for"
@@ -101,10 +102,11 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
-    e = evidence.document(SAFETY)["route"]
+    e = evidence.safety.route
+    assert e is not None
     return (
-        f"{len(e['ways'])} ways between floor and ceiling; the chosen one has energy"
-        f" {e['energy']:.3f} and risk {e['risk']:.2g}."
+        f"{len(e.ways)} ways between floor and ceiling; the chosen one has energy"
+        f" {e.energy:.3f} and risk {e.risk:.2g}."
     )
 
 

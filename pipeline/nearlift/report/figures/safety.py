@@ -13,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from nearlift import nomenclature
+from nearlift.flight.simulation.fitted import FittedFlights
 from nearlift.products import CRASH_RATES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.fig6 import COLUMNS, SIDES
@@ -46,13 +47,13 @@ def summarise(evidence: Evidence) -> Columns:
     is where the vehicle touches; in `front`, x is the relative cost, y the crash rate, and `best`
     the set-points of least expected cost.
     """
-    rates, content = evidence.table(CRASH_RATES), evidence.document(SAFETY)["fitted"]
+    rates, fitted = evidence.table(CRASH_RATES), evidence.safety.fitted
     parts = []
     for side in SIDES:
         flown = where(rates, preset="fitted", boundary=side)
-        if side in content and len(flown["rate"]):
+        if side in fitted and len(flown["rate"]):
             for row, curves in (("crash", _crashes), ("front", _risks)):
-                rows = curves(flown, content[side])
+                rows = curves(flown, fitted[side])
                 parts += [{"row": row, "panel": side, **part} for part in rows]
     return stack(parts, COLUMNS)
 
@@ -62,10 +63,10 @@ def _best(rates: Columns, reading: str = "form") -> Columns:
     return where(rates, member=-1, below_nearest=reading)
 
 
-def _crashes(rates: Columns, fitted: dict[str, Any]) -> list[dict[str, object]]:
+def _crashes(rates: Columns, fitted: FittedFlights) -> list[dict[str, object]]:
     """Crash rates and relative costs against set-point."""
     none, best = where(rates, exponent=0), _best(rates)
-    x, label = best["target_z_hat"], fitted["title"]
+    x, label = best["target_z_hat"], fitted.title
     low, high = _band(rates)
     ends = {"x": none["target_z_hat"], "lo90": none["lo90"], "hi90": none["hi90"]}
     costs = {"lo90": best["cost_lo"], "hi90": best["cost_hi"]}
@@ -73,29 +74,29 @@ def _crashes(rates: Columns, fitted: dict[str, Any]) -> list[dict[str, object]]:
         {"kind": "none", "label": "no boundary effect", "y": none["rate"], **ends},
         {"kind": "model", "label": label, "x": x, "y": best["rate"], "lo90": low, "hi90": high},
         {"kind": "held", "label": label, "x": x, "y": _best(rates, "held")["rate"]},
-        {"kind": "contact", "label": "touches", "x": fitted["contact_z_hat"], "y": 0.0},
-        {"kind": "cost", "label": fitted["held"], "x": x, "y": best["cost"], **costs},
+        {"kind": "contact", "label": "touches", "x": fitted.contact_z_hat, "y": 0.0},
+        {"kind": "cost", "label": fitted.held, "x": x, "y": best["cost"], **costs},
         {"kind": "cost_paper", "label": "paper", "x": x, "y": best["cost_paper"]},
     ]
 
 
-def _risks(rates: Columns, fitted: dict[str, Any]) -> list[dict[str, object]]:
+def _risks(rates: Columns, fitted: FittedFlights) -> list[dict[str, object]]:
     """Crash rate against relative cost, and the set-points of least expected cost."""
-    best, floor = _best(rates), FLOOR / fitted["flights"]
+    best, floor = _best(rates), FLOOR / fitted.flights
     low, high = _band(rates)
     front = {"y": best["rate"], "lo90": low, "hi90": high}
     shown = {name: np.maximum(rate, floor) for name, rate in front.items()}
     return [
-        {"kind": "model", "label": fitted["title"], "x": best["cost"], **shown},
+        {"kind": "model", "label": fitted.title, "x": best["cost"], **shown},
         *(
             {
                 "kind": "best",
-                "label": f"{point['price']:g}: z_hat {point['target_z_hat']:g}",
-                "x": point["relative_cost"],
-                "y": max(point["crashes"] / fitted["flights"], floor),
+                "label": f"{point.price:g}: z_hat {point.target_z_hat:g}",
+                "x": point.relative_cost,
+                "y": max(point.crashes / fitted.flights, floor),
             }
-            for point in fitted["best_set_points"]
-            if point["target_z_hat"] is not None
+            for point in fitted.best_set_points
+            if point.target_z_hat is not None
         ),
     ]
 
@@ -128,30 +129,30 @@ def caption(evidence: Evidence, table: Columns) -> str:
         " farthest set-point."
     )
     parts = [text]
-    for side, fit in evidence.document(SAFETY)["fitted"].items():
+    for side, fit in evidence.safety.fitted.items():
         parts.append(
-            f"{side.capitalize()}: {fit['title']}, {fit['draws']} draws from {fit['draws_from']},"
-            f" {fit['flights']} flights a point; a crash is ẑ ≤ {fit['contact_z_hat']:.3g}"
-            f" ({1e3 * fit['contact_m']:.3g} mm from the rotor plane), and nothing was measured"
-            f" below ẑ = {fit['measured_z_hat'][0]:.3g}; halving the step changes a rate by up to"
-            f" {fit['convergence']['worst']:.2g}."
+            f"{side.capitalize()}: {fit.title}, {fit.draws} draws from {fit.draws_from},"
+            f" {fit.flights} flights a point; a crash is ẑ ≤ {fit.contact_z_hat:.3g}"
+            f" ({1e3 * fit.contact_m:.3g} mm from the rotor plane), and nothing was measured"
+            f" below ẑ = {fit.measured_z_hat[0]:.3g}; halving the step changes a rate by up to"
+            f" {fit.convergence.worst:.2g}."
         )
         refused = [
-            f"{e['price']:g}"
+            f"{e.price:g}"
             + (
-                f" (about {plain(e['flights_needed'], 2)} flights would do)"
-                if e["flights_needed"]
+                f" (about {plain(e.flights_needed, 2)} flights would do)"
+                if e.flights_needed
                 else ""
             )
-            for e in fit["best_set_points"]
-            if not e["resolved"]
+            for e in fit.best_set_points
+            if not e.resolved
         ]
         if refused:
             prices = ", ".join(refused)
-            parts.append(f"Not resolved by {fit['flights']} flights: prices of {prices}.")
+            parts.append(f"Not resolved by {fit.flights} flights: prices of {prices}.")
         # where the two readings below the nearest station lead apart
-        parted = [f"a price of {e['price']:g}" for e in fit["best_set_points"] if not e["agrees"]]
-        parted += [f"a risk of {e['risk']:g}" for e in fit["levels"] if not e["agrees"]]
+        parted = [f"a price of {e.price:g}" for e in fit.best_set_points if not e.agrees]
+        parted += [f"a risk of {e.risk:g}" for e in fit.levels if not e.agrees]
         if parted:
             parts.append(
                 f"No advice for {', '.join(parted)}: there it matters what lift does nearer than"
@@ -163,11 +164,11 @@ def caption(evidence: Evidence, table: Columns) -> str:
 def alt(evidence: Evidence, table: Columns) -> str:
     """What the picture shows, for those who do not see it."""
     parts = [
-        f"{side}, touched at z_hat {fit['contact_z_hat']:.2f}: a risk of {e['risk']:g} at z_hat"
-        f" {e['value']:.2f}"
-        for side, fit in evidence.document(SAFETY)["fitted"].items()
-        for e in fit["levels"]
-        if e["value"] is not None
+        f"{side}, touched at z_hat {fit.contact_z_hat:.2f}: a risk of {e.risk:g} at z_hat"
+        f" {e.value:.2f}"
+        for side, fit in evidence.safety.fitted.items()
+        for e in fit.levels
+        if np.isfinite(e.value)
     ]
     return "Crash rate and power against set-point. " + "; ".join(parts) + "."
 
