@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -115,7 +114,7 @@ def budget(evidence: Evidence) -> Columns:
     """Every source of error of every coefficient that is quoted, a row each; the combined
     uncertainty is a row named so.
     """
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
         for name, c in quoted.quotable.items():
@@ -131,7 +130,7 @@ def comparison(evidence: Evidence) -> Columns:
     others.
     """
     fits = evidence.fits
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     for boundary, compared in fits.comparison.items():
         for model, scores in compared.models.items():
             fit = fits.boundaries[boundary][model]
@@ -148,7 +147,7 @@ def comparison(evidence: Evidence) -> Columns:
     return stack(rows)
 
 
-def _fields(line: BudgetLine | ModelScore, columns: Sequence[str]) -> dict[str, Any]:
+def _fields(line: BudgetLine | ModelScore, columns: Sequence[str]) -> dict[str, object]:
     return {name: getattr(line, FIELDS.get(name, name)) for name in columns}
 
 

@@ -8,8 +8,9 @@ that stays unexplained none for the latter.
 
 from __future__ import annotations
 
+import math
 import string
-from typing import Any
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +41,20 @@ COLUMNS = (
 )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoopNumber:
+    """A number of a candidate, an error or a coefficient, with the columns of the table."""
+
+    kind: str
+    when: str = ""
+    label: str = ""
+    note: str = ""
+    unit: str
+    value: float
+    lo90: float = math.nan
+    hi90: float = math.nan
+
+
 def summarise(evidence: Evidence) -> Columns:
     """Everything that is drawn, a row each: `panel` (boundary), `letter`, `part` (verdict,
     residual, candidate, error, coefficient), `kind`, `when` (before or after), `covariate` and
@@ -48,7 +63,7 @@ def summarise(evidence: Evidence) -> Columns:
     log evidence by which it trails the best.
     """
     letters = iter(string.ascii_lowercase + string.ascii_uppercase)
-    parts: list[dict[str, Any]] = []
+    parts: list[dict[str, object]] = []
     for boundary, diagnosis in ((b, evidence.diagnosed(b)) for b in BOUNDARIES):
         if not diagnosis:
             continue
@@ -58,14 +73,15 @@ def summarise(evidence: Evidence) -> Columns:
             drawn = residuals(evidence, boundary, diagnosis, word)
             for when in distinct(drawn["when"]) if drawn else ():
                 parts.append({**where(drawn, when=when), "letter": next(letters)})
-        for part, rows in (
-            ("candidate", candidates(diagnosis)),
-            ("error", errors(evidence, boundary, diagnosis)),
-            ("coefficient", coefficients(evidence, boundary, diagnosis)),
-        ):
+        numbers = {
+            "candidate": candidates(diagnosis),
+            "error": errors(evidence, boundary, diagnosis),
+            "coefficient": coefficients(evidence, boundary, diagnosis),
+        }
+        for part, rows in numbers.items():
             if rows:
                 shared = {"panel": boundary, "part": part, "letter": next(letters)}
-                parts += [{**shared, **row} for row in rows]
+                parts += [{**shared, **asdict(row)} for row in rows]
     return stack(parts, COLUMNS)
 
 
@@ -97,7 +113,7 @@ def residuals(
     covariate = against.column(axis.column, data)
     known = np.isfinite(covariate) & np.isfinite(both["before"]) & np.isfinite(both["after"])
     labels: dict[str, NDArray[np.int64]] = {}
-    parts: list[dict[str, Any]] = []
+    parts: list[dict[str, object]] = []
     for when in whens:
         for name, level in against.series(axis.series, data):
             mine = level & known
@@ -161,7 +177,7 @@ def _reach(table: Columns) -> float:
     return float(max(most, 1.15 * ends.max(initial=0.0), 1e-6))
 
 
-def candidates(diagnosis: BoundaryDiagnosis) -> list[dict[str, Any]]:
+def candidates(diagnosis: BoundaryDiagnosis) -> list[LoopNumber]:
     """The best candidates, the rejected ones with what they leave."""
     listed = ranked(diagnosis)
     shown = listed[:CANDIDATES]
@@ -169,13 +185,13 @@ def candidates(diagnosis: BoundaryDiagnosis) -> list[dict[str, Any]]:
         # beside pairs, the best of those that stand alone shows why one is not enough
         shown = [*shown[:-1], next((c for c in listed if "+" not in c.tried.name), shown[-1])]
     return [
-        {
-            "kind": c.kind,
-            "label": c.tried.name,
-            "note": _why_not(c) if c.kind == "rejected" else "",
-            "value": c.behind,
-            "unit": "2 ln evidence",
-        }
+        LoopNumber(
+            kind=c.kind,
+            label=c.tried.name,
+            note=_why_not(c) if c.kind == "rejected" else "",
+            unit="2 ln evidence",
+            value=c.behind,
+        )
         for c in shown
     ]
 
@@ -192,7 +208,7 @@ def _why_not(candidate: RankedCandidate) -> str:
 
 def errors(
     evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
-) -> list[dict[str, Any]]:
+) -> list[LoopNumber]:
     """Held-out errors in percent of lift as results.json has them, before and (where an effect was
     named) after, with their 90 %, and the noise floor.
     """
@@ -203,16 +219,16 @@ def errors(
     if diagnosis.verdict == "effect":
         held_out.append(("after", quoted.after, error.after))
     return [
-        {"kind": "floor", "value": 100 * quoted.noise_floor, "unit": "%"},
+        LoopNumber(kind="floor", unit="%", value=100 * quoted.noise_floor),
         *(
-            {
-                "kind": "rmse",
-                "when": when,
-                "value": 100 * value,
-                "lo90": 100 * interval.lo90,
-                "hi90": 100 * interval.hi90,
-                "unit": "%",
-            }
+            LoopNumber(
+                kind="rmse",
+                when=when,
+                unit="%",
+                value=100 * value,
+                lo90=100 * interval.lo90,
+                hi90=100 * interval.hi90,
+            )
             for when, value, interval in held_out
         ),
     ]
@@ -220,24 +236,33 @@ def errors(
 
 def coefficients(
     evidence: Evidence, boundary: Boundary, diagnosis: BoundaryDiagnosis
-) -> list[dict[str, Any]]:
+) -> list[LoopNumber]:
     """The first coefficients as quoted, beneath them what they would be on other conditions, and
     the literature's value where there is one.
     """
-    rows: list[dict[str, Any]] = []
+    rows = []
     when = "after" if diagnosis.verdict == "effect" else "before"
     quoted = evidence.quoted(boundary).coefficients.items()
     stated = [(name, c) for name, c in quoted if c.refused is None]
     for name, c in stated[:COEFFICIENTS]:
-        shared = {"label": name, "unit": c.unit}
-        ends = {"value": c.value, "lo90": c.lo90, "hi90": c.hi90}
-        rows.append({"kind": "quoted", "when": when, **shared, **ends})
+        number = LoopNumber(
+            kind="quoted",
+            when=when,
+            label=name,
+            unit=c.unit,
+            value=c.value,
+            lo90=c.lo90,
+            hi90=c.hi90,
+        )
+        rows.append(number)
         for d in c.doubts[:DOUBTS]:
-            ends = {"value": d.value, "lo90": d.lo90, "hi90": d.hi90}
-            rows.append({"kind": "doubt", "when": when, "note": d.condition, **shared, **ends})
+            doubt = replace(number, kind="doubt", note=d.condition)
+            rows.append(replace(doubt, value=d.value, lo90=d.lo90, hi90=d.hi90))
         for reference in fig2.references(evidence, boundary):
             if reference.model == diagnosis.base_model and name in reference.arguments:
                 source = reference.label.partition("(")[2].rstrip(")")
                 value = float(reference.arguments[name])
-                rows.append({"kind": "reference", "note": source, "value": value, **shared})
+                rows.append(
+                    LoopNumber(kind="reference", label=name, note=source, unit=c.unit, value=value)
+                )
     return rows

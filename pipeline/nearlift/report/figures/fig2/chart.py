@@ -4,8 +4,6 @@ quantity and axis to be switched.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from nearlift import catalogue
@@ -157,7 +155,7 @@ def _models(
     scale = force_unit(evidence)[0]
     base, fitted = evidence.base(boundary)
     curve = relative_lift.line(evidence, boundary, grid)
-    rows: list[dict[str, Any]] = []
+    rows: list[dict[str, object]] = []
     choices: list[Choice] = []
     levels: dict[str, dict[str, float]] = {}
 
@@ -174,7 +172,7 @@ def _models(
         keep = np.isfinite(ratio)
         over_grid = {"z_hat": grid, "ratio": ratio, **band}
         said = {"model": name, "label": label, "colour": colour}
-        rows.append(said | {key: values[keep] for key, values in over_grid.items()})
+        rows.append({**said, **{key: values[keep] for key, values in over_grid.items()}})
 
     apart = curve.parts(span)
     label = f"{fitted.title}, {_source(evidence, boundary, curve, apart)}"

@@ -54,7 +54,7 @@ def points(evidence: Evidence, boundary: Boundary) -> Columns:
         shown = np.array(data.curve.shown)
         throttles = shown[data.curve.nearest(throttles)]
     out = rejected(trials["quality"])
-    rows: list[dict[str, Any]] = []
+    rows = []
     columns = (lift[k].tolist() for k in ("throttle", "z_hat", "lift_N", "u_lift_N", "n_trials"))
     for throttle, z, lift_N, u_lift_N, n in zip(*columns, strict=True):
         delta, u_delta = relative.get((throttle, z), (math.nan, math.nan))

@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -82,17 +81,19 @@ def summarise(evidence: Evidence) -> Columns:
     return select(table, np.isfinite(table["delta_L_percent"]) & (table["z_hat"] > 0))
 
 
-def _panel(evidence: Evidence, boundary: Boundary) -> list[dict[str, Any]]:
+def _panel(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
     if boundary not in evidence.table(LIFT)["boundary"]:
         return []
     over = relative_lift.relative_lift(evidence, boundary)
     reference = "the fit's" if relative_lift.by_fit(evidence) else "the farthest"
-    parts: list[dict[str, Any]] = [
-        {"kind": "L_inf", "label": reference, "u_delta_L_percent": 100 * over.u_L_inf},
-        *({"kind": "without", "label": titled(e)} for e in relative_lift.named(evidence, boundary)),
-    ]
     # what says something of the whole panel stands at its farthest distance
-    parts = [{**part, "z_hat": over.z_hat.max(), "delta_L_percent": 0.0} for part in parts]
+    whole = {"z_hat": over.z_hat.max(), "delta_L_percent": 0.0}
+    level = {"kind": "L_inf", "label": reference, "u_delta_L_percent": 100 * over.u_L_inf}
+    parts: list[dict[str, object]] = [{**level, **whole}]
+    parts += [
+        {"kind": "without", "label": titled(effect), **whole}
+        for effect in relative_lift.named(evidence, boundary)
+    ]
     parts += _influence(evidence, boundary, over)
     parts.append(
         {
@@ -135,13 +136,13 @@ def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
 
 def _fit(
     evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """The model's curve and band, and least squares beside it where the two can be told apart."""
     model, _ = evidence.base(boundary)
     short = SHORT.get(model.name, model.title)
     curve = relative_lift.line(evidence, boundary, grid)
     refused = ", ".join(letter(name) for name in evidence.quoted(boundary).refused)
-    parts: list[dict[str, Any]] = [
+    parts: list[dict[str, object]] = [
         {
             "kind": "band",
             "label": f"{LEAST_SQUARES}: {refused} refused" if refused else "fitted",
@@ -170,7 +171,7 @@ def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, 
 
 def _influence(
     evidence: Evidence, boundary: Boundary, over: relative_lift.RelativeLift
-) -> list[dict[str, Any]]:
+) -> list[dict[str, object]]:
     """The cells of what moves a coefficient by at least `INFLUENTIAL`."""
     data = evidence.observations[boundary]
     parts = []
