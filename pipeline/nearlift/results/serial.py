@@ -122,8 +122,6 @@ def _decoder(kind: Any) -> Callable[[Json], Any]:
         return lambda content: null if content is None else float(content)
     if origin in (Union, types.UnionType):
         return _of_union(inner)
-    if origin is np.ndarray:
-        return lambda content: np.array(content, dtype=float)
     if origin is tuple and inner[-1] is Ellipsis:
         each = _decoder(inner[0])
         return lambda content: tuple(map(each, content))
