@@ -12,11 +12,14 @@ from pathlib import Path
 
 import hypothesis
 import pytest
+import threadpoolctl
 from click.testing import CliRunner
 from tests.imports import SOURCES, is_core, module_name
 
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
+# a plugin may have brought numpy before the environment said so
+threadpoolctl.threadpool_limits(1, "blas")
 
 # how long an example takes says how busy the machine is
 hypothesis.settings.register_profile(
