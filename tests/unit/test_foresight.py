@@ -173,6 +173,21 @@ def test_a_contest_foretells_the_search(foresight):
     assert [e.name for e in answer.accepted] == ["supply_sag"]
 
 
+def test_a_contest_sees_the_effect_here_and_elsewhere(foresight, monkeypatch):
+    asked = []
+
+    def seen(_, effect):
+        asked.append(effect)
+        return np.ones(len(effect), dtype=bool)
+
+    monkeypatch.setattr(type(foresight), "seen", seen)
+    h = handle("session_gain")
+    foresight.contest(h, 0.5)
+    elsewhere = foresight._elsewhere(h, 0.5)
+    assert np.abs(elsewhere).max() > 0
+    assert np.allclose(asked[0], foresight.visible(h, 0.5) + elsewhere)
+
+
 def test_chances_are_ordered(foresight):
     found = foresight.power(handle("zero_drift"))
     for name in ("seen", "within", "first", "alone"):

@@ -49,6 +49,25 @@ def estimate(data: Observations, **how) -> Noise:
     )[0]
 
 
+def test_what_a_model_may_lack_has_no_scale():
+    """Curves a million times smaller are the same curves."""
+    data = campaign(7)
+    problem = Problem(
+        model=MODEL,
+        data=data,
+        covariance=noise.trial_covariance(data, Noise(relative=0.01), np.zeros(data.n)),
+    )
+    mean = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(THETA)])
+    target = np.log(data.lift_N) - problem.log_ratio(THETA)
+    curves, _ = noise.curves(data)
+    one, other = (
+        noise.estimate(data, target, mean, [scale * c for c in curves], problem.height_slope(THETA))
+        for scale in (1.0, 1e-6)
+    )
+    assert other[0].relative == pytest.approx(one[0].relative, rel=1e-6)
+    assert other[0].dof == pytest.approx(one[0].dof, rel=1e-6)
+
+
 def drifting(data: Observations, seed: int, size: float, trials: float) -> Observations:
     """The trials with a gain that wanders by `size` and forgets over so many of them."""
     rng, drift = np.random.default_rng(seed), np.zeros(data.n)

@@ -438,6 +438,13 @@ def test_pareto_k_is_that_of_arviz(tail):
     assert ours == pytest.approx(tail, abs=0.25)
 
 
+def test_a_tail_has_a_shape_where_one_trial_value_is_flat():
+    """A quarter of the largest excess at a third of it: one of the method's trial values is 0."""
+    excess = np.concatenate([np.linspace(0.1, 1.0, 4), np.linspace(1.1, 3.0, 12)])
+    near = importance.shape(np.concatenate([excess[:-1], [3.0 + 1e-6]]))
+    assert importance.shape(excess) == pytest.approx(near, abs=1e-3)
+
+
 def test_weights_without_a_tail_have_none():
     assert importance.pareto_k(np.zeros(1000)) == 0.0
     assert importance.enough(0.7) == pytest.approx(10 ** (1 / 0.3))

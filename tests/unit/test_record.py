@@ -333,6 +333,15 @@ def test_single_samples_at_the_end_of_the_range_are_no_force() -> None:
     assert "SATURATED" in reduced(clean + 20.1, tare_s=0.2, range_N=9.8).codes
 
 
+def test_one_block_that_stands_out_moves_the_mean_by_its_share():
+    values = np.random.default_rng(3).normal(0, 0.01, 320)
+    values[200:210] += 1.0
+    means = contamination.blocks(values)
+    others = np.delete(means, 20)
+    moved, _ = contamination.moved_by_segment(values, 0.0)
+    assert moved == pytest.approx((means[20] - np.median(others)) / 32, rel=1e-9)
+
+
 @pytest.mark.parametrize(("first", "size"), [(700, 64), (1136, 64), (500, 30)])
 def test_a_block_of_the_live_part_that_is_no_lift(first: int, size: int) -> None:
     """A sector zeroed: too long for single samples, too short for a second throttle."""
