@@ -103,7 +103,7 @@ def held_out(
             data=data.take(train),
             log_lift=stage.log_lift[train],
             drawn=stage.null,
-            datum=stage.recorded.take(train),
+            moved=stage.datum.take(train),
         )
         best = None
         if again:

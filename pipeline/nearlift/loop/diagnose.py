@@ -260,7 +260,7 @@ def _without(
 ) -> stability.Without | None:
     """The diagnosis of the trials `keep` alone; None where they cannot be diagnosed."""
     whole = like.answer.stage
-    trials = whole.recorded.take(keep)
+    trials = whole.datum.take(keep)
     data = trials.recorded
     if len(np.unique(data.visit)) < 2 or not np.isfinite(data.z_hat).any():
         return None

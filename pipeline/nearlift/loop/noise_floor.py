@@ -84,7 +84,7 @@ def prepare(
             theta=vector[:p],
             options=options,
             about=about,
-            datum=datum,
+            moved=datum,
         )
         if about is not None or not p:
             break

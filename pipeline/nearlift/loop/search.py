@@ -68,12 +68,12 @@ def settle(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     stage = dataclasses.replace(stage)
     answer = run(stage, shortlist)
     for again in range(2):
-        about, datum = large(answer), stage.recorded.likeliest(answer.best, stage.slope)
+        about, datum = large(answer), stage.datum.likeliest(answer.best, stage.slope)
         if again:
             # once taken about an explanation, that of these trials stays so
             about = about or stage.about
         now, before = (one and one[0].effects for one in (about, stage.about))
-        if now == before and datum.error_m == stage.recorded.error_m:
+        if now == before and datum.error_m == stage.datum.error_m:
             break
         ground = stage.base, stage.effects, stage.parts, stage.theta, stage.options
         del answer, stage

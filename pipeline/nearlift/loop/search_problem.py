@@ -84,17 +84,17 @@ class SearchProblem:
     independent: bool = False
     about: tuple[Candidate, FloatArray] | None = None
     drawn: Null | None = None
-    datum: Datum | None = None
+    moved: Datum | None = None
 
     @property
-    def recorded(self) -> Datum:
+    def datum(self) -> Datum:
         """The trials as recorded, with the datum at which they count here."""
-        return self.datum or Datum(recorded=self.data)
+        return self.moved or Datum(recorded=self.data)
 
     @property
     def as_recorded(self) -> Observations:
         """The trials as recorded: at the distances by which people know them."""
-        return self.recorded.recorded
+        return self.datum.recorded
 
     @cached_property
     def space(self) -> Problem:
