@@ -1,5 +1,6 @@
-"""Write docs/reference from the declarations, the command line and the claims. Run after any change
-to one of them.
+"""Write docs/reference from the declarations, the command line and the claims.
+
+`make docs` runs it before mkdocs; the pages are not committed.
 """
 
 import tomllib
@@ -11,7 +12,7 @@ from nearlift.cli import main as command_line
 from nearlift.describe import reference_pages
 
 HERE = Path(__file__).parent
-ROOT, DECISIONS = HERE / "reference", HERE / "decisions"
+ROOT = HERE / "reference"
 CLAIMS = HERE.parent / "tests" / "reference" / "claims.toml"
 
 
@@ -39,9 +40,7 @@ def _help(command: click.Command, name: str) -> str:
 
 
 def claims_page() -> str:
-    """What Carter, Bouchard and Quinn 2021 state, and what comes out when it is worked
-    out again.
-    """
+    """Numbers stated by Carter, Bouchard and Quinn 2021, each computed again."""
     claims = tomllib.loads(CLAIMS.read_text(encoding="utf-8"))["claim"]
     verdicts = [claim["verdict"] for claim in claims]
     counted = ", ".join(
@@ -76,34 +75,13 @@ def claims_page() -> str:
     return "\n".join(lines) + "\n"
 
 
-def decisions_page() -> str:
-    """The decisions by their headings."""
-    files = sorted(path for path in DECISIONS.glob("*.md") if path.name != "index.md")
-    listed = [
-        f"- [{path.read_text(encoding='utf-8').splitlines()[0].removeprefix('# ')}]({path.name})"
-        for path in files
-    ]
-    return (
-        "\n".join(
-            [
-                "# Decisions",
-                "",
-                "What was chosen, what it costs, and what would make us change it.",
-                "",
-                *listed,
-            ]
-        )
-        + "\n"
-    )
-
-
 def pages() -> dict[str, str]:
-    """Every page by its path under docs/reference."""
+    """Text of every page, by its path under docs/reference."""
     return reference_pages() | {"cli.md": command_page(), "claims.md": claims_page()}
 
 
 def main() -> None:
-    """Write every page, and remove pages of what is no longer declared."""
+    """Write every page and remove those without a declaration."""
     found = pages()
     for path in ROOT.rglob("*.md"):
         if path.relative_to(ROOT).as_posix() not in found:
@@ -112,7 +90,6 @@ def main() -> None:
         path = ROOT / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
-    (DECISIONS / "index.md").write_text(decisions_page(), encoding="utf-8")
 
 
 if __name__ == "__main__":

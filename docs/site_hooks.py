@@ -1,8 +1,6 @@
-"""What mkdocs cannot say in mkdocs.yml: the generated pages in its navigation, and formulas as
-pictures drawn at build time.
+"""Hooks of mkdocs: list the generated pages in the navigation, draw formulas as pictures.
 
-Formulas are set by matplotlib, so that the site loads no script for them and reads the same without
-a network.
+matplotlib sets the formulas, so that the site needs no script and no network.
 """
 
 from __future__ import annotations
@@ -39,9 +37,7 @@ PIECES = re.compile(
 
 
 def on_config(config: Any) -> Any:
-    """Put the generated pages where mkdocs.yml says REFERENCE, and the decisions where it says
-    DECISIONS.
-    """
+    """Replace REFERENCE in the navigation by the generated pages."""
     folders = {"Models": "models", "Effects": "effects", "Products": "products"}
     reference: list[Any] = [
         {name: _listed(f"reference/{folder}")} for name, folder in folders.items()
@@ -52,11 +48,10 @@ def on_config(config: Any) -> Any:
             "reference/stages.md",
             "reference/nomenclature.md",
             "reference/cli.md",
-        ],
-        "DECISIONS": [{"Decisions": _listed("decisions")}],
+        ]
     }
     config.nav = _filled(config.nav, known)
-    # a page that nobody has put anywhere is not lost
+    # pages that mkdocs.yml does not list
     placed = set(_pages(config.nav))
     others = [
         p.relative_to(DOCS).as_posix()

@@ -1,5 +1,5 @@
 """The number of BLAS threads: one. Matrices are small here, and threads that wait for each other
-take several times as long (docs/decisions/0004-blas-threads.md).
+take several times as long (docs/decisions.md#one-blas-thread).
 """
 
 from __future__ import annotations

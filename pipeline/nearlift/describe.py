@@ -1,7 +1,6 @@
-"""What is declared, as Markdown: the same text on the command line and on the pages under
-docs/reference.
+"""Declarations as Markdown, for `nearlift describe` and for the reference pages of the site.
 
-Nothing is written here that a declaration does not say; this module only sets it.
+This module only formats; every fact is stated by a declaration.
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ ROTATION = {
 }
 
 #: Factors to SI of the units that most manifests use, so that most runs need not load pint (0.5 s:
-#: docs/decisions/0024-own-kernel.md). A test holds them equal to pint's.
+#: docs/decisions.md#units-and-compiled-code). A test holds them equal to pint's.
 _FACTORS = {
     "length": {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "in": 0.0254, "um": 1e-6},
     "mass": {"kg": 1.0, "g": 1e-3},

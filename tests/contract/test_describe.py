@@ -1,7 +1,6 @@
-"""What is printed about declarations, and that the committed pages say the same."""
+"""Tests of what `nearlift describe` prints about declarations."""
 
 import re
-from pathlib import Path
 
 import pytest
 
@@ -10,10 +9,6 @@ from nearlift.describe import describe, reference_pages
 from nearlift.errors import UsageError
 from nearlift.nomenclature import SYMBOLS, label, symbol
 from nearlift.products import PRODUCTS
-
-REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
-#: Pages of what a layer above describes; tests/unit/test_site.py keeps them up to date.
-OTHERS = {"cli.md", "claims.md"}
 
 
 @pytest.mark.parametrize("item", [*catalogue.models(), *catalogue.effects()], ids=lambda d: d.name)
@@ -88,22 +83,6 @@ def test_units_stand_in_names():
         tail = s.name.rsplit("_", 1)[-1]
         if s.unit in units.values():
             assert tail == s.unit, f"{s.name} has unit {s.unit}"
-
-
-@pytest.mark.parametrize(
-    ("name", "text"), reference_pages().items(), ids=lambda v: v if v.endswith(".md") else ""
-)
-def test_committed_page_is_up_to_date(name, text):
-    path = REFERENCE / name
-    assert path.is_file(), f"docs/reference/{name} is missing: run docs/build_reference.py"
-    assert path.read_text(encoding="utf-8") == text, (
-        f"docs/reference/{name} is out of date: run docs/build_reference.py"
-    )
-
-
-def test_no_page_of_something_that_is_gone():
-    on_disk = {p.relative_to(REFERENCE).as_posix() for p in REFERENCE.rglob("*.md")}
-    assert on_disk == set(reference_pages()) | OTHERS
 
 
 def test_tables_are_whole():

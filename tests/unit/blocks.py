@@ -51,7 +51,7 @@ class Block:
 
 
 def pages() -> list[Path]:
-    """Every page that people write; those of docs/reference are generated."""
+    """Pages that are written by hand; `make docs` generates those in docs/reference."""
     docs = (
         p
         for p in sorted((ROOT / "docs").rglob("*.md"))

@@ -10,7 +10,7 @@ from nearlift.commands.common import Call, declared
 @declared("describe")
 @click.argument("name", required=False)
 def command(call: Call, name: str | None) -> None:
-    """A page as docs/reference has it."""
+    """Print a model, effect, product or symbol; without NAME, the catalogue."""
     from nearlift.describe import describe
 
     text = describe(name)

@@ -4,7 +4,7 @@ They identify neither the noise floor, which shows only between visits, nor the 
 visit. Trials are therefore fitted as if independent, which is consistent whatever their correlation
 (working independence), uncertainties are jackknifed over visits, and a candidate is accepted for
 its prediction of visits left out. A gain per visit predicts nothing there and can never be
-accepted. See docs/decisions/0005-few-visits.md.
+accepted. See docs/decisions.md#few-visits.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Under repeated looks, noise exceeds any fixed threshold sooner or later. Before the last trial a
 claim must therefore cross the O'Brien-Fleming boundary: the z-score required is larger by
 sqrt(scheduled / measured). It depends on the progress of the campaign, not on when or how often it
-was looked at. See docs/decisions/0016-interim-looks.md.
+was looked at. See docs/decisions.md#interim-analyses.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ SMALLEST_SCALE = 1e-9
 BODY = 0.7
 COUNTED = 4
 #: 1 / (degrees of freedom) lies between these, with an exponential prior of mean `TAIL_PRIOR`, by
-#: simulation (docs/decisions/0011-screening.md). No campaign shows that its noise is normal as far
+#: simulation (docs/decisions.md#outliers). No campaign shows that its noise is normal as far
 #: out as a family-wise rate asks.
 TAIL_LIGHTEST, TAIL_HEAVIEST, TAIL_PRIOR = 1 / 6, 1 / 2, 0.04
 #: More quantiles than this of a long campaign tell nothing more of its tail.
