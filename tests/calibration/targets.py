@@ -21,8 +21,8 @@ from nearlift.errors import NearliftError
 from nearlift.manifest import toml
 from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text, usd
 from nearlift.readers.channel import Malformed
-from nearlift.readers.piv.sniff import DIALECTS
-from nearlift.readers.piv.vectors import Setting, settle
+from nearlift.readers.piv.cases import DIALECTS
+from nearlift.readers.piv.fields import Setting, settle
 from nearlift.readers.schedule import read_schedule
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import reduce_record

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.piv.sniff import DIALECTS, claimed_by, dialect_of, read
-from nearlift.readers.piv.vectors import Setting
+from nearlift.readers.piv.cases import DIALECTS, claimed_by, dialect_of, read
+from nearlift.readers.piv.fields import Setting
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "piv-samples"
 measured = pytest.mark.skipif(

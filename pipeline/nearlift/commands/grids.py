@@ -9,8 +9,8 @@ from pathlib import Path
 from nearlift.errors import InputRefused
 from nearlift.flow.field import on_grid
 from nearlift.readers.channel import Channel, Contents
-from nearlift.readers.piv.sniff import claimed_by, raws
-from nearlift.readers.piv.vectors import PIXEL, Raw
+from nearlift.readers.piv.cases import claimed_by, raws
+from nearlift.readers.piv.fields import PIXEL, Raw
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

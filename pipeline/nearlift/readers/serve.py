@@ -95,7 +95,7 @@ class ReadFields:
 
     def answers(self) -> Iterator[Answer]:
         """An answer for each field."""
-        from nearlift.readers.piv.sniff import dialect_of
+        from nearlift.readers.piv.cases import dialect_of
 
         for raw in dialect_of(self.reader).read(Path(self.path)):
             about = {

@@ -1,9 +1,12 @@
-"""PIVlab's MATLAB files: version 5 by scipy, version 7.3 (HDF5) by h5py; one file holds many
-fields.
+"""Velocity grids in binary files: PIVlab's MATLAB files, and netCDF in pivpy's layout.
 
-Variables x, y, u_filtered (else u_original), v_..., typevector_... as cells, one per pair; or
-numbered, x_0, u_0, ... With a text `units` the arrays are in those units; else they are in pixels,
-`calxy` is m per pixel and `caluv` (m/s) per (px/frame).
+PIVlab: version 5 by scipy, version 7.3 (HDF5) by h5py; many fields to a file. Variables x, y,
+u_filtered (else u_original), v_..., typevector_... as cells, one per pair; or numbered, x_0, u_0.
+With a text `units` the arrays are in those units; else they are in pixels, `calxy` is m per pixel
+and `caluv` (m/s) per (px/frame).
+
+netCDF: dimensions x, y, t; variables u, v and the choice code chc (1 is measured); units as
+attributes. A vector of zeros is none.
 """
 
 from __future__ import annotations
@@ -15,21 +18,27 @@ from typing import Any
 
 import numpy as np
 
+from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers.hdf5 import MAGIC, open_hdf5
 from nearlift.readers.mat import V5, V73
-from nearlift.readers.piv.vectors import Dialect, Raw
+from nearlift.readers.piv.fields import Dialect, Raw
 
 MEASURED = 1
 
 
-def sniff(head: bytes) -> bool:
+def _is_pivlab(head: bytes) -> bool:
     """MATLAB's own first words, or HDF5 with what PIVlab names."""
     return head.startswith((V5, V73)) or (head.startswith(MAGIC) and b"typevector" in head)
 
 
-def read(path: Path) -> Iterator[Raw]:
-    """Every field of a file, in order."""
+def _is_netcdf(head: bytes) -> bool:
+    """HDF5 that netCDF-4 wrote, which PIVlab does not; classic netCDF begins with its own name."""
+    return (head.startswith(MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
+
+
+def read_pivlab(path: Path) -> Iterator[Raw]:
+    """Every field of a PIVlab file, in order."""
     with path.open("rb") as file:
         old = file.read(len(V5)) == V5
     variables = _version_5(path) if old else _version_73(path)
@@ -121,10 +130,88 @@ def _version_73(path: Path) -> dict[str, list[Any]]:
     }
 
 
-PIVLAB_MAT = Dialect(
-    name="pivlab_mat",
-    title="PIVlab MATLAB file, version 5 or 7.3",
-    sniff=sniff,
-    read=read,
-    child=True,
+def read_netcdf(path: Path) -> Iterator[Raw]:
+    """Every time of a netCDF file, in order."""
+    with path.open("rb") as file:
+        if file.read(3) == b"CDF":
+            raise InputRefused(
+                str(path),
+                "is classic netCDF",
+                "write netCDF-4: dataset.to_netcdf(path, engine='h5netcdf')",
+            )
+    # opened once by h5py for its checks, then by h5netcdf, which knows dimensions
+    with open_hdf5(path):
+        pass
+    try:
+        import h5netcdf
+    except ImportError:
+        raise InputRefused(
+            str(path), "is netCDF, which needs h5netcdf", "pip install nearlift[netcdf]"
+        ) from None
+    try:
+        dataset = h5netcdf.File(path, "r")
+    except (OSError, ValueError) as fault:
+        raise InputRefused(str(path), f"is damaged: {fault}", "export it again") from None
+    with dataset:
+        lacking = [n for n in ("x", "y", "u", "v") if n not in dataset.variables]
+        if lacking:
+            raise InputRefused(
+                str(path),
+                f"has no {', '.join(lacking)}, but {', '.join(sorted(dataset.variables))}",
+                "write a field in pivpy's layout: u, v on x, y, t",
+            )
+        x, y = (np.asarray(dataset.variables[n][...], dtype=float) for n in "xy")
+        u, v = (_frames(dataset.variables[n], n, path) for n in "uv")
+        chc, mask = (
+            _frames(dataset.variables[n], n, path)
+            if n in dataset.variables
+            else np.full(u.shape, usual)
+            for n, usual in (("chc", 1.0), ("mask", 0.0))
+        )
+        length, velocity = _unit(dataset.variables["x"]), _unit(dataset.variables["u"])
+        frame = float(np.ravel(dataset.attrs["delta_t"])[0]) if "delta_t" in dataset.attrs else 0.0
+    across, up = np.meshgrid(x, y)
+    for i in range(len(u)):
+        yield Raw(
+            *(a.ravel() for a in (across, up, u[i], v[i])),
+            good=((chc[i] == 1) & (mask[i] != 1)).ravel(),
+            length_unit=length,
+            velocity_unit=velocity,
+            frame_time_s=frame or None,
+        )
+
+
+def _frames(variable: Any, name: str, path: Path) -> FloatArray:
+    """A variable as (t, y, x)."""
+    dims = tuple(variable.dimensions)
+    values = np.asarray(variable[...], dtype=float)
+    if sorted(dims) == ["x", "y"]:
+        values, dims = values[None], ("t", *dims)
+    if sorted(dims) != ["t", "x", "y"]:
+        raise InputRefused(
+            str(path), f"has {name} on {', '.join(dims)}", "pivpy's layout is u, v on x, y, t"
+        )
+    return np.transpose(values, [dims.index(d) for d in ("t", "y", "x")])
+
+
+def _unit(variable: Any) -> str | None:
+    stated = variable.attrs.get("units", "")
+    return (stated.decode() if isinstance(stated, bytes) else str(stated)) or None
+
+
+DIALECTS = (
+    Dialect(
+        name="pivlab_mat",
+        title="PIVlab MATLAB file, version 5 or 7.3",
+        recognises=_is_pivlab,
+        read=read_pivlab,
+        child=True,
+    ),
+    Dialect(
+        name="netcdf",
+        title="netCDF in pivpy's layout",
+        recognises=_is_netcdf,
+        read=read_netcdf,
+        child=True,
+    ),
 )

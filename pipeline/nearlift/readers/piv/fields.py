@@ -1,5 +1,4 @@
-"""What every dialect of exported velocity grids has in common: rows, units, what counts as no
-vector, and the way into SI.
+"""Velocity fields as files hold them, and their way into SI: units, scale, missing vectors, grid.
 
 A vector that is exactly (0, 0) is none: correlating software writes that where it found nothing or
 was told to look away, and no measured vector has it to all printed digits.
@@ -7,8 +6,6 @@ was told to look away, and no measured vector has it to all printed digits.
 
 from __future__ import annotations
 
-import re
-import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
@@ -22,8 +19,6 @@ from nearlift.flow.field import VelocityField, on_grid
 
 PIXEL = ("px", "pix", "pixel", "pixels")
 FRAME = ("frame", "frames", "dt", "pair")
-#: A text file larger than this holds no velocity grid.
-MAX_BYTES = 200_000_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,100 +58,16 @@ class Raw:
 class Dialect:
     """One outside format: its name in ``[piv] format``, and a title for the catalogue.
 
-    `sniff` tells whether the first bytes of a file are of this dialect; no two say yes to one file.
+    `recognises` judges a file by its first bytes; no two dialects claim one file.
     `read` gives the fields of a file, one in memory at a time. `child`: a library written in C
     parses it, which it does in a process of its own (`readers.child`).
     """
 
     name: str
     title: str
-    sniff: Callable[[bytes], bool]
+    recognises: Callable[[bytes], bool]
     read: Callable[[Path], Iterator[Raw]]
     child: bool = False
-
-
-def text_of(path: Path) -> str:
-    """A text file, UTF-8 or UTF-16 with its mark, else Latin-1; carriage returns removed.
-    `InputRefused` of an empty, too large or binary one.
-    """
-    size = path.stat().st_size
-    if size == 0:
-        raise InputRefused(str(path), "is empty", "export it again")
-    if size > MAX_BYTES:
-        raise InputRefused(
-            str(path), f"has {size} bytes", f"one field per file: at most {MAX_BYTES} bytes"
-        )
-    content = path.read_bytes()
-    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        text = content.decode("utf-16", errors="replace")
-    else:
-        try:
-            text = content.decode("utf-8-sig")
-        except UnicodeDecodeError:
-            text = content.decode("latin-1")
-    if "\0" in text:
-        raise InputRefused(
-            str(path),
-            "holds zero bytes: it is binary, or was cut off by a loss of power",
-            "export it again as text",
-        )
-    return text.replace("\r\n", "\n").replace("\r", "\n")
-
-
-def rows(
-    lines: list[str], path: Path, first: int, separator: str | None, comma: bool = False
-) -> FloatArray:
-    """Numbers of data lines as (n, columns), the first of which is line `first` of the file;
-    `InputRefused` where there are none, a line has more or fewer columns, or a cell is no number.
-    `separator` None stands for blanks and tabs; `comma` says that decimals are written with one.
-    """
-    lines = [line for line in lines if line.strip()]
-    if not lines:
-        raise InputRefused(str(path), "holds a header and no vectors", "export it again")
-    body = "\n".join(lines)
-    if comma:
-        body = body.replace(",", ".")
-    if separator is not None:
-        body = body.replace(separator, " ")
-    width = len(lines[0].strip().strip(separator or " ").split(separator))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)
-        try:
-            flat = np.fromstring(body, sep=" ")
-        except (DeprecationWarning, ValueError):
-            flat = np.zeros(0)
-    if flat.size == width * len(lines) and all(
-        len(line.split(separator)) >= width for line in (lines[0], lines[-1])
-    ):
-        return np.asarray(flat.reshape(len(lines), width), dtype=np.float64)
-    raise _what_is_wrong(lines, path, first, separator, comma, width)
-
-
-def _what_is_wrong(
-    lines: list[str], path: Path, first: int, separator: str | None, comma: bool, width: int
-) -> InputRefused:
-    for i, line in enumerate(lines):
-        cells = line.strip().strip(separator or " ").split(separator)
-        if len(cells) != width:
-            more = "the file was cut off there" if i == len(lines) - 1 else "mend that line"
-            return InputRefused(
-                f"{path}, line {first + i}",
-                f"has {len(cells)} cells where the first has {width}",
-                more,
-            )
-        for cell in cells:
-            try:
-                float(cell.strip().replace(",", ".") if comma else cell)
-            except ValueError:
-                hint = (
-                    "decimal commas? this dialect writes points"
-                    if re.fullmatch(r"\s*-?\d+,\d+\s*", cell)
-                    else "mend that line"
-                )
-                return InputRefused(
-                    f"{path}, line {first + i}", f"{cell.strip()!r} is no number", hint
-                )
-    return InputRefused(str(path), "cannot be read as a table of numbers", "export it again")
 
 
 def settle(raw: Raw, setting: Setting, where: str) -> VelocityField:
