@@ -908,6 +908,26 @@ def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
     assert answer.accepted == (own.without_rivals(),)
 
 
+def test_a_straight_line_that_its_form_contains_does_not_disown_an_effect():
+    """A zero that drifts slowly is a straight line: both describe it, and the line has fewer
+    parameters.
+    """
+    data = campaign(24, visits=10)
+    start = data.covariates["start_s"]
+    since = start - np.array([start[data.session == k].min() for k in range(5)])[data.session]
+    drift = 0.012 * np.median(data.lift_N) * since / since.max()
+    stage = set_up(dataclasses.replace(data, lift_N=data.lift_N + drift), GROUND, (), Options())[0]
+    answer = run(stage)
+    assert ("zero_drift",) in {e.effects for e in answer.accepted}
+    own = next(e for e in answer.singles if e.name == "zero_drift")
+    curved = dataclasses.replace(own.fitted.candidate.effects[0], contains_line=False)
+    candidate = dataclasses.replace(own.fitted.candidate, effects=(curved,))
+    other = dataclasses.replace(own, fitted=dataclasses.replace(own.fitted, candidate=candidate))
+    # the line in force leads, and would disown an effect that does not contain it
+    lead = plain_change.log_evidence(answer.stage, other) - own.evidence.over_none
+    assert lead > RIVAL_MAX_2LNB / 2
+
+
 def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage):
     """Of what accounts for nearly all, what is left may be its form's, along the covariates that
     the form bends along, and no other's.

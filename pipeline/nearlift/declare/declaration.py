@@ -226,6 +226,8 @@ class Effect(Declaration):
     hear of it. `error_of` is the input of a budget that it is the unknown error of, as in ``on =
     "height"``; `loaded` says of an additive effect that it is not there while the rotors stand;
     `within_trial` that its mark is a change during a record, which no mean of a trial keeps.
+    `contains_line` states that a straight line of any slope along `varies_with` is a special or
+    limiting case of the form: a line in force if the effect is additive, else a line in gain.
     """
 
     acts_on: Literal["height", "ratio", "force"]
@@ -240,6 +242,7 @@ class Effect(Declaration):
     error_of: str = ""
     loaded: bool = False
     within_trial: bool = False
+    contains_line: bool = False
 
     def __post_init__(self) -> None:
         super(Effect, self).__post_init__()

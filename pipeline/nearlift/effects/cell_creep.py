@@ -43,6 +43,7 @@ EFFECT = Effect(
     loaded=True,
     mechanism="the load cell still recovers from the load of the trial before",
     varies_with="previous_lift_N",
+    contains_line=True,
     separated_by="throttles in random order, longer pauses, and a tare after each trial",
     log_next_time=("start", "tare_after"),
     needs=("previous_lift_N", "rest_s"),

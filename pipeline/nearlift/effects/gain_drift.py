@@ -34,6 +34,7 @@ EFFECT = Effect(
     acts_on="force",
     mechanism="wear of motors and blades, or the amplifier's gain, moves slowly in one direction",
     varies_with="start_s",
+    contains_line=True,
     separated_by="random order, and lift in free air every few trials",
     log_next_time=("start",),
     needs=("elapsed_hat",),

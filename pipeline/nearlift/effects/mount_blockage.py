@@ -37,6 +37,7 @@ EFFECT = Effect(
     by_experiment=True,
     mechanism="upright the inflow passes sting and cell, inverted the jets blow at them",
     varies_with="inverted",
+    contains_line=True,
     separated_by="lift far away, both ways up and in turns",
     log_next_time=("orientation",),
     needs=("inverted",),

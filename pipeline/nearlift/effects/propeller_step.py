@@ -36,6 +36,7 @@ EFFECT = Effect(
     by_experiment=True,
     mechanism="a nicked, bent or exchanged blade has another lift at the same throttle",
     varies_with="other_propeller",
+    contains_line=True,
     separated_by="going back to the first propellers",
     log_next_time=("propeller",),
     needs=("other_propeller",),

@@ -40,6 +40,7 @@ EFFECT = Effect(
     additive=True,
     mechanism="bent wiring pulls in proportion to height",
     varies_with="z_hat",
+    contains_line=True,
     separated_by=(
         "a sweep of heights with motors off, and low throttle, where it is largest in proportion"
     ),

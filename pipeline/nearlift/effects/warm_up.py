@@ -40,6 +40,7 @@ EFFECT = Effect(
     acts_on="force",
     mechanism="motors warm up over the first minutes of a session",
     varies_with="since_start_s",
+    contains_line=True,
     separated_by="random order and cold repeats",
     log_next_time=("session", "start"),
     needs=("session", "since_start_s"),

@@ -38,6 +38,7 @@ EFFECT = Effect(
     additive=True,
     mechanism="cell and amplifier warm up after each start, and their zero with them",
     varies_with="since_start_s",
+    contains_line=True,
     separated_by="a tare after each trial, and several throttles at any time in the session",
     log_next_time=("session", "start", "tare_after"),
     needs=("session", "since_start_s"),

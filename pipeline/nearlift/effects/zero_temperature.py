@@ -35,6 +35,7 @@ EFFECT = Effect(
     additive=True,
     mechanism="the zero of cell and amplifier follows their temperature",
     varies_with="temperature_K",
+    contains_line=True,
     separated_by="several throttles at each temperature, and motors-off records",
     log_next_time=("temperature",),
     needs=("temperature_K", "temperature_ref_K"),

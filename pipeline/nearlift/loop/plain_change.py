@@ -1,5 +1,5 @@
-"""A change along a covariate that has no form of its own: a straight line, or a step in time. What
-it explains better than an effect is not that effect.
+"""Reference trends that an effect's form must beat: a straight line along its covariate, or a step
+in time.
 """
 
 from __future__ import annotations
@@ -14,24 +14,32 @@ from nearlift.loop.search_problem import SearchProblem
 
 
 def log_evidence(stage: SearchProblem, e: Explanation) -> float:
-    """Log evidence of a plain change along the covariates of an explanation's effects, over that of
-    what has no name: a straight line in gain or in force, or where a size differs by session a step
-    in gain at any time; the largest.
+    """Log evidence of the likeliest reference trend of an explanation, over that of the null.
 
-    To first order, by unit information; minus infinity where no covariate of its own was logged.
+    The references are straight lines in gain and in force along the covariate of each effect, and
+    one step in gain at any time where a size differs by session. A line that an effect's form
+    contains (`Effect.contains_line`) is no reference: it can only win by having fewer parameters.
+
+    Evidence is to first order, with unit information; minus infinity where no reference exists.
     """
     data, absorbed = stage.data, orthonormal(stage.base_jacobian)
     lift_N = data.covariates["lift_inf_N"] * np.exp(
         stage.base_fit.candidate.log_ratio(stage.base_fit.vector)
     )
+    lines = {"gain": np.ones(data.n), "force": np.median(lift_N) / lift_N}
     gains = [-np.inf]
-    for name in (effect.varies_with for effect in e.fitted.candidate.effects):
-        if name in data.covariates and varies(data, name):
-            along = data.covariates[name] - data.covariates[name].mean()
-            white = stage.space.project(np.stack([along, along * np.median(lift_N) / lift_N])).T
-            white = white - absorbed @ (absorbed.T @ white)
-            length2 = np.maximum(np.sum(white**2, axis=0), 1e-300)
-            gains.append(float(np.max((white.T @ stage.base_fit.residual) ** 2 / length2)))
+    for effect in e.fitted.candidate.effects:
+        name = effect.varies_with
+        if name not in data.covariates or not varies(data, name):
+            continue
+        own = ("force" if effect.additive else "gain") if effect.contains_line else ""
+        along = data.covariates[name] - data.covariates[name].mean()
+        white = stage.space.project(
+            np.stack([along * line for kind, line in lines.items() if kind != own])
+        ).T
+        white = white - absorbed @ (absorbed.T @ white)
+        length2 = np.maximum(np.sum(white**2, axis=0), 1e-300)
+        gains.append(float(np.max((white.T @ stage.base_fit.residual) ** 2 / length2)))
     if e.fitted.candidate.by_session.any():
         gains.append(best_step(stage))
     beyond = stage.unnamed - stage.nothing_added[1]
