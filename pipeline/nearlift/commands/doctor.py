@@ -28,7 +28,6 @@ EXTRAS = {
     "mcap-ros2-support": ("mcap", "reading MCAP of ROS 2"),
     "h5netcdf": ("netcdf", "posterior.nc"),
     "distributed": ("dask", "running on a dask cluster"),
-    "casadi": ("casadi", "exporting CasADi expressions"),
 }
 #: Bytes that a campaign's products and the compiled kernels' cache need at most, generously.
 ENOUGH_DISK = 1 << 30

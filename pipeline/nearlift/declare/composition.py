@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import re
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
@@ -66,7 +65,6 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
         name="_with_".join((model.name, *(e.name for e in effects))),
         title=" + ".join((model.title, *(e.title for e in effects))),
         formula=model.formula,
-        closed_form=_composed_form(model, effects),
         evaluate=evaluate,
         parameters=parameters,
         needs=tuple(needs),
@@ -78,13 +76,3 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
         downwash=None,
         tends_to_one=model.tends_to_one,
     )
-
-
-def _composed_form(model: LiftModel, effects: tuple[Effect, ...]) -> str:
-    """The closed form with each effect's put around it; empty where one of them has none."""
-    form = model.closed_form
-    for effect in effects:
-        if not (form and effect.closed_form):
-            return ""
-        form = f"({form})".join(re.split(r"\br\b", effect.closed_form))
-    return form

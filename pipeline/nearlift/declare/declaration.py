@@ -44,11 +44,6 @@ class Declaration:
         Identifier, and what a legend says.
     formula : str
         LaTeX.
-    closed_form : str
-        The formula for export to C and other languages, with + - * / ** and sqrt, exp, log, pow:
-        of a model in `z` (z_hat), its parameters and geometry; of an effect in `r`, the ratio so
-        far, too. Empty where it is exported as a table. Compared with `evaluate` before each
-        export, and by a test over the catalogue.
     evaluate : callable
         ``f(x, /, *, <needs>, <parameters>)``, broadcasting.
     parameters : tuple of Parameter
@@ -65,7 +60,6 @@ class Declaration:
     name: str
     title: str
     formula: str
-    closed_form: str = ""
     evaluate: Evaluate
     parameters: tuple[Parameter, ...] = ()
     needs: tuple[str, ...] = ()

@@ -40,7 +40,6 @@ EFFECT = Effect(
     title="Pressure beneath the airframe",
     formula=r"\frac{L}{L_\infty} \to \frac{L}{L_\infty} + c \, \hat{z}^{-m}",
     # the larger of z and HELD_BELOW, in functions that C has in `float` too
-    closed_form="r + stagnation*pow(0.5*(z + 0.2 + sqrt((z - 0.2)*(z - 0.2))), -stagnation_power)",
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",

@@ -37,7 +37,6 @@ EFFECT = Effect(
     name="held_quantity",
     title="What a trial holds constant",
     formula=r"\frac{L}{L_\infty} \to \left(\frac{L}{L_\infty}\right)^{n}",
-    closed_form="pow(r, held_exponent)",
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",

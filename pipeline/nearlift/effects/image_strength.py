@@ -39,7 +39,6 @@ EFFECT = Effect(
     name="image_strength",
     title="Strength of the images",
     formula=r"\frac{1}{1 - s} \to \frac{1}{1 - \kappa s}",
-    closed_form="r/(1 - (strength - 1)*(r - 1))",
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",

@@ -42,7 +42,6 @@ EFFECT = Effect(
         r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + \hat{z}_v^2 /"
         r" \hat{z}^2\right)^{-q}"
     ),
-    closed_form="r + (r - 1)*(pow(1 + gap_hat2/(z*z), -saturation_power) - 1)",
     evaluate=evaluate,
     acts_on="ratio",
     belongs_to="vehicle",

@@ -43,7 +43,6 @@ EFFECT = Effect(
         r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 - s \,"
         r" e^{-\hat{W}^2 / \hat{z}^2}\right)"
     ),
-    closed_form="r - (r - 1)*edge_share*exp(-edge_width_hat*edge_width_hat/(z*z))",
     evaluate=evaluate,
     acts_on="ratio",
     mechanism="the plate ends, and mirrors only what it catches of the wake",

@@ -32,7 +32,6 @@ EFFECT = Effect(
     title="Supply voltage",
     formula=r"L \to L \, (U / U_0)^{p}",
     # in time, not in height: at its reference the supply changes nothing
-    closed_form="r",
     evaluate=evaluate,
     acts_on="force",
     belongs_to="vehicle",

@@ -14,6 +14,10 @@ from nearlift.flight import Ratio
 from nearlift.likelihood import student
 from nearlift.results.quotation import Correlation
 
+#: Arguments of a model held at their reference value 1 in flight, where their effects change
+#: nothing: the supply's fall is simulated as droop, and the rotor speed follows from the throttle.
+AT_REFERENCE = ("supply_V", "supply_ref_V", "speed_hat")
+
 
 @dataclass(frozen=True, slots=True)
 class QuotedInterval:

@@ -41,7 +41,6 @@ MODEL = LiftModel(
     name="exponential",
     title="Exponential",
     formula=r"\frac{L}{L_\infty} = 1 + a \, e^{-b \hat{z}}",
-    closed_form="1 + a*exp(-b*z)",
     evaluate=evaluate,
     gradient=gradient,
     boundary="ground",

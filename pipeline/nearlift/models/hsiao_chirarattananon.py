@@ -99,13 +99,10 @@ SOURCE = Source(
     ),
 )
 
-_GAMMA = "(0.5 + 0.5*sqrt(1 + alpha/(z*z)))"
-
 MODEL = LiftModel(
     name="hsiao_chirarattananon",
     title="Hsiao-Chirarattananon",
     formula=r"\frac{L}{L_\infty} = \frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha / \hat{z}^2}",
-    closed_form=_GAMMA,
     evaluate=evaluate,
     gradient=gradient,
     downwash=downwash,
@@ -140,7 +137,6 @@ CONSTANT_POWER = replace(
         r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha /"
         r" \hat{z}^2}\right)^{2/3}"
     ),
-    closed_form=f"pow({_GAMMA}, 2/3)",
     evaluate=constant_power,
     gradient=constant_power_gradient,
     checks=(
@@ -196,7 +192,6 @@ FREE_EXPONENT = replace(
         r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha /"
         r" \hat{z}^2}\right)^{n}"
     ),
-    closed_form=f"pow({_GAMMA}, n)",
     evaluate=free_exponent,
     gradient=free_exponent_gradient,
     downwash=free_exponent_downwash,

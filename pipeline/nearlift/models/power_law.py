@@ -61,7 +61,6 @@ MODEL = LiftModel(
     name="power_law",
     title="Power law",
     formula=r"\frac{L}{L_\infty} = 1 + a \, \hat{z}^{-p}",
-    closed_form="1 + a*pow(z, -p)",
     evaluate=evaluate,
     gradient=gradient,
     boundary="ground",

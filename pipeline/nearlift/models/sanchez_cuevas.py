@@ -117,11 +117,6 @@ SOURCE = Source(
 _CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 _PAPER = {"spacing_hat": 90 / 23, "diagonal_hat": math.sqrt(2) * 90 / 23}
 
-CLOSED_FORM = (
-    "1/(1 - (1/(16*z*z) + z/(spacing_hat**2 + 4*z*z)**1.5"
-    " + z/(2*(2*spacing_hat**2 + 4*z*z)**1.5) + 2*K_b*z/(diagonal_hat**2 + 4*z*z)**1.5))"
-)
-
 MODEL = LiftModel(
     name="sanchez_cuevas",
     title="Sanchez-Cuevas",
@@ -131,7 +126,6 @@ MODEL = LiftModel(
         r" - \frac{\hat{z}}{2 (2 \hat{d}^2 + 4 \hat{z}^2)^{3/2}} - \frac{2 K_b \hat{z}}{(\hat{b}^2"
         r" + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
     ),
-    closed_form=CLOSED_FORM,
     evaluate=evaluate,
     gradient=gradient,
     downwash=downwash,
@@ -234,7 +228,6 @@ FREE_EXPONENT = replace(
     name="sanchez_cuevas_free_exponent",
     title="Sanchez-Cuevas, free exponent",
     formula=r"\frac{L}{L_\infty} = \left(1 - s(\hat{z}; \hat{d}, \hat{b}, K_b)\right)^{-n}",
-    closed_form=f"pow({CLOSED_FORM}, n)",
     evaluate=free_exponent,
     gradient=free_exponent_gradient,
     downwash=free_exponent_downwash,

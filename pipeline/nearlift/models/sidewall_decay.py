@@ -40,7 +40,6 @@ MODEL = LiftModel(
     name="sidewall_decay",
     title="Exponential decay",
     formula=r"\frac{L}{L_\infty} = 1 - a \, e^{-\hat{z} / \lambda}",
-    closed_form="1 - a*exp(-z/lambda_)",
     evaluate=evaluate,
     gradient=gradient,
     boundary="sidewall",

@@ -36,7 +36,6 @@ MODEL = LiftModel(
     name="sidewall_power_law",
     title="Power law",
     formula=r"\frac{L}{L_\infty} = 1 - a \, (1 + \hat{z})^{-p}",
-    closed_form="1 - a*pow(1 + z, -p)",
     evaluate=evaluate,
     gradient=gradient,
     boundary="sidewall",

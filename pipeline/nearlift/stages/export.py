@@ -1,6 +1,7 @@
-"""export: what was fitted, in forms that other programs read: draws as netCDF; the lift models for
-a controller as C header, JSON with its schema, Python and CasADi, in export/ beside the products. A
-new format is one more entry.
+"""export: the posterior as netCDF, and the fitted lift models as C header, JSON and Python module.
+
+Lift models are written to export/ in the campaign's folder of products. A new format is one more
+entry of `FORMATS`.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ DRAWS = 2000
 
 @dataclass(frozen=True, slots=True)
 class ExportFormat:
-    """A form of export: its option's name, what it is, and what writes it and returns the path."""
+    """A form of export: the name and help of its option, and its writer, which returns the path."""
 
     name: str
     meaning: str
@@ -34,9 +35,7 @@ class ExportFormat:
 
 
 def model_export(job: Job) -> ModelExport:
-    """Everything that is exported. The date is that of the newest raw file, so that the same data
-    give the same bytes.
-    """
+    """Exported lift models, dated by the newest raw file: the same data give the same bytes."""
     boundaries = boundaries_of(job.read_json(RESULTS)["boundaries"])
     lifts = [fitted_lift(job, b, DRAWS) for b in boundaries]
     raw = [p for name in job.inputs if (p := job.root / name).is_file()]
@@ -60,13 +59,12 @@ def _save(job: Job, name: str, text: str) -> str:
 
 
 def _source(name: str, text: Callable[[ModelExport], str]) -> Callable[[Job], str]:
-    """What writes that file, the models as source text."""
+    """Writer of that file with the models as source text."""
     return lambda job: _save(job, name, text(model_export(job)))
 
 
 write_c = _source("lift_model.h", c_header.header)
 write_python = _source("lift_model.py", python_module.module)
-write_casadi = _source("lift_model_casadi.py", python_module.casadi)
 
 
 def write_json(job: Job) -> str:
@@ -84,9 +82,6 @@ FORMATS = (
     ExportFormat("document", "export/lift_model.json, and its JSON Schema", write_json),
     ExportFormat(
         "python", "export/lift_model.py: a module that needs nothing but Python", write_python
-    ),
-    ExportFormat(
-        "casadi", "export/lift_model_casadi.py: a module of CasADi expressions", write_casadi
     ),
 )
 

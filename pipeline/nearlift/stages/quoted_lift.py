@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from nearlift import catalogue
 from nearlift.declare import Boundary, LiftModel, compose
 from nearlift.errors import InputRefused
-from nearlift.flight.fitted_lift import FittedLift, QuotedInterval, drawn_parameters
+from nearlift.flight.fitted_lift import AT_REFERENCE, FittedLift, QuotedInterval, drawn_parameters
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
@@ -26,10 +26,6 @@ from nearlift.results.diagnosis import DiagnosisResults
 from nearlift.results.quotation import Results
 from nearlift.run.job import Job
 from nearlift.run.store import Table
-
-#: Stand at their reference, where they change nothing: a supply's fall over a flight is told apart,
-#: as its droop, and a flight has the speed that its throttle gives.
-AT_REFERENCE = ("supply_V", "supply_ref_V", "speed_hat")
 
 
 def _arguments(

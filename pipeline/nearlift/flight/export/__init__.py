@@ -1,1 +1,1 @@
-"""A fitted lift model as source text: C, Python, CasADi and JSON. Opens no file."""
+"""A fitted lift model as source text: C, Python and JSON. Opens no file."""

@@ -1,12 +1,11 @@
 """C99 header of a fitted lift model for firmware: distances in metres, single or double precision,
-no heap, no state. Tables call no library, closed forms need math.h.
+no heap, no state, no library.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
-from nearlift.flight.export.closed_form import write
 from nearlift.flight.export.hermite import HermiteTable, UncertaintyTable
 from nearlift.flight.export.model_export import ExportedLift, ModelExport
 
@@ -22,7 +21,6 @@ COMMON = """
 typedef double nearlift_real;
 typedef int64_t nearlift_bits;
 #define NEARLIFT_REAL(x) x
-#define NEARLIFT_MATH(x) x
 #define NEARLIFT_LARGEST INT64_C(0x7fffffffffffffff)
 #define NEARLIFT_INFINITY INT64_C(0x7ff0000000000000)
 #define NEARLIFT_HALVINGS 60
@@ -30,7 +28,6 @@ typedef int64_t nearlift_bits;
 typedef float nearlift_real;
 typedef int32_t nearlift_bits;
 #define NEARLIFT_REAL(x) x##f
-#define NEARLIFT_MATH(x) x##f
 #define NEARLIFT_LARGEST INT32_C(0x7fffffff)
 #define NEARLIFT_INFINITY INT32_C(0x7f800000)
 #define NEARLIFT_HALVINGS 30
@@ -205,27 +202,13 @@ static inline nearlift_height nearlift_{name}_height(nearlift_real ratio, nearli
     return nearlift_invert(&nearlift_{name}_table, ratio, u_ratio);
 }}
 """
-CLOSED = """
-#ifdef NEARLIFT_CLOSED_FORM
-static inline nearlift_lift nearlift_{name}_closed(nearlift_real z_m)
-{{
-    nearlift_lift found = nearlift_{name}(z_m);
-    if (found.flag == 0) {{
-        const nearlift_real z = z_m / NEARLIFT_{CAMPAIGN}_RADIUS_M;
-        found.ratio = {expression};
-    }}
-    return found;
-}}
-#endif
-"""
 USE = """
 
-nearlift_{campaign}_<boundary>(z_m) takes metres and returns ratio, slope dR/dz, the standard uncertainty of either, and the flag.
+nearlift_{campaign}_<boundary>(z_m) takes metres and returns ratio, slope dR/dz, their standard uncertainties, and the flag.
 It reads tables in r / (r + z) and calls nothing.
 nearlift_{campaign}_<boundary>_height(ratio, u_ratio) is its inverse: the distance in metres, its standard uncertainty, and the flag.
 nearlift_{campaign}_<boundary>_rotor0(z_m) and on, where the model has them, are those of each rotor, at the tilt of the trials.
-With NEARLIFT_CLOSED_FORM defined nearlift_{campaign}_<boundary>_closed(z_m) takes the ratio from the formula, with math.h.
-Numbers are floats; doubles where NEARLIFT_DOUBLE is defined before the first header. Headers of several campaigns may stand in one file."""
+Numbers are floats; doubles where NEARLIFT_DOUBLE is defined before the first header. One file may include headers of several campaigns."""
 
 
 def number(value: float) -> str:
@@ -245,8 +228,6 @@ def header(export: ModelExport) -> str:
         COMMON,
         f"\n#define NEARLIFT_{campaign.upper()}_RADIUS_M {number(export.radius_m)}\n",
     ]
-    if any(lift.closed is not None for lift in export.lifts):
-        parts.append("#ifdef NEARLIFT_CLOSED_FORM\n#include <math.h>\n#endif\n")
     functions = (_functions(lift, campaign, export.radius_m) for lift in export.lifts)
     return "".join([*parts, *functions, "\n#endif\n"])
 
@@ -256,9 +237,6 @@ def _functions(lift: ExportedLift, campaign: str, radius_m: float) -> str:
     text = _function(name, campaign, lift.table, lift.uncertainty, radius_m)
     if lift.inverse is None:
         text += INVERSE.format(name=name)
-    if lift.closed is not None:
-        expression = write(lift.closed, number="NEARLIFT_REAL({})", call="NEARLIFT_MATH({})")
-        text += CLOSED.format(name=name, CAMPAIGN=campaign.upper(), expression=expression)
     return text + "".join(
         _function(f"{name}_rotor{i}", campaign, table, lift.uncertainty, radius_m)
         for i, table in enumerate(lift.rotors)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from nearlift.flight.export.closed_form import write
 from nearlift.flight.export.hermite import HermiteTable
 from nearlift.flight.export.model_export import ModelExport
 
-SCHEMA_NAME = "nearlift.lift_model/1"
+SCHEMA_NAME = "nearlift.lift_model/2"
 _NUMBER, _TEXT = {"type": "number"}, {"type": "string"}
 _NUMBERS = {"type": "array", "items": _NUMBER, "minItems": 2}
 
@@ -39,7 +38,7 @@ _BOUNDARY = _object(
             "type": "array",
             "description": (
                 "effects that were found and are not in the ratio: they act in time, or"
-                " belong to the bench or to the flights in which they were found"
+                " belong to the bench"
             ),
             "items": _TEXT,
         },
@@ -60,7 +59,7 @@ _BOUNDARY = _object(
         "uncertainty": _object(
             {"per_w": _NUMBER, "ratio": _NUMBERS, "slope": _NUMBERS},
             "standard uncertainty, by the parameters, of the ratio and of its slope in z_hat, at"
-            " nodes of w from the table's w_low on, per_w to a unit; straight between them",
+            " nodes of w from the table's w_low on, per_w to a unit; linear between them",
         ),
         "rotors": {
             "type": "array",
@@ -72,10 +71,6 @@ _BOUNDARY = _object(
             "farther than valid_z_hat the ratio less 1 falls as 1 / (1 + power s + s^2),"
             " s = z_hat / valid_z_hat[1] - 1",
         ),
-        "closed_form": {
-            "type": ["string", "null"],
-            "description": "in z, with + - * / and sqrt, exp, log, pow",
-        },
     }
 )
 SCHEMA: dict[str, object] = {
@@ -131,9 +126,6 @@ def document(export: ModelExport) -> dict[str, object]:
                 "uncertainty": lift.uncertainty,
                 "rotors": [_table(rotor) for rotor in lift.rotors],
                 "beyond": {"power": lift.table.power},
-                "closed_form": (
-                    None if lift.closed is None else write(lift.closed, number="{}", call="{}")
-                ),
             }
             for lift in export.lifts
         },

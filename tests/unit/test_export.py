@@ -1,5 +1,5 @@
-"""Exported models: the compiled C, the Python module, JSON and CasADi agree with the model over the
-whole range.
+"""Exported models: the compiled C, the Python module and JSON agree with the model over the whole
+range.
 """
 
 from __future__ import annotations
@@ -22,7 +22,6 @@ from nearlift import catalogue
 from nearlift.declare import Check, compose
 from nearlift.errors import InputRefused
 from nearlift.flight.export import c_header, json_document
-from nearlift.flight.export import closed_form as closed
 from nearlift.flight.export.hermite import hermite_table
 from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.flight.fitted_lift import QuotedInterval
@@ -136,7 +135,6 @@ int main(int argc, char **argv)
     nearlift_real z[2];
     if (argc != 2) return 1;
     LIFT(ground) LIFT(ceiling) LIFT(sidewall)
-    LIFT(ground_closed) LIFT(ceiling_closed) LIFT(sidewall_closed)
     HEIGHT(ground_height) HEIGHT(ceiling_height) HEIGHT(sidewall_height)
     return 0;
 }
@@ -155,8 +153,7 @@ def build(folder, named, compiler, *flags):
     name, header = named
     shutil.copy(header, folder)
     (folder / "calls.c").write_text(f"#define CAMPAIGN(name) nearlift_{name}_##name\n{PROGRAM}")
-    options = (*STRICT, *flags, "-DNEARLIFT_CLOSED_FORM")
-    subprocess.run([compiler, *options, "calls.c", "-o", "calls", "-lm"], cwd=folder, check=True)
+    subprocess.run([compiler, *STRICT, *flags, "calls.c", "-o", "calls"], cwd=folder, check=True)
     real = np.float64 if "-DNEARLIFT_DOUBLE" in flags else np.float32
 
     def call(function, values):
@@ -189,13 +186,12 @@ def test_the_compiled_header_is_the_model(job, named, beliefs, tmp_path, compile
             truth = lift.ratio()(z_hat)
             slope = (lift.ratio()(z_hat + 1e-6) - lift.ratio()(z_hat - 1e-6)) / (2e-6 * radius)
             where = f"{compiler} {flags} {side}"
-            for form, allowed in (("", 2e-7), ("_closed", 1e-12)):
-                found = call(side + form, z_m)
-                assert not found[:, 4].any(), where
-                error = np.max(np.abs(found[:, 0] / truth - 1))
-                assert error < (allowed if doubles else FLOAT), where
-                error = np.abs(found[:, 1] - slope) / np.max(np.abs(slope))
-                assert np.max(error) < SLOPE, where
+            found = call(side, z_m)
+            assert not found[:, 4].any(), where
+            error = np.max(np.abs(found[:, 0] / truth - 1))
+            assert error < (2e-7 if doubles else FLOAT), where
+            error = np.abs(found[:, 1] - slope) / np.max(np.abs(slope))
+            assert np.max(error) < SLOPE, where
             back = call(f"{side}_height", np.stack([found[:, 0], 0 * found[:, 0]], axis=1))
             steep = np.abs(slope) > 0.05 * np.max(np.abs(slope))
             assert back[steep, 0] == pytest.approx(z_m[steep], rel=1e-4), where
@@ -207,20 +203,19 @@ def outside(call, lift, side, radius, where):
     (low, high), inf = lift.measured_z_hat, math.inf
     near, far = (float(r) for r in lift.ratio()(np.array([low, high])))
     z_hat = np.array([0, -3, -inf, math.nan, -math.nan, 2 * high, inf, 1e30])
-    for form in ("", "_closed"):
-        found = call(side + form, radius * z_hat)
-        assert found[:, 4].tolist() == [-1, -1, -1, 2, 2, 1, 1, 1], where
-        assert np.isfinite(found).all(), where
-        assert found[:3, 0] == pytest.approx(near, rel=FLOAT)
-        assert found[3:5, 0].tolist() == [1.0, 1.0]
-        assert 0 <= (found[5, 0] - 1) / (far - 1) < 0.5
-        assert found[6:, 0] == pytest.approx(1.0, rel=FLOAT)
-        assert (found[[0, 1, 2, 3, 4], 1] == 0).all()
-        # no step and no kink at the last station
-        inner, outer = call(side + form, radius * high * np.array([1 - 1e-5, 1 + 1e-5]))
-        assert (inner[4], outer[4]) == (0, 1)
-        assert outer[0] == pytest.approx(inner[0], rel=FLOAT)
-        assert outer[1] == pytest.approx(inner[1], rel=2e-3, abs=1e-9)
+    found = call(side, radius * z_hat)
+    assert found[:, 4].tolist() == [-1, -1, -1, 2, 2, 1, 1, 1], where
+    assert np.isfinite(found).all(), where
+    assert found[:3, 0] == pytest.approx(near, rel=FLOAT)
+    assert found[3:5, 0].tolist() == [1.0, 1.0]
+    assert 0 <= (found[5, 0] - 1) / (far - 1) < 0.5
+    assert found[6:, 0] == pytest.approx(1.0, rel=FLOAT)
+    assert (found[[0, 1, 2, 3, 4], 1] == 0).all()
+    # no step and no kink at the last station
+    inner, outer = call(side, radius * high * np.array([1 - 1e-5, 1 + 1e-5]))
+    assert (inner[4], outer[4]) == (0, 1)
+    assert outer[0] == pytest.approx(inner[0], rel=FLOAT)
+    assert outer[1] == pytest.approx(inner[1], rel=2e-3, abs=1e-9)
     beyond, width = near + (near - far), radius * (high - low)
     asked = [[beyond, 0.01], [far - (near - far), 0.01], [math.nan, 0.01], [near, math.nan]]
     found = call(f"{side}_height", asked)
@@ -305,7 +300,7 @@ def test_a_model_of_each_rotor_is_exported_rotor_by_rotor(beliefs):
             draws={},
             number=1,
             effects=(),
-            left=("height_offset", "motor_lag"),
+            left=("height_offset",),
         )
     )
     z_hat = np.geomspace(1.2, 10, 50)
@@ -315,10 +310,9 @@ def test_a_model_of_each_rotor_is_exported_rotor_by_rotor(beliefs):
     text = c_header.header(whole(row))
     assert "nearlift_c_ground_rotor2(nearlift_real z_m)" in text
     assert "height_offset was found too and is left out: it belongs to the bench" in text
-    assert "motor_lag was found too and is left out: it belongs to the flights in which" in text
     (boundary,) = json_document.document(whole(row))["boundaries"].values()
     assert len(boundary["rotors"]) == 3
-    assert boundary["omitted"] == ["height_offset", "motor_lag"]
+    assert boundary["omitted"] == ["height_offset"]
 
 
 def other_model(job, name, parameters, tilt_rad=None):
@@ -427,6 +421,7 @@ def test_an_effect_in_time_is_not_said_to_be_in_the_function(beliefs):
     assert "with supply_sag" not in about
     assert "sag_exponent" not in about
     assert "supply_sag was found too and is left out: it acts in time" in about
+    assert whole(sagging).lifts[0].known.keys() == ground.arguments.keys()
     own = json_document.document(whole(sagging))["boundaries"]["ground"]
     assert own["model"] == "sanchez_cuevas"
     assert list(own["parameters"]) == list(own["covariance"]) == ["K_b"]
@@ -454,17 +449,12 @@ def test_a_model_whose_parameters_all_act_in_time_is_exported_without_any(belief
 
 
 def test_twice_gives_the_same_bytes(job):
-    writers = (
-        controller.write_c,
-        controller.write_json,
-        controller.write_python,
-        controller.write_casadi,
-    )
+    writers = (controller.write_c, controller.write_json, controller.write_python)
     before = [Path(write(job)).read_bytes() for write in writers]
     assert [Path(write(job)).read_bytes() for write in writers] == before
 
 
-# ---- Python and CasADi
+# ---- Python
 
 
 def content_of(job):
@@ -484,15 +474,13 @@ def test_the_python_module_is_the_model(job, beliefs, side):
     z_hat = heights(beliefs[side])[1:-1]
     truth = beliefs[side].ratio()(z_hat)
     assert [module.ratio(side, z)[0] for z in z_hat] == pytest.approx(truth, rel=2e-7)
-    assert [module.closed(side, z)[0] for z in z_hat] == pytest.approx(truth, rel=1e-12)
     assert module.ratio(side, z_hat[9])[1] == 0
     low, high = (float(v) for v in beliefs[side].ratio()(np.array(beliefs[side].measured_z_hat)))
     far = beliefs[side].measured_z_hat[1]
     power = content_of(job)["boundaries"][side]["beyond"]["power"]
     beyond = (2 * far, 1, 1 + (high - 1) / (2 + power))
     for z, flag, ratio in ((-1.0, -1, low), (math.nan, 2, 1.0), beyond, (math.inf, 1, 1.0)):
-        for form in (module.ratio, module.closed):
-            assert form(side, z) == (pytest.approx(ratio, rel=2e-7), flag)
+        assert module.ratio(side, z) == (pytest.approx(ratio, rel=2e-7), flag)
 
 
 def test_the_python_module_runs_without_anything_installed(job):
@@ -504,26 +492,6 @@ def test_the_python_module_runs_without_anything_installed(job):
         [sys.executable, "-I", "-S", "-c", code], check=True, capture_output=True, text=True
     )
     assert done.stdout == "0\n"
-
-
-@pytest.mark.parametrize("side", SIDES)
-def test_the_casadi_expression_is_the_model(job, beliefs, side):
-    casadi = pytest.importorskip("casadi", reason="casadi is not installed")
-    module = module_of(controller.write_casadi(job))
-    z = casadi.SX.sym("z")
-    ratio = casadi.Function("ratio", [z], [module.ratio(side, z)])
-    slope = casadi.Function("slope", [z], [casadi.jacobian(module.ratio(side, z), z)])
-    z_hat = heights(beliefs[side])[1:-1]
-    truth = beliefs[side].ratio()(z_hat)
-    assert np.array(ratio(z_hat)).ravel() == pytest.approx(truth, rel=1e-12)
-    step = 1e-5 * z_hat
-    numeric = (beliefs[side].ratio()(z_hat + step) - beliefs[side].ratio()(z_hat - step)) / (
-        2 * step
-    )
-    inner = slice(5, -5)
-    assert np.array(slope(z_hat)).ravel()[inner] == pytest.approx(
-        numeric[inner], rel=1e-4, abs=1e-8
-    )
 
 
 # ---- JSON
@@ -574,43 +542,6 @@ def test_json_follows_its_schema_and_its_table_is_the_model(job, beliefs):
     assert table["value"][-1] == pytest.approx(
         float(beliefs["ground"].ratio()(np.array([own["valid_z_hat"][0]]))[0])
     )
-    assert own["closed_form"].count("(") == own["closed_form"].count(")")
-
-
-# ---- closed forms
-
-
-@pytest.mark.parametrize(
-    "model", [m for m in catalogue.models() if m.closed_form], ids=lambda m: m.name
-)
-def test_every_closed_form_is_its_declaration(model):
-    known = {n: {"spacing_hat": 65 / 23, "diagonal_hat": 4.0}[n] for n in model.needs}
-    values = {p.name: p.value * 1.1 for p in model.parameters}
-    z_hat = np.geomspace(0.6, 12, 500)
-    form = closed.fold(closed.closed_form(model), {**known, **values})
-    assert closed.evaluate(form, z_hat) == pytest.approx(model(z_hat, **known, **values), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    "effect",
-    # the supply's fall is in time: at its reference it changes nothing
-    [e for e in catalogue.effects() if e.closed_form not in ("", "r")],
-    ids=lambda e: e.name,
-)
-def test_every_effect_s_closed_form_is_its_declaration(effect):
-    base = catalogue.model("sanchez_cuevas")
-    whole = compose(base, effect)
-    known = {n: {"spacing_hat": 65 / 23, "diagonal_hat": 4.0}[n] for n in whole.needs}
-    values = {p.name: p.value + 0.1 * (p.bounds[1] - p.value) for p in whole.parameters}
-    z_hat = np.geomspace(1.0, 12, 500)
-    form = closed.fold(closed.closed_form(whole), {**known, **values})
-    assert closed.evaluate(form, z_hat) == pytest.approx(whole(z_hat, **known, **values), rel=1e-12)
-
-
-def test_every_flying_effect_has_a_closed_form_or_is_exported_as_a_table():
-    assert closed.closed_form(catalogue.model("images")) is None
-    without = compose(catalogue.model("sanchez_cuevas"), catalogue.effect("fountain_shape"))
-    assert closed.closed_form(without) is None
 
 
 def test_a_range_in_which_the_model_has_no_value_is_refused():

@@ -1,0 +1,246 @@
+"""The programs of docs/export.md: each compiles or runs as printed, with substitutes for the other
+software, and gives what the exported model says.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.interpolate import make_interp_spline
+
+from nearlift import catalogue
+from nearlift.flight.export import c_header, python_module
+from nearlift.flight.export.model_export import ModelExport, exported
+from nearlift.flight.fitted_lift import FittedLift
+
+R = 0.023
+GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
+MODEL = catalogue.model("sanchez_cuevas")
+Z_M = np.array([0.0265, 0.03, 0.05, 0.11, 0.26])
+RATIO = MODEL(Z_M / R, **GEOMETRY, K_b=2.0)
+PAGE = (Path(__file__).parents[2] / "docs" / "export.md").read_text()
+needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+
+
+def program(heading: str) -> str:
+    """The program printed under a heading of the page."""
+    section = re.split(r"^## ", PAGE, flags=re.MULTILINE)
+    (text,) = (part for part in section if part.startswith(heading + "\n"))
+    (code,) = re.findall(r"```(?:c|python)\n(.*?)```", text, flags=re.DOTALL)
+    return code
+
+
+def test_every_program_of_the_page_is_tested() -> None:
+    tested = re.findall(r'program\("([^"]+)"\)', Path(__file__).read_text())
+    assert PAGE.count("```c\n") + PAGE.count("```python\n") == len(set(tested)) == 7
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The export of a campaign called my-rig."""
+    out = tmp_path_factory.mktemp("export")
+    lift = FittedLift(
+        boundary="ground",
+        model=MODEL,
+        arguments=GEOMETRY,
+        best={"K_b": 2.0},
+        intervals={},
+        number=3,
+        draws={"K_b": np.array([1.9, 2.0, 2.1])},
+        source="draws",
+        measured_z_hat=(1.14, 11.5),
+    )
+    whole = ModelExport(
+        campaign="my-rig",
+        nearlift="0",
+        digest="0",
+        date="unknown",
+        source="results.json",
+        radius_m=R,
+        held="throttle",
+        lifts=(exported(lift),),
+    )
+    (out / "lift_model.h").write_text(c_header.header(whole))
+    (out / "lift_model.py").write_text(python_module.module(whole))
+    return out
+
+
+@pytest.fixture
+def importable(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[pytest.MonkeyPatch]:
+    """`lift_model` of that export can be imported."""
+    monkeypatch.syspath_prepend(str(folder))
+    yield monkeypatch
+    sys.modules.pop("lift_model", None)
+
+
+def substitute(patch: pytest.MonkeyPatch, name: str, **content: object) -> None:
+    """A module of that name, and the packages around it."""
+    parts = name.split(".")
+    for i in range(1, len(parts) + 1):
+        patch.setitem(sys.modules, ".".join(parts[:i]), ModuleType(".".join(parts[:i])))
+    vars(sys.modules[name]).update(content)
+
+
+def compiled(folder: Path, where: Path, source: str) -> Path:
+    (where / "program.c").write_text(source)
+    strict = ("-std=c11", "-Wall", "-Wextra", "-Wdouble-promotion", "-Werror", "-Os")
+    built = (f"-I{folder}", "program.c", "-o", "program")
+    subprocess.run(["cc", *strict, *built], cwd=where, check=True)
+    return where / "program"
+
+
+def numbers(*command: object) -> np.ndarray:
+    done = subprocess.run([str(c) for c in command], capture_output=True, check=True, text=True)
+    return np.array(done.stdout.split(), float)
+
+
+@needs_compiler
+def test_c_prints_ratio_and_distance(folder: Path, tmp_path: Path) -> None:
+    found = numbers(compiled(folder, tmp_path, program("C")))
+    ratio, slope, u_ratio, u_slope, flag, z_m, u_m, z_flag = found
+    step = 1e-6
+    near, at, far = MODEL(np.array([0.04 - step, 0.04, 0.04 + step]) / R, **GEOMETRY, K_b=2.0)
+    assert (flag, z_flag) == (0, 0)
+    assert ratio == pytest.approx(at, rel=1e-5)
+    assert slope == pytest.approx((far - near) / (2 * step), rel=1e-4)
+    assert MODEL(z_m / R, **GEOMETRY, K_b=2.0) == pytest.approx(1.05, rel=1e-5)
+    assert u_ratio > 0
+    assert u_slope > 0
+    assert u_m > 0.004 / abs(slope)
+
+
+#: The parts of the firmware's headers that the controller needs; its PID asks for the thrust 30000.
+FIRMWARE = """
+#pragma once
+#include <stdbool.h>
+#include <stdint.h>
+typedef enum { controlModeLegacy, controlModeForceTorque } control_mode_t;
+typedef struct { float thrust; control_mode_t controlMode; } control_t;
+typedef struct { struct { float x, y, z; } position; } state_t;
+typedef struct { int any; } setpoint_t;
+typedef struct { int any; } sensorData_t;
+static inline void controllerPidInit(void) {}
+static inline bool controllerPidTest(void) { return true; }
+static inline void controllerPid(control_t *c, const setpoint_t *p, const sensorData_t *s,
+                                 const state_t *t, const uint32_t k)
+{
+    (void)p; (void)s; (void)t; (void)k;
+    c->thrust = 30000.0f;
+}
+"""
+CALLS = """
+#include <stdio.h>
+#include <stdlib.h>
+int main(int count, char **z)
+{
+    for (int i = 1; i < count; i++) {
+        const setpoint_t to = {0};
+        const sensorData_t of = {0};
+        const state_t at = {{0.0f, 0.0f, strtof(z[i], 0) - STANDING_M}};
+        control_t legacy = {0.0f, controlModeLegacy}, other = {0.0f, controlModeForceTorque};
+        controllerOutOfTree(&legacy, &to, &of, &at, 0);
+        controllerOutOfTree(&other, &to, &of, &at, 0);
+        printf("%.9g %.9g\\n", (double)legacy.thrust, (double)other.thrust);
+    }
+    return 0;
+}
+"""
+
+
+@needs_compiler
+def test_a_crazyflie_asks_for_the_thrust_over_the_ratio(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "controller_pid.h").write_text(FIRMWARE)
+    built = compiled(folder, tmp_path, program("Crazyflie controller") + CALLS)
+    thrust, untouched = numbers(built, *Z_M, 0.6, "nan").reshape(-1, 2).T
+    np.testing.assert_allclose(3e4 / thrust[:-2], RATIO, rtol=1e-6)
+    assert 1 < 3e4 / thrust[-2] < 1.005
+    assert thrust[-1] == 3e4
+    assert (untouched == 3e4).all()
+
+
+def test_python_reads_range_and_ratio(importable: pytest.MonkeyPatch) -> None:
+    names: dict[str, object] = {}
+    exec(program("Python"), names)
+    assert (names["low"], names["high"], names["flag"]) == (1.14, 11.5, 0)
+    expected = MODEL(0.040 / R, **GEOMETRY, K_b=2.0)
+    assert names["value"] == pytest.approx(expected, rel=1e-6)
+
+
+def test_rotorpy_lifts_by_the_ratio(importable: pytest.MonkeyPatch) -> None:
+    class Multirotor:
+        k_eta = 2.3e-8
+        rotor_geometry = np.array([[1, 1, 0], [1, -1, 0], [-1, -1, 0], [-1, 1, 0]]) * 0.0325
+
+        def _s_dot_fn(self, t, s, cmd_rotor_speeds):  # type: ignore[no-untyped-def]
+            return self.compute_body_wrench(np.zeros(3), cmd_rotor_speeds, np.zeros(3))
+
+        def compute_body_wrench(self, body_rates, rotor_speeds, body_airspeed_vector):  # type: ignore[no-untyped-def]
+            lift = np.outer(self.k_eta * rotor_speeds**2, [0, 0, 1])
+            return lift.sum(axis=0), np.cross(self.rotor_geometry, lift).sum(axis=0)
+
+    substitute(importable, "rotorpy.vehicles.multirotor", Multirotor=Multirotor)
+    names: dict[str, type] = {}
+    exec(program("RotorPy"), names)
+    speeds = np.array([1500.0, 1600.0, 1700.0, 1800.0])
+    free_force, free_moment = Multirotor()._s_dot_fn(0, np.zeros(3), speeds)
+    for z, ratio in zip(Z_M, RATIO, strict=True):
+        force, moment = names["NearGround"]()._s_dot_fn(0, np.array([0, 0, z]), speeds)
+        np.testing.assert_allclose(force, ratio * free_force, rtol=1e-6)
+        np.testing.assert_allclose(moment, ratio * free_moment, rtol=1e-6)
+
+
+def test_each_rotor_of_an_aviary_gains_by_its_height(importable: pytest.MonkeyPatch) -> None:
+    applied: list[tuple[object, ...]] = []
+    heights = Z_M[:4]
+    substitute(
+        importable,
+        "pybullet",
+        LINK_FRAME=1,
+        getLinkStates=lambda drone, links, **_: [((0.0, 0.0, heights[i]),) for i in links],
+        applyExternalForce=lambda *asked, **_: applied.append(asked),
+    )
+    aviary = type("CtrlAviary", (), {"PROP_RADIUS": R, "KF": 3e-10, "CLIENT": 0, "DRONE_IDS": [7]})
+    substitute(importable, "gym_pybullet_drones.envs.CtrlAviary", CtrlAviary=aviary)
+    names: dict[str, type] = {}
+    exec(program("gym-pybullet-drones"), names)
+    names["NearGround"]()._groundEffect(np.full(4, 16e3), 0)
+    assert [(drone, link) for drone, link, *_ in applied] == [(7, i) for i in range(4)]
+    added = np.array([force for _, _, force, *_ in applied])
+    np.testing.assert_allclose(1 + added[:, 2] / (3e-10 * 16e3**2), RATIO[:4], rtol=1e-6)
+    assert not added[:, :2].any()
+
+
+def test_casadi_and_acados_have_the_ratio(importable: pytest.MonkeyPatch) -> None:
+    def interpolant(name, kind, nodes, value):  # type: ignore[no-untyped-def]
+        assert (name, kind, len(nodes)) == ("ratio", "bspline", 1)
+        return make_interp_spline(nodes[0], value)
+
+    state = {"x": np.array([0.05, 0.3]), "u": 0.9}
+    substitute(
+        importable,
+        "casadi",
+        interpolant=interpolant,
+        fmin=np.minimum,
+        fmax=np.maximum,
+        vertcat=lambda *rows: np.array(rows),
+        MX=SimpleNamespace(sym=lambda name, size=1: state[name]),
+    )
+    substitute(importable, "acados_template", AcadosModel=SimpleNamespace)
+    names: dict[str, object] = {}
+    exec(program("CasADi") + program("acados"), names)
+    ratio = names["ratio"]
+    assert callable(ratio)
+    np.testing.assert_allclose([ratio(z / R) for z in Z_M], RATIO, rtol=1e-6)
+    assert ratio(0.5) == pytest.approx(ratio(1.14), rel=1e-12)
+    model = names["model"]
+    assert isinstance(model, SimpleNamespace)
+    expected = [0.3, 9.81 * (0.9 * RATIO[2] - 1)]
+    np.testing.assert_allclose(model.f_expl_expr, expected, rtol=1e-5)
