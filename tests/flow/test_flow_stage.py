@@ -287,19 +287,19 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     assert not others & again
     ledger = json.loads((tmp_path / "processed/small/provenance.json").read_text())
     assert "[piv] ground-4 (8 files)" in ledger["inputs"]
-    assert small_run.nearlift("verify", raw, "--out", tmp_path).exit_code == 0
+    assert small_run.nearlift("run", "--check", raw, "--out", tmp_path).exit_code == 0
     first, last = (sorted((raw / "piv/ground-4").iterdir())[i] for i in (0, -1))
     whole = first.read_bytes()
     first.write_bytes(whole[:-1] + b" ")
     assert (
         "[piv] ground-4 (8 files): are not what they were"
-        in small_run.nearlift("verify", raw, "--out", tmp_path).stdout
+        in small_run.nearlift("run", "--check", raw, "--out", tmp_path).stdout
     )
     first.write_bytes(whole)
     last.rename(tmp_path / last.name)
     assert (
         "[piv] ground-4 (8 files): are other files by now"
-        in small_run.nearlift("verify", raw, "--out", tmp_path).stdout
+        in small_run.nearlift("run", "--check", raw, "--out", tmp_path).stdout
     )
     (tmp_path / last.name).rename(last)
     (raw / "campaign.toml").write_text(path.read_text()[: path.read_text().index("[piv]")])

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import IO, Literal
 
 from nearlift.run import graph, store
-from nearlift.run.history import FOLDER
 from nearlift.run.lock import settled
 from nearlift.run.transaction import JOURNAL, STAGED, UNFINISHED, Homes
 
@@ -104,8 +103,8 @@ def failing(action: Callable[[], object], at: int, fault: Fault) -> None:
 
 
 def products(place: Path) -> dict[str, str]:
-    """Digest of every finished file of a run; provenance, lock and history aside, which hold times
-    and names.
+    """Digest of every finished file of a run; provenance and lock aside, which hold times and
+    names.
     """
     found = {}
     for folder in ("processed", "reports"):
@@ -113,7 +112,7 @@ def products(place: Path) -> dict[str, str]:
             hidden = (
                 path.name in ("provenance.json", ".lock", JOURNAL)
                 or path.name.endswith(".tmp")
-                or {STAGED, FOLDER} & set(path.parts)
+                or STAGED in path.parts
             )
             if path.is_file() and not hidden:
                 found[path.relative_to(place).as_posix()] = hashlib.sha256(

@@ -72,14 +72,14 @@ def copy(folder: Path, to: Path) -> Path:
 
 def test_two_fresh_runs_give_the_same_bytes(raw, finished, tmp_path):
     """Another folder, another time, another executor: every product and page is the same; in
-    provenance.json only wall times differ, in history the times by which runs are called.
+    provenance.json only wall times differ.
     """
     assert nearlift("run", raw, "--out", tmp_path, "--executor", "threads:2").exit_code == 0
     one, two = (
         {
             name: sha
             for name, (sha, _) in state(folder).items()
-            if not name.endswith("inputs-cache.json") and "/history/" not in name
+            if not name.endswith("inputs-cache.json")
         }
         for folder in (finished, tmp_path)
     )
@@ -111,14 +111,14 @@ def test_a_second_run_does_nothing(raw, finished):
 def test_raw_is_never_touched(raw, tmp_path):
     """Content and times of every file, and no new one, whatever is run."""
     before, folders = state(raw), {p: p.stat().st_mtime_ns for p in (raw, raw / "trials")}
-    for command in ("plan", "ingest", "reduce", "fit", "run", "report"):
-        assert nearlift(command, raw, "--out", tmp_path).exit_code == 0
+    for words in ("run --dry-run", "ingest", "reduce", "fit", "run", "run --check", "report"):
+        assert nearlift(*words.split(), raw, "--out", tmp_path).exit_code == 0
     assert state(raw) == before
     assert {p: p.stat().st_mtime_ns for p in folders} == folders
 
 
 @pytest.mark.parametrize("where", ["nothing", "finished", "stale"])
-def test_plan_runs_nothing_and_writes_nothing(raw, finished, tmp_path, monkeypatch, where):
+def test_a_dry_run_runs_nothing_and_writes_nothing(raw, finished, tmp_path, monkeypatch, where):
     out, root = tmp_path / "out", copy(raw, tmp_path / "raw")
     if where != "nothing":
         copy(finished, out)
@@ -126,7 +126,7 @@ def test_plan_runs_nothing_and_writes_nothing(raw, finished, tmp_path, monkeypat
         (root / "trials.csv").write_text((root / "trials.csv").read_text() + "\n")
     before = state(tmp_path)
     monkeypatch.setattr(graph.Stage, "run", lambda *_: pytest.fail("a stage ran"))
-    found = nearlift("plan", root, "--out", out)
+    found = nearlift("run", "--dry-run", root, "--out", out)
     assert found.exit_code == 0
     assert state(tmp_path) == before
     assert out.exists() == (where != "nothing")
@@ -144,7 +144,7 @@ def test_one_stage_runs_even_if_it_is_up_to_date_and_makes_the_same(raw, finishe
     before = {
         name: sha
         for name, (sha, _) in state(out).items()
-        if not re.search("provenance|cache|history", name)
+        if not re.search("provenance|cache", name)
     }
     found = nearlift("fit", raw, "--out", out)
     assert found.exit_code == 0
@@ -155,8 +155,18 @@ def test_one_stage_runs_even_if_it_is_up_to_date_and_makes_the_same(raw, finishe
     assert {
         name: sha
         for name, (sha, _) in state(out).items()
-        if not re.search("provenance|cache|history", name)
+        if not re.search("provenance|cache", name)
     } == before
+
+
+def test_only_is_the_command_of_that_stage(raw, finished, tmp_path):
+    one, two = (copy(finished, tmp_path / name) for name in ("one", "two"))
+    command = nearlift("reduce", raw, "--out", one, "--json")
+    option = nearlift("run", "--only", "reduce", raw, "--out", two, "--json")
+    told = [json.loads(found.stdout)["stages"] for found in (command, option)]
+    assert [[(s["stage"], s["why"]) for s in stages] for stages in told] == 2 * [
+        [("reduce", "asked for")]
+    ]
 
 
 def test_a_stage_before_its_time_says_what_must_run_first(raw, tmp_path):
@@ -174,8 +184,8 @@ def test_2_for_a_bad_manifest_which_writes_nothing(raw, tmp_path):
     (root / "campaign.toml").write_text(
         text.replace('rotor_radius  = "23 mm"', "rotor_radius = 23").replace("[rig]", "[rigg]")
     )
-    for command in ("run", "ingest", "plan"):
-        found = nearlift(command, root, "--out", tmp_path / "out")
+    for words in ("run", "ingest", "run --dry-run", "run --check"):
+        found = nearlift(*words.split(), root, "--out", tmp_path / "out")
         assert found.exit_code == 2
         assert "vehicle.rotor_radius" in found.stderr
         assert "did you mean 'rig'?" in found.stderr
@@ -193,6 +203,9 @@ def test_2_for_a_bad_manifest_which_writes_nothing(raw, tmp_path):
         ),
         (("describe", "sanches_cuevas"), "sanchez_cuevas"),
         (("run",), "Missing argument 'CAMPAIGN...'"),
+        (("run", "{raw}", "--only", "plan"), "Invalid value for '--only'"),
+        (("run", "{raw}", "--check", "--dry-run"), "--dry-run: was given with --check"),
+        (("run", "{raw}", "--only", "fit", "--watch"), "--only: was given with --watch"),
         (("fly", "{raw}"), "No such command 'fly'"),
         (("run", "{raw}", "--seed", "x"), "'x' is not a valid integer"),
         (("new", "{raw}"), "is not empty\n  name a new folder; nothing is ever overwritten"),
@@ -329,7 +342,14 @@ def test_a_closed_pipe_is_no_refusal(monkeypatch):
     ("words", "code", "keys"),
     [
         (("run", "{raw}", "--out", "{finished}"), 0, {"campaign", "exit_code", "report", "stages"}),
-        (("plan", "{raw}", "--out", "{finished}"), 0, {"campaign", "stages"}),
+        (("run", "--dry-run", "{raw}", "--out", "{finished}"), 0, {"campaign", "stages"}),
+        (
+            ("run", "--check", "{raw}", "--out", "{finished}"),
+            0,
+            {"campaign", "checked", "differing"},
+        ),
+        (("run", "--check", "{raw}", "{raw}", "--out", "{finished}"), 0, {"campaigns"}),
+        (("inspect", "{raw}/trials.csv", "{raw}/trials.csv"), 0, {"files"}),
         (("describe",), 0, {"name", "text"}),
         (("describe", "K_b"), 0, {"name", "text"}),
         (("new", "{new}"), 0, {"written", "fill_in"}),
@@ -349,8 +369,10 @@ def test_json_is_one_object_and_nothing_else(raw, finished, tmp_path, words, cod
         assert found.stderr == ""
 
 
-def test_json_of_a_plan_says_what_is_stale(raw, tmp_path):
-    stages = json.loads(nearlift("plan", raw, "--out", tmp_path, "--json").stdout)["stages"]
+def test_json_of_a_dry_run_says_what_is_stale(raw, tmp_path):
+    stages = json.loads(nearlift("run", "--dry-run", raw, "--out", tmp_path, "--json").stdout)[
+        "stages"
+    ]
     assert stages[0] == {"stage": "ingest", "stale": True, "why": "has not run yet"}
 
 
@@ -411,7 +433,7 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
     )
     (folder / "campaign.toml").write_text(manifest)
     assert manifests.load(folder).uncertainty[0].standard() == 2e-4
-    assert nearlift("plan", folder, "--out", tmp_path).exit_code in (
+    assert nearlift("run", "--dry-run", folder, "--out", tmp_path).exit_code in (
         2,
         4,
     )  # an empty schedule is refused, not crashed on
@@ -475,7 +497,7 @@ def test_options_stand_where_they_do_something():
     answers takes none of these.
     """
     for name, command, about in commands():
-        if name in ("data", "completion"):
+        if name == "data":
             continue
         options = {o for p in command.params if isinstance(p, click.Option) for o in p.opts}
         assert {"--json", "-q"} <= options
@@ -485,17 +507,16 @@ def test_options_stand_where_they_do_something():
         assert not opens or "out" in given, name
         computes = name in (*ORDER, "run", "demo")
         assert ({"executor", "seed"} <= given) == computes, name
-    for name in ("new", "inspect", "describe", "compare-runs", "data list", "data get"):
+    for name in ("new", "describe", "data list", "data get"):
         assert not ABOUT[name].settings
 
 
 @pytest.mark.parametrize(
     ("word", "hint"),
     [
-        ("explain", "try 'nearlift diagnose CAMPAIGN --explain EFFECT'"),
         ("ratio", "try 'nearlift detect CAMPAIGN --ratio RATIO'"),
         ("inspct", "did you mean 'inspect'?"),
-        ("plam", "did you mean 'plan'?"),
+        ("explian", "did you mean 'explain'?"),
     ],
 )
 def test_a_word_that_is_no_command_gets_what_may_be_meant(word, hint):
@@ -505,7 +526,12 @@ def test_a_word_that_is_no_command_gets_what_may_be_meant(word, hint):
 
 
 def test_quiet_is_quiet_everywhere(raw):
-    for words in (("describe",), ("plan", raw), ("inspect", raw / "trials.csv"), ("data", "list")):
+    for words in (
+        ("describe",),
+        ("run", "--dry-run", raw),
+        ("inspect", raw / "trials.csv"),
+        ("data", "list"),
+    ):
         found = nearlift(*words, "-q")
         assert (found.exit_code, found.output) == (0, "")
 

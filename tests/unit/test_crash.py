@@ -206,7 +206,7 @@ def test_a_stage_is_old_or_new_whatever_happens_at_every_place(bookkeeping, stag
 
 
 def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
-    """plan, verify and all that opens the campaign find it whole; while its lock is held they wait,
+    """run --dry-run, run --check and all that opens the campaign find it whole; while its lock is held they wait,
     then say whose it is.
     """
     place = copied(bookkeeping.folder)
@@ -227,11 +227,11 @@ def test_what_reads_products_first_completes_a_commit_that_was_cut(bookkeeping):
     ):
         patch.setattr(lock, "PATIENCE_S", 0.05)
         patch.setattr(lock, "_flock", lambda descriptor: False)
-        found = nearlift("plan", bookkeeping.raw, "--out", place)
+        found = nearlift("run", "--dry-run", bookkeeping.raw, "--out", place)
     assert found.exit_code == 4
     assert "another run works on these products" in found.stderr
     assert homes(place).journal.is_file()
-    found = nearlift("verify", bookkeeping.raw, "--out", place)
+    found = nearlift("run", "--check", bookkeeping.raw, "--out", place)
     assert found.exit_code == 0, found.output
     assert litter(place) == []
     after = stands(

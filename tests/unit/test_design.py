@@ -190,6 +190,7 @@ def test_explain_says_what_why_and_how_large(explained):
     folder = out / "reports/small/explain"
     first = {p.name: p.read_bytes() for p in folder.iterdir()}
     words = nearlift("diagnose", raw, "--out", out, "--explain", "height_offset").stdout
+    assert nearlift("explain", raw, "height_offset", "--out", out).stdout == words
     # the same bytes again
     assert {p.name: p.read_bytes() for p in folder.iterdir()} == first
     for part in (

@@ -148,7 +148,7 @@ shortest = "2 s"
     k = whole["boundaries"]["ground"]["cheeseman_bennett"]["parameters"]["k"]
     assert abs(k["value"] - 1.0) < 4 * k["u"]
     assert k["u"] < 0.05
-    told = nearlift("segments", root, "--out", tmp_path)
+    told = nearlift("inspect", "--cuts", root, "--out", tmp_path)
     assert "r0#1" in told.stdout
     assert (tmp_path / "reports/marks/segments.png").is_file()
 

@@ -86,7 +86,7 @@ def test_inspect_tells_a_sweep_and_prints_lines_that_cut_it(tmp_path: Path, name
     answer = nearlift("inspect", path)
     assert answer.exit_code == 0
     assert "takes many lifts, along 'throttle'" in answer.stdout
-    assert "nearlift segments CAMPAIGN" in answer.stdout
+    assert "nearlift inspect --cuts CAMPAIGN" in answer.stdout
     block = tomllib.loads(answer.stdout.split("\n\n", 1)[1])
     assert block["records"]["files"] == "{record}.csv"
     cut = block["segments"]

@@ -65,7 +65,7 @@ def a_key_is_missing(root: Path) -> tuple[list[object], Stands]:
     folder = small_run.write_means(root / "raw", 24, quick=True)
     path = folder / "campaign.toml"
     path.write_text(path.read_text().replace(', mass = "27 g"', ""))
-    return ["plan", folder, "--out", root], {"DIR": str(root / "template")}
+    return ["ingest", folder, "--out", root], {"DIR": str(root / "template")}
 
 
 def no_such_symbol(root: Path) -> tuple[list[object], Stands]:
@@ -155,7 +155,7 @@ STATES: dict[str, list[Callable[[Path], tuple[list[object], Stands]]]] = {
     "nearlift new DIR --from FOLDER": [a_folder_of_records],
     "nearlift new DIR --from FILE": [a_table_of_means, a_table_of_trials],
     "nearlift describe": [no_such_symbol, no_such_model],
-    "nearlift plan CAMPAIGN": [not_ingested],
+    "nearlift run --dry-run CAMPAIGN": [not_ingested],
     "nearlift diagnose CAMPAIGN": [not_diagnosed],
     "nearlift run CAMPAIGN": [not_fitted, one_of_them_not_fitted],
     "nearlift inspect FILE": [
@@ -164,18 +164,16 @@ STATES: dict[str, list[Callable[[Path], tuple[list[object], Stands]]]] = {
         a_velocity_grid,
     ],
 }
-#: Those that are no remedies but stand in a comment of a manifest; what a fit alone, a history
-#: and a sweep say, which have tests of their own.
+#: Those that are no remedies but stand in a comment of a manifest; what a fit alone and a sweep
+#: propose, which have tests of their own.
 ELSEWHERE = {
     "nearlift design",
     "nearlift diagnose",
     "nearlift ingest",
-    "nearlift history",
     "nearlift next",
     "nearlift next --for",
     "nearlift run FILE",
-    "nearlift segments CAMPAIGN",
-    "nearlift undo",
+    "nearlift inspect --cuts CAMPAIGN",
 }
 
 

@@ -30,7 +30,6 @@ def opened(tmp_path_factory):
     "path",
     [
         "/",
-        "/history?campaign=raw/small",
         "/live?campaign=raw/small",
         "/new",
         "/edit?campaign=raw/small",

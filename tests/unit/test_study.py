@@ -154,9 +154,9 @@ def test_a_fit_shows_intervals_and_figure_2(fit):
 
 def test_the_same_ledger_as_the_command_line(study, fit):
     """What Python fitted the command line finds up to date, and the other way round."""
-    told = json.loads(small_run.nearlift("plan", study.root, "--out", study.out, "--json").stdout)[
-        "stages"
-    ]
+    told = json.loads(
+        small_run.nearlift("run", "--dry-run", study.root, "--out", study.out, "--json").stdout
+    )["stages"]
     assert {s["stage"]: s["stale"] for s in told if s["stage"] in ("ingest", "reduce", "fit")} == {
         "ingest": False,
         "reduce": False,

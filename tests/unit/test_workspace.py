@@ -29,7 +29,7 @@ def test_within_raw_products_go_beside_it(raw, monkeypatch, inside):
     assert nearlift("ingest", campaign, "-q").exit_code == 0
     assert state(raw) == before
     assert (raw.parent / "processed" / "means" / "trials.parquet").is_file()
-    assert nearlift("verify", campaign).exit_code == 0
+    assert nearlift("run", "--check", campaign).exit_code == 0
 
 
 def test_elsewhere_they_go_to_the_current_folder(raw, tmp_path, monkeypatch):

@@ -53,22 +53,6 @@ ABOUT = {
         example="compare rig-a rig-b",
         settings=("out",),
     ),
-    "compare-runs": About(
-        group=AFTERWARDS,
-        summary="What changed between two finished runs of a campaign",
-        text=(
-            "Numbers first, then the manifest's values, options, versions, digests. A and B are"
-            " folders with provenance.json (processed/CAMPAIGN), kept runs"
-            " (processed/CAMPAIGN/history/RUN), or workspaces with one finished campaign each."
-        ),
-        example="compare-runs processed/my-rig ../before/processed/my-rig",
-    ),
-    "completion": About(
-        group=LOOK_UP,
-        summary="The script that completes nearlift's words in a shell",
-        text="Put its output where the shell looks, such as ~/.bash_completion.",
-        example="completion bash",
-    ),
     "data": About(
         group=BEGIN,
         summary="Public measured data: what there is, fetched as a campaign",
@@ -107,13 +91,6 @@ ABOUT = {
         example="design raw/my-rig --write raw/my-rig/planned.csv",
         settings=OPENS,
     ),
-    "doctor": About(
-        group=LOOK_UP,
-        summary="Whether this machine is fit to run nearlift",
-        text="Ends with 2 where it is not.",
-        example="doctor",
-        settings=("out",),
-    ),
     "export": About(
         group=AFTERWARDS,
         summary="What was fitted, in forms that other programs read",
@@ -121,15 +98,15 @@ ABOUT = {
         example="export raw/my-rig --c --netcdf",
         settings=("out", "verbose"),
     ),
-    "history": About(
+    "explain": About(
         group=AFTERWARDS,
-        summary="The kept runs of a campaign, each with its headline",
+        summary="One effect: what this campaign could show of it",
         text=(
-            "Time, digest, and the first coefficient of each boundary as quoted then. The last 20"
-            " that found something new are kept, with their manifests."
+            "What the effect is, what the campaign could detect of it, and what it is confounded"
+            " with. Stages ingest and fit must have run. `diagnose --explain` is the same."
         ),
-        example="history raw/my-rig",
-        settings=("out",),
+        example="explain raw/my-rig supply_sag",
+        settings=OPENS,
     ),
     "inspect": About(
         group=BEGIN,
@@ -138,7 +115,8 @@ ABOUT = {
             "Channel by channel, with the tables of a manifest that read it: [records] of a record,"
             " [piv] of a velocity grid, the schedule's units of a table of means."
         ),
-        example="inspect logs/run-1.csv",
+        example="inspect logs/run-1.csv\ninspect --cuts raw/my-rig",
+        settings=("out",),
     ),
     "new": About(
         group=BEGIN,
@@ -163,36 +141,15 @@ ABOUT = {
         ),
         settings=OPENS,
     ),
-    "plan": About(
-        group=RUN,
-        summary="What is stale and why; runs nothing",
-        example="plan raw/my-rig",
-        settings=OPENS,
-    ),
     "run": About(
         group=RUN,
         summary="Every stage of a campaign that is stale",
         text="Of several campaigns, one after the other, or side by side with processes:N.",
-        example="run raw/my-rig\nrun raw/a raw/b --executor processes:2",
-        settings=COMPUTES,
-    ),
-    "undo": About(
-        group=AFTERWARDS,
-        summary="The manifest of the run before, back in its place",
-        text=(
-            "Only campaign.toml is restored, that of the last kept run which had another; what"
-            " stands there is kept first, and a second `undo` brings it back. Products are stale"
-            " then, until `nearlift run CAMPAIGN`."
+        example=(
+            "run raw/my-rig\nrun raw/a raw/b --executor processes:2\nrun --dry-run raw/my-rig"
+            "\nrun --check raw/my-rig"
         ),
-        example="undo raw/my-rig\nundo raw/my-rig --to 3f9c",
-        settings=("out",),
-    ),
-    "segments": About(
-        group=BEGIN,
-        summary="Where records are cut into trials, with a picture",
-        text="By [segments] of the manifest, before anything is fitted; writes segments.png.",
-        example="segments raw/my-rig",
-        settings=("out",),
+        settings=COMPUTES,
     ),
     "serve": About(
         group=RUN,
@@ -203,13 +160,6 @@ ABOUT = {
             " folder) holds raw/, processed/ and reports/. Needs `nearlift[serve]`."
         ),
         example="serve\nserve ~/lift --port 8765",
-    ),
-    "verify": About(
-        group=AFTERWARDS,
-        summary="Whether inputs and products are what they were",
-        text="Hashes them anew; ends with 4 where one differs from provenance.json.",
-        example="verify raw/my-rig",
-        settings=("out",),
     ),
 }
 

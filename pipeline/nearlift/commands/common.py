@@ -112,6 +112,11 @@ class Call:
         elif not self.quiet:
             click.echo(text.rstrip("\n"))
 
+    def answers(self, kind: str, each: Sequence[tuple[Any, str]]) -> None:
+        """Answer for several files or campaigns; JSON lists them under `kind`, unless it is one."""
+        contents, texts = [content for content, _ in each], [text for _, text in each]
+        self.answer(contents[0] if len(each) == 1 else {kind: contents}, "\n\n".join(texts))
+
     def job(
         self, campaign: Path, executor: str = "", keep: bool = False, planned: bool = False
     ) -> contextlib.AbstractContextManager[Job]:
@@ -145,7 +150,7 @@ def command(function: Callable[..., None], name: str, about: About) -> click.Com
         try:
             if call.out is None:
                 one = [given["campaign"]] if "campaign" in given else []
-                call.out = workspace(given.get("campaigns", one))
+                call.out = workspace(given.get("campaigns") or given.get("files") or one)
             function(call=call, **given)
         except NearliftError as refusal:
             _end(call, refusal, refusal.exit_code, f"error: {refusal}")

@@ -11,6 +11,7 @@ from nearlift.commands.common import DIALECT, Call, declared, dialect_of, padded
 from nearlift.commands.inspection import Inspection, inspect
 from nearlift.commands.manifest_tables import block
 from nearlift.declare import FloatArray
+from nearlift.errors import UsageError
 from nearlift.run.lock import size
 
 #: A series as a line of bars, so wide.
@@ -18,8 +19,8 @@ BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 WIDTH = 24
 #: What to do with a record of many lifts.
 CUT = (
-    "[segments] cuts it, and a row of trials.csv is then a record (`nearlift segments CAMPAIGN`"
-    " draws the cuts before anything is fitted)"
+    "[segments] cuts it, and a row of trials.csv is then a record (`nearlift inspect --cuts"
+    " CAMPAIGN` draws the cuts before anything is fitted)"
 )
 
 
@@ -104,9 +105,28 @@ def as_json(inspected: Inspection) -> dict[str, object]:
 
 
 @declared("inspect")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument(
+    "files", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="FILE..."
+)
 @DIALECT
-def command(call: Call, file: Path, dialect: str) -> None:
-    """Channels, sparklines and the block to paste."""
-    inspected = inspect(file, dialect_of(dialect))
-    call.answer(as_json(inspected), described(inspected))
+@click.option(
+    "--cuts",
+    is_flag=True,
+    help=(
+        "Instead: cut records by [segments] of the manifest and draw them to"
+        " reports/NAME/segments.png. FILE is a campaign's folder or one of its records."
+    ),
+)
+def command(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> None:
+    """Print channels, sparklines and the block to paste; or draw the cuts."""
+    if cuts:
+        from nearlift.commands.cuts import answer
+
+        if dialect:
+            raise UsageError(
+                "--dialect", "was given with --cuts", "write it under [records] of the manifest"
+            )
+        answer(call, files)
+        return
+    inspected = [inspect(file, dialect_of(dialect)) for file in files]
+    call.answers("files", [(as_json(one), described(one)) for one in inspected])

@@ -1,4 +1,6 @@
-"""run: all stages of one campaign or several, once or for as long as it is being recorded."""
+"""run: all stages of one campaign or several, once or while it is being recorded; or what such a
+run would do, or whether files are what they were.
+"""
 
 from __future__ import annotations
 
@@ -6,18 +8,36 @@ import json
 import sys
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import click
 
+from nearlift.cli import no_garbage
 from nearlift.commands.common import Call, declared, end_politely
 from nearlift.commands.stage import execute
-from nearlift.errors import UsageError
+from nearlift.errors import ProductError, UsageError
+from nearlift.run.registry import ORDER
 from nearlift.stages.asked import ROUNDS, AskedQuestion
 
 
 @declared("run")
 @click.argument(
     "campaigns", type=click.Path(path_type=Path), nargs=-1, required=True, metavar="CAMPAIGN..."
+)
+@click.option(
+    "--only",
+    type=click.Choice(ORDER),
+    metavar="STAGE",
+    help=f"Run this stage alone, even if it is up to date: {', '.join(ORDER)}.",
+)
+@click.option("--dry-run", is_flag=True, help="Run nothing; say which stages are stale, and why.")
+@click.option(
+    "--check",
+    is_flag=True,
+    help=(
+        "Run nothing; hash inputs and products, list those that differ from provenance.json,"
+        " and end with 4 if any does."
+    ),
 )
 @click.option(
     "--watch",
@@ -54,13 +74,19 @@ from nearlift.stages.asked import ROUNDS, AskedQuestion
 def command(
     call: Call,
     campaigns: tuple[Path, ...],
+    only: str | None,
+    dry_run: bool,
+    check: bool,
     watch: bool,
     every: float,
-    question: str | None,
-    until: float | None,
-    rounds: float | None,
+    **visits: Any,
 ) -> None:
-    """Once, again and again, or for each of them."""
+    """Run, watch, plan or check the campaigns."""
+    modes = {"--only": bool(only), "--dry-run": dry_run, "--check": check, "--watch": watch}
+    chosen = [mode for mode, asked in modes.items() if asked]
+    if len(chosen) > 1:
+        raise UsageError(chosen[0], f"was given with {chosen[1]}", "choose one of them")
+    question, until, rounds = visits["question"], visits["until"], visits["rounds"]
     given = {"--next": question, "--until": until, "--rounds": rounds}
     first = next((name for name, value in given.items() if value is not None), None)
     if first and not (watch and question):
@@ -69,7 +95,11 @@ def command(
             f"needs {'--watch' if question else '--next'}",
             "`nearlift next` plans the visits of a campaign that nobody watches",
         )
-    if watch:
+    if dry_run:
+        call.answers("campaigns", [planned(call, campaign) for campaign in campaigns])
+    elif check:
+        check_files(call, campaigns)
+    elif watch:
         if len(campaigns) > 1:
             raise UsageError(
                 "--watch",
@@ -80,18 +110,48 @@ def command(
         asked = AskedQuestion.parsed(question, until, share) if question else None
         follow(call, campaigns[0], every, asked)
     elif len(campaigns) == 1:
-        execute(call, campaigns[0])
+        execute(call, campaigns[0], only)
     else:
-        execute_many(call, campaigns)
+        execute_many(call, campaigns, only)
 
 
-def execute_many(call: Call, campaigns: tuple[Path, ...]) -> None:
-    """Run several campaigns, the others where one is refused; ends with the gravest exit code."""
+def planned(call: Call, campaign: Path) -> tuple[dict[str, Any], str]:
+    """Each stage with the reason why it is stale, for machines and in words."""
+    with no_garbage():
+        from nearlift.run import graph, opening  # noqa: F401 - what opens the campaign
+
+    with call.job(campaign) as job:
+        steps = [(stage.name, why) for stage, why in graph.plan(job)]
+    stages = [{"stage": name, "stale": bool(why), "why": why} for name, why in steps]
+    lines = (f"{name:<8} {'run: ' + why if why else 'up to date'}" for name, why in steps)
+    return {"campaign": job.campaign.name, "stages": stages}, "\n".join(lines)
+
+
+def check_files(call: Call, campaigns: tuple[Path, ...]) -> None:
+    """List the files that differ from provenance.json; ends with 4 if any does."""
+    from nearlift.manifest import campaign as manifests
+    from nearlift.run.check import differences
+
+    answers, any_differs = [], False
+    for campaign in campaigns:
+        given = manifests.load(campaign)
+        checked, differing = differences(campaign, call.out, given)
+        same = f"{checked - len(differing)} of {checked} files are what they were"
+        content = {"campaign": given.name, "checked": checked, "differing": differing}
+        answers.append((content, "\n".join([*differing, same])))
+        any_differs |= bool(differing)
+    call.answers("campaigns", answers)
+    if any_differs:
+        sys.exit(ProductError.exit_code)
+
+
+def execute_many(call: Call, campaigns: tuple[Path, ...], only: str | None) -> None:
+    """Run several campaigns, the others where one is refused; ends with the most serious code."""
     from nearlift.run import many
 
     ends = []
     with call.busy(f"nearlift: {len(campaigns)} campaigns"):
-        for end in many.run(campaigns, call.out, call.executor, call.seed):
+        for end in many.run(campaigns, call.out, call.executor, call.seed, only):
             call.line(f"{end.campaign:<24}{end.words}")
             ends.append(end)
             call.progress(

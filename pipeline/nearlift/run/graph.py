@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from nearlift.run import history
-from nearlift.run.declarations.fit import RESULTS
 from nearlift.run.job import Job, Outcome
 from nearlift.run.lock import locked, require_free_space, swept
 from nearlift.run.provenance import Provenance
@@ -61,20 +59,10 @@ def run(
     wanted: Sequence[Stage] = STAGES,
     begin: Callable[[Stage, str], None] = lambda s, w: None,
     force: bool = False,
-    keep: bool = True,
 ) -> Iterator[Step]:
-    """Bring the wanted stages up to date, in order; yields what happened to each. What they found
-    is kept in the campaign's `history`, unless told otherwise: a campaign that grows would fill it.
-    """
-    asked = history.manifest_of(job)
-    ran: list[Stage] = []
+    """Bring the wanted stages up to date, in order; yields what happened to each."""
     with contextlib.ExitStack() as held:
-        for step in _run(job, wanted, begin, force, held):
-            ran += [step.stage] if step.why else []
-            yield step
-        if keep and any(RESULTS in item.writes for item in wanted):
-            wrote = any(RESULTS in item.writes for item in ran)
-            history.remember(job, asked, wrote, alone=bool(ran))
+        yield from _run(job, wanted, begin, force, held)
 
 
 def _run(

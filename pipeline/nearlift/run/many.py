@@ -49,8 +49,10 @@ class End:
     cpu_s: float = 0.0
 
 
-def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[End]:
-    """Run each campaign, in the order given; ends come as they are known.
+def run(
+    roots: Sequence[Path], out: Path, executor: str, seed: int, only: str | None = None
+) -> Iterator[End]:
+    """Run each campaign, or one stage of each, in the order given; ends come as they are known.
 
     Raises
     ------
@@ -62,7 +64,7 @@ def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[
     # the workers of a cluster have current folders of their own
     there = Path.absolute if executor.startswith("dask") else Path
     inner = "serial" if apart else executor
-    task = functools.partial(run_one, out=str(there(out)), executor=inner, seed=seed)
+    task = functools.partial(run_one, out=str(there(out)), executor=inner, seed=seed, only=only)
     places = [str(there(root)) for root in roots]
     if apart:
         with open_executor(executor) as pool:
@@ -71,16 +73,17 @@ def run(roots: Sequence[Path], out: Path, executor: str, seed: int) -> Iterator[
         yield from map(task, places)
 
 
-def run_one(root: str, out: str, executor: str, seed: int) -> End:
+def run_one(root: str, out: str, executor: str, seed: int, only: str | None = None) -> End:
     """Run one campaign, of plain values that any process can be sent; a refusal is an answer like
     any other.
     """
+    wanted = graph.STAGES if only is None else (graph.stage(only),)
     start, used = time.perf_counter(), time.process_time()
     name, ran, rejected = root, [], 0
     try:
         with open_job(Path(root), Path(out), executor, seed) as job:
             name = job.campaign.name
-            for step in graph.run(job):
+            for step in graph.run(job, wanted, force=only is not None):
                 rejected += len(step.outcome.rejected)
                 ran += [step.stage.name] if step.why else []
     except NearliftError as refusal:

@@ -227,7 +227,7 @@ def _require(path: Path) -> None:
         raise ProductError(
             str(path),
             "is missing",
-            "run the stage that writes it (`nearlift plan CAMPAIGN` says which)",
+            "run the stage that writes it (`nearlift run --dry-run CAMPAIGN` says which)",
         )
 
 

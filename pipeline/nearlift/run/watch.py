@@ -135,7 +135,7 @@ def _round(
     pending = False
     try:
         with open_job(root, out, executor, seed, say) as job:
-            for step in graph.run(job, stages, keep=False):
+            for step in graph.run(job, stages):
                 ran += [step.stage.name] if step.why else []
                 pending |= any(reason.startswith("PENDING") for _, reason in step.outcome.rejected)
             quality = job.read(TRIALS)["quality"]

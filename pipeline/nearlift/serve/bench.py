@@ -6,6 +6,7 @@ Nothing is kept but the files that the command line uses, and in memory what com
 from __future__ import annotations
 
 import os
+import re
 import secrets
 import shlex
 import signal
@@ -19,7 +20,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nearlift.errors import NearliftError, UsageError
+from nearlift.errors import ManifestError, NearliftError, UsageError
 
 if TYPE_CHECKING:
     from nearlift.run.transaction import Homes
@@ -134,12 +135,11 @@ class ServedWorkspace:
         NotThere
             There is none.
         """
-        from nearlift.run import history
         from nearlift.run.transaction import Homes
 
         root = self.root_of(given)
         relative = root.relative_to(self.root).as_posix()
-        name = history.name_of(root / MANIFEST)
+        name = name_of(root / MANIFEST)
         if not name.strip("."):
             raise NotThere(given, f"cannot be called {name!r}", "mend `name` in its manifest")
         return ServedCampaign(
@@ -258,3 +258,20 @@ class ServedWorkspace:
         """End what is still running."""
         for work in self.works.values():
             work.cancel()
+
+
+def name_of(path: Path) -> str:
+    """The campaign's name in a manifest that may be broken elsewhere.
+
+    Raises
+    ------
+    ManifestError
+        There is no manifest, or no name above its first table.
+    """
+    if not path.is_file():
+        raise ManifestError(str(path), "is missing", "name the campaign's folder")
+    head = re.split(r"^\s*\[", path.read_text(errors="replace"), maxsplit=1, flags=re.MULTILINE)[0]
+    match = re.search(r"""^\s*name\s*=\s*["'](\w[\w.-]*)["']""", head, re.MULTILINE)
+    if match is None:
+        raise ManifestError(str(path), "names no campaign", 'say `name = "..."` above its tables')
+    return match[1]

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from nearlift.errors import NearliftError, UsageError
+from nearlift.errors import NearliftError
 from nearlift.serve.answers import TEXT, PageAnswer, PageQuery, as_json, see
 from nearlift.serve.bench import MANIFEST, NotThere, ServedCampaign, ServedWorkspace, command_line
 from nearlift.serve.gate import POLICY
@@ -79,35 +79,6 @@ def campaigns(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     return page(workspace, "campaigns", "Campaigns", rows=rows, works=works)
 
 
-def past(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
-    """The kept runs of a campaign."""
-    from nearlift.run import history
-    from nearlift.run.lock import settled
-
-    place = workspace.campaign(query.one("campaign"))
-    settled(place.homes)
-    kept = [
-        {"folder": f"processed/{place.name}/history/{folder.name}", "run": history.read(folder)}
-        for folder in history.folders(place.homes)
-    ]
-    command = command_line(("history", place.given))
-    return page(
-        workspace, "history", f"History of {place.name}", place=place, runs=kept, cmd=command
-    )
-
-
-def difference(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
-    """What changed between two runs."""
-    both = query.all("run")
-    if len(both) != 2:
-        raise UsageError("runs", f"{len(both)} were chosen", "choose two")
-    for folder in both:
-        workspace.inside(folder)
-    words = ("compare-runs", *both)
-    text = workspace.ask(words)
-    return page(workspace, "text", "Two runs", text=text, cmd=command_line(words))
-
-
 def begin(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
     """A command that takes its time."""
     what, title, result, campaign = query.one("do"), "", "", ""
@@ -121,7 +92,11 @@ def begin(workspace: ServedWorkspace, query: PageQuery) -> PageAnswer:
         return see("/live", campaign=place.given)
     elif what in ("run", "verify", "segments"):
         place = workspace.campaign(query.one("campaign"))
-        words = (what, place.given, *(("-v",) if what == "run" else ()))
+        words = {
+            "run": ("run", place.given, "-v"),
+            "verify": ("run", "--check", place.given),
+            "segments": ("inspect", "--cuts", place.given),
+        }[what]
         title, campaign = f"{what} {place.name}", place.given
         result = {
             "run": f"/report?campaign={quote(place.given)}",
@@ -358,8 +333,6 @@ def static(name: str) -> PageAnswer:
 #: By method and path.
 PAGES: dict[tuple[str, str], Handler] = {
     ("GET", "/"): campaigns,
-    ("GET", "/history"): past,
-    ("GET", "/difference"): difference,
     ("GET", "/work"): work,
     ("GET", "/report"): report,
     ("GET", "/live"): live,

@@ -244,7 +244,7 @@ def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str
     remark = (
         f"the record of {trial}{more} {first.words}; to cut it into trials write {RECORD_MARK} for"
         f" {MARK} in [records] files, call the column of ids in {job.campaign.trials.file} record,"
-        f" and add\n{first.segments}`nearlift segments CAMPAIGN` then draws where it is cut"
+        f" and add\n{first.segments}`nearlift inspect --cuts CAMPAIGN` then draws where it is cut"
     )
     return [remark]
 

@@ -1,24 +1,25 @@
-"""segments: where the records of a campaign are cut, drawn before anything is fitted."""
+"""Where records are cut into trials by [segments] of the manifest, drawn before any fit."""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
 from nearlift import readers
-from nearlift.commands.common import CAMPAIGN, Call, declared
-from nearlift.errors import ManifestError
+from nearlift.commands.common import Call
+from nearlift.errors import ManifestError, UsageError
 from nearlift.manifest import campaign as manifests
 from nearlift.readers import segments
 from nearlift.readers.files import per_trial
 from nearlift.readers.schedule import read_schedule
 from nearlift.readers.segments import Segmented
 
-PICTURE = "segments.png"
+MANIFEST, PICTURE = "campaign.toml", "segments.png"
 
 
 def cuts_document(record: Segmented, rate_Hz: float) -> dict[str, object]:
-    """What one record was cut into, for machines."""
+    """The pieces of one record, for machines."""
     return {
         "record": record.record.trial,
         "codes": list(record.record.codes),
@@ -40,7 +41,7 @@ def cuts_document(record: Segmented, rate_Hz: float) -> dict[str, object]:
 
 
 def described(records: list[dict[str, Any]]) -> list[str]:
-    """The same in words: a line for each record, and one for each of its pieces."""
+    """A line for each record, and one for each of its pieces."""
     lines = []
     for record in records:
         lines.append(
@@ -61,11 +62,18 @@ def described(records: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
-@declared("segments")
-@CAMPAIGN
-def command(call: Call, campaign: Path) -> None:
-    """The pieces of every record, and the picture of the first ones."""
-    from nearlift.report import segments_preview
+def cuts(call: Call, campaign: Path, files: Collection[Path] = ()) -> tuple[dict[str, Any], str]:
+    """Cut the records of a campaign, or only these files of it; draw the first ones to
+    reports/<name>/segments.png. Returns the answer for machines and in words.
+
+    Raises
+    ------
+    ManifestError
+        The manifest has no [segments].
+    UsageError
+        A file is no record of the campaign.
+    """
+    from nearlift.report.figures.cuts import picture
 
     given = manifests.load(campaign)
     rate = given.load_cell.sample_rate
@@ -77,15 +85,51 @@ def command(call: Call, campaign: Path) -> None:
         )
     reader = readers.reader(given.records.reader)
     segments.format_of(reader).checked_dialect(given.records.dialect)
-    ids = read_schedule(given, campaign).trial.tolist()
+    found = per_trial(given, campaign, read_schedule(given, campaign).trial.tolist())
+    paths = {record: path for record, (path, _) in found.items()}
+    if files:
+        known = {path.resolve(): record for record, path in paths.items()}
+        for file in files:
+            if file.resolve() not in known:
+                raise UsageError(
+                    str(file),
+                    f"is no record of {campaign}",
+                    f"list it in {given.trials.file}, or check [records] files",
+                )
+        paths = {known[file.resolve()]: file for file in files}
     records = [
-        segments.read(given, campaign, reader, record, path)
-        for record, (path, _) in per_trial(given, campaign, ids).items()
+        segments.read(given, campaign, reader, record, path) for record, path in paths.items()
     ]
     contents = [cuts_document(record, rate) for record in records]
     place = call.out / "reports" / given.name / PICTURE
     place.parent.mkdir(parents=True, exist_ok=True)
-    place.write_bytes(segments_preview.picture(records, rate))
-    call.answer(
-        {"picture": str(place), "records": contents}, "\n".join([*described(contents), str(place)])
+    place.write_bytes(picture(records, rate))
+    answer = {"campaign": given.name, "picture": str(place), "records": contents}
+    return answer, "\n".join([*described(contents), str(place)])
+
+
+def campaign_of(path: Path) -> Path:
+    """The folder above a file that holds its campaign's manifest.
+
+    Raises
+    ------
+    UsageError
+        No folder above it does.
+    """
+    for folder in path.absolute().parents:
+        if (folder / MANIFEST).is_file():
+            return folder
+    raise UsageError(
+        str(path), "belongs to no campaign", f"put it in a folder with a {MANIFEST} that lists it"
     )
+
+
+def answer(call: Call, paths: Sequence[Path]) -> None:
+    """Draw the cuts of each campaign, and of each file as a record of its campaign."""
+    wanted: dict[Path, list[Path]] = {}
+    for path in paths:
+        if path.is_dir():
+            wanted[path] = []
+        else:
+            wanted.setdefault(campaign_of(path), []).append(path)
+    call.answers("campaigns", [cuts(call, campaign, files) for campaign, files in wanted.items()])

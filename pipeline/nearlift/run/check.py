@@ -1,14 +1,11 @@
-"""Whether every input and product of a campaign is still what provenance.json says."""
+"""Comparison of a campaign's inputs and products with the digests in provenance.json."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
-from nearlift.commands.common import CAMPAIGN, Call, declared
 from nearlift.errors import ProductError
-from nearlift.manifest import campaign as manifests
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROVENANCE
 from nearlift.run import store
@@ -19,8 +16,7 @@ from nearlift.run.transaction import Homes
 
 
 def differences(root: Path, out: Path, campaign: Campaign) -> tuple[int, list[str]]:
-    """Number of entries that provenance.json has, and those that are not what it says, with what
-    they are.
+    """Number of entries in provenance.json, and a line for each whose digest differs.
 
     An entry is a file, or all velocity grids of one case.
 
@@ -71,14 +67,3 @@ def _difference(path: Path, sha: str) -> list[str]:
     if not path.is_file():
         return [f"{path}: is missing"]
     return [] if store.sha256(path) == sha else [f"{path}: is not what it was"]
-
-
-@declared("verify")
-@CAMPAIGN
-def command(call: Call, campaign: Path) -> None:
-    """What differs, and 4 if anything does."""
-    checked, differing = differences(campaign, call.out, manifests.load(campaign))
-    same = f"{checked - len(differing)} of {checked} files are what they were"
-    call.answer({"checked": checked, "differing": differing}, "\n".join([*differing, same]))
-    if differing:
-        sys.exit(4)

@@ -1,6 +1,4 @@
-"""The preview of records that are cut into trials: force against time, what is kept shaded, before
-anything is fitted.
-"""
+"""Picture of records that are cut into trials: force against time, kept pieces shaded."""
 
 from __future__ import annotations
 
