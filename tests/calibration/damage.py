@@ -353,7 +353,7 @@ Made by `python -m tests.calibration.damage`; `make calibrate` holds the promise
 - No flipped bit passes in our own products.
 - In outside formats without a check sum a flipped bit cannot be seen *before* ingest, unless a `SHA256SUMS` beside the records states what they were
   ([formats.md](formats.md)). From ingest on it can: the SHA-256 of every input is kept, a remembered one is checked before the file is read again,
-  and `nearlift verify` checks all.
+  and `nearlift run --check` checks all.
 
 | format | read by | cut: refused | marked | short | wrong | intact | bit: refused | marked | short | wrong | intact |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|

@@ -525,6 +525,18 @@ def test_a_word_that_is_no_command_gets_what_may_be_meant(word, hint):
     assert f"No such command '{word}': {hint}" in found.stderr
 
 
+@pytest.mark.parametrize(
+    ("words", "completed"), [("nearlift expl", "plain,explain"), ("nearlift run --dr", "--dry-run")]
+)
+def test_click_completes_commands_and_options(words, completed):
+    env = {
+        "_NEARLIFT_COMPLETE": "bash_complete",
+        "COMP_WORDS": words,
+        "COMP_CWORD": str(words.count(" ")),
+    }
+    assert completed in CliRunner().invoke(main, env=env, prog_name="nearlift").stdout
+
+
 def test_quiet_is_quiet_everywhere(raw):
     for words in (
         ("describe",),

@@ -172,7 +172,6 @@ ELSEWHERE = {
     "nearlift ingest",
     "nearlift next",
     "nearlift next --for",
-    "nearlift run FILE",
     "nearlift inspect --cuts CAMPAIGN",
 }
 

@@ -153,7 +153,7 @@ class Evidence:
 
 
 def _missing(product: Product) -> ProductError:
-    remedy = "run the stage that writes it (`nearlift plan CAMPAIGN` says which)"
+    remedy = "run the stage that writes it (`nearlift run --dry-run CAMPAIGN` says which)"
     return ProductError(product.file, "is missing", remedy)
 
 
