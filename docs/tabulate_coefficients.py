@@ -13,40 +13,25 @@ from nearlift.results.serial import decode
 
 HEAD = """# Coefficients of measured and blind campaigns
 
-    nearlift run ../shared/... --out OUT
-    python docs/tabulate_coefficients.py OUT NAME ...
-
-`pitt-ras-2017` is measured (one rotor, nine throttle sweeps at four distances); the blind campaigns are simulated by others,
-with unknown effects inside, or none. Nothing was tuned on them. These are the coefficients of the *base* models as they
-are, before any effect that the diagnosis may name ([what it names](campaigns.md)): where the residuals hold an effect,
-neither column is the truth, since the interval knows the budget and the scatter of repeats, and no more.
-
-`pitt-ras-2017` has nine visits of one distance each: what a visit's trials have in common is told by how the nine scatter about
-the curve, and k by next to nothing. Leaving one visit out at a time gives k = -2.8 (90 %: -11.5 to 5.9), wider still,
-since the one visit near the ground bears most of k.
-
-Every interval is 90 %. *Chi2/dof* far above one says that the base model, not the noise, is at fault. *Over the
-exponents* is the range of the least-squares value over the quantities that a trial may hold constant (the ratio raised to
-1, 0.82, 2/3, 0.60; [why](assumptions.md)), wider than any interval beside it. A dash: no posterior was drawn.
+Made by `python docs/tabulate_coefficients.py OUT NAME ...` from finished runs. `pitt-ras-2017` is measured (one rotor, nine throttle sweeps at four distances). The blind campaigns were simulated by others, with unknown
+effects or none; nothing was tuned on them. These are *base* models, before any [named effect](campaigns.md): where the residuals hold one, the values are biased. `pitt-ras-2017` has nine visits of one distance each; the jackknife over
+them gives k = -2.8 (90 %: -11.5 to 5.9). Intervals are 90 %. *Over the exponents* is the range of least-squares values for the ratio raised to 1, 0.82, 2/3, 0.60 ([why](assumptions.md#held-quantity)).
 
 | campaign | base model | coefficient | least squares | posterior | chi2/dof | over the exponents |
 |---|---|---|---|---|---|---|
 """
 BUDGET = """
-## Where the uncertainty comes from
+## Budget
 
-What u would be, over what it is, if one source were known exactly; A from repeats, B declared or taken for granted. Of the
-coefficients that are [quoted](results.md). Sources that would save less than half a per cent are left out.
+u without one source, over u, of the [quoted](results.md) coefficients; A from repeats, B stated or assumed. Sources of less than half a per cent are left out.
 
 | campaign | coefficient | verdict | u | dof | sources |
 |---|---|---|---|---|---|
 """
 COLLAPSE = """
-## Does relative lift depend on throttle?
+## Dependence on throttle
 
-Chance of data as uneven if it does not: one coefficient per throttle against one for all, one scale of the curve per
-throttle, and cells with no model at all; and the largest difference between two throttles that 95 % confidence cannot
-exclude, as a share of the coefficient and of Delta L.
+p-values of three [tests](assumptions.md#throttle), and the largest difference between two throttles that 95 % confidence does not exclude, as a share of the coefficient and of Delta L.
 
 | campaign | per throttle, p | scale, p | cells, p | coefficient, at most | Delta L, at most |
 |---|---|---|---|---|---|

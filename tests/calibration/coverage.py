@@ -342,22 +342,12 @@ def clopper_pearson(count: int, n: int) -> tuple[float, float]:
     return float(low), float(high)
 
 
-PAGE = """## Shared errors that are declared
+PAGE = """## Stated shared errors
 
     nice python -m tests.calibration.coverage --n {n} --rows out/coverage.jsonl
 
-wrote this section (0.1 s of one core for each campaign; `--rows` keeps finished ones, so an interrupted run goes on).
-`make calibrate` asserts what it says, `make test` a smaller version, and both assert that a likelihood that forgets
-what is shared fails the same test.
-
-### Assumptions
-
-{n} simulated campaigns of each boundary and each datum, by the referee of [calibration](calibration.md), whose forms
-share no code with the library: 10 stations from one radius (0.12 at the ceiling, 0.15 at the sidewall) to 25 (12), 4
-throttles, 4 visits, 160 trials in four sessions; coefficients drawn within 20 % of the published ones; records of
-0.26 s at 1000 Hz with tare, tone and coloured noise; Gaussian scatter of trials (0.3 to 0.6 %), of force (0.1 to 0.5 mN)
-and of the height of a visit (0.02 to 0.1 mm, through the curve itself). On top, drawn once per element and shared by
-all its trials:
+{n} simulated campaigns of each boundary and each datum, by the independent simulator of [calibration](calibration.md): 10 stations from one radius (0.12 at the ceiling, 0.15 at the sidewall) to 25 (12), 4 throttles, 4
+visits, 160 trials in four sessions; scatter of trials (0.3 to 0.6 %), of force (0.1 to 0.5 mN) and of visit heights (0.02 to 0.1 mm). In addition, drawn once per element, and stated in the manifest:
 
 | Error | Standard uncertainty | Shared by |
 |---|---|---|
@@ -366,30 +356,15 @@ all its trials:
 | distance datum | 0.2 mm or 0.5 mm | boundary |
 | load cell's departure from its line | 1.5 gf at 1 kgf (half-width, uniform), with the square of force | campaign |
 
-The manifest declares exactly these. Nothing else is wrong.
-
-### Algorithm
-
-Records, reduced by the library, are fitted in three ways: *nearlift* with the declared budget; *shared ignored*, the
-same likelihood and the same noise without the budget; *lmfit*, as it is commonly used: `lmfit.Model(...).fit` on
-Delta L per cell over the farthest station, each cell an error of its own, its standard error times normal quantiles.
-Seeds from {first} on are for reporting; others were used to try things out.
-
-### Measured
-
-Share of nearlift's intervals that hold the truth at either datum and at both, with its 95 % interval (Clopper and
-Pearson), and the other two ways' at both. By chance (99 %) a share of 68 % lies between {low68:.1%} and {high68:.1%}
-over {n} campaigns, one of 90 % between {low90:.1%} and {high90:.1%}, one of 95 % between {low95:.1%} and {high95:.1%};
-over both together between {low68b:.1%} and {high68b:.1%}, {low90b:.1%} and {high90b:.1%}, {low95b:.1%} and {high95b:.1%}.
+*nearlift* has the stated budget; *shared ignored* is the same likelihood without it; *lmfit* is `lmfit.Model(...).fit` on Delta L per cell over the farthest station, with independent errors. Share of intervals that hold
+the truth, with Clopper-Pearson 95 % limits. By chance (99 %) a share of 68 % is between {low68:.1%} and {high68:.1%} over {n} campaigns, one of 90 % between {low90:.1%} and {high90:.1%}, one of 95 % between {low95:.1%} and
+{high95:.1%}; over both datums between {low68b:.1%} and {high68b:.1%}, {low90b:.1%} and {high90b:.1%}, {low95b:.1%} and {high95b:.1%}.
 
 {table}
-Stated uncertainty (median) beside actual error (root mean square); pull is (estimate - truth) / stated of nearlift,
-whose mean should be 0 and whose standard deviation 1:
+Stated uncertainty (median) and actual error (rms). Pull is (estimate - truth) / stated; its mean should be 0 and its standard deviation 1:
 
 {errors}
-The gain per throttle moves nothing: campaigns with and without it, declared or not, give coefficients that differ by
-less than a twentieth of their uncertainty (`test_a_gain_per_throttle_moves_no_coefficient`), since L_inf is free per
-throttle.
+The gain per throttle moves no coefficient, since L_inf is free per throttle (`test_a_gain_per_throttle_moves_no_coefficient`).
 {remarks}"""
 
 
@@ -436,18 +411,9 @@ def tables(rows: list[Row]) -> tuple[str, str]:
     return first, second
 
 
-REMARKS = """
-### What was found on the way
-
-With a height error carried by the slope of the curve alone, a datum of 0.5 mm at the ceiling's nearest stations (2.8 mm
-from it) is no first-order matter: 15 campaigns gave pulls of mean -1.9 and standard deviation 2.6, and the 90 %
-interval held the truth in two of three. The library now judges each height error by its second order, and integrates over
-one that the slope does not carry ([how](stages/fit.md)); the figures above are with that.
-
-The sidewall's lambda is covered a little too often: 94.2 % at 90 % over both lies just above the 99 % band for it (93.2 %), on the wide
-side, and its pulls have a standard deviation of 0.89. Its curve is so flat that repeats tell next to nothing of the height's scatter, and in these
-records visits share nothing else; sizes that cannot be negative then err upward, which is the likely cause. Twelve such figures together
-leave their bands by chance in one run of nine.
+REMARKS = """\
+The ceiling needs the [integral over the height error](uncertainty.md#height-errors): by the slope alone the 90 % interval held the truth in two of three of 15 campaigns. The sidewall's lambda is covered slightly too often; its
+flat curve hardly determines the scatter of heights.
 """
 
 

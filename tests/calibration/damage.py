@@ -344,16 +344,13 @@ def page(found: dict[tuple[str, str, str], Counter[str]]) -> str:
     """docs/damage.md."""
     head = f"""# Damaged files
 
-{SAMPLES} samples, written in each format; {TRIES} copies cut at random places and {TRIES} with one bit flipped, each read by nearlift and by
-the usual library. *Refused*: an error, or the trial is rejected. *Marked*: read, with a quality code that says that the record is not whole.
-*Short*: fewer samples, and nothing tells. *Wrong*: other numbers, and nothing tells. *Intact*: the bit or the cut did not touch the samples.
-Made by `python -m tests.calibration.damage`; `make calibrate` holds the promises below.
+{SAMPLES} samples in each format; {TRIES} copies cut at random places and {TRIES} with one bit flipped, each read by nearlift and by the usual library. *Refused*: an error, or
+the trial is rejected. *Marked*: read, with a quality code. *Short* and *wrong*: fewer samples or other numbers, undetected. *Intact*: the samples are unchanged.
+Made by `python -m tests.calibration.damage`; `make calibrate` tests these promises:
 
-- A cut file is never silently short where its format carries a length or a sum, or where `[load_cell] record` says how long it should be.
-- No flipped bit passes in our own products.
-- In outside formats without a check sum a flipped bit cannot be seen *before* ingest, unless a `SHA256SUMS` beside the records states what they were
-  ([formats.md](formats.md)). From ingest on it can: the SHA-256 of every input is kept, a remembered one is checked before the file is read again,
-  and `nearlift run --check` checks all.
+- A cut file is never short undetected if its format has a length or a checksum, or `[load_cell] record` states the length.
+- No flipped bit passes in nearlift's own products.
+- In outside formats without a checksum a flipped bit is detectable only by a [`SHA256SUMS`](formats.md#checksums). After ingest, the SHA-256 of every input detects it; `nearlift run --check` hashes all.
 
 | format | read by | cut: refused | marked | short | wrong | intact | bit: refused | marked | short | wrong | intact |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|
@@ -376,13 +373,10 @@ def rows_page(found: dict[tuple[str, str], Counter[str]]) -> str:
     """The section of docs/damage.md on bytes and sectors."""
     head = f"""## From bytes to a row
 
-A record of {records.TARE} and {records.LIVE} samples in each format; {records.FLIPS} copies with one byte replaced and
-{records.SECTORS} with one sector of {records.SECTOR} bytes zeroed, replaced by noise or by that of another place, each read and
-reduced as by `nearlift ingest`. Every one has a row, whatever it holds; no exception escapes. *Within u*: nothing tells, and the lift is
-that of the whole file to within its own standard error. *Silent*: nothing tells, and it is not. Time is the mean over all copies of a
-format, on a busy machine; of `text` it is that of finding the dialect anew in each file.
+A record of {records.TARE} and {records.LIVE} samples in each format; {records.FLIPS} copies with one byte replaced and {records.SECTORS} with one damaged sector of {records.SECTOR} bytes, each reduced as by `nearlift ingest`. Every
+copy gets a row. *Reported*: by a quality code. *Within u*: undetected, and the lift is right within its standard error. *Silent*: undetected and wrong.
 
-| format | byte: rejected | told | within u | silent | sector: rejected | told | within u | silent | ms a file |
+| format | byte: rejected | reported | within u | silent | sector: rejected | reported | within u | silent | ms a file |
 |---|--:|--:|--:|--:|--:|--:|--:|--:|--:|
 """
     rows = []
@@ -398,11 +392,10 @@ def tare_page(folder: Path, alarms: int) -> str:
     """The section of docs/damage.md on the tare."""
     head = """## The tare
 
-100 glitches of each kind in a tare of 2 s at 1000, 100, 20 and 4 Hz: lift 0.2 N, white noise of 2 mN. *Silent*: no code tells, and
-the lift is off by more than its own standard error; the largest shift that nothing tells, in units of it, stands beside. No damage is
-longer than a third of the tare: what spoils more of it, or all, is for the screening of trials to see.
+100 glitches of each kind in a tare of 2 s at 1000, 100, 20 and 4 Hz: lift 0.2 N, white noise of 2 mN. *Silent*: no code, and the lift is off by more than its standard error. The last
+column is the largest undetected shift. No damage is longer than a third of the tare.
 
-| glitch | samples | told | of these rejected | silent | largest untold |
+| glitch | samples | reported | of these rejected | silent | largest undetected shift |
 |---|--:|--:|--:|--:|--:|
 """
     rows = []
@@ -415,10 +408,10 @@ longer than a third of the tare: what spoils more of it, or all, is for the scre
             )
     told, most = records.on_the_coefficient(folder)
     middle = f"""
-A tare of fewer than 20 samples shows damage of single samples only, and ingest notes it; a single sample that nothing tells is then worth u itself.
+A tare of fewer than 20 samples reveals single damaged samples only, and ingest notes it.
 
-In a campaign of 112 trials one tare was damaged, {told.tries} times over: {told.told} were told, {told.rejected} of them rejected. `K_b`
-moved by at most {told.largest:.2g} of its u where nothing told, by at most {most:.2g} u where something did.
+In a campaign of 112 trials one tare was damaged, {told.tries} times over: {told.told} were reported, {told.rejected} of them rejected. `K_b` moved by at most {told.largest:.2g} of its u undetected, by at
+most {most:.2g} u where reported.
 
 Clean tares that are flagged, of {alarms} each:
 

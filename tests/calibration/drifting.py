@@ -57,7 +57,7 @@ def campaign(job: Job) -> Row:
 def table(executor: Executor, n: int, first: int) -> str:
     """A line for each correlation: `n` campaigns at every boundary."""
     text = (
-        "| correlation of neighbouring trials | 90 % intervals that hold | width over ideal: 10,"
+        "| correlation of successive trials | 90 % intervals that hold | width over ideal: 10,"
         " 50, 90 % of campaigns |\n|---|---|---|\n"
     )
     for correlation in CORRELATIONS:
@@ -76,9 +76,7 @@ SECTION = """## Noise that drifts between trials
 
     nice python -m tests.calibration.drifting --n {n}
 
-{count} campaigns a line, {n} at each boundary, of 400 or 1200 trials without effects, whose relative errors
-are first-order from trial to trial. Ideal is generalised least squares with the covariance that they were drawn
-from.
+{count} campaigns a line, {n} at each boundary, of 400 or 1200 trials without effects, with first-order relative errors from trial to trial. Ideal is generalised least squares with the true covariance.
 
 {table}
 """

@@ -112,7 +112,7 @@ def table(rows: dict[str, list[Row]]) -> str:
         "68%",
         "90%",
         "95%",
-        "90%, visits' share left out",
+        "90%, visit scatter left out",
         "stated / actual",
         "half-width of 90 % / 1.645 actual",
     ]
@@ -138,13 +138,10 @@ SECTION = """## Few visits
 
     nice python -m tests.calibration.few --n {n}
 
-{n} campaigns of each design and boundary, records as above, one session, no declared error; each visit runs the four throttles once, and its
-trials share a gain error of 0.5 % that no manifest declares. By chance (99 %) a share of 90 % over {n} lies above {low:.0%}.
+{n} campaigns of each design and boundary, records as above, one session, nothing stated. Each visit runs the four throttles once; its trials share an unstated gain error of 0.5 %. By chance (99 %) a share of 90 % over
+{n} is above {low:.0%}. Intervals hold slightly less often than stated, since few visits hardly determine their scatter.
 
-{table}
-A handful of visits hardly tells what they share, nor how it is parted from the scatter of single trials: intervals hold a little less often
-than they say.
-"""
+{table}"""
 
 
 def main() -> None:

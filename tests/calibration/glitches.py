@@ -299,7 +299,7 @@ def glitched(executor: Executor, share: int = 1) -> Iterator[Row]:
 def section(rows: list[Row], nulls: list[tuple[str, int, int]]) -> str:
     """Two tables in Markdown."""
     lines = [
-        "| glitch | trials | told | moves the headline by more than u | of these not told |",
+        "| glitch | trials | reported | moves the headline by more than u | of these not reported |",
         "|---|--:|--:|--:|--:|",
     ]
     for name in dict.fromkeys(name for name, _, _ in GLITCHES):

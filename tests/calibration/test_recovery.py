@@ -203,14 +203,10 @@ def test_intervals_cover_as_often_as_they_say(executor):
     check(run(executor, int(os.environ.get("NEARLIFT_RECOVERY_N", "200"))), 0.99)
 
 
-PAGE = """# Recovery: does the interval on K_b hold the truth as often as it says?
+PAGE = """# Recovery of K_b
 
-`python -m tests.calibration.test_recovery --n {n:.0f}` wrote this page in {seconds:.0f} s.
-`make calibrate` asserts what it says, `make test` a smaller version.
-
-{n:.0f} simulated campaigns above the ground, {stations} stations x {throttles} throttles x {visits} visits, records of {record:g} s at
-1000 Hz with their tare, each with its own K_b (within 20 % of 2), 0.5 % of scatter from trial to trial and 0.05 mm from visit to visit.
-Each was written to disk, ingested, reduced and fitted as any campaign is; nothing in them is wrong.
+{n:.0f} simulated campaigns above the ground, {stations} stations x {throttles} throttles x {visits} visits, records of {record:g} s at 1000 Hz, each with its own K_b (within 20 % of 2), 0.5 % of scatter from trial to trial and 0.05 mm from
+visit to visit. Each is written to disk, ingested, reduced and fitted (`python -m tests.calibration.test_recovery --n {n:.0f}`, {seconds:.0f} s; `make calibrate` tests it).
 
 | | nearlift: trials, L_inf free | ratio fit | the same, careful |
 |---|---|---|---|
@@ -221,12 +217,8 @@ Each was written to disk, ingested, reduced and fitted as any campaign is; nothi
 | (estimate - truth) / stated, mean | {cover_pull:+.2f} | {naive_pull:+.2f} | {careful_pull:+.2f} |
 | the same, standard deviation | {cover_pull_sd:.2f} | {naive_pull_sd:.2f} | {careful_pull_sd:.2f} |
 
-By chance (99 % bands) a share of 68 % lies between {low_68:.1%} and {high_68:.1%} over so many campaigns, one of 90 % between
-{low_90:.1%} and {high_90:.1%}, and a mean of zero within {pull_limit:.2f} either way.
-
-The *ratio fit* is what papers do: Delta L = (L - L_inf) / L_inf per cell, with L_inf the mean of the farthest station (z_hat = {far:g}), then
-ordinary least squares as if each cell erred on its own. Its farthest station still feels the ground, which biases it; *careful* divides
-the model by its own value there. What is left is that all cells of a throttle share one L_inf, which their own scatter cannot show.
+By chance (99 % bands) a share of 68 % is between {low_68:.1%} and {high_68:.1%}, one of 90 % between {low_90:.1%} and {high_90:.1%}, and a mean of zero within {pull_limit:.2f} either way. The *ratio fit* is common in papers: Delta L over the mean of
+the farthest station (z_hat = {far:g}), ordinary least squares with independent errors. *Careful* divides the model by its own value there. All cells of a throttle share one L_inf, which this fit ignores.
 """
 
 

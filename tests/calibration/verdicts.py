@@ -31,13 +31,11 @@ BODY = """## The number to quote
 
     python -m tests.calibration.verdicts out/records.jsonl out/pairs.jsonl out/strange.jsonl
 
-90 % intervals of `results.json` that hold the coefficient, by what the campaign holds and what the loop said of it, in
-the {n} campaigns of [calibration](calibration.md); 95 % limits of the share, and the median width over that of the one who
-knows the true model and the covariance.
+90 % intervals of `results.json` that hold the coefficient, by kind of campaign and verdict, in the {n} campaigns of [calibration](calibration.md): count, 95 % limits of the share, and median width over that
+of a fit with the true model and covariance.
 
 {verdicts}
-Of structures outside the library, one by one: how many are seen, how many get a name, and how often the interval holds the coefficient where the structure is unexplained, and where
-it is not seen.
+Structures outside the library: how many make a claim, how many get a name, and how often the interval holds the coefficient.
 
 {structures}"""
 

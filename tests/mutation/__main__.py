@@ -167,30 +167,33 @@ def save(file: Path, kept: Mapping[str, object]) -> None:
 
 
 def page(mutants: list[Mutant], results: Mapping[str, str | None], seed: int) -> str:
-    """docs/mutation.md."""
+    """Text of docs/mutation.md: mutants killed per package, and those that survive."""
     killed = sum(bool(results[m.key]) for m in mutants)
     alike = sum(m.key in EQUIVALENT for m in mutants)
     lines = [
         "# Seeded mutants",
         "",
-        (
-            "`make mutate` changes one place of the core at a time, in a copy: a comparison, an operator,"
-            " a sign, a constant, a term dropped, a number off by one."
-        ),
-        "It runs the tests of `make check` that reach the changed line. Written by it.",
+        "`make mutate` changes one place of the core at a time, in a copy: a comparison, an operator, a sign, a constant, a dropped term,",
+        "a number off by one. It runs the tests of `make check` that reach the changed line.",
         "",
         f"**{killed} of {len(mutants)} killed** (seed {seed}); {alike} more change nothing.",
         "",
-        "| place | change | first test that fails |",
-        "| --- | --- | --- |",
+        "| package | mutants | killed |",
+        "| --- | --: | --: |",
     ]
+    packages = {m.key: m.path.relative_to("pipeline/nearlift").parts[0] for m in mutants}
+    for package in sorted(set(packages.values())):
+        fates = [bool(results[key]) for key, where in packages.items() if where == package]
+        lines.append(f"| {package} | {len(fates)} | {sum(fates)} |")
+    lines += ["", "| place | change | why it survives |", "| --- | --- | --- |"]
     for m in mutants:
-        failed = results[m.key]
-        survives = EQUIVALENT.get(m.key, "none")
-        fate = f"`{failed}`" if failed else "does not end" if failed is None else survives
-        change = f"`{m.before}` to `{m.after}`".replace("|", "\\|")
-        place = m.path.relative_to("pipeline/nearlift").as_posix()
-        lines.append(f"| {place} `{m.within}` | {change} | {fate} |")
+        if not results[m.key]:
+            survives = (
+                "does not end" if results[m.key] is None else EQUIVALENT.get(m.key, "no test")
+            )
+            change = f"`{m.before}` to `{m.after}`".replace("|", "\\|")
+            place = m.path.relative_to("pipeline/nearlift").as_posix()
+            lines.append(f"| {place} `{m.within}` | {change} | {survives} |")
     return "\n".join(lines) + "\n"
 
 
