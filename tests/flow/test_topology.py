@@ -1,6 +1,4 @@
-"""Vortices, stagnation zone, split and asymmetry on flows that have them by construction; the
-bootstrap.
-"""
+"""Vortices, stagnation zone and jets of flows that have them by construction."""
 
 from __future__ import annotations
 
@@ -10,14 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nearlift.flow.bootstrap import Resamples, block_length
-from nearlift.flow.case import interval
 from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 from nearlift.flow.topology import (
     INNER_HAT,
-    asymmetry,
     gamma,
+    jets,
     stagnation,
     vortices,
     wake_topology,
@@ -126,10 +122,10 @@ def contracted(half: float) -> VelocityField:
 @pytest.mark.parametrize("half", [0.72, 0.85, 1.0])
 def test_the_stagnation_zone_does_not_leak_up_beside_a_contracted_wake(half):
     """Momentum theory's wake contracts to 0.71 r; the still air beside it reaches the rotor plane."""
-    numbers = wake_topology(contracted(half), GROUND, 8.0).numbers
+    zone = stagnation(contracted(half), GROUND, 8.0)
     # within a grid spacing of what was built
-    assert numbers["stagnation_height_hat"] == pytest.approx(0.5, abs=2e-3 / R)
-    assert numbers["stagnation_area_hat2"] == pytest.approx(4 * INNER_HAT * 0.5, rel=0.2)
+    assert zone.height_m / R == pytest.approx(0.5, abs=2e-3 / R)
+    assert zone.area_m2 / R**2 == pytest.approx(4 * INNER_HAT * 0.5, rel=0.2)
 
 
 def impinging(half: float, shift_x: float, shift_y: float) -> VelocityField:
@@ -165,7 +161,7 @@ def test_the_stagnation_zone_does_not_depend_on_where_the_nodes_stand(flow, half
     """On a coarse grid, 0.13 r, at 16 offsets; nor on how far the wake has contracted."""
     reference, expected = (8.0, 0.365) if flow is impinging else (U, AREA)
     areas = [
-        wake_topology(flow(half, i / 4, j / 4), GROUND, reference).numbers["stagnation_area_hat2"]
+        stagnation(flow(half, i / 4, j / 4), GROUND, reference).area_m2 / R**2
         for i in range(4)
         for j in range(4)
     ]
@@ -179,7 +175,7 @@ def test_a_picture_that_ends_just_above_the_ground_shows_the_zone_too():
     cut = replace(
         whole, y_m=whole.y_m[above], vx_m_s=whole.vx_m_s[above], vy_m_s=whole.vy_m_s[above]
     )
-    areas = [wake_topology(f, GROUND, 8.0).numbers["stagnation_area_hat2"] for f in (whole, cut)]
+    areas = [stagnation(f, GROUND, 8.0).area_m2 / R**2 for f in (whole, cut)]
     assert areas[1] == pytest.approx(areas[0], rel=0.2)
 
 
@@ -187,32 +183,13 @@ def test_a_picture_that_ends_just_above_the_ground_shows_the_zone_too():
 @pytest.mark.parametrize("share", [0.05, 0.2])
 def test_vectors_that_are_missing_everywhere_hardly_change_the_zone(flow, reference, share):
     whole, rng = flow(0.71, 0.25, 0.5), generator(1, "missing")
-    area = wake_topology(whole, GROUND, reference).numbers["stagnation_area_hat2"]
+    area = stagnation(whole, GROUND, reference).area_m2
     for _ in range(4):
         lost = rng.random(whole.shape) < share
         vx, vy = (np.where(lost, np.nan, v) for v in (whole.vx_m_s, whole.vy_m_s))
-        holed = wake_topology(replace(whole, vx_m_s=vx, vy_m_s=vy), GROUND, reference).numbers
-        assert holed["stagnation_area_hat2"] == pytest.approx(area, rel=0.1)
-
-
-def split(wake: Wake) -> float:
-    return wake_topology(mean_of(wake), wake.scene, U).numbers["split_angle_deg"]
-
-
-def test_a_nearer_ground_parts_the_jets_more():
-    near = Wake(scene=replace(GROUND, distance_m=2.0 * R), speed_m_s=8.0)
-    high = Wake(scene=replace(GROUND, distance_m=9.0 * R), speed_m_s=8.0)
-    assert split(near) > split(WAKE) > 20
-    assert math.isnan(split(high))
-
-
-def test_jets_that_nothing_parts_have_no_split_angle():
-    """Straight through a plate that is not there: fast to the last row, and a little wider below."""
-    spread = contracted(1.0)
-    vy = np.where(np.isfinite(spread.vy_m_s), np.minimum(spread.vy_m_s, -6.0), np.nan)
-    vx = np.where(np.isfinite(vy), 0.5 * np.sign(XX) * (np.abs(XX) - 0.0325) / R, np.nan)
-    through = replace(spread, vx_m_s=vx, vy_m_s=vy)
-    assert math.isnan(wake_topology(through, GROUND, 8.0).numbers["split_angle_deg"])
+        holed = stagnation(replace(whole, vx_m_s=vx, vy_m_s=vy), GROUND, reference)
+        assert holed.area_m2 == pytest.approx(area, rel=0.1)
+        assert jets(replace(whole, vx_m_s=vx, vy_m_s=vy), GROUND) == "two jets"
 
 
 def test_vortices_are_seen_wherever_there_are_vectors():
@@ -221,28 +198,6 @@ def test_vortices_are_seen_wherever_there_are_vectors():
         (found,) = vortices(field(swirl(x, y, 1.0)), GROUND, 8.0)
         assert (found.x_m, found.y_m) == pytest.approx((x, y), abs=3e-3)
     assert vortices(field(swirl(0.0, 0.0, 1.0, core=0.004)), GROUND, 8.0) == ()
-
-
-def test_where_the_air_parts_only_between_the_rotors_no_jet_splits():
-    """Streams that turn outwards beneath either rotor stagnate midway, not beneath an axis."""
-    height = np.maximum(GROUND.height_m(XX, YY), 0.0) / R
-    inside = np.any([np.abs(XX - c) <= 0.85 * R for c in GROUND.rotors_m], axis=0)
-    hidden = GROUND.height_m(XX, YY) <= 0
-    vx = np.where(hidden, np.nan, 60 * XX * np.exp(-height))
-    vy = np.where(hidden, np.nan, -8.0 * inside * np.tanh(height))
-    outwards = VelocityField(x_m=X, y_m=Y, vx_m_s=vx, vy_m_s=vy)
-    assert math.isnan(wake_topology(outwards, GROUND, 8.0).numbers["split_angle_deg"])
-
-
-def test_an_interval_holds_its_estimate():
-    """Where noise moves every resample to one side too; a count's holds what resamples say."""
-    rng = generator(8, "interval")
-    moved = 0.16 + 0.05 + 0.01 * rng.standard_normal(400)
-    low, high = interval(0.16, moved, count=False)
-    assert low < 0.16 < high
-    assert high - low == pytest.approx(2 * 1.645 * 0.01, rel=0.15)
-    assert interval(0.01, np.abs(moved), count=False)[0] == 0.0
-    assert interval(1.0, np.full(50, 2.0), count=True) == (1.0, 2.0)
 
 
 # ---- the demo's wakes
@@ -287,10 +242,13 @@ def test_wall_jets_slow_down_as_they_spread_and_the_inner_ones_rise():
     assert (np.diff(up) < 0).all()
 
 
-def test_asymmetry_has_the_sign_of_the_lean():
-    assert asymmetry(mean_of(WAKE), GROUND) == pytest.approx(0.0, abs=1e-6)
-    assert asymmetry(mean_of(replace(WAKE, lean=0.3)), GROUND) > 0.05
-    assert asymmetry(mean_of(replace(WAKE, lean=-0.3)), GROUND) < -0.05
+def test_jets_lean_to_the_side_of_more_momentum():
+    assert jets(mean_of(WAKE), GROUND) == "two jets"
+    assert jets(mean_of(replace(WAKE, lean=0.1)), GROUND) == "two jets, leaning right"
+    assert jets(mean_of(replace(WAKE, lean=-0.1)), GROUND) == "two jets, leaning left"
+    across = mean_of(WAKE)
+    assert jets(replace(across, vx_m_s=across.vx_m_s + 9), GROUND) == "one jet, leaning right"
+    assert jets(replace(across, vx_m_s=across.vx_m_s - 9), GROUND) == "one jet, leaning left"
 
 
 def test_a_blob_turns_as_it_says():
@@ -301,65 +259,19 @@ def test_a_blob_turns_as_it_says():
 
 
 def test_the_demo_s_tilts_have_the_paper_s_vortices():
-    """Two pairs at +4.6 and +3.1 degrees; a single counter-clockwise vortex at negative tilts."""
-    numbers = {
-        n: wake_topology(mean_of(w), w.scene, U).numbers
+    """Two pairs at +4.6 and +3.1 degrees; a single counter-clockwise vortex at negative tilts. The
+    wake leans to the side where the ground falls away.
+    """
+    found = {
+        n: wake_topology(mean_of(w), w.scene, U)
         for n, w in wakes(SimulatedBench()).items()
         if n.startswith("tilt")
     }
-    assert [numbers[f"tilt{t:+g}"]["vortex_pairs"] for t in (4.6, 3.1)] == [2, 2]
+    turns = {n: [v.circulation_m2_s > 0 for v in wake.vortices] for n, wake in found.items()}
+    for t in (4.6, 3.1):
+        assert sorted(turns[f"tilt{t:+g}"]) == [False, False, True, True]
+        assert found[f"tilt{t:+g}"].jets == "two jets, leaning right"
     for t in (-1.7, -3.2, -4.9):
-        assert (numbers[f"tilt{t:+g}"]["vortices_ccw"], numbers[f"tilt{t:+g}"]["vortices_cw"]) == (
-            1,
-            0,
-        )
-    assert list(numbers["tilt+4.6"]) == [
-        "vortices_ccw",
-        "vortices_cw",
-        "vortex_pairs",
-        "stagnation_area_hat2",
-        "stagnation_height_hat",
-        "split_angle_deg",
-        "asymmetry",
-    ]
-
-
-def test_resampled_means_scatter_as_the_mean_does():
-    """Resamples of 400 draws of 60 independent rows have the standard error of their mean; 5 sd of
-    its estimate from 400 are 18 %.
-    """
-    rng = generator(1, "boot")
-    data = 3 + rng.standard_normal((60, 200))
-    made = Resamples(400, 1, generator(2, "boot"))
-    for row in data:
-        made.add(row)
-    spread = made.means().std(axis=0, ddof=1)
-    assert np.median(spread / (data.std(axis=0) / math.sqrt(60))) == pytest.approx(1.0, abs=0.05)
-
-
-def test_a_resample_without_a_field_is_none():
-    """Of two blocks one resample in e^2 is empty; it must not pass for a field without flow."""
-    made = Resamples(500, 4, generator(6, "boot"))
-    for _ in range(8):
-        made.add(np.ones(3))
-    means = made.means()
-    assert np.all(means == 1.0)
-    # 500 e^-2 = 68 are expected to be empty, with a standard deviation of 8
-    assert 500 - 68 - 40 <= len(means) <= 500 - 68 + 40
-
-
-def test_blocks_keep_correlation_and_missing_values_count_for_nothing():
-    rng = generator(3, "boot")
-    data = np.repeat(rng.standard_normal((20, 100)), 4, axis=0)
-    alone, blocks = (Resamples(300, b, generator(4, "boot")) for b in (1, 4))
-    for row in data:
-        alone.add(row)
-        blocks.add(row)
-    assert np.median(blocks.means().std(axis=0) / alone.means().std(axis=0)) == pytest.approx(
-        2.0, rel=0.15
-    )
-    gaps = Resamples(50, 3, generator(5, "boot"))
-    for i in range(30):
-        gaps.add(np.array([1.0, np.nan if i % 2 else 1.0]))
-    np.testing.assert_allclose(gaps.means(), 1.0)
-    assert [block_length(n) for n in (1, 8, 150)] == [1, 2, 5]
+        assert turns[f"tilt{t:+g}"] == [True]
+    for t in (-3.2, -4.9):
+        assert found[f"tilt{t:+g}"].jets == "two jets, leaning left"

@@ -1,8 +1,7 @@
-"""One case of velocity grids: its mean field, cuts, topology, and the rows that tell of them."""
+"""One case of velocity grids: its mean field, cuts and topology, and their rows in products."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.flow import downwash, topology
 from nearlift.flow.average import Average, average
-from nearlift.flow.bootstrap import Resamples
 from nearlift.flow.downwash import Cut, CutDownwash
 from nearlift.flow.field import Half, VelocityField, mirrored
 from nearlift.flow.outliers import spurious
@@ -24,15 +22,13 @@ Rows = Iterator[dict[str, object]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Recording:
-    """One pass over the fields of a case: their mean, the downwash along the cut field by field (n,
-    nx), the share of vectors left out as spurious, and resampled mean fields (m, 2 ny nx), both
-    components one behind the other, empty where not asked for.
+    """Mean of the fields of a case, downwash along the cut of each field (n, nx), and share of
+    vectors left out as spurious.
     """
 
     mean: Average
     series: FloatArray
     outliers: float
-    resamples: FloatArray
 
 
 def recorded(
@@ -42,7 +38,6 @@ def recorded(
     threshold: float,
     half: Half | None,
     below_m: float,
-    resampled: Resamples | None,
 ) -> Recording:
     """Average the fields without their spurious vectors, mirrored where half was measured."""
     profiles: list[FloatArray] = []
@@ -56,8 +51,6 @@ def recorded(
             whole = replace(one, vx_m_s=vx, vy_m_s=vy)
             whole = whole if half is None else mirrored(whole, half)
             profiles.append(downwash.along_cut(whole.vy_m_s, whole.y_m, below_m))
-            if resampled is not None:
-                resampled.add(np.concatenate([whole.vx_m_s.ravel(), whole.vy_m_s.ravel()]))
             yield whole
 
     mean = average(passed(), where)
@@ -65,7 +58,6 @@ def recorded(
         mean=mean,
         series=np.stack(profiles),
         outliers=float(wrong_of[0] / max(wrong_of[1], 1)),
-        resamples=np.zeros((0, 0)) if resampled is None else resampled.means(),
     )
 
 
@@ -89,7 +81,7 @@ class FlowCase:
     cuts: Mapping[str, CutDownwash] = field(default_factory=dict)
 
     def described(self, reference_m_s: float) -> FlowCase:
-        """With the wake's topology where there is a ground, and cuts that know its stagnation
+        """Case with the topology of its wake near a ground, and cuts checked against its stagnation
         zone.
         """
         if self.scene.boundary != "ground":
@@ -98,10 +90,10 @@ class FlowCase:
         return replace(self, topology=wake).cut_through()
 
     def cut_through(self) -> FlowCase:
-        """With its cuts measured."""
+        """Case with its cuts measured."""
         series = np.where(self.measured, self.recording.series, np.nan)
         order = {str(list(self.scene.rotors_m).index(c)): (c,) for c in self.cut.centres_m}
-        stagnant = None if self.topology is None else self.topology.stagnant
+        stagnant = None if self.topology is None else self.topology.stagnation.nodes
         cuts = {
             name: downwash.measure(
                 self.recording.mean,
@@ -168,7 +160,8 @@ class FlowCase:
         """Columns of flow_fields.parquet."""
         moments, mean = self.recording.mean, self.recording.mean.mean
         xx, yy = np.meshgrid(mean.x_m, mean.y_m)
-        stagnant = np.zeros(mean.shape, bool) if self.topology is None else self.topology.stagnant
+        wake = self.topology
+        stagnant = np.zeros(mean.shape, bool) if wake is None else wake.stagnation.nodes
         grids = {
             "x_m": xx,
             "y_m": yy,
@@ -187,34 +180,20 @@ class FlowCase:
             name: grid.ravel() for name, grid in grids.items()
         }
 
-    def topology_rows(self, reference_m_s: float) -> Rows:
-        """Rows of flow_topology.parquet, with the spread over resampled mean fields."""
+    def topology_rows(self) -> Rows:
+        """Row of flow_topology.parquet."""
         if self.topology is None:
             return
-        mean = self.recording.mean.mean
-        seen = np.where(mean.valid, 1.0, np.nan)
-        draws = []
-        for row in self.recording.resamples:
-            vx, vy = row.reshape(2, *mean.shape)
-            drawn = replace(mean, vx_m_s=seen * vx, vy_m_s=seen * vy, u_m_s=None)
-            draws.append(topology.wake_topology(drawn, self.scene, reference_m_s).numbers)
-        for name, value in self.topology.numbers.items():
-            spread = np.array([d[name] for d in draws])
-            if name == "asymmetry" and not self.measured.all():
-                # a mirrored half is as the measured one by construction
-                value, spread = math.nan, np.full_like(spread, math.nan)
-            spread = spread[np.isfinite(spread)]
-            enough = self.recording.mean.n > 1 and len(spread) > 1
-            count = name.startswith("vort")
-            low, high = interval(value, spread, count) if enough else (math.nan, math.nan)
-            yield {k: self.place[k] for k in ("case", "z_hat", "tilt_rad")} | {
-                "quantity": name,
-                "value": value,
-                "u": float(spread.std(ddof=1)) if enough else math.nan,
-                "lo90": low,
-                "hi90": high,
-                "agreement": float(np.mean(spread == value)) if count and enough else math.nan,
-            }
+        turns = [v.circulation_m2_s > 0 for v in self.topology.vortices]
+        zone, r = self.topology.stagnation, self.scene.radius_m
+        yield {k: self.place[k] for k in ("case", "z_hat", "tilt_rad")} | {
+            "vortices_ccw": sum(turns),
+            "vortices_cw": len(turns) - sum(turns),
+            "stagnation_area_hat2": zone.area_m2 / r**2,
+            "stagnation_height_hat": zone.height_m / r,
+            # a mirrored half leans to neither side by construction
+            "jets": self.topology.jets if self.measured.all() else "",
+        }
 
     def facts(self) -> dict[str, object]:
         """Its block of flow.json."""
@@ -232,17 +211,3 @@ class FlowCase:
             "rotors_m": self.scene.rotors_m,
             "vortices": [] if self.topology is None else list(map(asdict, self.topology.vortices)),
         }
-
-
-def interval(value: float, spread: FloatArray, count: bool) -> tuple[float, float]:
-    """90 % interval of a quantity from its values in resampled fields; it holds the estimate.
-
-    Resampling adds the fields' noise once more, and what noise does to a quantity beyond spreading
-    it moves all resamples to one side: so it is their spread about their own median that counts,
-    put about the estimate. A count's interval is the resamples', and the estimate.
-    """
-    low, middle, high = np.quantile(spread, [0.05, 0.5, 0.95]).tolist()
-    if count:
-        return min(low, value), max(high, value)
-    low, high = value + low - middle, value + high - middle
-    return (max(low, 0.0) if spread.min() >= 0 else low), high

@@ -1,10 +1,8 @@
-"""The wake between rotors and ground as numbers: vortices, stagnation zone, the angle at which jets
-split, left and right.
+"""Topology of the wake between rotors and ground: vortices, stagnation zone, one jet or two.
 
-A vortex is a core where Gamma_2 (Graftieaux, Michard and Grosjean 2001) exceeds 2/pi in size: there
-rotation outweighs strain. It looks at directions over a window, not at derivatives, and is unmoved
-by a uniform stream. So is a jet that merely bends, or its edge; what is counted is a standing
-vortex, about which the mean flow itself turns: Gamma_1, which sees the stream, is large there too.
+A vortex is a core where |Gamma_2| (Graftieaux, Michard and Grosjean 2001) exceeds 2/pi: rotation
+outweighs strain. Gamma_2 is unaffected by a uniform stream, so a bending jet and its edge have it
+too. Only standing vortices are counted, about which the mean flow turns: |Gamma_1| is large there.
 """
 
 from __future__ import annotations
@@ -32,16 +30,17 @@ SLOW = 0.3
 #: The zone beneath an axis is that under the rotor's inner half: within the core of a wake, which
 #: contracts to 1/sqrt(2) of the radius by momentum theory, even with its shear layer.
 INNER_HAT = 0.5
-#: A jet stagnates within so many radii of its axis.
-NEAR_HAT = 1.0
 #: Vortices are not looked for nearer than this to the rotor plane, where blades and body are.
 PLANE_HAT = 0.25
 #: Rows by which a picture that ends above the ground is carried on to it, and gaps are, at most.
 CARRIED = 3
 #: Steps along x and y in which the zone, which is flat, is added up, over radius.
 STEPS_HAT = 0.04, 0.01
-#: A stream counts for the split angle where it is at least this fast.
-FAST = 0.4
+#: Two jets: the weaker side has at least this share of the stronger side's momentum.
+MIN_JET_SHARE = 1 / 3
+#: Least |right - left| / (right + left) of the momentum of a leaning wake. A symmetric wake reaches
+#: 0.07 where a fifth of the vectors is missing.
+MIN_LEAN = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,14 +55,11 @@ class Vortex:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WakeTopology:
-    """One mean field in numbers (`vortices_ccw`, `vortices_cw`, `vortex_pairs`,
-    `stagnation_area_hat2`, `stagnation_height_hat`, `split_angle_deg`, `asymmetry`; lengths over
-    rotor radius, areas over its square), with its vortices and the stagnation zone (ny, nx).
-    """
+    """Vortices, stagnation zone and jets of one mean field; `jets` as `jets` returns it."""
 
     vortices: tuple[Vortex, ...]
-    stagnant: NDArray[np.bool_]
-    numbers: dict[str, float]
+    stagnation: StagnationZone
+    jets: str
 
 
 def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> FloatArray:
@@ -108,9 +104,8 @@ def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> Floa
 
 
 def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[Vortex, ...]:
-    """Vortex cores, from left to right. Left out are those nearer to the rotor plane than
-    `PLANE_HAT` radii, to the ground than half the window, or where fewer than half of a window has
-    vectors.
+    """Vortex cores, from left to right. Those within `PLANE_HAT` radii of the rotor plane or half a
+    window of the ground are left out, and those with vectors in less than half of their window.
     """
     from scipy.ndimage import label
 
@@ -149,24 +144,22 @@ def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StagnationZone:
-    """Slow air that rests on the ground beneath the rotors' inner halves: its nodes (ny, nx), area
-    and greatest height along the boundary's normal; and the speed on the ground (nx,), beneath the
-    rotors or not.
+    """Slow air on the ground beneath the rotors' inner halves: nodes (ny, nx), area, and greatest
+    height along the boundary's normal.
     """
 
     nodes: NDArray[np.bool_]
     area_m2: float
     height_m: float
-    ground_m_s: FloatArray
 
 
 def stagnation(field: VelocityField, scene: Scene, reference_m_s: float) -> StagnationZone:
-    """The stagnation zone: what the level of `SLOW` of the reference in the mean speed encloses
-    together with the ground, beneath `INNER_HAT` radii of an axis.
+    """Zone of mean speed below `SLOW` of the reference that reaches the ground, within `INNER_HAT`
+    radii of an axis.
 
     Either component is linear between nodes, and down to the ground along the line through each
-    column's lowest two; the zone is every slow point that slow points join to the ground. So it
-    does not depend on where the grid's nodes happen to stand.
+    column's lowest two. The zone is every slow point that slow points join to the ground, so it
+    does not depend on the places of the nodes.
     """
     from scipy.ndimage import label
 
@@ -179,14 +172,12 @@ def stagnation(field: VelocityField, scene: Scene, reference_m_s: float) -> Stag
     dx, dy = (s * scene.radius_m for s in STEPS_HAT)
     x, y = np.arange(field.x_m[0], field.x_m[-1], dx), np.arange(first, 0.0, dy)
     x = x[scene.beneath(x, INNER_HAT + STEPS_HAT[0])]
-    fine, on_ground = np.zeros((len(y), len(x))), np.zeros(len(ground))
+    fine = np.zeros((len(y), len(x)))
     for component in (field.vx_m_s, field.vy_m_s):
         v = np.pad(np.where(seen, component, np.nan), ((unseen, 0), (0, 0)), constant_values=np.nan)
         v = _carried(v)
         along = take_columns(v, (x - field.x_m[0]) / field.dx_m)
         fine = np.hypot(fine, take_columns(along.T, (y - first) / field.dy_m).T)
-        at = (ground - first) / field.dy_m
-        on_ground = np.hypot(on_ground, np.diagonal(take_columns(v.T, at)))
     height = scene.height_m(*np.meshgrid(x, y))
     slow = (fine < SLOW * reference_m_s) & (height >= 0) & scene.beneath(x, INNER_HAT)
     labels, _ = label(slow)
@@ -201,7 +192,6 @@ def stagnation(field: VelocityField, scene: Scene, reference_m_s: float) -> Stag
         nodes=nodes,
         area_m2=float(zone.sum()) * dx * dy,
         height_m=float(height[zone].max()) if zone.any() else 0.0,
-        ground_m_s=on_ground,
     )
 
 
@@ -225,87 +215,23 @@ def _carried(values: FloatArray) -> FloatArray:
     return values
 
 
-def stagnation_points_m(
-    field: VelocityField, scene: Scene, zone: StagnationZone, reference_m_s: float
-) -> FloatArray:
-    """Places x on the boundary where slow air parts to the left and to the right."""
-    _, yy = np.meshgrid(field.x_m, field.y_m)
-    lowest = np.argmax(field.valid & (yy > scene.boundary_y_m(field.x_m)), axis=0)
-    columns = np.arange(len(field.x_m))
-    along = (
-        math.cos(scene.tilt_rad) * field.vx_m_s[lowest, columns]
-        - math.sin(scene.tilt_rad) * field.vy_m_s[lowest, columns]
-    )
-    left = np.flatnonzero((along[:-1] <= 0) & (along[1:] > 0))
-    share = -along[left] / (along[left + 1] - along[left])
-    speed = (1 - share) * zone.ground_m_s[left] + share * zone.ground_m_s[left + 1]
-    x: FloatArray = (field.x_m[left] + share * field.dx_m)[speed < SLOW * reference_m_s]
-    return x
-
-
-def split_angle_deg(
-    field: VelocityField, scene: Scene, zone: StagnationZone, reference_m_s: float
-) -> float:
-    """Angle between the two streams into which a rotor's jet parts, mean over rotors: 180 along the
-    ground; nan where no stagnation point lies on the boundary within `NEAR_HAT` radii of the axis,
-    since nothing splits there, or if unseen.
-    """
-    points = stagnation_points_m(field, scene, zone, reference_m_s)
+def jets(field: VelocityField, scene: Scene) -> str:
+    """``"two jets"`` or ``"one jet"`` along the ground, with the side to which the wake leans."""
     xx, yy = np.meshgrid(field.x_m, field.y_m)
-    height = scene.height_m(xx, yy)
-    splits = []
-    for centre in scene.rotors_m:
-        if not (np.abs(points - centre) <= NEAR_HAT * scene.radius_m).any():
-            continue
-        near = (
-            (np.abs(xx - centre) <= 2 * scene.radius_m)
-            & (yy < -0.5 * scene.radius_m)
-            & (height > 0)
-            & (height < 2 * scene.radius_m)
-        )
-        fast = near & field.valid & (np.nan_to_num(field.speed_m_s) > FAST * reference_m_s)
-        angles = []
-        for side in (-1, 1):
-            stream = fast & (side * np.nan_to_num(field.vx_m_s) > 0) & (side * (xx - centre) > 0)
-            if stream.sum() < 3:
-                break
-            flux = field.speed_m_s[stream]
-            angles.append(
-                math.atan2(
-                    side * float(flux @ field.vx_m_s[stream]), -float(flux @ field.vy_m_s[stream])
-                )
-            )
-        if len(angles) == 2:
-            splits.append(math.degrees(sum(angles)))
-    return float(np.mean(splits)) if splits else math.nan
-
-
-def asymmetry(field: VelocityField, scene: Scene) -> float:
-    """(Right-going less left-going momentum) over both, beneath the rotor plane: +1 all to the
-    right.
-    """
-    xx, yy = np.meshgrid(field.x_m, field.y_m)
-    half = min(-field.x_m[0], field.x_m[-1])
-    # as much of the left as of the right
+    half = min(-field.x_m[0], field.x_m[-1])  # as much of the left as of the right
     below = (yy < 0) & (scene.height_m(xx, yy) > 0) & (np.abs(xx) <= half) & field.valid
-    vx = np.where(below, field.vx_m_s, 0.0)
-    total = float((vx**2).sum())
-    return float((vx * np.abs(vx)).sum()) / total if total > 0 else math.nan
+    vx = field.vx_m_s[below]
+    right, left = (float((vx[side * vx > 0] ** 2).sum()) for side in (1, -1))
+    number = "two jets" if min(right, left) >= MIN_JET_SHARE * max(right, left) else "one jet"
+    if abs(right - left) <= MIN_LEAN * (right + left):
+        return number
+    return f"{number}, leaning {'right' if right > left else 'left'}"
 
 
 def wake_topology(field: VelocityField, scene: Scene, reference_m_s: float) -> WakeTopology:
-    """Everything above for one mean field near a ground."""
-    cores = vortices(field, scene, reference_m_s)
-    zone = stagnation(field, scene, reference_m_s)
-    r = scene.radius_m
-    ccw, cw = (float(sum(s * v.circulation_m2_s > 0 for v in cores)) for s in (1, -1))
-    numbers = {
-        "vortices_ccw": ccw,
-        "vortices_cw": cw,
-        "vortex_pairs": min(ccw, cw),
-        "stagnation_area_hat2": zone.area_m2 / r**2,
-        "stagnation_height_hat": zone.height_m / r,
-        "split_angle_deg": split_angle_deg(field, scene, zone, reference_m_s),
-        "asymmetry": asymmetry(field, scene),
-    }
-    return WakeTopology(vortices=cores, stagnant=zone.nodes, numbers=numbers)
+    """Topology of one mean field near a ground."""
+    return WakeTopology(
+        vortices=vortices(field, scene, reference_m_s),
+        stagnation=stagnation(field, scene, reference_m_s),
+        jets=jets(field, scene),
+    )

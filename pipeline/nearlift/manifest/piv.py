@@ -140,8 +140,6 @@ class Piv(PivConventions):
         alone).
     outliers : float
         Threshold of the median test on each vector; 0 keeps them all.
-    bootstrap : int
-        Resamples of the fields behind each uncertainty of topology.
     figure3 : list of str or None
         Cases of the three columns of Figure 3.
     """
@@ -152,7 +150,6 @@ class Piv(PivConventions):
     u_position: PositiveLength | None = None
     u_scale: Fraction = 0.0
     outliers: float = Field(default=3.0, ge=0)
-    bootstrap: int = Field(default=100, ge=20, le=100_000)
     figure3: list[str] | None = None
     case: list[PivCase] = Field(min_length=1)
 

@@ -232,7 +232,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="velocity",
         facts=flow.facts,
         needs=(FIT, *FLOW_PRODUCTS),
-        figures=_figures("fig3", "fig4", "fig5", "flow_topology"),
+        figures=_figures("fig3", "fig4", "fig5"),
         pictures="within",
     ),
     Chapter(

@@ -50,6 +50,7 @@ class Product:
     columns: tuple[Column, ...] = ()
     open_ended: bool = False
     called: str = ""
+    version: int = 1
 
     @property
     def name(self) -> str:
@@ -59,7 +60,7 @@ class Product:
     @property
     def schema(self) -> str:
         """Identifier written into the file."""
-        return f"nearlift.{self.file.split('.')[0]}/1"
+        return f"nearlift.{self.file.split('.')[0]}/{self.version}"
 
     def columns_of(self, rows: Sequence[Mapping[str, object]]) -> dict[str, NDArray[Any]]:
         """Rows as this table's columns."""

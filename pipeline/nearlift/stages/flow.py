@@ -10,7 +10,6 @@ import numpy as np
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow import downwash
-from nearlift.flow.bootstrap import Resamples, block_length
 from nearlift.flow.case import FlowCase, recorded
 from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
 from nearlift.flow.downwash import Cut
@@ -18,7 +17,6 @@ from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.randomness import generator
 from nearlift.readers.piv.cases import Stream, files_of
 from nearlift.run.job import Job, Outcome, part
 from nearlift.run.store import stacked
@@ -29,8 +27,7 @@ USUAL_DENSITY = 1.2
 
 
 def run(job: Job) -> Outcome:
-    """Average every case, cut its wake, compare with the control, describe what the ground makes of
-    it.
+    """Average every case, cut its wake, compare with the control, find the wake's topology.
 
     Raises
     ------
@@ -53,7 +50,7 @@ def run(job: Job) -> Outcome:
     reference = control.cuts["all"].value
     ordered = [cases[c.name].described(reference) for c in piv.case]
     downwashes = [row for case in ordered for row in case.downwash_rows(control)]
-    topologies = [row for case in ordered for row in case.topology_rows(reference)]
+    topologies = [row for case in ordered for row in case.topology_rows()]
     job.write(DOWNWASH, DOWNWASH.columns_of(downwashes))
     job.write(DOWNWASH_PROFILE, stacked(DOWNWASH_PROFILE, [case.profile() for case in ordered]))
     job.write(FLOW_FIELDS, stacked(FLOW_FIELDS, [case.nodes() for case in ordered]))
@@ -88,11 +85,6 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
         radius_m=radius,
     )
     below = piv.below or 2 * radius
-    resampled = None
-    if spec.boundary == "ground":
-        rng = generator(job.seed, "flow", "bootstrap", spec.name)
-        resampled = Resamples(piv.bootstrap, block_length(len(files)), rng)
-
     read = 0
 
     def fields() -> Iterator[VelocityField]:
@@ -104,9 +96,7 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
             yield one
 
     try:
-        recording = recorded(
-            fields(), where, threshold=piv.outliers, half=half, below_m=below, resampled=resampled
-        )
+        recording = recorded(fields(), where, threshold=piv.outliers, half=half, below_m=below)
     except InputRefused as refusal:
         raise (stream.refused[0][1] if stream.refused and not read else refusal) from None
     if len(stream.refused) > 0.5 * len(files):

@@ -105,7 +105,6 @@ def write_piv(folder: Path, bench: SimulatedBench, seed: int) -> str:
         'origin = ["0 mm", "0 mm"]',
         f'rotors = ["{-half_mm:g} mm", "{half_mm:g} mm"]',
         'rate = "15 Hz"',
-        "bootstrap = 100",
         'figure3 = ["control", "ground-3.4", "ceiling-2"]',
     ]
     for name, wake in wakes(bench).items():

@@ -40,14 +40,12 @@ CLAIMS = (
         "Their formula gives 0.54 %; 0.4 % belongs to ẑ = 3.95.",
     ),
 )
-NAMES = {
-    "vortices_ccw": "vortices, counter-clockwise",
-    "vortices_cw": "vortices, clockwise",
-    "vortex_pairs": "vortex pairs",
-    "stagnation_area_hat2": "stagnation zone, area / r²",
-    "stagnation_height_hat": "stagnation zone, height / r",
-    "split_angle_deg": "jet split angle, degrees",
-    "asymmetry": "asymmetry, right less left",
+#: Rows of the table of topology: title and decimals by column of flow_topology.parquet.
+NUMBERS = {
+    "vortices_ccw": ("vortices, counter-clockwise", 0),
+    "vortices_cw": ("vortices, clockwise", 0),
+    "stagnation_area_hat2": ("stagnation zone, area / r²", 2),
+    "stagnation_height_hat": ("stagnation zone, height / r", 2),
 }
 
 
@@ -187,30 +185,17 @@ def _topology(evidence: Evidence) -> dict[str, object] | None:
     cases = fig5.cases(evidence)
     if not cases:
         return None
-    rows = []
-    for quantity, title in NAMES.items():
-        numbers = [fig5.number(evidence, c.name, quantity) for c in cases]
-        count = quantity.startswith("vort")
-        rows.append({"title": title, "cells": [_interval(row, count) for row in numbers]})
+    table = [fig5.topology(evidence, c.name) for c in cases]
     return {
         "tilts": [f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases],
-        "rows": rows,
+        "rows": [
+            {"title": title, "cells": [_cell(row, name, places) for row in table]}
+            for name, (title, places) in NUMBERS.items()
+        ],
+        "jets": [row["jets"] or "–" for row in table],
     }
 
 
-def _interval(row: dict[str, Any], count: bool) -> dict[str, object]:
-    value, u, agreement = row["value"], row["u"], row["agreement"]
-    if count:
-        text = fixed(value, 0)
-        note = f"{100 * agreement:.0f} % agree" if math.isfinite(agreement) else ""
-    else:
-        # resamples that all give one number know nothing of its last digits
-        u = u if u > 1e-9 * max(abs(value), 1e-9) else math.nan
-        text = like(value, u) if math.isfinite(u) else plain(value, 3)
-        low, high = (like(row[k], u) for k in ("lo90", "hi90"))
-        note = f"{low} to {high}" if math.isfinite(u) and u > 0 else ""
-    how = f"{row['quantity']} of case {row['case']}"
-    return {
-        "value": Number(text=text, value=value, source=FLOW_TOPOLOGY.file, how=how),
-        "note": note,
-    }
+def _cell(row: dict[str, Any], name: str, places: int) -> Number:
+    value, how = float(row[name]), f"{name} of case {row['case']}"
+    return Number(text=fixed(value, places), value=value, source=FLOW_TOPOLOGY.file, how=how)

@@ -1,5 +1,5 @@
-"""Figure 4: airspeed less the control's, nearer and nearer to the boundary; a row and a diverging
-colour scale per boundary.
+"""Figure 4: change of airspeed from the control, nearer and nearer to the boundary; a row and a
+diverging colour scale per boundary.
 """
 
 from __future__ import annotations
@@ -53,24 +53,25 @@ def summarise(evidence: Evidence) -> Columns:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What the reader must know."""
+    """Caption."""
     return (
-        "Time-averaged airspeed less that of the control (blue: slower, red: faster) with the"
-        " streamlines of each case, as the ceiling (upper row) and the ground (lower row) come"
-        " nearer; one colour scale for each row; grey: no vectors in the case or in the control."
-        f" {origin(evidence, [c.name for c in cases(evidence)])}"
+        "Change of time-averaged airspeed from the control (blue: slower, red: faster), with the"
+        " streamlines of each case. Upper row: ceiling; lower row: ground; nearer from left to"
+        " right. One colour scale for each row. Grey: no vectors in the case or in the control."
+        " Outline: stagnation zone, slower than 0.3 of the control's downwash on the ground beneath"
+        f" the rotors' inner halves. {origin(evidence, [c.name for c in cases(evidence)])}"
     )
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Text alternative of the figure."""
     parts = []
     for case in cases(evidence):
         value = where(table, panel=case.name, kind="node")["value_m_s"]
         low, high = (plain(float(end), 2) for end in (np.nanmin(value), np.nanmax(value)))
         parts.append(f"{case.boundary} {plain(case.z_hat or 0.0, 3)}: {low} to {high} m/s")
     return (
-        "Maps of airspeed less the control's. Range at each distance over rotor radius:"
+        "Maps of the change of airspeed from the control. Range at each distance over rotor radius:"
         f" {'; '.join(parts)}."
     )
 
@@ -95,15 +96,16 @@ def draw(table: Rows, look: Style) -> Figure:
         for name, ax in zip(line, places, strict=False):
             rows, colours = where(table, panel=name), matplotlib.colormaps["RdBu_r"]
             shade = flow_panel.field(ax, rows, colours, norm, line_pt=0.35, density=0.5)
+            flow_panel.outline(ax, rows)
             ax.set_title(f"{next(letters)}) {labels[name]}")
-        words, beside = "airspeed less\nthe control's (m/s)", places.tolist()
+        words, beside = "airspeed change from\ncontrol (m/s)", places.tolist()
         figure.colorbar(shade, ax=beside, label=words, pad=0.01, aspect=14, extend="both")
     return figure
 
 
 FIGURE = FigureSpec(
     name="fig4",
-    title="Airspeed less the control's",
+    title="Change of airspeed from the control",
     needs=(FLOW_FIELDS, FLOW),
     summarise=summarise,
     draw=draw,

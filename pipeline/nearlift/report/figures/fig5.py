@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
@@ -18,11 +19,12 @@ from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig4 import LEVEL
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, circles
+from nearlift.report.figures.style import Style, circles
 from nearlift.rounding import fixed, plain
 
 ACROSS = 3
-ZONE = SERIES[1][0]
+#: Height of the legend, inches.
+LEGEND_IN = 0.35
 
 
 def cases(evidence: Evidence) -> list[PivCase]:
@@ -52,34 +54,33 @@ def summarise(evidence: Evidence) -> Columns:
     return stack(parts, flow_panel.COLUMNS)
 
 
-def number(evidence: Evidence, case: str, quantity: str) -> dict[str, Any]:
-    """One row of flow_topology.parquet."""
+def topology(evidence: Evidence, case: str) -> dict[str, Any]:
+    """Row of flow_topology.parquet of one case."""
     table = evidence.table(FLOW_TOPOLOGY)
-    return single(table, (table["case"] == case) & (table["quantity"] == quantity))
+    return single(table, table["case"] == case)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What the reader must know, numbers included."""
+    """Caption, with the area of the stagnation zone at each tilt."""
     names = [c.name for c in cases(evidence)]
-    areas = [fixed(number(evidence, n, "stagnation_area_hat2")["value"], 2) for n in names]
+    areas = [fixed(topology(evidence, n)["stagnation_area_hat2"], 2) for n in names]
     tilts = [f"{math.degrees(c.tilt):+.1f}°".replace("-", "−") for c in cases(evidence)]
     return (
-        "Time-averaged airspeed and streamlines over a tilted ground (θ > 0 where the ground falls"
-        " away to the right). Circles: standing vortices (cores of Γ₂ > 2/π in which Γ₁ exceeds"
-        " 0.5), filled where they turn counter-clockwise. Outline: the stagnation zone, air slower"
-        " than 0.3 of the control's downwash that rests on the ground beneath the rotors' inner"
-        f" halves; its area for {', '.join(tilts)} is {', '.join(areas)} r²."
+        "Time-averaged airspeed and streamlines over a tilted ground. θ > 0 where the ground falls"
+        " away to the right. Circles: standing vortices (|Γ₂| > 2/π and |Γ₁| > 0.5), filled where"
+        " they turn counter-clockwise. Outline: stagnation zone, air slower than 0.3 of the"
+        " control's downwash on the ground beneath the rotors' inner halves. Its area for"
+        f" {', '.join(tilts)} is {', '.join(areas)} r²."
         f" {origin(evidence, names)}"
     )
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Text alternative of the figure."""
     parts = []
     for case in cases(evidence):
-        ccw, cw = (
-            plain(number(evidence, case.name, f"vortices_{s}")["value"]) for s in ("ccw", "cw")
-        )
+        row = topology(evidence, case.name)
+        ccw, cw = (plain(row[f"vortices_{s}"]) for s in ("ccw", "cw"))
         angle = f"{math.degrees(case.tilt):+.1f}".replace("-", "−")
         parts.append(f"{angle} degrees: {ccw} counter-clockwise and {cw} clockwise vortices")
     return f"{len(parts)} panels of airspeed with streamlines. {'; '.join(parts)}."
@@ -91,6 +92,7 @@ def draw(table: Rows, look: Style) -> Figure:
     across = min(ACROSS, len(names))
     down = -(-len(names) // across)
     figure, axes = flow_panel.sheet(table, look, down, across)
+    figure.set_figheight(figure.get_figheight() + LEGEND_IN)
     norm = Normalize(0, flow_panel.highest(table))
     shade: Any = None
     for ax in axes.ravel()[len(names) :]:
@@ -98,15 +100,22 @@ def draw(table: Rows, look: Style) -> Figure:
     for letter, name, ax in zip("abcdefghijkl", names, axes.ravel(), strict=False):
         mine = where(table, panel=name)
         shade = flow_panel.field(ax, mine, flow_panel.speeds(), norm)
-        x, y, zone = flow_panel.grid(where(mine, kind="node"), "flag")
-        if zone.max() > 0:
-            ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
-        for turns, fill in ((1, ZONE), (-1, "white")):
+        flow_panel.outline(ax, mine)
+        for turns, fill in ((1, flow_panel.ZONE), (-1, "white")):
             core = where(mine, kind="vortex", flag=turns)
             x, y = core["x_hat"], core["y_hat"]
             circles(ax, x, y, "black", markerfacecolor=fill, markersize=4.2, zorder=6)
         ax.set_title(f"{letter}) {mine['label'][0]}")
     figure.colorbar(shade, ax=axes.ravel().tolist(), label="airspeed (m/s)", pad=0.01, aspect=30)
+    round_mark = {"linestyle": "none", "marker": "o", "color": "black", "markersize": 4.2}
+    handles = [
+        Line2D(
+            [], [], **round_mark, markerfacecolor=flow_panel.ZONE, label="counter-clockwise vortex"
+        ),
+        Line2D([], [], **round_mark, markerfacecolor="white", label="clockwise vortex"),
+        Line2D([], [], color=flow_panel.ZONE, linewidth=1.1, label="stagnation zone"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
 
 

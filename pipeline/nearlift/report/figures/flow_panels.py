@@ -21,7 +21,7 @@ from nearlift.flow.scene import Scene
 from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Evidence, Rows, single, where
-from nearlift.report.figures.style import Style
+from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed
 
 #: Columns of a field's table; only nodes have them all.
@@ -32,6 +32,8 @@ COLUMNS = (
 X, Y = r"$x / r$", r"$y / r$"
 UNOBSERVED = "0.80"
 LINES = "0.10"
+#: Colour of stagnation zones.
+ZONE = SERIES[1][0]
 
 
 def manifest(evidence: Evidence) -> Piv:
@@ -223,6 +225,13 @@ def field(
     ax.xaxis.set_major_locator(MultipleLocator(2))
     ax.yaxis.set_major_locator(MultipleLocator(1))
     return shade
+
+
+def outline(ax: Axes, rows: Rows) -> None:
+    """Outline of the stagnation zone of one panel."""
+    x, y, zone = grid(where(rows, kind="node"), "flag")
+    if zone.max() > 0:
+        ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
 
 
 def _heads(ax: Axes, lines: Sequence[Any]) -> None:

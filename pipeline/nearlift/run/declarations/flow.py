@@ -87,24 +87,19 @@ FLOW_FIELDS = Product(
 FLOW_TOPOLOGY = Product(
     file="flow_topology.parquet",
     title="Topology of the wake near the ground",
-    row="a number of one ground case of [piv]",
+    row="a ground case of [piv]",
+    version=2,
     columns=(
         text("case", "name of the case in [piv]"),
         real("z_hat", "1", "rotor plane to boundary over rotor radius"),
         real(
             "tilt_rad", "rad", "positive where the vehicle's +x side is farther from the boundary"
         ),
-        text("quantity", "which number; see the page of the flow stage"),
-        real("value", "", "its value in the mean field, in the unit that its name says"),
-        real("u", "", "standard deviation over resampled mean fields"),
-        real("lo90", "", "5 % quantile over resampled mean fields"),
-        real("hi90", "", "95 % quantile over resampled mean fields"),
-        real(
-            "agreement",
-            "1",
-            "share of resampled mean fields that give the same whole number; nan for what is no"
-            " count",
-        ),
+        integer("vortices_ccw", "standing vortices that turn counter-clockwise"),
+        integer("vortices_cw", "standing vortices that turn clockwise"),
+        real("stagnation_area_hat2", "1", "area of the stagnation zone over rotor radius squared"),
+        real("stagnation_height_hat", "1", "height of the stagnation zone over rotor radius"),
+        text("jets", "one jet or two, and the side to which the wake leans; empty if mirrored"),
     ),
 )
 FLOW = Product(
