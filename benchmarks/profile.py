@@ -15,7 +15,7 @@ from benchmarks import _paper
 from benchmarks.harness import Bench, Contestant, command_line
 
 WHICH = "profile-campaign"
-STAGES = ("ingest", "reduce", "fit", "diagnose", "ledger", "report")
+STAGES = ("ingest", "reduce", "fit", "diagnose", "report")
 
 
 def prepare(data: Path, quick: bool) -> str:

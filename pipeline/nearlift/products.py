@@ -14,8 +14,6 @@ from nearlift.run.declarations.flow import (
     FLOW_TOPOLOGY,
 )
 from nearlift.run.declarations.ingest import TRIALS
-from nearlift.run.declarations.joint import JOINT
-from nearlift.run.declarations.ledger import QUALITY
 from nearlift.run.declarations.reduce import LIFT, LIFT_COVARIANCE
 from nearlift.run.declarations.simulate import (
     CRASH_MAP,
@@ -41,7 +39,6 @@ __all__ = [
     "FLOW_FIELDS",
     "FLOW_PRODUCTS",
     "FLOW_TOPOLOGY",
-    "JOINT",
     "LIFT",
     "LIFT_COVARIANCE",
     "LOOP_RESIDUALS",
@@ -52,7 +49,6 @@ __all__ = [
     "PROVENANCE",
     "PROXIMITY",
     "PROXIMITY_PRODUCTS",
-    "QUALITY",
     "RESULTS",
     "ROUTES",
     "SAFETY",

@@ -74,7 +74,7 @@ TAILS = re.compile(r".*\.(p_value|beyond)")
 #: for rounding. A sensitivity is u over its input's.
 ZERO, TWICE = ".undeclared[", ".sensitivity"
 #: Products that say when, where or with what a run was made.
-ABOUT_THE_RUN = {"provenance.json", "ledger.json", "inputs-cache.json"}
+ABOUT_THE_RUN = {"provenance.json", "inputs-cache.json"}
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ def compare(a: Path, b: Path) -> list[Difference]:
     """
     found = []
     for path in sorted((a / "processed").rglob("*")):
-        if path.suffix not in (".parquet", ".json") or {*path.parts} & {*ABOUT_THE_RUN, "history"}:
+        if path.suffix not in (".parquet", ".json") or {*path.parts} & {*ABOUT_THE_RUN}:
             continue
         here, there = (families(numbers(p)) for p in (path, b / path.relative_to(a)))
         product, count = str(path.relative_to(a / "processed")), sum(v.size for v in here.values())

@@ -19,11 +19,7 @@ from . import small_run
 from .small_run import job, ran, state
 
 #: A campaign without grids of velocity, and for whose vehicle nothing is flown.
-EVERY = [
-    stage.name
-    for stage in graph.STAGES
-    if stage.name not in ("flow", "joint", "simulate", "detect")
-]
+EVERY = [stage.name for stage in graph.STAGES if stage.name not in ("flow", "simulate", "detect")]
 
 
 pytestmark = pytest.mark.usefixtures("plain_pictures")
@@ -102,12 +98,12 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
     [
         ("[vehicle]", '[report]\nstyle = "ieee"\n\n[vehicle]', "report", ["report"]),
         ("# SIMULATED.", "# Simulated.", "report", ["report"]),
-        ('"0.1 mm"', '"0.3 mm"', "fit", ["fit", "diagnose", "ledger", "report"]),
+        ('"0.1 mm"', '"0.3 mm"', "fit", ["fit", "diagnose", "report"]),
         (
             "[vehicle]",
             "[fit.ground]\nrivals = []\n\n[vehicle]",
             "fit",
-            ["fit", "diagnose", "ledger", "report"],
+            ["fit", "diagnose", "report"],
         ),
         (
             "[vehicle]",
@@ -125,13 +121,13 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
             '"65 mm"',
             '"66 mm"',
             "ingest",
-            ["ingest", "reduce", "fit", "diagnose", "ledger", "report"],
+            ["ingest", "reduce", "fit", "diagnose", "report"],
         ),
         (
             "[trials]",
             '[trials]\norder = "unknown"',
             "ingest",
-            ["ingest", "reduce", "fit", "diagnose", "ledger", "report"],
+            ["ingest", "reduce", "fit", "diagnose", "report"],
         ),
     ],
     ids=["style", "comment", "budget", "rivals", "false alarms", "quality", "spacing", "order"],
@@ -247,7 +243,7 @@ def test_a_stage_that_breaks_off_is_not_committed_and_those_before_it_are(place,
         patch.setattr(fit, "run", interrupted)
         with pytest.raises(KeyboardInterrupt):
             ran(job(place / "raw", place))
-    assert ran(job(place / "raw", place)) == ["fit", "diagnose", "ledger", "report"]
+    assert ran(job(place / "raw", place)) == ["fit", "diagnose", "report"]
 
 
 def test_what_a_finished_stage_said_is_said_again(place):

@@ -23,7 +23,7 @@ from nearlift.report.figures.fig2 import table as fig2
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import LEVELS, Results
 from nearlift.rounding import like, plus_minus
-from nearlift.stages import export, ledger, report
+from nearlift.stages import export, report
 from nearlift.study.answers import BoundaryFit, Fit
 
 from . import small_run, verdicts
@@ -35,7 +35,6 @@ SAID = re.compile(r"(?<![\w/])K_?b\$?\s*[=≈]\s*(?:\\num\{)?([−-]?\d+(?:\.\d+
 @pytest.fixture(scope="module", params=verdicts.MADE)
 def job(request, make_job):
     made = make_job(("ground",), diagnosed=True, **verdicts.MADE[request.param])
-    ledger.run(made)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
         report.run(made)
@@ -134,7 +133,6 @@ def test_the_symbols_that_are_looked_for_are_those_that_pages_print():
 def test_what_is_refused_is_said_to_be_so_and_in_no_number(make_job, monkeypatch):
     """As of a flight without a set-point: K_b is least squares' value over its declared range."""
     made = make_job(("ground",))
-    ledger.run(made)
     content, why = made.read_json(RESULTS), "refused: no set-point was logged"
     ground = content["boundaries"]["ground"]
     own = ground["coefficients"]["K_b"]

@@ -50,7 +50,7 @@ REFUSED = {"serve": 2}
 QUICK = """
 [fit]
 sampler = "importance"
-ground = { rivals = [], downwash = true }
+ground = { rivals = [] }
 [simulate]
 flights = 20
 draws = 2

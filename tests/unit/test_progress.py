@@ -62,7 +62,7 @@ def test_another_activity_begins_anew_and_an_unknown_share_is_not_made_up(monkey
         call.progress("fit ground: b")
         (task,) = call.bar.progress.tasks
         assert (task.description, task.percentage) == ("fit ground: b", 50.0)
-        call.progress("ledger ground: 2 trials put back")
+        call.progress("report ground: 2 trials put back")
         (task,) = call.bar.progress.tasks
         assert task.total is None
         assert task.elapsed < 5

@@ -31,13 +31,10 @@ from nearlift.manifest.vehicle import Vehicle
 
 
 class FitChoice(Section):
-    """The base model of one boundary (`downwash`: fitted to lift and downwash together, too) and
-    the models that it is compared with.
-    """
+    """The base model of one boundary and the models that it is compared with."""
 
     base: str | None = None
     rivals: list[str] | None = None
-    downwash: bool = False
 
 
 class FitOptions(Section):
@@ -210,10 +207,6 @@ class Campaign(Section):
                     f"uncertainty {u.name!r} is on the {u.on}, which is not given: give it, or"
                     " state the uncertainty in percent"
                 )
-        if self.joint is not None and self.piv is None:
-            raise ValueError(
-                f"fit.{self.joint[0]}.downwash = true, but no velocity grids are listed under [piv]"
-            )
         flight_fits_the_rest(self)
         if self.flight is not None:
             return self
@@ -240,20 +233,6 @@ class Campaign(Section):
     def cuts_records(self) -> bool:
         """Whether one record holds many trials."""
         return self.segments is not None or self.flight is not None
-
-    @property
-    def joint(self) -> tuple[Boundary, ...] | None:
-        """Boundaries whose base model is to be fitted to lift and downwash together; None if none
-        is.
-        """
-        return (
-            tuple(
-                b
-                for b in BOUNDARIES
-                if (chosen := self.fit.choice(b)) is not None and chosen.downwash
-            )
-            or None
-        )
 
     @property
     def tare_s(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,7 @@ from nearlift.results.serial import decode
 
 if TYPE_CHECKING:
     from nearlift.flight.simulation.safety_result import SafetyResult
+    from nearlift.report.trial_table import TrialTable
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
 Columns = dict[str, NDArray[Any]]
@@ -52,6 +53,8 @@ class Evidence:
     versions : mapping of str to str
         Of Python and the packages that can change a number.
     seed : int
+    trial_table : callable or None
+        Makes the trial table, which takes some refits; None where no page is made.
     """
 
     campaign: Campaign
@@ -63,6 +66,7 @@ class Evidence:
     inputs: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
+    trial_table: Callable[[], TrialTable] | None = None
 
     def has(self, *products: Product) -> bool:
         """Whether all these products exist; a table without rows is none."""

@@ -19,10 +19,8 @@ ORDER = (
     "fit",
     "diagnose",
     "flow",
-    "joint",
     "simulate",
     "detect",
-    "ledger",
     "report",
 )
 PROVENANCE = Product(file="provenance.json", title="What made these products", row="stage")

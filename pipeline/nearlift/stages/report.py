@@ -10,7 +10,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from nearlift.products import FIT, FLOW_PRODUCTS, JOINT, PRODUCTS, RESULTS, TRIALS
+from nearlift.products import FIT, FLOW_PRODUCTS, PRODUCTS, RESULTS, TRIALS
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.serial import Json
 from nearlift.run import store
@@ -18,6 +18,7 @@ from nearlift.run.executors import Threads
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import overlays
 from nearlift.stages.observe import boundaries, observe
+from nearlift.stages.trial_table import trial_table
 
 if TYPE_CHECKING:
     from nearlift.report.drawers import Files, Give
@@ -121,16 +122,14 @@ def gather(job: Job) -> Evidence:
     read = (
         {p for spec in FIGURES for p in spec.needs}
         | {p for chapter in CHAPTERS for p in chapter.needs}
-        | {JOINT, RESULTS}
+        | {RESULTS}
     )
     tables: dict[str, store.Table] = {}
     documents: dict[str, Json] = {}
     digests = {}
     for product in PRODUCTS:
         path = job.processed / product.file
-        gone = (product in FLOW_PRODUCTS and job.campaign.piv is None) or (
-            product == JOINT and job.campaign.joint is None
-        )
+        gone = product in FLOW_PRODUCTS and job.campaign.piv is None
         if product not in read or gone or (product not in NEEDED and not path.is_file()):
             continue
         if path.suffix == ".json":
@@ -152,6 +151,7 @@ def gather(job: Job) -> Evidence:
         inputs=dict(job.inputs),
         versions=versions(),
         seed=job.seed,
+        trial_table=partial(trial_table, job),
     )
 
 

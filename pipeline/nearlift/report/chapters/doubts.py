@@ -70,10 +70,7 @@ def doubts(evidence: Evidence) -> list[Reservation]:
     out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
     if out:
         trials = len(evidence.table(TRIALS)["quality"])
-        text = (
-            f"{out} of {trials} trials were left out; the quality ledger says why, and what they"
-            " are worth"
-        )
+        text = f"{out} of {trials} trials were left out; the trial table has their influence"
         every.append(Reservation(boundaries=(), text=text))
     if not components(evidence.campaign):
         text = "the manifest declares no error that repeats share, so none is in these intervals"

@@ -10,13 +10,11 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, LiftModel
 from nearlift.flow.downwash import WARNINGS
-from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY, JOINT
+from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import cut, manifest
 from nearlift.report.number import Number, Place, pointer
-from nearlift.results.joint import BoundaryJointFit, JointResults
-from nearlift.results.serial import decode
 from nearlift.rounding import fixed, like, plain
 
 #: What the paper says, and what of it stands; tests recompute every number.
@@ -63,7 +61,6 @@ def facts(evidence: Evidence) -> dict[str, object]:
         "implied": [
             table for b in ("ground", "ceiling") if (table := _implied(evidence, b)) is not None
         ],
-        "joint": _joint(evidence),
         "convergence": [Place(evidence, FLOW, ("cases", c.name)) for c in piv.case],
         "topology": _topology(evidence),
         "claims": CLAIMS,
@@ -168,17 +165,6 @@ def _shortfall(percent: float, source: str, values: str) -> Number:
         source=source,
         how=f"1 - downwash at {values}, in percent",
     )
-
-
-def _joint(evidence: Evidence) -> list[tuple[Place, BoundaryJointFit]]:
-    """Each boundary's fit of lift and downwash together, and where it stands."""
-    if not evidence.has(JOINT):
-        return []
-    joint = decode(JointResults, evidence.document(JOINT), JOINT.file)
-    return [
-        (Place(evidence, JOINT, ("boundaries", boundary)), entry)
-        for boundary, entry in joint.boundaries.items()
-    ]
 
 
 def _topology(evidence: Evidence) -> dict[str, object] | None:

@@ -1,4 +1,4 @@
-"""What became of every trial, from raw byte to figure, and what made this page."""
+"""Chapters on trials: rejections, the trial table with influence, and provenance."""
 
 from __future__ import annotations
 
@@ -8,19 +8,18 @@ import shlex
 import numpy as np
 
 import nearlift
-from nearlift.declare import BOUNDARIES
+from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.nomenclature import letter
-from nearlift.products import QUALITY, TRIALS
+from nearlift.products import FIT, TRIALS
 from nearlift.reduction.quality import CODES, code, reason, rejected
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Number, Place, count, pointer
-from nearlift.results.quality import QualityLedger, TrialRecord
-from nearlift.results.serial import decode
+from nearlift.report.number import Number, count, pointer
+from nearlift.report.trial_table import Refit, TrialRow
 from nearlift.rounding import plain
 from nearlift.run.lock import size
 
 NAMES = {"none": "free air"}
-#: Trials that the page lists; all of them stand in quality.json.
+#: Trials that the page lists; all of them are in trials.parquet.
 MOST_ROWS = 5000
 
 
@@ -69,20 +68,50 @@ def quality(evidence: Evidence) -> dict[str, object]:
     }
 
 
-def ledger(evidence: Evidence) -> dict[str, object]:
-    """How much went in and came out at each step, the coefficient with exclusions put back, and a
-    row for every trial.
-    """
-    whole = decode(QualityLedger, evidence.document(QUALITY), QUALITY.file)
-    bytes_read = Number(
-        text=size(whole.files.bytes),
-        value=float(whole.files.bytes),
-        source=pointer(QUALITY, "files", "bytes"),
-    )
+def trial_table(evidence: Evidence) -> dict[str, object]:
+    """Numbers of files, samples and trials at each step; influence of exclusions; a row a trial."""
+    assert evidence.trial_table is not None
+    table = evidence.trial_table()
+    numbers = {
+        "files": count(TRIALS, table.files, "different `source`"),
+        "bytes": Number(
+            text=size(table.bytes),
+            value=float(table.bytes),
+            source=TRIALS.file,
+            how="bytes of the files in `source`",
+        ),
+        "samples": None
+        if table.samples is None
+        else count(TRIALS, table.samples, "sum of `samples`"),
+        "averaged": count(TRIALS, table.averaged, "sum of `n`"),
+        "scheduled": count(TRIALS, table.counts.scheduled, "rows"),
+        "recorded": count(TRIALS, table.counts.recorded, "rows not `missing`"),
+        "accepted": count(TRIALS, table.counts.accepted, "rows without a code in capitals"),
+        "remarked": count(TRIALS, table.counts.remarked, "rows with only lower-case codes"),
+        "fitted": count(TRIALS, table.counts.fitted, "accepted rows within the model's range"),
+    }
+
+    def changes(boundary: Boundary, refit: Refit) -> tuple[Number, ...]:
+        """The change of the headline coefficient, in its unit and in standard uncertainties."""
+        entry = table.put_back[boundary]
+        where = ("boundaries", boundary, entry.model, "parameters", entry.parameter)
+        return tuple(
+            Number(
+                text=plain(value, 2) if math.isfinite(value) else "\u2013",
+                value=value,
+                source=pointer(FIT, *where, key),
+                how=how,
+            )
+            for value, key, how in (
+                (refit.change, "value", "over this: value of a fit of the other choice of trials"),
+                (refit.change_in_u, "u", "over this: change of the value"),
+            )
+        )
+
     return {
-        "bytes": bytes_read,
-        "ledger": whole,
-        "root": Place(evidence, QUALITY),
+        "table": table,
+        "counts": numbers,
+        "changes": changes,
         "most_rows": MOST_ROWS,
         "letter": letter,
         "code": code,
@@ -90,7 +119,7 @@ def ledger(evidence: Evidence) -> dict[str, object]:
     }
 
 
-def _lift_mN(trial: TrialRecord) -> str:
+def _lift_mN(trial: TrialRow) -> str:
     return "\u2013" if math.isnan(trial.lift_N) else plain(1e3 * trial.lift_N, 5)
 
 
