@@ -153,11 +153,11 @@ ABOUT = {
     ),
     "serve": About(
         group=RUN,
-        summary="The workspace in a browser of this machine",
+        summary="Campaigns, live view and reports in a browser",
         text=(
-            "Campaigns, runs, reports and a campaign that is being recorded, on a page for this"
-            " machine alone, behind a link that is good once. WORKSPACE (default: the current"
-            " folder) holds raw/, processed/ and reports/. Needs `nearlift[serve]`."
+            "A read-only page for this machine alone, behind a link that is good once. WORKSPACE"
+            " (default: the current folder) holds processed/ and reports/. `nearlift run --watch`"
+            " brings the page up to date while a campaign is recorded."
         ),
         example="serve\nserve ~/lift --port 8765",
     ),

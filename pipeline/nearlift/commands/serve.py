@@ -1,17 +1,14 @@
-"""serve: the workspace in a browser of this machine."""
+"""serve: a read-only page of the workspace in a browser of this machine."""
 
 from __future__ import annotations
 
-import importlib.util
+import contextlib
 from pathlib import Path
 
 import click
 
 from nearlift.commands.common import Call, declared
 from nearlift.errors import UsageError
-
-#: What the extra brings.
-PACKAGES = ("starlette", "uvicorn")
 
 
 @declared("serve")
@@ -24,29 +21,17 @@ PACKAGES = ("starlette", "uvicorn")
     help="Port of 127.0.0.1; without it, any free one.",
 )
 def command(call: Call, workspace: Path, port: int) -> None:
-    """Serve it until Ctrl-C."""
-    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
-    if missing:
-        raise UsageError(
-            "nearlift serve",
-            f"needs {' and '.join(missing)}",
-            'pip install "nearlift[serve]"',
-        )
+    """Serve until Ctrl-C."""
     if not workspace.is_dir():
-        raise UsageError(
-            str(workspace),
-            "is no folder",
-            "name one, new or with campaigns in it; without a name it is the current one",
-        )
-    from nearlift.serve.app import serve
-    from nearlift.serve.bench import ServedWorkspace
+        raise UsageError(str(workspace), "is no folder", "name the folder that holds processed/")
+    from nearlift.serve.pages import responder
+    from nearlift.serve.server import Server
 
-    bench = ServedWorkspace(workspace)
-
-    def announce(link: str) -> None:
+    with Server(port, responder(workspace)) as server:
         call.answer(
-            {"workspace": str(bench.root), "link": link},
-            f"{bench.root}: open {link}\nthe link is good for one browser; Ctrl-C ends it",
+            {"workspace": str(workspace.resolve()), "link": server.link},
+            f"{workspace.resolve()}: open {server.link}\n"
+            "the link is good for one browser; Ctrl-C ends the page",
         )
-
-    serve(bench, port, announce)
+        with contextlib.suppress(KeyboardInterrupt):
+            server.serve_forever()

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,12 +25,15 @@ from nearlift.run import graph, store
 from nearlift.run.job import Job, Say, silent
 from nearlift.run.lock import Busy
 from nearlift.run.opening import open_job
+from nearlift.run.transaction import Homes
 
 if TYPE_CHECKING:
     from nearlift.stages.asked import AskedQuestion
 
 #: Seconds between looks, unless told otherwise.
 PERIOD_S = 5.0
+#: The latest round beside the products; `nearlift serve` shows it.
+LATEST = "watch.json"
 #: Told where a schedule is longer than it was: with no trial to come, each look has the full rate.
 GROWS = (
     "the schedule grows with its records: say planned_trials under [diagnose], or every look has"
@@ -85,7 +88,7 @@ def watch(
     ManifestError
         The manifest is refused before the first round; later it may be mended.
     """
-    manifests.load(root)
+    home = Homes.within(out, manifests.load(root).name).processed
     seen: dict[str, tuple[int, int]] | None = None
     again = waiting = False
     longest = 0
@@ -98,6 +101,7 @@ def watch(
                 latest = replace(latest, words=f"{latest.words}; {GROWS}")
             longest = max(longest, latest.scheduled)
             if latest.ran or latest.refused or waiting:
+                store.write_json(home / LATEST, asdict(latest))
                 yield latest
             waiting = bool(latest.refused)
         time.sleep(period_s)

@@ -1,3 +1,1 @@
-"""The bench's page: a browser's view of one workspace, served to this machine alone. What a button
-does, a command does.
-"""
+"""Read-only page of a workspace in a browser of this machine: campaigns, live, reports."""
