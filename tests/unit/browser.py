@@ -32,7 +32,7 @@ OPTIONS = (
     "--disable-background-networking",
     "--remote-debugging-pipe",
 )
-PATIENCE_S, CLICK_S = 120.0, 2.0
+PATIENCE_S = 120.0
 
 
 class Navigated(Exception):
@@ -117,11 +117,6 @@ class Page:
                 raise AssertionError(f"never true: {script}\n{self.errors}\n{shown}")
             time.sleep(0.05)
 
-    def back(self) -> None:
-        """To the page before; the answer may be lost with the page that is left."""
-        with contextlib.suppress(Navigated):
-            self.run("history.back()")
-
     def open(self, address: str, width: int = 1200, dark: bool = False, media: str = "") -> None:
         """Load a page at a width, in a scheme, and wait until its charts are drawn."""
         self.ask(
@@ -147,86 +142,6 @@ class Page:
     def point(self, x: float, y: float) -> None:
         """Move the mouse there."""
         self.ask("Input.dispatchMouseEvent", type="mouseMoved", x=x, y=y)
-
-    def place(self, selector: str) -> tuple[float, float, float, float]:
-        """Where an element is, once it is shown, was scrolled to, and stays there for a frame:
-        left, top, width, height.
-        """
-        element = f"document.querySelector({json.dumps(selector)})"
-        self.wait(f"{element}?.getClientRects().length")
-        found: tuple[float, float, float, float] = self.run(
-            "(async find => { const frame = () => new Promise(requestAnimationFrame);"
-            " const where = () => { const b = find()?.getBoundingClientRect() ?? {};"
-            " return [b.x, b.y, b.width, b.height]; };"
-            " find()?.scrollIntoView({ block: 'center', behavior: 'instant' });"
-            " for (let last = where(), now; ; last = now)"
-            " { await frame(); now = where(); if (now[2] && `${last}` === `${now}`) return now; } })"
-            f"(() => {element})"
-        )
-        return found
-
-    def drag(self, selector: str, *shares: float) -> None:
-        """Press the mouse within an element, at a share of its width, and move it on."""
-        x, y, width, height = self.place(selector)
-        kinds = ["mousePressed", *["mouseMoved"] * (len(shares) - 1), "mouseReleased"]
-        for kind, share in zip(kinds, [*shares, shares[-1]], strict=True):
-            self.ask(
-                "Input.dispatchMouseEvent",
-                type=kind,
-                x=x + share * width,
-                y=y + height / 2,
-                button="left",
-                buttons=int(kind != "mouseReleased"),
-                clickCount=1,
-            )
-
-    def click(self, selector: str) -> None:
-        """The mouse on an element; again where that moved away under it."""
-        aimed = "document.documentElement.dataset.aimed"
-        for _ in range(3):
-            self.run(
-                f"{aimed} = 'yes'; addEventListener('click', e => {{"
-                f" if (e.target.closest({json.dumps(selector)})) delete {aimed}; }}, true)"
-            )
-            self.drag(selector, 0.5)
-            with contextlib.suppress(AssertionError):
-                self.wait("!document.documentElement?.dataset.aimed", CLICK_S)
-                return
-        raise AssertionError(f"never clicked: {selector}")
-
-    def write(self, selector: str, text: str) -> None:
-        """Type a text in place of what a field holds, and go on to the next."""
-        self._focus(selector)
-        self.ask("Input.insertText", text=text)
-        self.press("Tab")
-
-    def _focus(self, selector: str) -> None:
-        """Click into a field until it is hit, which may move on meanwhile, and select all of it."""
-        while not self.run(f"document.activeElement.matches({json.dumps(selector)})"):
-            self.click(selector)
-        self.run("document.activeElement.select?.()")
-
-    def paste(self, selector: str, text: str) -> None:
-        """Paste a text in place of what a field holds."""
-        self._focus(selector)
-        self.run(
-            "(text => { const data = new DataTransfer(); data.setData('text/plain', text); document.activeElement.dispatchEvent(new"
-            " ClipboardEvent('paste', { clipboardData: data, bubbles: true, cancelable: true }));"
-            f" }})({json.dumps(text)})"
-        )
-
-    def drop(self, selector: str, *paths: Path) -> None:
-        """Drop files or folders on an element."""
-        x, y, width, height = self.place(selector)
-        data = {"items": [], "files": [str(p) for p in paths], "dragOperationsMask": 1}
-        for kind in ("dragEnter", "dragOver", "drop"):
-            self.ask(
-                "Input.dispatchDragEvent",
-                type=kind,
-                x=x + width / 2,
-                y=y + height / 2,
-                data=data,
-            )
 
     def press(self, key: str) -> None:
         """A key, down and up."""
