@@ -14,7 +14,11 @@ from email.message import Message
 from pathlib import Path
 
 PATIENCE_S = 120.0
-START = "import sys; sys.argv[0] = 'nearlift'; from nearlift.console import main; main()"
+#: Ctrl-C works in a child of a shell's background job too, which ignores it.
+START = (
+    "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
+    " sys.argv[0] = 'nearlift'; from nearlift.console import main; main()"
+)
 
 
 @dataclass

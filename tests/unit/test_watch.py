@@ -8,6 +8,7 @@ import shutil
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -228,7 +229,7 @@ def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
 def test_a_schedule_that_grows_is_told_to_say_how_long_it_will_be(tmp_path, monkeypatch):
     """With no trial to come each look is the end; only the manifest can say otherwise."""
     stamps = iter(range(9))
-    monkeypatch.setattr(watching.manifests, "load", lambda root: None)
+    monkeypatch.setattr(watching.manifests, "load", lambda root: SimpleNamespace(name="grows"))
     monkeypatch.setattr(watching, "_stamps", lambda root: next(stamps))
     for planned in (False, True):
         rounds = iter(
