@@ -24,8 +24,8 @@ REPORT = '<script>stolen = 1</script><h1 id="r">Report</h1>'
 
 @pytest.fixture(scope="session")
 def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """84 of 112 trials of a campaign as one round of `run --watch` leaves them, one with a glitch in
-    its tare; figures and report are stand-ins. Beside the workspace lies what nobody may read.
+    """84 of 112 trials of a campaign after one round of `run --watch`, one with a glitch in its tare.
+    Figures and report are stand-ins. A secret and another campaign lie outside the workspace.
     """
     base = tmp_path_factory.mktemp("serve")
     root = base / "work"

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 #: Seconds between looks, unless told otherwise.
 PERIOD_S = 5.0
-#: The latest round beside the products; `nearlift serve` shows it.
+#: File of the latest round, among the products; `nearlift serve` shows it.
 LATEST = "watch.json"
 #: Told where a schedule is longer than it was: with no trial to come, each look has the full rate.
 GROWS = (

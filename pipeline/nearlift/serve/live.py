@@ -57,7 +57,8 @@ def verdicts(place: Place) -> list[Verdict]:
     cards = []
     for boundary, result in quoted.items():
         diagnosis = diagnosed.get(boundary)
-        interim = diagnosis.look if isinstance(diagnosis, BoundaryDiagnosis) else None
+        look = diagnosis.look if isinstance(diagnosis, BoundaryDiagnosis) else None
+        interim = look.text if look else ""
         rivals = f"not distinguished from {', '.join(result.rivals)}" if result.rivals else ""
         cards.append(
             Verdict(
@@ -65,19 +66,24 @@ def verdicts(place: Place) -> list[Verdict]:
                 coefficients=tuple(result.stated(name) for name in result.every),
                 claim=f"effect: {result.claim}" if result.effects else result.claim,
                 tone=TONES[result.verdict],
-                notes=tuple(filter(None, (rivals, interim and interim.text, result.leaning))),
+                notes=tuple(filter(None, (rivals, interim, result.leaning))),
             )
         )
     return cards
 
 
+def verdicts_or_refusal(place: Place) -> tuple[list[Verdict], NearliftError | None]:
+    """Cards, or none and the reason."""
+    try:
+        return verdicts(place), None
+    except NearliftError as refusal:
+        return [], refusal
+
+
 def facts(place: Place) -> dict[str, Any]:
     """Facts of the page."""
     state = stamp(place)
-    try:
-        cards, refusal = verdicts(place), None
-    except NearliftError as fault:
-        cards, refusal = [], fault
+    cards, refusal = verdicts_or_refusal(place)
     trials = pd.DataFrame(store.read_table(place.processed / TRIALS.file, TRIALS))
     landed = trials[~trials["quality"].str.contains("MISSING")].iloc[::-1]
     newest = landed.head(NEWEST)

@@ -55,10 +55,7 @@ def _campaigns(root: Path) -> Answer:
     """List of all campaigns with verdicts and quoted numbers."""
     rows = []
     for name in workspace.campaigns(root):
-        try:
-            cards, refusal = live.verdicts(workspace.place(root, name)), None
-        except NearliftError as fault:
-            cards, refusal = [], fault
+        cards, refusal = live.verdicts_or_refusal(workspace.place(root, name))
         report = (root / "reports" / name / "index.html").is_file()
         rows.append({"name": name, "verdicts": cards, "refusal": refusal, "report": report})
     comparison = (root / "reports/comparison/index.html").is_file()
