@@ -130,17 +130,17 @@ def test_a_port_is_free_again_once_the_page_has_ended(tmp_path):
         assert own.ask("/")[0] == 403
     with served(tmp_path, port) as own:
         assert own.port == port
-        told = nearlift("serve", tmp_path, "--port", port)
-        assert told.exit_code == 2
-        assert f"--port {port}: is not free" in told.output
+        refused = nearlift("serve", tmp_path, "--port", port)
+        assert refused.exit_code == 2
+        assert f"--port {port}: is not free" in refused.output
         with pytest.raises(UsageError, match="is not free"):
             Server(port, lambda path, query: plain(200, path))
 
 
 def test_a_workspace_that_is_no_folder_is_refused(tmp_path):
-    told = nearlift("serve", tmp_path / "lift")
-    assert told.exit_code == 2
-    assert f"{tmp_path / 'lift'}: is no folder" in told.output
+    refused = nearlift("serve", tmp_path / "lift")
+    assert refused.exit_code == 2
+    assert f"{tmp_path / 'lift'}: is no folder" in refused.output
 
 
 def test_a_page_that_fails_says_so_and_the_server_goes_on(tmp_path):
