@@ -33,6 +33,9 @@ BLOCKS, SHORTEST_BLOCK, FEWEST_BLOCKS = 32, 8, 10
 CUBIC, TREND = 3, 12.0
 #: Single samples come in runs of so many at most, and are so large a share.
 LONGEST_RUN, LARGEST_SHARE = 5, 0.05
+#: Robust standard deviations from the median from which on a reading is impossible, such as a
+#: converter's error code, where such readings come one by one and are no larger a share of all.
+IMPOSSIBLE, IMPOSSIBLE_SHARE = 20.0, 0.2
 #: Noise, in steps of the converter, that half of the samples on one code may hide.
 HIDDEN = 0.74
 #: How far beyond one block's limit a long segment must stand, being the best of many: the largest
@@ -76,11 +79,34 @@ def far_samples(values: FloatArray, step: float) -> BoolArray:
     return nearer if len(values) >= MANY and np.count_nonzero(nearer) >= SEVERAL else away > limit
 
 
-def are_single(mask: BoolArray) -> bool:
+def impossible(values: FloatArray, sums: Stretch, other: float, first: bool) -> BoolArray | None:
+    """Mask of readings that no force explains, such as a converter's error codes; None where there
+    is none, or where they are a whole part of the record.
+
+    `other` is the mean of the part of the record that borders on this one at its `first` sample, or
+    else at its last: samples there between the two levels are rotors that start.
+    """
+    few = values[:: max(1, len(values) // FIRST_LOOK)]
+    level = median(few)
+    scatter = max(SD_PER_MAD * median(np.abs(few - level)), 0.0)
+    # half the limit, for the scatter of a few samples is uncertain
+    if max(sums.high - level, level - sums.low) <= IMPOSSIBLE / 2 * scatter:
+        return None
+    level = median(values)
+    away = np.abs(values - level)
+    limit = IMPOSSIBLE * max(SD_PER_MAD * median(away), HIDDEN * step_of(values))
+    mask: BoolArray = away > limit * (1 + (FEW / len(values)) ** 2)
+    border = mask if first else mask[::-1]
+    starting = np.abs(values - (level + other) / 2) <= 0.6 * abs(level - other)
+    border[: int(np.argmin(border & (starting if first else starting[::-1])))] = False
+    return mask if mask.any() and are_single(mask, IMPOSSIBLE_SHARE) else None
+
+
+def are_single(mask: BoolArray, largest_share: float = LARGEST_SHARE) -> bool:
     """Whether the masked samples are single ones, which can be left out, and no whole part."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]])))
     return (
-        int(np.count_nonzero(mask)) <= max(1.0, LARGEST_SHARE * len(mask))
+        int(np.count_nonzero(mask)) <= max(1.0, largest_share * len(mask))
         and int((edges[1::2] - edges[::2]).max(initial=0)) <= LONGEST_RUN
     )
 

@@ -86,8 +86,8 @@ CODES = tuple(
         ),
         "dead_speed": "a rotor's speed reads zero while there is lift",
         "spikes": (
-            "single samples stand far from the others; they were left out, and what they are worth"
-            " is in the uncertainty"
+            "single readings are impossible or far from all others; they were left out of the mean"
+            " and its uncertainty"
         ),
         "saturated": (
             "single samples lay at the end of the load cell's range; they were left out, and what"

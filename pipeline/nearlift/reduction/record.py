@@ -25,7 +25,7 @@ from nearlift.reduction.samples import (
     stuck,
     without_strays,
 )
-from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, median
+from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, Stretch, median
 from nearlift.reduction.tare import zero_of
 
 
@@ -34,15 +34,17 @@ class Reduced:
     """One trial's mean lift and how well the record alone knows it; columns of trials.parquet by
     the same names.
 
-    NaN (and n = 0) where no sample was left. `n_eff` = variance of a sample over variance of the
-    mean of the live part, at most n; `u_lift_N` has the tare's standard error in it, which
-    `u_zero_N` is by itself.
+    NaN (and n = 0) where no sample was left. `n_removed` counts the readings of tare and live part
+    that were left out as impossible or far from all others. `n_eff` = variance of a sample over
+    variance of the mean of the live part, at most n; `u_lift_N` has the tare's standard error in
+    it, which `u_zero_N` is by itself.
     """
 
     lift_N: float = math.nan
     u_lift_N: float = math.nan
     u_zero_N: float = math.nan
     n: int = 0
+    n_removed: int = 0
     n_eff: float = math.nan
     drift_N_s: float = math.nan
     sd_N: float = math.nan
@@ -104,22 +106,27 @@ def reduce_record(
         if rest.n + run.n < whole:
             too_many = 1.0 - (rest.n + run.n) / whole > conditions.out_of_range
             flags.append("OUT_OF_RANGE" if too_many else "out_of_range")
+    tare, wild_tare = _without_impossible(tare, rest, run.mean, first=False)
+    live, wild = _without_impossible(live, run, rest.mean, first=True)
+    if wild_tare:
+        quiet, rest = spectral_density_at_zero(tare, rate_Hz, tone=False)
+    if wild:
+        density, run = spectral_density_at_zero(live, rate_Hz)
+    flags += ["spikes"] if wild or wild_tare else []
     n = run.n
     if n < 2 or (tare_s > 0 and rest.n < 2):
         return Reduced(codes=(*flags, "NO_DATA"))
     if n < FEWEST_SAMPLES:
         return Reduced(codes=(*flags, "TOO_SHORT"))
-    worth = 0.0
     kept, codes_of_samples = without_strays(live, run, range_N)
     flags += codes_of_samples
     if len(kept) < n:
-        # the mean with them and without them: what they are worth is not known to be nothing
-        live, worth = kept, run.mean - float(kept.mean())
+        live, wild = kept, wild + n - len(kept)
         density, run = spectral_density_at_zero(live, rate_Hz)
     n = run.n
     variance = run.squares / (n - 1)
-    u2 = density / n + worth**2
-    zero, u2_tare, codes_of_tare = zero_of(tare, rest, quiet, live, run, u2, conditions)
+    u2 = density / n
+    zero, u2_tare, codes_of_tare, left_out = zero_of(tare, rest, quiet, live, run, u2, conditions)
     flags += codes_of_tare
     lift = run.mean - zero
     allowed = conditions.drift * abs(lift)
@@ -138,23 +145,42 @@ def reduce_record(
         u2 = slow.variance
         flags += ["slow"] if slow.is_too_long else []
     flags += _drifts(slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, allowed)
-    if len(batches) > 2 and apart > 0.1 * abs(lift):
-        # the median and its scatter, for a head of stopped rotors takes several batches and would
-        # hide behind its own spread
-        level = median(batches)
-        scatter = SD_PER_MAD * median(np.abs(batches - level))
-        if abs(batches[0] - level) > max(0.1 * abs(lift), 6 * scatter):
-            flags.append("unsettled")
+    flags += _unsettled(batches, lift)
     return Reduced(
         lift_N=lift,
         u_lift_N=math.sqrt(u2 + u2_tare),
         u_zero_N=math.sqrt(u2_tare),
         n=n,
+        n_removed=wild_tare + wild + left_out,
         n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
         drift_N_s=slope,
         sd_N=math.sqrt(variance),
         codes=tuple(dict.fromkeys(flags)),
     )
+
+
+def _without_impossible(
+    values: FloatArray, sums: Stretch, other: float, *, first: bool
+) -> tuple[FloatArray, int]:
+    """One part of a record without its impossible readings, and how many there were: each part by
+    itself, so that those of one hide nothing in the other.
+    """
+    bad = contamination.impossible(values, sums, other, first) if sums.n > 2 else None
+    return (values, 0) if bad is None else (values[~bad], int(bad.sum()))
+
+
+def _unsettled(batches: FloatArray, lift: float) -> list[str]:
+    """Whether the first batch is away from the others by more than a tenth of the lift.
+
+    By the median and its scatter: a head of stopped rotors takes several batches and would hide
+    behind its own spread.
+    """
+    if len(batches) < 3 or float(batches.max() - batches.min()) <= 0.1 * abs(lift):
+        return []
+    level = median(batches)
+    scatter = SD_PER_MAD * median(np.abs(batches - level))
+    away = abs(batches[0] - level)
+    return ["unsettled"] if away > max(0.1 * abs(lift), 6 * scatter) else []
 
 
 def prepare() -> None:

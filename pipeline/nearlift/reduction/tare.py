@@ -29,20 +29,20 @@ def zero_of(
     run: Stretch,
     u2_live: float,
     conditions: Conditions,
-) -> tuple[float, float, list[str]]:
-    """The tare's mean, its variance, and codes: single samples that stand apart are left out, a
-    tare that is not one level is refused.
+) -> tuple[float, float, list[str], int]:
+    """The tare's mean, its variance, codes, and how many samples were left out: single samples that
+    are far from the others. A tare that is not one level is refused.
 
     Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the
     better one. Where the level wanders from its middle, so far may the trial's zero be from the
     mean: that is in the variance.
     """
     if rest.n == 0:
-        return rest.mean, 0.0, []
+        return rest.mean, 0.0, [], 0
     rate_Hz = conditions.rate_Hz
-    zero, u2, codes = rest.mean, quiet / rest.n, []
+    zero, u2, codes, left_out = rest.mean, quiet / rest.n, [], 0
     if _dead(tare, rest, live, run):
-        return zero, u2, ["STUCK"]
+        return zero, u2, ["STUCK"], 0
     single, uneven = contamination.suspicious(tare, rest)
     single = single and bool(contamination.far_samples(tare, 0.0).any())
     step = contamination.step_of(live) if single or uneven else 0.0
@@ -51,14 +51,15 @@ def zero_of(
         worth, u = zero - kept.mean, math.sqrt(u2_live + density / kept.n)
         isolated = contamination.are_single(far)
         if abs(worth) > u and not isolated:
-            return zero, u2, ["TARE"]
+            return zero, u2, ["TARE"], 0
         if abs(worth) > MATTERS * u and isolated:
-            tare, zero, u2, codes = tare[~far], kept.mean, density / kept.n + worth**2, ["spikes"]
+            tare, zero, u2, codes = tare[~far], kept.mean, density / kept.n, ["spikes"]
+            left_out = int(far.sum())
     if uneven:
         damaged = contamination.moved_by_segment(tare, step)[0] > math.sqrt(u2_live + u2)
         # rotors that run down or up need not have an edge
         if damaged or contamination.ends_apart(tare, step) > ROTORS * abs(run.mean - zero):
-            return zero, u2, ["TARE"]
+            return zero, u2, ["TARE"], 0
     means = contamination.blocks(tare)
     slow = outlasting(tare, means, u2, rate_Hz, tone=False)
     if (away := contamination.wander(tare, means, 0.0)) > MATTERS * math.sqrt(u2_live + u2) and (
@@ -70,7 +71,7 @@ def zero_of(
         u2 = slow.variance
         if slow.is_too_long and not codes and u2 > MATTERS**2 * u2_live:
             codes.append("slow")
-    return zero, u2, codes
+    return zero, u2, codes, left_out
 
 
 def _dead(tare: FloatArray, rest: Stretch, live: FloatArray, run: Stretch) -> bool:

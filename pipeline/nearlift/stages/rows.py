@@ -54,7 +54,7 @@ class Rows:
         real = ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N", *further)
         self.columns: store.Table = {
             **{name: np.full(n, np.nan) for name in real},
-            **{name: np.zeros(n, dtype=np.int64) for name in ("n", "samples")},
+            **{name: np.zeros(n, dtype=np.int64) for name in ("n", "n_removed", "samples")},
             **{name: np.full(n, "", dtype=object) for name in ("source_sha256", "source", "fault")},
         }
         self.codes: list[tuple[str, ...]] = [("MISSING",)] * n

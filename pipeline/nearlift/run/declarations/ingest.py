@@ -35,6 +35,11 @@ TRIALS = Product(
             optional=True,
         ),
         integer("n", "samples averaged"),
+        integer(
+            "n_removed",
+            "readings of tare and live part left out as impossible or far from all others",
+            optional=True,
+        ),
         real("n_eff", "1", "effectively independent samples among them"),
         real("drift_N_s", "N/s", "slope of force within the record"),
         real("sd_N", "N", "standard deviation of the samples averaged"),
