@@ -31,6 +31,7 @@ EMPTY_BLOCK: Mapping[str, Any] = {
         "source": "declared",
         "dof": None,
     },
+    "L_inf_N": {},
     "shifts": [],
     "limits": [],
     "within_trial": None,

@@ -15,7 +15,7 @@ from markupsafe import escape
 
 from nearlift.errors import ManifestError
 from nearlift.manifest.flight import LiftReading
-from nearlift.products import DETECTION, PROXIMITY, RESULTS
+from nearlift.products import DETECTION, DIAGNOSIS, PROXIMITY, RESULTS
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.style import style
 from nearlift.report.registry import FIGURES
@@ -25,7 +25,7 @@ from nearlift.stages.detect import read
 from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.report import gather
 
-from . import small_run
+from . import quoted, small_run
 from .small_run import nearlift
 
 SENSOR = {"force_noise": "3 mN", "force_bandwidth": "50 Hz"}
@@ -285,3 +285,26 @@ def test_figure_and_chapter(done):
     assert [boundary for boundary, _ in rows] == ["Ground", "Ceiling", "Sidewall"]
     # boundary, largest change, and of each case range and change needed
     assert ">nowhere</data>" in rows[2][1].split("<td>")[4]
+
+
+def test_lift_far_away_and_its_noise_are_those_of_the_accepted_model(remake):
+    """The base fit, which a named effect rejects, has another L_inf and a larger scatter."""
+    job = remake("ground", detect=SENSOR)
+    base = job.load(FitResults).of_base("ground").L_inf_N
+    accepted = {str(t): {"value": 1.02 * e.value, "u": 0.001 * e.value} for t, e in base.items()}
+    sag = {"value": 2.0, "lo90": 1.9, "hi90": 2.1}
+    block = {
+        "verdict": "effect",
+        "effects": [{"name": "supply_sag", "parameters": {"sag_exponent": sag}}],
+        "noise_floor": quoted.EMPTY_BLOCK["noise_floor"] | {"relative": 0.003},
+        "L_inf_N": accepted,
+    }
+    job.write_json(DIAGNOSIS, quoted.diagnosis({"ground": block}))
+    quoted.write(job, {"ground": block})
+    detect.run(job)
+    floor = job.read_json(PROXIMITY)["boundaries"]["ground"]["floor"]
+    assert floor == pytest.approx(math.hypot(0.003, 0.001 / 1.02))
+    hover = {"boundary": "ground", "throttle": "50 percent", "u": "0 percent"}
+    found = read(job, LiftReading.model_validate(hover | {"mass": "29 g"}))
+    assert found.ratio == pytest.approx(0.029 * 9.8 / (1.02 * base[0.5].value))
+    assert found.u == pytest.approx(found.ratio * 0.001 / 1.02)

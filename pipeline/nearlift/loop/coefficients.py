@@ -50,7 +50,7 @@ def spread(
     else:
         information = j.T @ j + np.diag(weight2)
         step = np.zeros(len(fitted.vector))
-    covariance = _inverse(information)
+    covariance = inverse(information)
     low, high = fitted.candidate.bounds
     value = np.clip(fitted.vector + step, low, high)[:p]
     return value, np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
@@ -67,10 +67,11 @@ def joint(stage: SearchProblem, fitted: Fitted, tube: FloatArray | None = None) 
     if tube is not None and tube.shape[1]:
         u, s = left_singular(stage.space.project(tube.T).T)
         j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
-    return _inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
+    return inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
 
 
-def _inverse(information: FloatArray) -> FloatArray:
+def inverse(information: FloatArray) -> FloatArray:
+    """Covariance of parameters from their information; 0 along undetermined directions."""
     scale = np.sqrt(np.maximum(np.diag(information), 1e-300))
     unit = np.outer(scale, scale)
     return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
@@ -268,7 +269,7 @@ def silent(
         return ()
     names = [p.name for p in stage.base.parameters]
     jacobian = stage.base_jacobian
-    basis, covariance = orthonormal(jacobian), _inverse(jacobian.T @ jacobian)
+    basis, covariance = orthonormal(jacobian), inverse(jacobian.T @ jacobian)
     u = np.sqrt(np.diag(covariance))
 
     def described(effect: Effect, by: str, share: float, bias: float, hidden: bool) -> SilentEffect:

@@ -36,6 +36,7 @@ from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.datum import Datum, datum
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
+from nearlift.loop.far_lift import far_lift
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
@@ -146,6 +147,11 @@ def diagnose(
         look=look.claim(options.false_alarm_rate) if look else None,
         error=error,
         noise=stage.noise,
+        L_inf_N=far_lift(
+            stage,
+            answer.best,
+            answer.accepted[0].tube if answer.accepted else answers.unnamed,
+        ),
         coefficients=estimates,
         shifts=absorption.shifts(stage, answer, estimates),
         limits=limits,

@@ -212,6 +212,14 @@ class WithinTrial:
     candidates: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FarLift:
+    """Lift far from the boundary at one throttle, in N, with its standard uncertainty."""
+
+    value: float
+    u: float
+
+
 def wandering(wander: float) -> str:
     """What is to be said of a gain that wanders by this fraction of lift."""
     return (
@@ -247,6 +255,8 @@ class BoundaryDiagnosis:
         None where no visit can be predicted from the others.
     noise : Noise
         The noise floor (``noise_floor`` in the file).
+    L_inf_N : mapping of float to FarLift
+        L_inf per throttle by the accepted model, in the average conditions of its trials.
     """
 
     boundary: Boundary = named_by_key()
@@ -266,6 +276,7 @@ class BoundaryDiagnosis:
     look: InterimClaim | None = optional()
     error: LoopError | None = optional()
     noise: Noise = keyed("noise_floor")
+    L_inf_N: Mapping[float, FarLift]
     coefficients: LoopCoefficients
     shifts: tuple[CoefficientShift, ...]
     limits: tuple[CoefficientLimit, ...]

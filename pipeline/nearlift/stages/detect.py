@@ -22,7 +22,7 @@ from nearlift.products import DETECTION, PROXIMITY, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results.fit import FitResults
 from nearlift.run.job import Job, Outcome
-from nearlift.stages.quoted_lift import fitted_lift
+from nearlift.stages.quoted_lift import fitted_lift, quoted_levels
 
 DRAWS = 100
 
@@ -40,9 +40,8 @@ def run(job: Job) -> Outcome:
     for boundary in boundaries_of(fitted.boundaries):
         job.say(f"detect {boundary}")
         lift = lifts[boundary] = fitted_lift(job, boundary, DRAWS)
-        far = fitted.of_base(boundary).L_inf_N.values()
-        u_far = float(np.median([e.u / e.value for e in far]))
-        floor = float(np.hypot(fitted.noise[boundary].relative, u_far))
+        levels, scatter = quoted_levels(job, boundary)
+        floor = float(np.hypot(scatter, np.median([u / value for value, u in levels.values()])))
         device = sensor(job, boundary, chosen, floor)
         rows += range_rows(lift, device, chosen, job.campaign.vehicle.rotor_radius)
         entry = boundaries[boundary] = boundary_proximity(lift, device, chosen)
@@ -92,7 +91,7 @@ def read(job: Job, reading: LiftReading, lift: FittedLift | None = None) -> Heig
     return read_height(
         reading,
         fitted_lift(job, reading.boundary, DRAWS) if lift is None else lift,
-        {t: (e.value, e.u) for t, e in fitted.of_base(reading.boundary).L_inf_N.items()},
+        quoted_levels(job, reading.boundary)[0],
         job.campaign.detect or Detect(),
         vehicle.rotor_radius,
         (vehicle.mass if reading.mass is None else reading.mass) * job.campaign.rig.gravity,

@@ -22,7 +22,8 @@ from nearlift.manifest.campaign import Campaign
 from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected
-from nearlift.results.diagnosis import DiagnosisResults
+from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
+from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results
 from nearlift.run.job import Job
 from nearlift.run.store import Table
@@ -52,6 +53,19 @@ def _arguments(
             )
         known[name] = float(values[0])
     return {n: known[n] for n in model.needs}
+
+
+def quoted_levels(job: Job, boundary: Boundary) -> tuple[dict[float, tuple[float, float]], float]:
+    """L_inf and its standard uncertainty by throttle, in N, and the relative scatter of trials, by
+    the quoted model: the accepted one where the boundary was diagnosed, else the base fit.
+    """
+    if job.load(Results).boundaries[boundary].verdict == "not_diagnosed":
+        fitted = job.load(FitResults)
+        levels = fitted.of_base(boundary).L_inf_N
+        return {t: (e.value, e.u) for t, e in levels.items()}, fitted.noise[boundary].relative
+    found = job.load(DiagnosisResults).boundaries[boundary]
+    assert isinstance(found, BoundaryDiagnosis)
+    return {t: (e.value, e.u) for t, e in found.L_inf_N.items()}, found.noise.relative
 
 
 def fitted_lift(job: Job, boundary: Boundary, number: int) -> FittedLift:

@@ -1,0 +1,26 @@
+"""L_inf by the accepted model, in the average conditions of its trials."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nearlift import catalogue
+from nearlift.loop.diagnose import diagnose
+from nearlift.loop.search_problem import Options
+
+from . import simulated
+
+
+@pytest.mark.parametrize("visits", [4, 1])
+def test_a_sag_that_is_named_leaves_l_inf_known_at_the_supply_of_each_throttle(visits):
+    """Lift sags by 13 % over a session; L_inf is known to 0.3 %, with few visits too."""
+    data = simulated.campaign(3, visits=visits, gain=lambda c: (c["supply_V"] / 3.7) ** 2)
+    base = catalogue.model("sanchez_cuevas")
+    findings = diagnose(data, base, (), Options(), confirm=False).findings
+    assert [e.name for e in findings.effects] == ["supply_sag"]
+    for throttle, far in findings.L_inf_N.items():
+        supply = data.covariates["supply_V"][data.throttle == throttle]
+        truth = simulated.L_INF[throttle] * np.exp(2 * np.log(supply / 3.7).mean())
+        assert 0.0002 < far.u / far.value < 0.003
+        assert far.value == pytest.approx(truth, abs=4 * far.u)
