@@ -4,9 +4,8 @@ with -O3.
 All contestants fly the paper's settings (ground and ceiling, no model and five powers, explicit
 Euler, 0.1 s, 120 s) and stop a flight when it crashes. "C" draws its normals per flight and setting
 (xoshiro256+ and Marsaglia's polar method) and evaluates the lift ratio by formula; "C, table"
-interpolates the same table that nearlift does. "nearlift, gusts of its own" gives every setting its
-own gusts, as C does; "nearlift" lets all settings of a boundary meet the same gusts, as the stage
-does. Times are of flying alone.
+interpolates the same table that nearlift does. In nearlift all settings of a boundary meet the
+same gusts. Times are of flying alone.
 """
 
 from __future__ import annotations
@@ -93,18 +92,18 @@ FLIGHTS = "simulation-flights"
 
 def plans() -> list[Any]:
     """The paper's settings, a plan for each boundary."""
-    from nearlift.flight.simulation import presets
-    from nearlift.flight.simulation.flight import FlightPlan, FlightSetting
+    from nearlift.flight import paper
+    from nearlift.flight.monte_carlo import FlightPlan, FlightSetting
 
-    preset = presets.preset("paper")
+    preset = paper.preset("paper")
     found = []
-    for boundary in presets.MODELS:
-        curves = presets.scaled_curves(boundary)
+    for boundary in paper.MODELS:
+        curves = paper.scaled_curves(boundary)
         own = preset.groups(boundary)
         settings = [
             FlightSetting(target_z_hat=float(z), groups=own, curve=c)
-            for c in range(len(presets.EXPONENTS))
-            for z in presets.TARGETS[boundary]
+            for c in range(len(paper.EXPONENTS))
+            for z in paper.TARGETS[boundary]
         ]
         found.append(
             FlightPlan(
@@ -128,22 +127,19 @@ def prepare(data: Path, quick: bool) -> str:
     )
 
 
-def nearlift(data: Path, common: bool) -> dict[str, Any]:
+def nearlift(data: Path) -> dict[str, Any]:
     """Fly, after a first flight that loads the compiled loop."""
-    from dataclasses import replace
-
     import numpy as np
 
-    from nearlift.flight.simulation.flight import fly
+    from nearlift.flight.monte_carlo import fly
 
     steps = crashes = 0
     wall = cpu = 0.0
     flights = int((data / FLIGHTS).read_text())
     for plan in plans():
-        own = replace(plan, common=common)
-        fly(own, 2, 1)
+        fly(plan, 2, 1)
         begun = time.perf_counter(), time.process_time()
-        ended = fly(own, flights, 1)
+        ended = fly(plan, flights, 1)
         wall, cpu = wall + time.perf_counter() - begun[0], cpu + time.process_time() - begun[1]
         steps += int(np.where(ended < 0, plan.holds, ended + 1).sum())
         crashes += int((ended >= 0).sum())
@@ -166,16 +162,7 @@ BENCH = Bench(
     one="c" if _compiled.compiler() else "nearlift",
     contestants=(
         *(PEERS if _compiled.compiler() else ()),
-        Contestant(
-            name="nearlift-own",
-            title="nearlift, gusts of its own for every setting",
-            run=lambda data: nearlift(data, common=False),
-        ),
-        Contestant(
-            name="nearlift",
-            title="nearlift, all settings meet the same gusts (what the stage does)",
-            run=lambda data: nearlift(data, common=True),
-        ),
+        Contestant(name="nearlift", title="nearlift, as the stage does", run=nearlift),
     ),
     targets=(
         Target(

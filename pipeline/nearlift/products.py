@@ -16,10 +16,8 @@ from nearlift.run.declarations.flow import (
 from nearlift.run.declarations.ingest import TRIALS
 from nearlift.run.declarations.reduce import LIFT, LIFT_COVARIANCE
 from nearlift.run.declarations.simulate import (
-    CRASH_MAP,
     CRASH_RATES,
     FLIGHTS,
-    ROUTES,
     SAFETY,
     SIMULATION_PRODUCTS,
 )
@@ -27,7 +25,6 @@ from nearlift.run.registry import PRODUCTS, PROVENANCE
 from nearlift.run.schema import Column, Product
 
 __all__ = [
-    "CRASH_MAP",
     "CRASH_RATES",
     "DETECTION",
     "DIAGNOSIS",
@@ -50,7 +47,6 @@ __all__ = [
     "PROXIMITY",
     "PROXIMITY_PRODUCTS",
     "RESULTS",
-    "ROUTES",
     "SAFETY",
     "SIMULATION_PRODUCTS",
     "TRIALS",

@@ -10,7 +10,8 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.flight.proximity import inverse, reach
+from nearlift.flight import inverse
+from nearlift.flight.detection import Sensor, needed
 
 CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
 
@@ -121,9 +122,9 @@ def test_alarms_and_misses_happen_as_often_as_asked():
     sd.
     """
     rng = np.random.default_rng(2)
-    sigma = reach.Sensor(short_per_sqrt_Hz=0.01, floor=0.003).sigma(4.0, payload=0.002)
+    sigma = Sensor(short_per_sqrt_Hz=0.01, floor=0.003).sigma(4.0, payload=0.002)
     assert sigma == pytest.approx(math.sqrt(0.005**2 + 0.003**2 + 0.002**2))
-    change = reach.needed(sigma, 0.01, 0.1)
+    change = needed(sigma, 0.01, 0.1)
     threshold = sigma * stats.norm.isf(0.01)
     noise = sigma * rng.standard_normal(40_000)
     assert (noise > threshold).mean() == pytest.approx(0.01, abs=0.002)
@@ -131,29 +132,29 @@ def test_alarms_and_misses_happen_as_often_as_asked():
 
 
 def test_range_is_where_the_model_gives_that_change():
-    z_hat = reach.reach(ground(), 0.03, 0.8, 12.0)
+    z_hat = inverse.reach(ground(), 0.03, 0.8, 12.0)
     assert float(ground()(z_hat)) - 1 == pytest.approx(0.03, rel=1e-3)
-    assert reach.reach(wall(), 0.02, 0.02, 10.0) == pytest.approx(0.5 * math.log(2.5), rel=1e-3)
-    assert math.isnan(reach.reach(wall(), 0.06, 0.02, 10.0))
-    assert reach.reach(ground(), 1e-9, 0.8, 12.0) == pytest.approx(12.0)
+    assert inverse.reach(wall(), 0.02, 0.02, 10.0) == pytest.approx(0.5 * math.log(2.5), rel=1e-3)
+    assert math.isnan(inverse.reach(wall(), 0.06, 0.02, 10.0))
+    assert inverse.reach(ground(), 1e-9, 0.8, 12.0) == pytest.approx(12.0)
 
 
 def test_averaging_widens_the_range_until_the_payload_stops_it():
-    sensor = reach.Sensor(short_per_sqrt_Hz=0.01, floor=0.0)
+    sensor = Sensor(short_per_sqrt_Hz=0.01, floor=0.0)
     ranges = [
-        reach.reach(ground(), reach.needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0)
+        inverse.reach(ground(), needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0)
         for t in (0.1, 1.0, 10.0)
     ]
     assert ranges == sorted(ranges)
     known, unknown = (
-        reach.reach(ground(), reach.needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0)
+        inverse.reach(ground(), needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0)
         for p in (0.0, 0.05)
     )
     assert math.isnan(unknown) or unknown < 0.5 * known
 
 
 def test_ranges_of_draws_count_the_undetectable():
-    best, low, high = reach.reaches(
+    best, low, high = inverse.reaches(
         [wall(0.05), *(wall(a) for a in np.linspace(0.03, 0.07, 40))], 0.04, 0.02, 10.0
     )
     assert low == 0.0

@@ -4,7 +4,6 @@ and chapter.
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import re
@@ -214,22 +213,6 @@ def test_without_a_sensor_the_bench_s_own_noise_counts(remake):
     flown = remake("ground", detect=SENSOR)
     detect.run(flown)
     assert flown.read_json(PROXIMITY)["boundaries"]["ground"]["floor"] == pytest.approx(floor)
-
-
-def test_when_a_running_test_notices(done):
-    job, _ = done
-    content = job.read_json(PROXIMITY)
-    assert content["false_alarms_per_hour"] == 1.0
-    own = content["boundaries"]["ground"]
-    assert own["every_s"] == 0.01  # independent readings of a sensor white up to 50 Hz
-    delays = [math.inf if n["delay_s"] is None else n["delay_s"] for n in own["noticed"]]
-    assert all(a <= b for a, b in itertools.pairwise(delays))
-    assert delays[0] < 1
-    assert delays[-1] == math.inf
-    table = job.read(DETECTION)
-    second = table["averaging_s"] == 1.0
-    assert table["false_alarms_per_hour"][second] == pytest.approx(36.0)
-    assert table["false_alarms_per_hour"][table["averaging_s"] == 0.01] == pytest.approx(3600.0)
 
 
 def test_distances_of_significance(remake, done):

@@ -13,18 +13,13 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
+from nearlift.flight import paper
+from nearlift.flight.fitted import conditions
 from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.simulation import maps, presets
-from nearlift.flight.simulation.control import poles
-from nearlift.flight.simulation.corridor import BASES
-from nearlift.flight.simulation.craft import CRAZYFLIE_AS_PRINTED
-from nearlift.flight.simulation.curve import tabulate
-from nearlift.flight.simulation.fitted import conditions
-from nearlift.flight.simulation.flight import FlightPlan, FlightSetting, fly
-from nearlift.flight.simulation.groups import gains_for
+from nearlift.flight.monte_carlo import FlightPlan, FlightSetting, fly, tabulate
+from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED, gains_for, poles
 from nearlift.manifest import campaign as manifest
-from nearlift.products import CRASH_MAP, CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, ROUTES, SAFETY
-from nearlift.report.figures.crash_map import draw as draw_map
+from nearlift.products import CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, SAFETY
 from nearlift.report.figures.encoding import render
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.style import style
@@ -44,7 +39,6 @@ QUICK = {
     "flights": 40,
     "draws": 3,
     "risks": [0.5],
-    "maps": False,
     "presets": ["paper"],
     "roll_inertia": "1.6e-5 kg*m^2",
     "set_points": {"ground": [0.8, 1.0, 1.2, 1.4], "ceiling": [1.6, 1.8, 2.0, 2.2]},
@@ -70,7 +64,6 @@ def test_products_obey_their_schema_and_say_what_flew(flown):
     fitted = rates["preset"] == "fitted"
     assert set(rates["member"][fitted].tolist()) == {-1, 0, 1, 2}
     assert rates["cost_paper"] == pytest.approx(rates["ratio"] ** -1.5)
-    assert not len(job.read(CRASH_MAP)["rate"])
     flying = job.read_json(SAFETY)["fitted"]["ground"]["gains"]
     # a Crazyflie of the paper's size: its gains to 2 %
     assert [flying[k] for k in ("kP", "kD", "kI")] == pytest.approx([-316, -316, -31.6], rel=0.02)
@@ -100,23 +93,10 @@ def test_findings(flown):
         for e in content["presets"]["paper"]["boundaries"]["ground"]["levels"]
     }
     assert paper[0.0, 0.5] == pytest.approx(1.15, abs=0.1)  # 40 flights
-    assert set(ground["front_z_hat"]) <= set(job.read(CRASH_RATES)["target_z_hat"].tolist())
-    assert [b["price"] for b in ground["best_set_points"]] == [0.1, 1.0, 10.0]
-    dear = ground["best_set_points"][-1]
-    # 40 flights cannot tell a risk that costs ten flights
-    assert (dear["resolved"], dear["target_z_hat"]) == (False, None)
-    assert dear["flights_needed"] > 40
-    assert dear["rate"] > 0
-    assert {c["name"] for c in content["claims"]} >= {
-        "ceiling_crash",
-        "closer_with_model",
-        "order_kept",
-    }
-    for claim in content["claims"]:
-        told = claim["presets"]["paper"]
-        assert told["lo90"] <= told["value"] <= told["hi90"]
-        assert told["verdict"] in ("holds", "fails", "undecided")
-    roll = content["roll"]["fitted"]["near_pair_only"]
+    assert (ground["flights"], ground["draw_flights"]) == (1000, 40)
+    assert level["rate_lo90"] < level["crashes"] / 1000 < level["rate_hi90"]
+    assert 0.8 < level["relative_power"] < 1
+    roll = content["roll"]["near_pair_only"]
     assert roll["lo90_deg_s2"] < roll["acceleration_deg_s2"] < roll["hi90_deg_s2"]
 
 
@@ -138,41 +118,15 @@ def test_figures_and_chapter(flown):
         assert len({len(c) for c in table.values()}) == 1
         assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
         assert "halving the step changes" in spec.caption(evidence, table)
-        if spec.name == "safety":
-            assert "Not resolved by 40 flights: prices of" in spec.caption(evidence, table)
         assert "z_hat" in spec.alt(evidence, table)
     text = small_run.chapter(evidence, "safety")
-    levels = re.findall(r"<summary>(\w+): levels of risk(.*?)</details>", text, re.DOTALL)
+    levels = re.findall(r"<summary>(\w+): set-points by risk(.*?)</details>", text, re.DOTALL)
     assert [boundary for boundary, _ in levels] == ["Ground", "Ceiling"]
-    assert "not resolved by 40 flights; about" in re.split('<th scope="row">', levels[0][1])[-1]
-    claim = text.partition("flown again</summary>")[2].partition("<tbody>")[2]
-    first = re.search(r'data-source="([^"]+)', claim)
-    assert first
-    assert first[1] == "safety.json#/claims/0/presets/paper/value"
+    assert 'data-source="safety.json#/fitted/ground/levels/0/rate_lo90"' in levels[0][1]
+    assert "The paper's simulation, flown again" in text
 
 
 VEHICLE = raw_manifest()["vehicle"]
-ROUTE = {
-    "length": "1 m",
-    "height": "0.4 m",
-    "start": ["0 m", "0.2 m"],
-    "goal": ["1 m", "0.2 m"],
-    "speed": "0.5 m/s",
-    "risk": 0.2,
-    "obstacles": [{"x": ["0.4 m", "0.6 m"], "z": ["0 m", "0.1 m"]}],
-}
-
-
-@pytest.mark.parametrize(
-    ("given", "asked"),
-    [({}, ["crash_map"]), ({"maps": False}, []), ({"maps": False, "route": True}, ["routes"])],
-)
-def test_maps_and_routes_that_nobody_asked_for_are_not_missed(given, asked):
-    chosen = given | ({"route": ROUTE} if "route" in given else {})
-    campaign = manifest.parse(raw_manifest(simulate=chosen))
-    assert [
-        s.name for s in FIGURES if s.name in ("crash_map", "routes") and s.asked(campaign)
-    ] == asked
 
 
 def test_a_crash_is_drawn_where_the_flight_touches():
@@ -183,116 +137,10 @@ def test_a_crash_is_drawn_where_the_flight_touches():
         assert np.array_equal(touching(np.arange(len(alive)), np.array(alive))[1], alive)
 
 
-def test_a_route_through_the_manifest_s_corridor(remake):
-    job = remake("ground", "ceiling", simulate=QUICK | {"presets": [], "route": ROUTE})
-    simulate.run(job)
-    table, entry = job.read(ROUTES), job.read_json(SAFETY)["route"]
-    assert entry["lo90"] < entry["risk"] < entry["hi90"] <= 0.2
-    # never below the nearest station measured, though set-points of 0.8 were flown, nor where it
-    # matters what lift does below it
-    lowest, ground = entry["lowest_z_hat"]["ground"], job.read_json(SAFETY)["fitted"]["ground"]
-    assert lowest == max(ground["agreed_z_hat"], ground["measured_z_hat"][0]) >= 1.14
-    over = (table["x_m"] < 0.3) & (table["chosen"] == 1)
-    assert (table["z_m"][over] >= lowest * 0.023 - 1e-9).all()
-    assert set(table["risk_from"]) <= set(BASES)
-    assert BASES[2] in set(table["risk_from"])
-    assert sum(entry["share_by_basis"].values()) == pytest.approx(1)
-    assert entry["energy"] == pytest.approx(table["energy"][table["chosen"] == 1][0])
-    evidence = gather(job)
-    (spec,) = (s for s in FIGURES if s.name == "routes")
-    drawn = spec.summarise(evidence)
-    assert set(drawn["kind"]) == {"box", "room", "end", "way", "front", "bound"}
-    assert render(spec.draw, drawn, style("screen"))["png"].startswith(b"\x89PNG")
-    assert "no trajectory" in spec.caption(evidence, drawn)
-
-
-def test_maps_over_pairs_of_groups(monkeypatch):
-    """Every map by its own axes: more gain and wider memory act as they must, spacing only where
-    the model has one.
-    """
-    monkeypatch.setattr(maps, "SIDE", 3)
-    preset = presets.preset("converged")
-    own = preset.groups("ground")
-    how = preset.monte_carlo(30, 5)
-    asked = []
-
-    def ratio(factor):
-        asked.append(factor)
-        return lambda z: 1 + 0.01 / (factor * z) ** 2
-
-    rows, tested = maps.scan("ground", ratio, "some", 0.5, 2.8, own, how)
-    assert [r["map"] for r in rows[::9]] == [p.name for p in maps.PAIRS]
-    assert sorted(set(asked)) == pytest.approx([0.75, 1.0, np.sqrt(0.75 * 2), 2.0], abs=1e-5)
-    rate = {(r["map"], r["x"], r["y"]): r["rate"] for r in rows}
-    for name, x_group in (
-        ("noise and gains", "beta"),
-        ("noise and its memory", "correlation"),
-        ("noise and spacing", "spacing_hat"),
-    ):
-        cells = {k: v for k, v in rate.items() if k[0] == name}
-        xs, ys = (sorted({k[i] for k in cells}) for i in (1, 2))
-        assert ys[1] == pytest.approx(own.noise)
-        assert {r["x_group"] for r in rows if r["map"] == name} == {x_group}
-        # more noise crashes more
-        assert all(cells[name, x, ys[0]] <= cells[name, x, ys[2]] for x in xs)
-    assert xs == pytest.approx([0.75 * 2.8, np.sqrt(1.5) * 2.8, 5.6], rel=1e-4)
-    low, middle, high = sorted({k[1] for k in rate if k[0] == "noise and its memory"})
-    assert (low, middle, high) == pytest.approx((0.3 * own.hold, 3 * own.hold, 30 * own.hold))
-    assert (
-        rate["noise and its memory", low, own.noise] < rate["noise and its memory", high, own.noise]
-    )
-    gains = sorted({k[1] for k in rate if k[0] == "noise and gains"})
-    assert (
-        rate["noise and gains", gains[0], own.noise] > rate["noise and gains", gains[2], own.noise]
-    )
-    # their step is tested in the corners of all four, and where crashing is undecided
-    assert tested.converged
-    assert 16 < tested.settings < 36
-    others, _ = maps.scan("ceiling", ratio, "some", 0.5, None, own, how.at_most(2))
-    assert "noise and spacing" not in {r["map"] for r in others}
-
-
-def test_the_maps_figure():
-    sides = [
-        (b, p)
-        for b in ("ground", "ceiling")
-        for p in maps.PAIRS
-        if b == "ground" or p.x.name != "spacing_hat"
-    ]
-    rows = [
-        {
-            "boundary": b,
-            "model": "m",
-            "map": p.name,
-            "x_group": p.x.name,
-            "y_group": p.y.name,
-            "x": x,
-            "y": y,
-            "target_z_hat": 1.0,
-            "flights": 60,
-        }
-        | {
-            "rate": 0.5 * x / (x + y),
-            "lo90": 0.0,
-            "hi90": 1.0,
-            "x_flown": 0.0 if p.x.name == "correlation" else 1.0,
-            "y_flown": 1.0,
-        }
-        for b, p in sides
-        for x in (0.3, 1.0, 3.0)
-        for y in (0.3, 1.0, 3.0)
-    ]
-    table = {
-        k: np.array([r[k] for r in rows], dtype=object if isinstance(rows[0][k], str) else None)
-        for k in rows[0]
-    }
-    assert render(draw_map, table, style("screen"))["png"].startswith(b"\x89PNG")
-
-
 @pytest.mark.parametrize("text", ["threads:2", "processes:2"])
 def test_no_executor_changes_what_is_flown(text):
     """Blocks of flights go to the executor's workers as plain values and come back in order."""
-    preset = presets.preset("paper")
+    preset = paper.preset("paper")
     own = preset.groups("ground")
     settings = [FlightSetting(target_z_hat=z, groups=own) for z in (1.0, 1.2)]
     plan = FlightPlan(
@@ -381,26 +229,14 @@ def test_refusals(remake, changes, error, words):
         ),
         ({"risks": [0.0]}, r"simulate.risks.0: Input should be greater than 0"),
         ({"risks": [1.5]}, r"simulate.risks.0: Input should be less than 1"),
-        ({"crash_prices": [-1.0]}, r"simulate.crash_prices.0: Input should be greater than 0"),
         ({"presets": ["paper", "paper"]}, r"simulate.presets: names one of its values twice"),
-        (
-            {"route": {"goal": ["9 m", "0.2 m"]}},
-            r"simulate.route: goal \(9, 0.2\) m is outside the corridor of 1 by 0.4 m",
-        ),
-        (
-            {"route": {"goal": ["0 m", "0.2 m"]}},
-            r"simulate.route: start and goal are the same place",
-        ),
-        (
-            {"route": {"obstacles": [{"x": ["0.6 m", "0.5 m"], "z": ["0 m", "0.1 m"]}]}},
-            r"obstacles.0.x: gives its ends in the wrong order",
-        ),
+        ({"maps": False}, r"simulate.maps"),
+        ({"route": {}}, r"simulate.route"),
     ],
 )
 def test_what_cannot_be_flown_is_refused_as_the_manifest_is_read(changes, words):
-    route = {"route": ROUTE | changes["route"]} if "route" in changes else {}
     with pytest.raises(ManifestError, match=words):
-        manifest.parse(raw_manifest(simulate=QUICK | changes | route))
+        manifest.parse(raw_manifest(simulate=QUICK | changes))
 
 
 @pytest.mark.parametrize("own", [True, False], ids=["own gains", "carried over"])
@@ -484,15 +320,11 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(remake, monk
     (level,) = ground["levels"]
     assert not level["agrees"]
     assert level["held"] > level["hi90"]
-    assert ground["agreed_z_hat"] > level["value"]
-    assert not any(b["target_z_hat"] for b in ground["best_set_points"] if not b["agrees"])
-    assert not ground["best_set_points"][0]["agrees"]
     (spec,) = (s for s in FIGURES if s.name == "safety")
     evidence = gather(job)
     told = spec.caption(evidence, spec.summarise(evidence))
-    assert "No advice for a price of 0.1" in told
-    text = small_run.chapter(evidence, "safety")
-    assert '<th scope="row">0.1</th><td colspan="3">no advice: it depends' in text
+    assert "No set-point is advised for a risk of 50 %" in told
+    assert "no advice: it depends" in small_run.chapter(evidence, "safety")
 
 
 def test_a_gain_without_a_unit_is_refused(remake):

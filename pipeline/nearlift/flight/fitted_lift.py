@@ -110,12 +110,6 @@ class FittedLift:
         ratio = np.asarray(self.model(z_hat, **{**self.arguments, **columns}), dtype=float)
         return np.broadcast_to(ratio, (self.number, np.size(z_hat)))
 
-    def spaced(self, factor: float) -> Ratio:
-        """Best estimate of L / L_inf with the rotor spacing multiplied by `factor`."""
-        spacings = ("spacing_hat", "diagonal_hat")
-        changes = {n: factor * float(v) for n, v in self.arguments.items() if n in spacings}
-        return self.ratio(-1, **changes)
-
     def droop(self, supply_end_V: float | None, member: int = -1) -> float:
         """Relative change of lift once the supply has fallen to `supply_end_V` (None: the lowest on
         record); 0 without a sag exponent or a known supply.

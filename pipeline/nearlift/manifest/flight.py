@@ -1,11 +1,11 @@
-"""[simulate] and [detect] of the manifest: controller, gusts, set-points and routes of the flights;
-rates and sensor of detection.
+"""[simulate] and [detect] of the manifest: controller, gusts and set-points of the flights; rates
+and sensor of detection.
 """
 
 from __future__ import annotations
 
 import itertools
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
@@ -18,14 +18,11 @@ from nearlift.manifest.quantities import (
     Inertia,
     IntegralGain,
     Mass,
-    Position,
     PositiveDuration,
-    PositiveLength,
     ProportionalGain,
     Rate,
     Section,
     Share,
-    Velocity,
     Voltage,
 )
 
@@ -42,12 +39,6 @@ def _ascending(values: list[float]) -> list[float]:
     return values
 
 
-def _interval(ends: tuple[float, float]) -> tuple[float, float]:
-    if not ends[0] < ends[1]:
-        raise ValueError("gives its ends in the wrong order: the lower comes first")
-    return ends
-
-
 def _no_wall(boundary: Boundary) -> Boundary:
     if boundary == "sidewall":
         raise ValueError(
@@ -59,7 +50,6 @@ def _no_wall(boundary: Boundary) -> Boundary:
 Flown = Annotated[Boundary, AfterValidator(_no_wall)]
 Positive = Annotated[float, Field(gt=0)]
 Probability = Annotated[float, Field(gt=0, lt=1)]
-Interval = Annotated[Position, AfterValidator(_interval)]
 
 
 class GainSet(Section):
@@ -82,39 +72,6 @@ class Gusts(Section):
     correlation: Duration = 0.0
 
 
-class Obstacle(Section):
-    """A box that a route goes around, in m: along the corridor and above its floor."""
-
-    x: Interval
-    z: Interval
-
-
-class Route(Section):
-    """A corridor between a floor and a ceiling, seen from the side, and the way through it. Lengths
-    in m.
-    """
-
-    length: PositiveLength
-    height: PositiveLength
-    start: Position
-    goal: Position
-    obstacles: list[Obstacle] = Field(default=[])
-    speed: Velocity
-    risk: Probability = 0.01
-
-    @model_validator(mode="after")
-    def _inside(self) -> Self:
-        for name, (x, z) in (("start", self.start), ("goal", self.goal)):
-            if not (0 <= x <= self.length and 0 <= z <= self.height):
-                raise ValueError(
-                    f"{name} ({x:g}, {z:g}) m is outside the corridor of {self.length:g} by"
-                    f" {self.height:g} m"
-                )
-        if self.start == self.goal:
-            raise ValueError("start and goal are the same place")
-        return self
-
-
 class Simulate(Section):
     """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's,
     carried over so that the groups stay. What counts as a crash, its motors' lag and its largest
@@ -129,7 +86,6 @@ class Simulate(Section):
     mass: Mass | None = None
     scale_gains: bool = True
     lift_coefficient: float = Field(default=1.6, gt=0)
-    scheme: Literal["euler", "semi-implicit", "rk4"] = "rk4"
     step: PositiveDuration | None = None
     duration: PositiveDuration | None = None
     set_points: dict[
@@ -140,15 +96,10 @@ class Simulate(Section):
     risks: Annotated[list[Probability], Field(min_length=1), AfterValidator(_unlike)] = Field(
         default=[0.5, 0.01]
     )
-    crash_prices: Annotated[list[Positive], AfterValidator(_unlike)] = Field(
-        default=[0.1, 1.0, 10.0]
-    )
     estimator_delay: Duration = 0.0
     supply_end: Voltage | None = None
     roll_inertia: Inertia | None = None
     roll_inertia_uncertainty: Fraction | None = None
-    maps: bool = True
-    route: Route | None = None
 
 
 class LiftReading(Section):
@@ -184,13 +135,12 @@ def _listed(value: object) -> object:
 
 class Detect(Section):
     """Knowing a boundary from lift, or from the throttle needed to hover. Uncertainties are
-    standard ones, as fractions. `false_alarm_rate` is one decision's, `false_alarms_per_hour` the
-    sequential test's; `significant` the change of lift from which a boundary matters.
+    standard ones, as fractions. `false_alarm_rate` is one decision's; `significant` the change of
+    lift from which a boundary matters.
     """
 
     false_alarm_rate: float = Field(default=0.01, gt=0, lt=0.5)
     miss_rate: float = Field(default=0.1, gt=0, lt=0.5)
-    false_alarms_per_hour: float = Field(default=1.0, gt=0)
     significant: Share = 0.02
     averaging: list[Duration] = Field(default=[0.01, 0.1, 1.0, 10.0, 100.0])
     force_noise: Force | None = None

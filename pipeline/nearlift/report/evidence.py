@@ -22,7 +22,7 @@ from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.results.serial import decode
 
 if TYPE_CHECKING:
-    from nearlift.flight.simulation.safety_result import SafetyResult
+    from nearlift.flight.safety_result import SafetyResult
     from nearlift.report.trial_table import TrialTable
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
@@ -112,7 +112,7 @@ class Evidence:
     @cached_property
     def safety(self) -> SafetyResult:
         """safety.json."""
-        from nearlift.flight.simulation.safety_result import SafetyResult
+        from nearlift.flight.safety_result import SafetyResult
 
         return decode(SafetyResult, self.document(SAFETY), SAFETY.file)
 

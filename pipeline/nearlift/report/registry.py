@@ -240,7 +240,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="flight",
         facts=safety.facts,
         needs=(SAFETY,),
-        figures=_figures("fig6", "safety", "crash_map", "routes"),
+        figures=_figures("fig6", "safety"),
         pictures="within",
     ),
     Chapter(

@@ -6,16 +6,16 @@ import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused, UsageError
-from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.proximity.detection import (
+from nearlift.flight.detection import (
     INVERTED_S,
     BoundaryProximity,
     ProximityResult,
+    Sensor,
     boundary_proximity,
     range_rows,
 )
-from nearlift.flight.proximity.reach import Sensor
-from nearlift.flight.proximity.reading import HeightReading, RefusedReading, read_height
+from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.reading import HeightReading, RefusedReading, read_height
 from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Detect, LiftReading
 from nearlift.products import DETECTION, PROXIMITY, TRIALS
@@ -59,7 +59,6 @@ def run(job: Job) -> Outcome:
         schema=PROXIMITY.schema,
         false_alarm_rate=chosen.false_alarm_rate,
         miss_rate=chosen.miss_rate,
-        false_alarms_per_hour=chosen.false_alarms_per_hour,
         averaging_s=INVERTED_S,
         boundaries=boundaries,
         readings=tuple(readings),
@@ -104,12 +103,11 @@ def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor
     What it does not take away is the bench's for either, since the model and L_inf are: the scatter
     of its trials and the uncertainty of L_inf.
     """
-    every_s = min(chosen.averaging, default=INVERTED_S)
     weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
     if chosen.force_noise is not None and chosen.force_bandwidth is not None:
         # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
         white = chosen.force_noise / weight / float(np.sqrt(2 * chosen.force_bandwidth))
-        return Sensor(short_per_sqrt_Hz=white, floor=floor, every_s=0.5 / chosen.force_bandwidth)
+        return Sensor(short_per_sqrt_Hz=white, floor=floor)
     trials = job.read(TRIALS)
     mine = (
         (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
@@ -118,4 +116,4 @@ def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor
     if mine.any() and rate is not None:
         length_s = trials["n"][mine] / rate
         noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
-    return Sensor(short_per_sqrt_Hz=noise, floor=floor, every_s=every_s)
+    return Sensor(short_per_sqrt_Hz=noise, floor=floor)

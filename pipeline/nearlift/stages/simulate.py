@@ -1,5 +1,5 @@
-"""simulate: flights near ground and ceiling, to crash_rates.parquet, flights.parquet,
-crash_map.parquet, routes.parquet and safety.json.
+"""simulate: flights near ground and ceiling, to crash_rates.parquet, flights.parquet and
+safety.json.
 """
 
 from __future__ import annotations
@@ -9,21 +9,16 @@ import math
 from dataclasses import replace
 
 from nearlift.declare import Boundary
-from nearlift.flight.simulation import maps, presets
-from nearlift.flight.simulation.claims import CrashLevels, judge
-from nearlift.flight.simulation.corridor import nearness
-from nearlift.flight.simulation.craft import Craft
-from nearlift.flight.simulation.crash_rate import refuse_few
-from nearlift.flight.simulation.fitted import FittedFlights, conditions, fitted_flights
-from nearlift.flight.simulation.groups import gains_for
-from nearlift.flight.simulation.monte_carlo import StepTest, Sweep
-from nearlift.flight.simulation.published import Rows, histories, published_flights
-from nearlift.flight.simulation.roll import RollResult, fitted_roll
-from nearlift.flight.simulation.route import planned_route
-from nearlift.flight.simulation.safety_result import PresetFlights, SafetyResult
+from nearlift.flight import paper
+from nearlift.flight.crash_rate import refuse_few
+from nearlift.flight.fitted import FittedFlights, conditions, fitted_flights
+from nearlift.flight.paper import Rows
+from nearlift.flight.roll import Roll, roll_beside_wall
+from nearlift.flight.safety_result import PresetFlights, SafetyResult
+from nearlift.flight.vehicle import Craft, gains_for
 from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Simulate
-from nearlift.products import CRASH_MAP, CRASH_RATES, FIT, FLIGHTS, ROUTES, SAFETY
+from nearlift.products import CRASH_RATES, FIT, FLIGHTS, SAFETY
 from nearlift.randomness import generator
 from nearlift.results.fit import FitResults
 from nearlift.run.job import Job, Outcome, Say, part
@@ -31,7 +26,7 @@ from nearlift.stages.quoted_lift import fitted_lift
 
 #: Air density where the manifest gives none, kg/m^3: the paper's.
 AIR = 1.2
-#: Draws of the sidewall's model behind the torque.
+#: Number of draws of the sidewall's model behind the torque.
 ROLL_DRAWS = 400
 
 
@@ -44,46 +39,33 @@ def run(job: Job) -> Outcome:
         job.campaign.contact_m(boundary)
     key = int(generator(job.seed, "simulate").integers(2**63))
     job = replace(job, say=_counting(job, chosen))
-    rates: Rows = []
-    tests: dict[str, StepTest] = {}
-    published, samples, levels = _presets(job, chosen, key, rates, tests)
-    craft = vehicle(job, chosen)
-    fitted, flown, mapped = _fitted(job, chosen, craft, key, rates, tests)
-    route, routes = None, Rows()
-    if chosen.route:
-        near = {}
-        for boundary, entry in fitted.items():
-            lowest = max(entry.measured_z_hat[0], entry.agreed_z_hat)
-            time_s = entry.groups.duration * craft.time_s
-            rng = generator(job.seed, "route", boundary)
-            near[boundary] = nearness(flown[boundary], entry.held, time_s, lowest, rng)
-        spacing_m = job.campaign.vehicle.rotor_spacing or 0.0
-        route, routes = planned_route(chosen.route, craft, spacing_m, near, chosen.flights)
-    job.write(CRASH_RATES, CRASH_RATES.columns_of(rates))
+    published, rates, samples = _presets(job, chosen, key)
+    fitted, fitted_rates = _fitted(job, chosen, key)
+    job.write(CRASH_RATES, CRASH_RATES.columns_of(rates + fitted_rates))
     job.write(FLIGHTS, FLIGHTS.columns_of(samples))
-    job.write(CRASH_MAP, CRASH_MAP.columns_of(mapped))
-    job.write(ROUTES, ROUTES.columns_of(routes))
-    result = SafetyResult(
-        schema=SAFETY.schema,
-        presets=published,
-        fitted=fitted,
-        route=route,
-        claims=judge(levels),
-        roll=_roll(job, chosen),
+    job.write_json(
+        SAFETY,
+        SafetyResult(
+            schema=SAFETY.schema, presets=published, fitted=fitted, roll=_roll(job, chosen)
+        ),
     )
-    job.write_json(SAFETY, result)
+    tests = {
+        f"{name} {boundary}": flown.convergence
+        for name, preset in published.items()
+        for boundary, flown in preset.boundaries.items()
+    } | {f"fitted {boundary}": flown.convergence for boundary, flown in fitted.items()}
     warned = [f"{what}: {test.warning}" for what, test in tests.items() if not test.converged]
     return Outcome(notes=tuple(warned))
 
 
 def _flown(job: Job) -> list[Boundary]:
     """Boundaries at which this campaign's models are flown."""
-    return boundaries_of([b for b in job.read_json(FIT)["boundaries"] if b in presets.MODELS])
+    return boundaries_of([b for b in job.read_json(FIT)["boundaries"] if b in paper.MODELS])
 
 
 def _counting(job: Job, chosen: Simulate) -> Say:
-    """What hears each step of the stage as it begins."""
-    of = len(chosen.presets) * len(presets.MODELS) + (1 + chosen.maps) * len(_flown(job))
+    """Progress of the stage, one step for each boundary of each preset and fitted model."""
+    of = len(chosen.presets) * len(paper.MODELS) + len(_flown(job))
     done = itertools.count()
 
     def say_step(text: str, share: float | None = None, /) -> None:
@@ -107,42 +89,35 @@ def vehicle(job: Job, chosen: Simulate) -> Craft:
         C_L=chosen.lift_coefficient,
         rotors=v.rotors,
         motor_lag_s=v.motor_lag,
-        # a bench that never carried the weight says nothing of the most
+        # a bench that never carried the weight does not show the largest lift
         most_lift_N=v.thrust_limit or (most if most > mass_kg * rig.gravity else math.inf),
     )
 
 
-def _presets(
-    job: Job, chosen: Simulate, key: int, rates: Rows, tests: dict[str, StepTest]
-) -> tuple[dict[str, PresetFlights], Rows, dict[str, CrashLevels]]:
-    """The paper's models under each preset, sample histories, and what the claims are judged by."""
+def _presets(job: Job, chosen: Simulate, key: int) -> tuple[dict[str, PresetFlights], Rows, Rows]:
+    """The paper's models under each preset, with their crash rates, and sample histories."""
     published: dict[str, PresetFlights] = {}
-    samples: Rows = []
-    levels = {name: CrashLevels() for name in chosen.presets}
+    rates, samples = Rows(), Rows()
     for name in chosen.presets:
-        preset = presets.preset(name)
+        preset = paper.preset(name)
         how = preset.monte_carlo(chosen.flights, key, job.executor.map)
         boundaries = {}
-        for boundary in presets.MODELS:
+        for boundary in paper.MODELS:
             job.say(f"simulate {name} {boundary}")
-            flown, rows = published_flights(preset, boundary, how, chosen.risks, levels[name])
-            boundaries[boundary] = flown
+            boundaries[boundary], rows = paper.published_flights(
+                preset, boundary, how, chosen.risks
+            )
             rates += rows
-            samples += histories(preset, boundary, key) if name == "paper" else []
-            tests[f"{name} {boundary}"] = flown.convergence
-            if flown.convergence.converged:
-                tests[f"{name} {boundary}, other gains and noise"] = flown.variants
+            samples += paper.histories(preset, boundary, key) if name == "paper" else []
         published[name] = PresetFlights(meaning=preset.meaning, boundaries=boundaries)
-    return published, samples, levels
+    return published, rates, samples
 
 
-def _fitted(
-    job: Job, chosen: Simulate, craft: Craft, key: int, rates: Rows, tests: dict[str, StepTest]
-) -> tuple[dict[Boundary, FittedFlights], dict[Boundary, Sweep], Rows]:
-    """The campaign's models at each boundary, and the maps where they are wanted."""
+def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, FittedFlights], Rows]:
+    """The campaign's models at each boundary, with their crash rates."""
+    craft = vehicle(job, chosen)
     fitted: dict[Boundary, FittedFlights] = {}
-    flown: dict[Boundary, Sweep] = {}
-    mapped: Rows = []
+    rates = Rows()
     for boundary in _flown(job):
         job.say(f"simulate fitted {boundary}")
         lift = fitted_lift(job, boundary, chosen.draws)
@@ -153,40 +128,25 @@ def _fitted(
         # the command of a flight is its throttle
         said, radius_m = job.campaign.rig.held, craft.radius_m
         held = "throttle" if said == "command" else said
-        entry, flown[boundary], rows = fitted_flights(
-            lift, chosen, groups, how, held, radius_m, job.seed
-        )
-        entry = replace(entry, gains=gains_for(groups, craft))
+        entry, rows = fitted_flights(lift, chosen, groups, how, held, radius_m, job.seed)
+        fitted[boundary] = replace(entry, gains=gains_for(groups, craft))
         rates += rows
-        tests[f"fitted {boundary}"] = entry.convergence
-        if chosen.maps:
-            job.say(f"simulate map {boundary}")
-            bound, name = entry.bound_z_hat, lift.model.name
-            cells, tested = maps.scan(
-                boundary, lift.spaced, name, bound, entry.spacing_hat, groups, how
-            )
-            mapped += cells
-            entry = replace(entry, maps=tested)
-            tests[f"map {boundary}"] = tested
-        fitted[boundary] = entry
-    return fitted, flown, mapped
+    return fitted, rates
 
 
-def _roll(job: Job, chosen: Simulate) -> RollResult:
-    """What a sidewall's differential lift does by this campaign's fit, where it has a sidewall."""
+def _roll(job: Job, chosen: Simulate) -> Roll | None:
+    """Roll beside a wall by this campaign's fit; None without a sidewall or four rotors."""
     v = job.campaign.vehicle
     if "sidewall" not in job.read_json(FIT)["boundaries"] or v.rotors != 4 or not v.rotor_spacing:
-        return RollResult()
+        return None
     lift = fitted_lift(job, "sidewall", ROLL_DRAWS)
-    return RollResult(
-        fitted=fitted_roll(
-            lift.ratios,
-            lift.measured_z_hat[0],
-            weight_N=v.mass * job.campaign.rig.gravity,
-            arm_m=v.rotor_spacing / 2,
-            spacing_hat=v.rotor_spacing / v.rotor_radius,
-            inertia_kg_m2=chosen.roll_inertia,
-            u_inertia=chosen.roll_inertia_uncertainty,
-            rng=generator(job.seed, "roll"),
-        )
+    return roll_beside_wall(
+        lift.ratios,
+        lift.measured_z_hat[0],
+        weight_N=v.mass * job.campaign.rig.gravity,
+        arm_m=v.rotor_spacing / 2,
+        spacing_hat=v.rotor_spacing / v.rotor_radius,
+        inertia_kg_m2=chosen.roll_inertia,
+        u_inertia=chosen.roll_inertia_uncertainty,
+        rng=generator(job.seed, "roll"),
     )

@@ -53,17 +53,7 @@ scope = "boundary"
 flights      = 60
 draws        = 4
 risks        = [0.5, 0.05]
-maps         = false
 roll_inertia = "1.6e-5 kg*m^2"
-
-[simulate.route]
-length    = "3 m"
-height    = "0.4 m"
-start     = ["0 m", "0.2 m"]
-goal      = ["3 m", "0.2 m"]
-obstacles = [{ x = ["1.3 m", "1.6 m"], z = ["0 m", "0.12 m"] }]
-speed     = "0.3 m/s"
-risk      = 0.05
 
 [detect]
 supply = ["0 percent", "2 percent"]

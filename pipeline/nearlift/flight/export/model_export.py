@@ -17,7 +17,7 @@ from nearlift.flight.export.hermite import (
     uncertainty_table,
 )
 from nearlift.flight.fitted_lift import AT_REFERENCE, FittedLift
-from nearlift.flight.proximity.inverse import refuse_folds
+from nearlift.flight.inverse import refuse_folds
 
 #: Number of heights at which L / L_inf is stated with its interval.
 N_STATED = 5

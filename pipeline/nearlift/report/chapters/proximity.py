@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import BOUNDARIES
-from nearlift.flight.proximity import inverse
+from nearlift.flight import inverse
 from nearlift.products import DETECTION, PROXIMITY
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.detection import case
@@ -24,23 +24,13 @@ def facts(evidence: Evidence) -> dict[str, object]:
     return {
         "root": root,
         "rows": [
-            {"place": place, "cells": _cells(table, side), "noticed": _noticed(root, place)}
+            {"place": place, "cells": _cells(table, side)}
             for side in BOUNDARIES
             if (place := root.at("boundaries", side)).content
         ],
         "longest": max(table["averaging_s"].tolist(), default=0.0),
         "beyond": _beyond,
     }
-
-
-def _noticed(root: Place, boundary: Place) -> Place | None:
-    """The farthest height at which the sequential test takes no longer than a reading."""
-    in_time = [
-        height
-        for height in boundary.every("noticed")
-        if (delay := height.content["delay_s"]) is not None and delay <= root.content["averaging_s"]
-    ]
-    return in_time[-1] if in_time else None
 
 
 def _cells(table: Columns, side: str) -> list[dict[str, object]]:

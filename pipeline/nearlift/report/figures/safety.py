@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from nearlift import nomenclature
-from nearlift.flight.simulation.fitted import FittedFlights
+from nearlift.flight.fitted import FittedFlights
 from nearlift.products import CRASH_RATES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.fig6 import COLUMNS, SIDES
@@ -28,7 +28,6 @@ from nearlift.report.figures.style import (
     plain_log,
     plain_text,
 )
-from nearlift.rounding import plain
 
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
 FLOOR = 0.5
@@ -41,11 +40,11 @@ PAPER_COLOUR = "#5C2400"
 
 def summarise(evidence: Evidence) -> Columns:
     """Everything that is drawn, a row each: `row` (crash, front), `panel` (boundary), `kind` (none,
-    model, held, contact, cost, best), `label`, `x`, `y`, `lo90`, `hi90`. In the row `crash`, x is
-    the set-point and y a crash rate (90 % over model and flights; `held`: with lift held below the
-    nearest station) or a relative cost (over what is not known of the held quantity), and `contact`
-    is where the vehicle touches; in `front`, x is the relative cost, y the crash rate, and `best`
-    the set-points of least expected cost.
+    model, held, contact, cost, advised), `label`, `x`, `y`, `lo90`, `hi90`. In `crash`, x is the
+    set-point and y a crash rate (90 % over model and flights; `held`: with lift held below the
+    nearest station) or a relative power (over the uncertainty of the held quantity), and `contact`
+    is the height of contact; in `front`, x is the relative power, y the crash rate, and `advised`
+    the lowest set-points for the stated risks, at the rate of other flights.
     """
     rates, fitted = evidence.table(CRASH_RATES), evidence.safety.fitted
     parts = []
@@ -81,7 +80,7 @@ def _crashes(rates: Columns, fitted: FittedFlights) -> list[dict[str, object]]:
 
 
 def _risks(rates: Columns, fitted: FittedFlights) -> list[dict[str, object]]:
-    """Crash rate against relative cost, and the set-points of least expected cost."""
+    """Crash rate against relative power, and the lowest set-point for each stated risk."""
     best, floor = _best(rates), FLOOR / fitted.flights
     low, high = _band(rates)
     front = {"y": best["rate"], "lo90": low, "hi90": high}
@@ -90,13 +89,15 @@ def _risks(rates: Columns, fitted: FittedFlights) -> list[dict[str, object]]:
         {"kind": "model", "label": fitted.title, "x": best["cost"], **shown},
         *(
             {
-                "kind": "best",
-                "label": f"{point.price:g}: z_hat {point.target_z_hat:g}",
-                "x": point.relative_cost,
-                "y": max(point.crashes / fitted.flights, floor),
+                "kind": "advised",
+                "label": f"{100 * level.risk:g}: z_hat {level.value:.2f}",
+                "x": level.relative_power,
+                "y": max(level.crashes / fitted.flights, floor),
+                "lo90": max(level.rate_lo90, floor),
+                "hi90": level.rate_hi90,
             }
-            for point in fitted.best_set_points
-            if point.target_z_hat is not None
+            for level in fitted.levels
+            if level.advised
         ),
     ]
 
@@ -120,43 +121,26 @@ def caption(evidence: Evidence, table: Columns) -> str:
         " against set-point, with the 90 % band of model and flights together (dotted: L/L∞ held"
         " below the nearest station, where else the model's own form is carried on), where the"
         " vehicle touches (line and shade), and the relative power to hover (right axis), by what"
-        " the trials held (band: what is not known of it) and as the paper has it (dashed). Below:"
-        " power against risk, a rate without a crash standing at half a crash. Symbols are the"
-        " set-points of least expected cost where a crash costs so many times the flight's energy,"
-        " by rates of (crashes + 1/2) / (flights + 1) that fall with distance, at the rate of as"
-        " many other flights, which had no part in the choice. No set-point is named for a price at"
-        " which even the upper bound of its risk (95 %) would cost more than it saves over the"
-        " farthest set-point."
+        " the trials held (band: its uncertainty) and as the paper has it (dashed). With and"
+        " without a boundary the supply sags alike. Below: power against risk; a rate of zero is"
+        " drawn at half a crash. Symbols are the lowest set-points for the stated risks. Their bars"
+        " are 90 % intervals of the crash rate by as many flights with other gusts."
     )
     parts = [text]
     for side, fit in evidence.safety.fitted.items():
         parts.append(
             f"{side.capitalize()}: {fit.title}, {fit.draws} draws from {fit.draws_from},"
-            f" {fit.flights} flights a point; a crash is ẑ ≤ {fit.contact_z_hat:.3g}"
+            f" {fit.flights} flights a point ({fit.draw_flights} by each draw); a crash is"
+            f" ẑ ≤ {fit.contact_z_hat:.3g}"
             f" ({1e3 * fit.contact_m:.3g} mm from the rotor plane), and nothing was measured"
             f" below ẑ = {fit.measured_z_hat[0]:.3g}; halving the step changes a rate by up to"
             f" {fit.convergence.worst:.2g}."
         )
-        refused = [
-            f"{e.price:g}"
-            + (
-                f" (about {plain(e.flights_needed, 2)} flights would do)"
-                if e.flights_needed
-                else ""
-            )
-            for e in fit.best_set_points
-            if not e.resolved
-        ]
-        if refused:
-            prices = ", ".join(refused)
-            parts.append(f"Not resolved by {fit.flights} flights: prices of {prices}.")
-        # where the two readings below the nearest station lead apart
-        parted = [f"a price of {e.price:g}" for e in fit.best_set_points if not e.agrees]
-        parted += [f"a risk of {e.risk:g}" for e in fit.levels if not e.agrees]
+        parted = [f"{100 * e.risk:g} %" for e in fit.levels if not e.advised]
         if parted:
             parts.append(
-                f"No advice for {', '.join(parted)}: there it matters what lift does nearer than"
-                " measured."
+                f"No set-point is advised for a risk of {', '.join(parted)}: none flown is safe"
+                " enough, or it depends on lift nearer than measured."
             )
     return " ".join(parts)
 
@@ -236,32 +220,34 @@ def _crash(ax: Axes, rows: Rows) -> None:
 
 
 def _front(ax: Axes, rows: Rows) -> None:
-    model, best = (where(rows, kind=kind) for kind in ("model", "best"))
+    model, advised = (where(rows, kind=kind) for kind in ("model", "advised"))
     ax.set_yscale("log")
     ax.set_ylim(0.7 * 100 * model["lo90"].min(), 140)
     plain_log(ax.yaxis)
     _band_of(ax, model)
     ax.plot(model["x"], 100 * model["y"], color=FITTED, zorder=2, marker=".", markersize=2.5)
-    points = zip(SERIES, best["x"], best["y"], best["label"], strict=False)
-    for (shade, marker), x, y, label in points:
-        price, _, station = label.partition(": z_hat ")
-        name = f"crash costs {price}: $\\hat{{z}}_0$ = {station}"
-        ax.plot(
+    ends = (advised[name] for name in ("x", "y", "lo90", "hi90", "label"))
+    for (shade, marker), x, y, low, high, label in zip(SERIES, *ends, strict=False):
+        risk, _, station = label.partition(": z_hat ")
+        ax.errorbar(
             [x],
             [100 * y],
+            yerr=[[100 * (y - min(low, y))], [100 * (max(high, y) - y)]],
             color=shade,
             marker=marker,
             markersize=5,
             markerfacecolor="white",
             linestyle="none",
             zorder=4,
-            label=name,
+            label=f"risk of {risk} %: $\\hat{{z}}_0$ = {station}",
         )
     ax.set_xlabel("relative power to hover")
     ax.set_ylabel("crash rate (%)")
-    if len(best["x"]):
+    if len(advised["x"]):
         middle = (model["x"].min() + model["x"].max()) / 2
-        ax.legend(loc="upper right" if best["x"].mean() < middle else "lower left")
+        ax.legend(loc="upper right" if advised["x"].mean() < middle else "lower left")
+    else:
+        ax.text(0.5, 0.5, "no set-point is advised", transform=ax.transAxes, ha="center")
 
 
 FIGURE = FigureSpec(

@@ -1,4 +1,4 @@
-"""Stage simulate: crash rates, energy, and ways through a corridor."""
+"""Stage simulate: crash rates and energy near ground and ceiling."""
 
 from __future__ import annotations
 
@@ -59,72 +59,12 @@ FLIGHTS = Product(
         ),
     ),
 )
-CRASH_MAP = Product(
-    file="crash_map.parquet",
-    title="Crash rate over dimensionless groups",
-    row="a cell of one map at one boundary",
-    columns=(
-        text("boundary", "ground or ceiling"),
-        text("model", "name of the lift model"),
-        real("target_z_hat", "1", "set-point over rotor radius"),
-        text("map", "which pair of groups"),
-        text("x_group", "beta, correlation or spacing_hat: the group along the first axis"),
-        text("y_group", "alpha or noise: the group along the second"),
-        real(
-            "x",
-            "1",
-            "size of the first group: derivative gain, correlation time over sqrt(r/g), or"
-            " spacing over radius",
-        ),
-        real(
-            "y",
-            "1",
-            "size of the second: proportional gain, or standard deviation of the disturbance"
-            " over weight",
-        ),
-        integer("flights", "simulated flights"),
-        integer("crashes", "flights that touched the boundary"),
-        real("rate", "1", "crashes over flights"),
-        real("lo90", "1", "lower end of the rate's 90 % interval, binomial"),
-        real("hi90", "1", "upper end"),
-    ),
-)
 SAFETY = Product(
     file="safety.json",
     title="What the crash rates mean",
     row="preset or fitted model, then boundary",
 )
-ROUTES = Product(
-    file="routes.parquet",
-    title="Ways through the corridor",
-    row="a point of one way; ways by falling risk",
-    columns=(
-        integer("way", "number of the way"),
-        real(
-            "price",
-            "1",
-            "price of a crash for which it is best, in energies of the straight way far from"
-            " boundaries",
-        ),
-        real("energy", "1", "its energy over that of the straight way far from boundaries"),
-        real("risk", "1", "its risk of a crash"),
-        real(
-            "lo90",
-            "1",
-            "lower end of the risk's 90 % interval, over the model's draws and the flights",
-        ),
-        real("hi90", "1", "upper end, by which it is chosen"),
-        integer("chosen", "1: the cheapest that is shown to keep within the bound on risk"),
-        text(
-            "risk_from",
-            "what the risk at this point rests on: flights that crashed, none that did, or none"
-            " flown",
-        ),
-        real("x_m", "m", "distance along the corridor"),
-        real("z_m", "m", "height of the rotor plane above the floor"),
-    ),
-)
-SIMULATION_PRODUCTS = (CRASH_RATES, FLIGHTS, CRASH_MAP, SAFETY, ROUTES)
+SIMULATION_PRODUCTS = (CRASH_RATES, FLIGHTS, SAFETY)
 STAGE = Stage(
     name="simulate",
     summary="crash rates and energy near ground and ceiling",

@@ -4,8 +4,7 @@ splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``; the zi
 (Marsaglia and Tsang 2000, with Doornik's separate bits for layer and position) makes an exact
 normal of it. A rejected word, one in eighty, starts a chain of its own, so no normal depends on how
 many words another took. A flight thus meets the same gusts in any order, block or thread, at every
-set-point, with every model (common random numbers) and any step of integration; for independent
-settings a `salt` gives each its own gusts.
+set-point, with every model (common random numbers) and any step of integration.
 """
 
 from __future__ import annotations
@@ -53,9 +52,9 @@ def mix(x: Any) -> Any:
 
 
 @compiled
-def begin(key: Any, flight: Any, salt: Any) -> Any:
-    """Address of the first normal of a flight; a salt of 0 is common to all settings."""
-    return mix(U(key) + mix(U(flight) * GOLDEN + ONE) + U(salt) * MIX_2)
+def begin(key: Any, flight: Any) -> Any:
+    """Address of the first normal of a flight."""
+    return mix(U(key) + mix(U(flight) * GOLDEN + ONE))
 
 
 @compiled

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from nearlift.declare import Boundary
-from nearlift.flight.simulation.claims import JudgedClaim
-from nearlift.flight.simulation.fitted import FittedFlights
-from nearlift.flight.simulation.published import PublishedFlights
-from nearlift.flight.simulation.roll import RollResult
-from nearlift.flight.simulation.route import RouteResult
+from nearlift.flight.fitted import FittedFlights
+from nearlift.flight.paper import PublishedFlights
+from nearlift.flight.roll import Roll
+from nearlift.results.serial import optional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,11 +22,9 @@ class PresetFlights:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyResult:
-    """Flights of the paper's and the fitted models near the boundaries; route, claims and roll."""
+    """Flights of the paper's and the fitted models near the boundaries, and roll beside a wall."""
 
     schema: str
     presets: Mapping[str, PresetFlights]
     fitted: Mapping[Boundary, FittedFlights]
-    route: RouteResult | None
-    claims: tuple[JudgedClaim, ...]
-    roll: RollResult
+    roll: Roll | None = optional()

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from nearlift.declare import Boundary
+from nearlift.flight import inverse
 from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.proximity import inverse
-from nearlift.flight.proximity.reach import reach
+from nearlift.flight.inverse import reach
 from nearlift.manifest.flight import Detect, LiftReading
 
 #: Exponent of lift over supply voltage where the loop found none: a motor at fixed duty.

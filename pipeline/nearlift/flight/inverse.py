@@ -1,8 +1,9 @@
-"""Posterior of z_hat given a lift ratio, or the throttle at which a vehicle hovers.
+"""Posterior of z_hat given a lift ratio, or the throttle at which a vehicle hovers; and the
+farthest z_hat with a given change of lift.
 
 On a grid, the prior is multiplied by the likelihood of the measured ratio, averaged over draws of
 the model; "beyond" is the hypothesis of no boundary within the range. Where a model has the same
-ratio at two heights, lift cannot tell them apart, and the inversion is refused.
+ratio at two heights, lift cannot distinguish them, and the inversion is refused.
 """
 
 from __future__ import annotations
@@ -163,3 +164,34 @@ def ratio_of_hover(
     return ratio, ratio * float(
         np.sqrt(u_weight**2 + u_lift**2 + (power * u_throttle / throttle) ** 2)
     )
+
+
+def reach(ratio: Ratio, change: float, low: float, high: float) -> float:
+    """Largest z_hat from `low` to `high` at which |L / L_inf - 1| is at least `change`,
+    interpolated on the grid; nan where there is none. A result of `high` is a lower bound.
+    """
+    z_hat = grid(low, high)
+    effect = np.abs(ratio(z_hat) - 1.0)
+    enough = np.flatnonzero(effect >= change)
+    if not len(enough):
+        return float("nan")
+    last = int(enough[-1])
+    if last == len(z_hat) - 1:
+        return float(z_hat[-1])
+    a, b = effect[last], effect[last + 1]
+    return float(z_hat[last] + (z_hat[last + 1] - z_hat[last]) * (a - change) / (a - b))
+
+
+def reaches(
+    ratios: Sequence[Ratio], change: float, low: float, high: float
+) -> tuple[float, float, float]:
+    """Detection range of the first ratio (the best estimate), and its 90 % interval over the
+    others, of which those without a range count as zero.
+    """
+    heights = [reach(f, change, low, high) for f in ratios]
+    lo90, hi90 = (
+        np.percentile(np.nan_to_num(heights[1:], nan=0.0), [5, 95])
+        if len(heights) > 1
+        else (heights[0], heights[0])
+    )
+    return heights[0], float(lo90), float(hi90)

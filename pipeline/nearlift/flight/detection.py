@@ -1,9 +1,18 @@
-"""Detection range and inferred height of each boundary: proximity.json and detection.parquet."""
+"""Detection range and inferred height of each boundary: proximity.json and detection.parquet.
+
+Without a boundary the estimate of L / L_inf scatters about 1 with standard deviation sigma(T). An
+alarm is raised when it departs, in the boundary's direction, by more than k_fa sigma, with k_fa the
+normal quantile of the false-alarm rate; a boundary that changes lift by D is missed at the given
+rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L / L_inf - 1| is D.
+
+    sigma(T)^2 = short^2 / T + floor^2 + payload^2 + supply^2
+
+Averaging over T reduces only `short`, the standard deviation of a one-second average.
+"""
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 
@@ -11,22 +20,45 @@ import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused
+from nearlift.flight import inverse
 from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.proximity import inverse
-from nearlift.flight.proximity.reach import Sensor, needed, reaches
-from nearlift.flight.proximity.reading import (
+from nearlift.flight.reading import (
     HeightReading,
     RefusedReading,
     refuse_folds,
     supply_sensitivity,
 )
-from nearlift.flight.proximity.sequential import HOUR_S, sequential_test
 from nearlift.manifest.flight import Detect
-from nearlift.results.serial import Unbounded, optional
+from nearlift.results.serial import optional
 
-#: Number of heights for detection delay and inversion; averaging time of the inversion, s.
+#: Number of heights that are inferred, and averaging time of a reading, s.
 TRIED = 25
 INVERTED_S = 1.0
+HOUR_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sensor:
+    """Noise of a relative lift reading: the standard deviation of the average over one second, and
+    that which averaging does not reduce.
+    """
+
+    short_per_sqrt_Hz: float
+    floor: float
+
+    def sigma(self, averaging_s: float, payload: float = 0.0, supply: float = 0.0) -> float:
+        """Standard deviation of the estimated L / L_inf; `payload` and `supply` are relative
+        standard uncertainties of weight and of lift by the supply.
+        """
+        short = self.short_per_sqrt_Hz**2 / averaging_s
+        return float(np.sqrt(short + self.floor**2 + payload**2 + supply**2))
+
+
+def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
+    """Relative change of lift that is detected at these rates."""
+    from scipy.special import ndtri
+
+    return float(sigma * (-ndtri(false_alarm_rate) - ndtri(miss_rate)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,21 +86,9 @@ class SignificantHeight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Noticed:
-    """Mean delay of the sequential test at one height, and its threshold in standard deviations of
-    a reading; both infinite where the constant offset hides the change.
-    """
-
-    z_hat: float
-    change: float
-    threshold: Unbounded
-    delay_s: Unbounded
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryProximity:
-    """One boundary: model, sensor, range of significant change, detection delays, and inferred
-    heights or why none are; `lift_per_voltage` is |d ln L / d ln V|.
+    """One boundary: model, sensor, range of significant change, and inferred heights or why none
+    are; `lift_per_voltage` is |d ln L / d ln V|.
     """
 
     model: str
@@ -78,10 +98,8 @@ class BoundaryProximity:
     measured_z_hat: tuple[float, float]
     largest_change: float
     significant: SignificantHeight
-    noticed: tuple[Noticed, ...]
     short_per_sqrt_Hz: float
     floor: float
-    every_s: float
     lift_per_voltage: float
     located: tuple[HeightTrial, ...] | None = optional()
     refused: str | None = optional()
@@ -94,14 +112,13 @@ class ProximityResult:
     schema: str
     false_alarm_rate: float
     miss_rate: float
-    false_alarms_per_hour: float
     averaging_s: float
     boundaries: Mapping[Boundary, BoundaryProximity]
     readings: tuple[HeightReading | RefusedReading, ...]
 
 
 def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> BoundaryProximity:
-    """Significant range, detection delays and inferred heights (none where the model folds)."""
+    """Significant range and inferred heights (none where the model folds)."""
     sensitivity = supply_sensitivity(lift)
     sigma = device.sigma(INVERTED_S, chosen.payload[0], sensitivity * chosen.supply[0])
     located, refused = None, None
@@ -110,7 +127,7 @@ def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> Boun
         located = _located(lift, sigma)
     except InputRefused as refusal:
         refused = f"{refusal.what}; {refusal.remedy}"
-    best, lo90, hi90 = reaches(lift.ratios, chosen.significant, *lift.measured_z_hat)
+    best, lo90, hi90 = inverse.reaches(lift.ratios, chosen.significant, *lift.measured_z_hat)
     return BoundaryProximity(
         model=lift.model.name,
         title=lift.title,
@@ -119,28 +136,12 @@ def boundary_proximity(lift: FittedLift, device: Sensor, chosen: Detect) -> Boun
         measured_z_hat=lift.measured_z_hat,
         largest_change=lift.largest_change,
         significant=SignificantHeight(change=chosen.significant, z_hat=best, lo90=lo90, hi90=hi90),
-        noticed=_noticed(lift, device, chosen),
         short_per_sqrt_Hz=device.short_per_sqrt_Hz,
         floor=device.floor,
-        every_s=device.every_s,
         lift_per_voltage=sensitivity,
         located=located,
         refused=refused,
     )
-
-
-def _noticed(lift: FittedLift, device: Sensor, chosen: Detect) -> tuple[Noticed, ...]:
-    """Sequential tests at TRIED heights, with the first of the payload and supply uncertainties."""
-    heights = np.geomspace(*lift.measured_z_hat, TRIED)
-    stays = (device.floor, chosen.payload[0], supply_sensitivity(lift) * chosen.supply[0])
-    sigma = max(device.short_per_sqrt_Hz / math.sqrt(device.every_s), 1e-9)
-    noticed = []
-    for z_hat, change in zip(heights.tolist(), (lift.ratio()(heights) - 1.0).tolist(), strict=True):
-        threshold, delay_s = sequential_test(
-            change, sigma, math.hypot(*stays), device.every_s, chosen.false_alarms_per_hour
-        )
-        noticed.append(Noticed(z_hat=z_hat, change=change, threshold=threshold, delay_s=delay_s))
-    return tuple(noticed)
 
 
 def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:
@@ -165,7 +166,7 @@ def range_rows(
         supply = supply_sensitivity(lift) * voltage
         sigma = device.sigma(averaging_s, payload, supply)
         change = needed(sigma, chosen.false_alarm_rate, chosen.miss_rate)
-        best, lo90, hi90 = reaches(lift.ratios, change, *lift.measured_z_hat)
+        best, lo90, hi90 = inverse.reaches(lift.ratios, change, *lift.measured_z_hat)
         rows.append(
             {
                 "boundary": lift.boundary,

@@ -9,10 +9,10 @@ the step is a whole part. A flight ends when z <= contact, by Runge-Kutta also b
 limited to what the motors can do; with a lag the motors follow u, f' = (u - f) / lag, and f
 replaces u in lift; with a delay the controller's command arrives late (linear between steps).
 
-A flight's gusts are made once for all settings, unless each is to have its own; settings are
-advanced side by side, so that the processor works on several while each waits for its table. A
-crashed setting leaves the list. Arrays are flat and every part of the state is a scalar: a slice of
-an array in the loop costs four times what the step does.
+A flight's gusts are made once for all settings; settings are advanced side by side, so that the
+processor works on several while each waits for its table. A crashed setting leaves the list. Arrays
+are flat and every part of the state is a scalar: a slice of an array in the loop costs four times
+what the step does.
 """
 
 from __future__ import annotations
@@ -23,15 +23,11 @@ from typing import Any
 import numpy as np
 
 from nearlift.compiler import compiled
-from nearlift.flight.simulation.curve import NODES
-from nearlift.flight.simulation.stream import GOLDEN, U, begin, fill, normal
+from nearlift.flight.gusts import begin, fill
+from nearlift.flight.monte_carlo import NODES
 
 #: Rows of the array of settings.
 Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT, MOST = range(10)
-WIDTH = 10
-#: Explicit Euler (position takes the old velocity, as in the paper), semi-implicit Euler (the new
-#: one), Runge-Kutta of order 4.
-SCHEMES = {"euler": 0, "semi-implicit": 1, "rk4": 2}
 
 
 @partial(compiled, inline="always")
@@ -84,25 +80,25 @@ def behind(
 
 @compiled
 def fly(
-    key: Any, first: Any, holds: Any, per_hold: Any, dt: Any, scheme: Any, memory: Any,
-    settings: Any, which: Any, salts: Any, curves: Any, low: Any, per: Any, motor_lag: Any,
-    delay: Any, ended: Any, track: Any,
+    key: Any, first: Any, holds: Any, per_hold: Any, dt: Any, runge_kutta: Any, memory: Any,
+    settings: Any, which: Any, curves: Any, low: Any, per: Any, motor_lag: Any, delay: Any,
+    ended: Any, track: Any,
 ) -> None:  # fmt: skip
     """Fly a block of flights, the first of them number `first`, through all settings.
 
     `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the
-    gusts' correlation from hold to hold (0: white). `settings` is (WIDTH, n), `which` the start of
-    each one's table, `salts` the address salts of their gusts (empty: common gusts), `curves` all
-    tables in one row, `delay` in steps. Where `track` (n, holds + 1) is not empty, it takes the
-    heights of the last flight flown, at the end of every hold. Lag and delay are integrated by
-    Runge-Kutta whatever the scheme.
+    gusts' correlation from hold to hold (0: white). `settings` is (10, n), `which` the start of
+    each one's table, `curves` all tables in one row, `delay` in steps. Where `track` (n, holds + 1)
+    is not empty, it takes the heights of the last flight flown, at the end of every hold. Without
+    `runge_kutta` the scheme is explicit Euler, the paper's; lag and delay are integrated by
+    Runge-Kutta in any case.
     """
     n = settings.shape[1]
     z0, alpha, beta, gamma = settings[Z0], settings[ALPHA], settings[BETA], settings[GAMMA]
     delta, noise, sign = settings[DELTA], settings[NOISE], settings[SIGN]
     droop, contact, most = settings[DROOP], settings[CONTACT], settings[MOST]
     lags = motor_lag > 0.0 or delay > 0.0
-    dips = lags or scheme == 2
+    dips = lags or runge_kutta
     rate = 1.0 / motor_lag if motor_lag > 0.0 else 0.0
     whole = int(delay)
     part = delay - whole
@@ -111,22 +107,16 @@ def fly(
     commands = np.empty((n if lags else 0, ring))
     turn = np.empty(n)
     keep_track = track.shape[0] > 0
-    salted = salts.size > 0
     gusts = np.zeros(holds)
-    start, last = np.empty(salts.size, np.uint64), np.zeros(salts.size)
     z, v, total = np.empty(n), np.empty(n), np.empty(n)
     active = np.empty(n, np.int64)
     fresh = np.sqrt(1.0 - memory * memory)
     half, sixth = 0.5 * dt, dt / 6.0
     for f in range(ended.shape[1]):
-        if salted:
-            for s in range(n):
-                start[s] = begin(key, first + f, salts[s])
-        else:
-            fill(begin(key, first + f, U(0)), gusts)
-            if memory > 0.0:
-                for k in range(1, holds):
-                    gusts[k] = memory * gusts[k - 1] + fresh * gusts[k]
+        fill(begin(key, first + f), gusts)
+        if memory > 0.0:
+            for k in range(1, holds):
+                gusts[k] = memory * gusts[k - 1] + fresh * gusts[k]
         for s in range(n):
             z[s], v[s], total[s], active[s], ended[s, f] = z0[s], 0.0, 0.0, s, -1
             turn[s] = min(max(delta[s], 0.0), most[s])
@@ -142,10 +132,6 @@ def fly(
             gust = gusts[k]
             for j in range(left):
                 s = active[j]
-                if salted:
-                    gust = normal(start[s] + U(k) * GOLDEN)
-                    if memory > 0.0:
-                        last[s] = gust = memory * last[s] + fresh * gust if k > 0 else gust
                 x, w, i = z[s], v[s], total[s]
                 here, floor, side = z0[s], contact[s], sign[s]
                 lift = side * (1.0 + droop[s] * passed)
@@ -171,7 +157,7 @@ def fly(
                             x, w, i, turn[s], here, (begun, ended_at), delay > 0.0, rate, dt, low,
                             per, law, curves,
                         )  # fmt: skip
-                    elif scheme == 2:
+                    elif runge_kutta:
                         a1 = push(q, w, g, i, law, curves)
                         v2 = w + half * a1
                         g2 = g + half * w
@@ -188,12 +174,8 @@ def fly(
                     else:
                         a1 = push(q, w, g, i, law, curves)
                         i += dt * g
-                        if scheme == 1:
-                            w += dt * a1
-                            x += dt * w
-                        else:
-                            x += dt * w
-                            w += dt * a1
+                        x += dt * w
+                        w += dt * a1
                     # approximate lowest point within the step, on the cubic through its ends
                     dip = x
                     if dips and before < 0.0 < w:

@@ -1,0 +1,118 @@
+"""Roll torque and angular acceleration beside a sidewall, from the difference of lift between the
+near and the far rotors.
+
+Positive torque tips the vehicle towards the wall (the near rotors lose lift). Changes of lift are
+fractions of each rotor's own share of the weight; the arm is the distance of a pair's axis from the
+roll axis, half the ADJACENT spacing.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.flight import Ratio
+from nearlift.results.serial import optional
+
+#: Roll inertia of a Crazyflie, kg m^2: lowest and highest of its system identifications.
+MEASURED_INERTIA = (1.4e-5, 1.7e-5)
+#: Relative standard uncertainty of an inertia stated without one: uniform over that range.
+INERTIA_SPREAD = (
+    (MEASURED_INERTIA[1] - MEASURED_INERTIA[0])
+    / (MEASURED_INERTIA[1] + MEASURED_INERTIA[0])
+    / math.sqrt(3)
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RollTorque:
+    """Torque over the gap with its 90 % interval, arrays (n,), and the angular acceleration at the
+    least gap where the inertia is known.
+    """
+
+    torque_N_m: FloatArray
+    lo90_N_m: FloatArray
+    hi90_N_m: FloatArray
+    acceleration_deg_s2: float | None = optional()
+    lo90_deg_s2: float | None = optional()
+    hi90_deg_s2: float | None = optional()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Roll:
+    """Roll torque by the campaign's fitted sidewall model over `z_hat`, the gap of the nearest tip,
+    under two assumptions: no change of the far pair's lift, or the same law for both pairs. The
+    inertia is the manifest's, `u_inertia` its relative standard uncertainty.
+    """
+
+    arm_m: float
+    z_hat: FloatArray
+    inertia_kg_m2: float | None
+    u_inertia: float
+    near_pair_only: RollTorque
+    same_law: RollTorque
+
+
+def roll_beside_wall(
+    ratios: Sequence[Ratio],
+    nearest_z_hat: float,
+    *,
+    weight_N: float,
+    arm_m: float,
+    spacing_hat: float,
+    inertia_kg_m2: float | None,
+    u_inertia: float | None,
+    rng: np.random.Generator,
+) -> Roll:
+    """Roll torque over the gap with 90 % intervals, from best estimate and draws of L / L_inf.
+
+    The measured ratio is that of the whole vehicle over the gap of its nearest tip. If the near
+    pair alone loses lift, it loses twice the vehicle's fraction: the upper value. The lower has
+    both pairs follow one law of their own gaps, the far pair's larger by the spacing. Both are
+    given, since lift alone cannot distinguish them.
+
+    Without an inertia in the manifest the torque alone is given, since inertia depends on the
+    batteries and does not follow from mass. `u_inertia` is its relative standard uncertainty
+    (log-normal; `INERTIA_SPREAD` if None), included in the interval of the acceleration.
+    """
+    u_inertia = INERTIA_SPREAD if u_inertia is None else u_inertia
+    z_hat = np.geomspace(max(nearest_z_hat, 0.01), 2.0, 40)
+    loss, far = (
+        np.stack([1.0 - ratio(z) for ratio in ratios]) for z in (z_hat, z_hat + spacing_hat)
+    )
+    # each pair's share by the same law, scaled so that together they lose what the vehicle does
+    both = loss + far
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)
+    whole = weight_N / 2 * arm_m
+    factor = np.exp(u_inertia * rng.standard_normal(len(loss) - 1))
+    found = []
+    for torque in (whole * 2.0 * loss, whole * share):
+        low, high = np.percentile(torque[1:], [5, 95], axis=0)
+        acceleration = slow = fast = None
+        if inertia_kg_m2 is not None:
+            scale = math.degrees(1.0 / inertia_kg_m2)
+            acceleration = scale * float(torque[0, 0])
+            slow, fast = np.percentile(scale * torque[1:, 0] / factor, [5, 95]).tolist()
+        found.append(
+            RollTorque(
+                torque_N_m=torque[0],
+                lo90_N_m=low,
+                hi90_N_m=high,
+                acceleration_deg_s2=acceleration,
+                lo90_deg_s2=slow,
+                hi90_deg_s2=fast,
+            )
+        )
+    return Roll(
+        arm_m=arm_m,
+        z_hat=z_hat,
+        inertia_kg_m2=inertia_kg_m2,
+        u_inertia=u_inertia,
+        near_pair_only=found[0],
+        same_law=found[1],
+    )

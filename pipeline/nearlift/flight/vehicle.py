@@ -1,0 +1,218 @@
+"""Rotorcraft in vertical flight, its PID controller and gusts, and the dimensionless groups that
+alone decide crash rates: the paper's Eq. 5 and 6, and more.
+
+The controller of rotor frequency is f = max(0, kP (z - z0) + kD z' + kI integral(z - z0) + f0),
+with z the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn its
+rotors faster, so the gains are negative; below a ceiling it must slow them, so they are positive.
+The paper prints positive gains for both, with which the loop above a ground is unstable.
+
+Scales of the groups: length r, time sqrt(r/g), force m g, frequency hover_Hz. With
+K = rotors C_L rho r^4, the paper's groups are
+
+    alpha = kP r sqrt(K / (m g))             beta = kD sqrt(r g) sqrt(K / (m g))
+    gamma = kI r sqrt(r/g) sqrt(K / (m g))   delta = f0 sqrt(K / (m g))
+
+Eq. 6 leaves out the disturbance over weight, its hold and correlation time, step and duration, the
+height of contact, motor lag, estimator delay, largest thrust, and (in L / L_inf) spacing over
+radius and the bound on the ratio.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from nearlift.declare import Boundary
+from nearlift.errors import ManifestError
+from nearlift.results.serial import Unbounded
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Craft:
+    """A rotorcraft that only goes up and down: L = rotors C_L rho f^2 r^4 far from every boundary,
+    f in revolutions per second.
+
+    The paper's C_L = 1.6 makes a Crazyflie hover at 351 Hz; its measured hover is at 278 Hz (C_L =
+    2.55). No crash depends on it: C_L enters Eq. 6 only through the groups, and the gains were
+    chosen with it. Thrust follows the command with time constant `motor_lag_s`, and lift far away
+    never exceeds `most_lift_N`; the paper's vehicle has neither.
+    """
+
+    radius_m: float
+    mass_kg: float
+    gravity_m_s2: float
+    density_kg_m3: float
+    C_L: float
+    rotors: int = 4
+    motor_lag_s: float = 0.0
+    most_lift_N: float = math.inf
+
+    @property
+    def weight_N(self) -> float:
+        """Weight."""
+        return self.mass_kg * self.gravity_m_s2
+
+    @property
+    def hover_Hz(self) -> float:
+        """Rotor frequency at which lift far away is the weight."""
+        lift_per_f2 = self.rotors * self.C_L * self.density_kg_m3 * self.radius_m**4
+        return math.sqrt(self.weight_N / lift_per_f2)
+
+    @property
+    def time_s(self) -> float:
+        """Time scale of Eq. 6, sqrt(r / g)."""
+        return math.sqrt(self.radius_m / self.gravity_m_s2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Disturbance:
+    """Random vertical force: standard deviation in N, hold and correlation time in s.
+
+    The force is constant for `hold_s`, then drawn again with an autocorrelation of exp(-hold_s /
+    correlation_s) (0: white). A standard deviation alone says nothing without a bandwidth: the
+    paper's 0.015 N "white noise" is one value per step of 0.1 s, that is hold_s = 0.1, a two-sided
+    power spectral density of sd^2 hold = 2.25e-5 N^2 s at low frequency, with its first zero at
+    10 Hz. The same sd drawn for every 0.01 s step has a tenth of it, and no vehicle crashes.
+    """
+
+    sd_N: float
+    hold_s: float
+    correlation_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Gains:
+    """kP in 1/(m s), kD in 1/m, kI in 1/(m s^2), with the signs of Eq. 5."""
+
+    kP: float
+    kD: float
+    kI: float
+
+    def times(self, factor: float) -> Gains:
+        """All three gains by `factor`; -1 is the same controller at the opposite boundary."""
+        return Gains(kP=factor * self.kP, kD=factor * self.kD, kI=factor * self.kI)
+
+
+#: Direction of lift along z: away from a ground, towards a ceiling.
+AWAY: dict[Boundary, float] = {"ground": 1.0, "ceiling": -1.0}
+#: Sign of gains that fly at a boundary, and why.
+RIGHT_SIGN: dict[Boundary, tuple[str, str]] = {
+    "ground": ("negative", "above a ground a vehicle that is too low must turn its rotors faster"),
+    "ceiling": ("positive", "below a ceiling a vehicle that is too close must slow its rotors"),
+}
+#: Magnitudes as printed (10^2.5 and 10^1.5), with the sign that each boundary needs.
+PAPER_CEILING = Gains(kP=316.0, kD=316.0, kI=31.6)
+PAPER_GAINS: dict[Boundary, Gains] = {"ground": PAPER_CEILING.times(-1.0), "ceiling": PAPER_CEILING}
+#: The paper's white noise, held for its step of 0.1 s.
+PAPER_DISTURBANCE = Disturbance(sd_N=0.015, hold_s=0.1)
+#: The vehicle of the paper's simulation.
+CRAZYFLIE_AS_PRINTED = Craft(
+    radius_m=0.023, mass_kg=0.027, gravity_m_s2=9.8, density_kg_m3=1.2, C_L=1.6
+)
+
+
+def poles(gains: Gains, craft: Craft, boundary: Boundary) -> np.ndarray:
+    """Complex poles (3,), in 1/s, of the loop linearised about hover far from the boundary."""
+    # s^3 = away * 2 g / f0 * (kD s^2 + kP s + kI)
+    stiffness = AWAY[boundary] * 2.0 * craft.gravity_m_s2 / craft.hover_Hz
+    return np.roots([1.0, -stiffness * gains.kD, -stiffness * gains.kP, -stiffness * gains.kI])
+
+
+def stable(gains: Gains, craft: Craft, boundary: Boundary) -> Gains:
+    """The gains, if their loop is stable without a boundary.
+
+    Raises
+    ------
+    ManifestError
+        A pole has a positive real part (says which signs would do), or kP or kD is zero.
+    """
+    # a pole at zero is that of an unused integrator
+    worst = float(poles(gains, craft, boundary).real.max())
+    if worst <= 1e-9 and gains.kP and gains.kD:
+        return gains
+    if gains.kP == 0.0 or gains.kD == 0.0:
+        raise ManifestError(
+            f"simulate.gains.{boundary}",
+            f"kP = {gains.kP:g}, kD = {gains.kD:g}: without both nothing brings the vehicle back"
+            " and calms it",
+            "give both",
+        )
+    right, reason = RIGHT_SIGN[boundary]
+    flipped = float(poles(gains.times(-1.0), craft, boundary).real.max()) <= 1e-9
+    remedy = (
+        f"change the sign of all three: {right} at this boundary"
+        if flipped
+        else "kP, kD and kI want one sign, and kD kP large enough for kI"
+    )
+    raise ManifestError(
+        f"simulate.gains.{boundary}",
+        f"kP = {gains.kP:g}, kD = {gains.kD:g}, kI = {gains.kI:g} make an unstable loop (a pole at"
+        f" {worst:+.3g} 1/s): {reason}",
+        remedy,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Groups:
+    """Dimensionless groups of a flight. Gains carry the sign of Eq. 5; `delta` is 1 where f0
+    balances the weight far from the boundary; the controller sees the state of `delay` ago, rotor
+    frequency follows its command with time constant `motor_lag`, and `most_lift` is the largest
+    lift far away over weight.
+    """
+
+    alpha: float
+    beta: float
+    gamma: float
+    delta: float
+    noise: float
+    hold: float
+    correlation: float
+    duration: float
+    contact: float = 0.0
+    motor_lag: float = 0.0
+    delay: float = 0.0
+    most_lift: Unbounded = math.inf
+
+
+def dimensionless(
+    craft: Craft,
+    gains: Gains,
+    disturbance: Disturbance,
+    duration_s: float,
+    contact_z_hat: float = 0.0,
+    delay_s: float = 0.0,
+) -> Groups:
+    """Groups of a vehicle, its controller and its gusts, with f0 of hover far away."""
+    per_Hz = 1.0 / craft.hover_Hz
+    r, t = craft.radius_m, craft.time_s
+    return Groups(
+        alpha=gains.kP * r * per_Hz,
+        beta=gains.kD * r / t * per_Hz,
+        gamma=gains.kI * r * t * per_Hz,
+        delta=1.0,
+        noise=disturbance.sd_N / craft.weight_N,
+        hold=disturbance.hold_s / t,
+        correlation=disturbance.correlation_s / t,
+        duration=duration_s / t,
+        contact=contact_z_hat,
+        motor_lag=craft.motor_lag_s / t,
+        delay=delay_s / t,
+        most_lift=craft.most_lift_N / craft.weight_N,
+    )
+
+
+def gains_for(groups: Groups, craft: Craft) -> Gains:
+    """Gains that give another vehicle (payload, size) the same alpha, beta and gamma."""
+    r, t, f = craft.radius_m, craft.time_s, craft.hover_Hz
+    return Gains(kP=groups.alpha * f / r, kD=groups.beta * f * t / r, kI=groups.gamma * f / (r * t))
+
+
+def disturbance_for(groups: Groups, craft: Craft) -> Disturbance:
+    """Disturbance that gives another vehicle the same noise, hold and correlation."""
+    return Disturbance(
+        sd_N=groups.noise * craft.weight_N,
+        hold_s=groups.hold * craft.time_s,
+        correlation_s=groups.correlation * craft.time_s,
+    )
