@@ -277,12 +277,6 @@ SYMBOLS: tuple[Symbol, ...] = (
         "standard deviation of the disturbance over weight",
         r"L'/mg",
     ),
-    _s(
-        "correlation_group",
-        r"\tau_{L'} / \sqrt{r/g}",
-        "1",
-        "correlation time of the disturbance over the time that scales Eq. 6",
-    ),
     _s("downwash", r"v / v_\infty", "1", "induced velocity over its value far from the boundary"),
     _s("speed_m_s", r"\lvert \mathbf{u} \rvert", "m/s", "in-plane flow speed", r"\mathbf{u}"),
 )

@@ -139,7 +139,7 @@ def fitted(boundary, contact_m, flights, craft=CRAZYFLIE_AS_PRINTED, **chosen):
     )
     asked = Simulate(flights=flights, **chosen)
     groups, how = conditions(asked, boundary, craft, contact_m, KEY, map)
-    return fitted_flights(lift, asked, groups, how, "throttle", R, 3)[0]
+    return fitted_flights(lift, asked, groups, how, "throttle", craft, 3)[0]
 
 
 @pytest.mark.parametrize(("boundary", "contact_m"), [("ground", 0.024), ("ceiling", 0.002)])
@@ -162,8 +162,9 @@ def test_levels_and_advice_of_a_fitted_vehicle_that_touches(boundary, contact_m)
         assert level.rate_lo90 < level.crashes / 1000 < level.rate_hi90
 
 
-def test_a_sagging_supply_sags_without_a_boundary_too():
+def test_a_sagging_supply_sags_without_a_boundary_too(monkeypatch):
     """A ceiling without effect (alpha = 0): with and without it the same flights crash."""
+    monkeypatch.setattr("nearlift.flight.fitted.ADVISED_FLIGHTS", 40)
     lift = FittedLift(
         boundary="ceiling",
         model=compose(catalogue.model("hsiao_chirarattananon"), catalogue.effect("supply_sag")),
@@ -178,7 +179,7 @@ def test_a_sagging_supply_sags_without_a_boundary_too():
     )
     asked = Simulate(flights=20, risks=[0.5])
     groups, how = conditions(asked, "ceiling", CRAZYFLIE_AS_PRINTED, 0.002, KEY, map)
-    found, rows = fitted_flights(lift, asked, groups, how, "throttle", R, 3)
+    found, rows = fitted_flights(lift, asked, groups, how, "throttle", CRAZYFLIE_AS_PRINTED, 3)
     assert found.droop == pytest.approx((3.7 / 4.0) ** 2 - 1)
     (level,) = found.levels
     assert level.value == level.without_model
@@ -190,8 +191,9 @@ def test_a_sagging_supply_sags_without_a_boundary_too():
     assert sum(none) > 0
 
 
-def test_motors_estimator_and_thrust_limit():
+def test_motors_estimator_and_thrust_limit(monkeypatch):
     """Each makes flying near the ground worse, and all together as the equations alone have it."""
+    monkeypatch.setattr("nearlift.flight.fitted.ADVISED_FLIGHTS", 100)
     at = {"risks": [0.5], "set_points": {"ground": [1.2, 1.6, 2.0, 2.4, 2.8, 3.2]}}
     levels = []
     for lag_s, delay_s, most in ((0, 0, 9), (0.06, 0, 9), (0, 0.04, 9), (0.06, 0.04, 1.1)):
@@ -213,8 +215,9 @@ def test_motors_estimator_and_thrust_limit():
     assert lies_within(everything, lambda z: rate_at(vehicle, z, 400, 0.01, 9, order=2))
 
 
-def test_a_vehicle_that_cannot_lift_itself_comes_down():
+def test_a_vehicle_that_cannot_lift_itself_comes_down(monkeypatch):
     """Lift limited to 99 % of the weight holds no vehicle up where the ground adds less."""
+    monkeypatch.setattr("nearlift.flight.fitted.ADVISED_FLIGHTS", 20)
     weak = replace(CRAZYFLIE_AS_PRINTED, most_lift_N=0.99 * MASS * G)
     at = {"risks": [0.5], "set_points": {"ground": [3.0, 12.0]}}
     (level,) = fitted("ground", 0.024, 20, weak, **at).levels

@@ -55,7 +55,6 @@ ground = { rivals = [] }
 flights = 20
 draws = 2
 risks = [0.5]
-maps = false
 presets = ["paper"]
 set_points = { ground = [1.2, 1.6] }
 [detect]

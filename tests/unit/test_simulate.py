@@ -45,6 +45,17 @@ QUICK = {
 }
 
 
+#: Flights behind a set-point that is advised, here.
+ADVISED = 100
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_flights():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nearlift.flight.fitted.ADVISED_FLIGHTS", ADVISED)
+        yield
+
+
 @pytest.fixture(scope="module")
 def flown(remake):
     """A job that has flown."""
@@ -93,8 +104,8 @@ def test_findings(flown):
         for e in content["presets"]["paper"]["boundaries"]["ground"]["levels"]
     }
     assert paper[0.0, 0.5] == pytest.approx(1.15, abs=0.1)  # 40 flights
-    assert (ground["flights"], ground["draw_flights"]) == (1000, 40)
-    assert level["rate_lo90"] < level["crashes"] / 1000 < level["rate_hi90"]
+    assert (ground["flights"], ground["draw_flights"]) == (ADVISED, 40)
+    assert level["rate_lo90"] < level["crashes"] / ADVISED < level["rate_hi90"]
     assert 0.8 < level["relative_power"] < 1
     roll = content["roll"]["near_pair_only"]
     assert roll["lo90_deg_s2"] < roll["acceleration_deg_s2"] < roll["hi90_deg_s2"]

@@ -41,7 +41,6 @@ from nearlift.flight.vehicle import (
 )
 from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
-from nearlift.results.serial import optional
 
 #: Least number of flights behind a set-point that is advised.
 ADVISED_FLIGHTS = 1000
@@ -110,7 +109,7 @@ class FittedFlights:
         Quantity that each trial held constant.
     flights, draw_flights : int
         Number of flights per set-point by the best estimate, and by each draw.
-    gains : Gains or None
+    gains : Gains
         Those of `groups` in SI units, to set a controller by.
     """
 
@@ -132,7 +131,7 @@ class FittedFlights:
     groups: Groups
     convergence: StepTest
     levels: tuple[FittedLevel, ...]
-    gains: Gains | None = optional()
+    gains: Gains
 
 
 def conditions(
@@ -208,7 +207,7 @@ def fitted_flights(
     groups: Groups,
     how: MonteCarlo,
     held: energy.Held,
-    radius_m: float,
+    craft: Craft,
     seed: int,
 ) -> tuple[FittedFlights, Rows]:
     """Flights without a boundary, with the best estimate by its own form and held below the nearest
@@ -294,7 +293,7 @@ def fitted_flights(
         draws_from=lift.source,
         draws=lift.number,
         contact_z_hat=groups.contact,
-        contact_m=groups.contact * radius_m,
+        contact_m=groups.contact * craft.radius_m,
         bound_z_hat=curves.low,
         measured_z_hat=lift.measured_z_hat,
         droop=droop,
@@ -304,6 +303,7 @@ def fitted_flights(
         groups=groups,
         convergence=step_test,
         levels=tuple(levels),
+        gains=gains_for(groups, craft),
     )
     return entry, rows
 

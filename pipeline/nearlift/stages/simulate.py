@@ -15,7 +15,7 @@ from nearlift.flight.fitted import FittedFlights, conditions, fitted_flights
 from nearlift.flight.paper import Rows
 from nearlift.flight.roll import Roll, roll_beside_wall
 from nearlift.flight.safety_result import PresetFlights, SafetyResult
-from nearlift.flight.vehicle import Craft, gains_for
+from nearlift.flight.vehicle import Craft
 from nearlift.manifest.campaign import boundaries_of
 from nearlift.manifest.flight import Simulate
 from nearlift.products import CRASH_RATES, FIT, FLIGHTS, SAFETY
@@ -126,10 +126,9 @@ def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, Fitted
             chosen, boundary, craft, contact_m, key, job.executor.map, job.campaign.vehicle.mass
         )
         # the command of a flight is its throttle
-        said, radius_m = job.campaign.rig.held, craft.radius_m
+        said = job.campaign.rig.held
         held = "throttle" if said == "command" else said
-        entry, rows = fitted_flights(lift, chosen, groups, how, held, radius_m, job.seed)
-        fitted[boundary] = replace(entry, gains=gains_for(groups, craft))
+        fitted[boundary], rows = fitted_flights(lift, chosen, groups, how, held, craft, job.seed)
         rates += rows
     return fitted, rates
 
