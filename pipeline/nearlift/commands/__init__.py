@@ -103,7 +103,7 @@ ABOUT = {
         summary="One effect: what this campaign could show of it",
         text=(
             "What the effect is, what the campaign could detect of it, and what it is confounded"
-            " with. Stages ingest and fit must have run. `diagnose --explain` is the same."
+            " with. Stage ingest must have run. `diagnose --explain` is the same."
         ),
         example="explain raw/my-rig supply_sag",
         settings=OPENS,
