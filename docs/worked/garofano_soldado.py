@@ -19,7 +19,7 @@ from scipy.optimize import least_squares
 
 from nearlift.cli import main
 from nearlift.readers.garofano_soldado import convert, read
-from nearlift.report.figures.style import REFERENCES, SERIES, context, style
+from nearlift.report.figures.style import REFERENCES, SERIES, Style, context
 
 HERE = Path(__file__).resolve().parent
 FIGURES = HERE.parent / "figures"
@@ -235,7 +235,7 @@ def save(figure: Figure, name: str) -> None:
 if __name__ == "__main__":
     table, out = Path(sys.argv[1]), Path(sys.argv[2])
     found = configurations(table)
-    look = style("aiaa")
+    look = Style()
     with context(look):
         save(draw_models(found, look), "garofano-models")
         save(draw_tilt(found, look), "garofano-tilt")

@@ -4,12 +4,8 @@ for.
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import gc
 import importlib
 import os
-from collections.abc import Iterator
 
 import click
 from click.shell_completion import CompletionItem
@@ -25,24 +21,7 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 from nearlift import __version__  # noqa: E402
 from nearlift.commands import GROUPS, everything  # noqa: E402
 from nearlift.errors import did_you_mean  # noqa: E402
-from nearlift.garbage import uncollected  # noqa: E402
 from nearlift.run.registry import ORDER, STAGES  # noqa: E402
-
-
-@contextlib.contextmanager
-def no_garbage() -> Iterator[None]:
-    """While modules are imported, which stay: nobody looks for garbage among them, now or later."""
-    with uncollected():
-        try:
-            yield
-        finally:
-            _freeze()
-
-
-@functools.cache
-def _freeze() -> None:
-    """Once: what is garbage by a later command in the same process would never be found."""
-    gc.freeze()
 
 
 def _meant(word: str) -> str:
@@ -73,8 +52,7 @@ class Commands(click.Group):
             return command_of(stage(name))
         if name not in everything():
             return None
-        with no_garbage():
-            module = importlib.import_module(f"nearlift.commands.{name.replace('-', '_')}")
+        module = importlib.import_module(f"nearlift.commands.{name.replace('-', '_')}")
         command: click.Command = module.command
         return command
 

@@ -263,13 +263,13 @@ def test_a_campaign_without_grids_has_no_flow_stage_and_says_so_when_asked(tmp_p
 def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     two, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
+    monkeypatch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
     raw = small_run.write(tmp_path / "raw")
     shutil.copytree(two / "piv", raw / "piv")
     text = (two / "campaign.toml").read_text()
     path = raw / "campaign.toml"
     path.write_text(
-        path.read_text() + '\n[report]\nstyle = "screen"\n\n' + text[text.index("[piv]") :]
+        path.read_text() + '\n[report]\ncolumn_width = "90 mm"\n\n' + text[text.index("[piv]") :]
     )
     ran = small_run.ran(small_run.job(raw, tmp_path))
     others = {"ingest", "reduce", "fit", "diagnose"}

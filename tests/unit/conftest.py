@@ -149,7 +149,7 @@ def plain_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """No figure is drawn: in its files stands a digest of its table. For tests of what is written
     when, not of how it looks.
     """
-    monkeypatch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
+    monkeypatch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
 
 
 @pytest.fixture(scope="session")
@@ -221,7 +221,7 @@ def cluster(tmp_path):
     ]
     # figures are not drawn, as in `plain_pictures`
     (tmp_path / "plain_pictures.py").write_text(
-        "from nearlift.report.figures import encoding\nfrom tests.unit import small_run\nencoding.render ="
+        "from nearlift.report.figures import files\nfrom tests.unit import small_run\nfiles.render ="
         " small_run.undrawn\n"
     )
     worker += ["--preload", "plain_pictures"]

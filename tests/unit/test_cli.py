@@ -5,7 +5,6 @@ demo against the contract.
 from __future__ import annotations
 
 import errno
-import gc
 import json
 import math
 import os
@@ -16,7 +15,6 @@ import subprocess
 import sys
 import time
 import tomllib
-import weakref
 from pathlib import Path
 
 import click
@@ -25,7 +23,7 @@ import pytest
 from click.testing import CliRunner
 
 from nearlift import console
-from nearlift.cli import main, no_garbage
+from nearlift.cli import main
 from nearlift.commands import ABOUT, GROUPS, About, everything
 from nearlift.commands.common import SETTINGS
 from nearlift.errors import ManifestError
@@ -658,21 +656,3 @@ def test_an_interrupt_while_modules_are_loaded_ends_in_words(monkeypatch, capsys
         console.main()
     assert end.value.code == 130
     assert capsys.readouterr().err == "interrupted; nothing was begun\n"
-
-
-def test_commands_in_one_process_keep_no_garbage_of_each_other():
-    class Ring: ...
-
-    with no_garbage():
-        pass
-    ring = Ring()
-    ring.itself, seen = ring, weakref.ref(ring)
-    gc.disable()
-    try:
-        del ring
-        with no_garbage():
-            pass
-        gc.collect()
-    finally:
-        gc.enable()
-    assert seen() is None

@@ -30,7 +30,6 @@ noise = { relative = "0.4 percent", force = "0.3 mN", height = "0.05 mm" }
 MANIFEST = """
 schema = "nearlift.campaign/1"
 name = "planned"
-report = { style = "screen" }
 vehicle = { name = "Crazyflie 2.0", rotors = 4, rotor_radius = "23 mm", rotor_spacing = "65 mm", mass = "27 g" }
 rig = { held = "throttle", distance_datum = "rotor plane", distance_offset = "0 mm", gravity = "9.8 m/s^2" }
 load_cell = { sample_rate = "1000 Hz", tare = "2 s" }
@@ -159,10 +158,8 @@ def test_a_design_with_a_slip_is_refused(plan, tmp_path, change, text):
 def explained(tmp_path_factory):
     base = tmp_path_factory.mktemp("explain")
     raw, out = small_run.write(base / "raw"), base / "out"
-    with (raw / "campaign.toml").open("a") as file:
-        file.write('[report]\nstyle = "screen"\n')
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
+        patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
         assert nearlift("run", raw, "--out", out, "-q", "--executor", "serial").exit_code == 0
     return raw, out
 

@@ -15,8 +15,8 @@ from markupsafe import escape
 from nearlift.errors import ManifestError
 from nearlift.manifest.flight import LiftReading
 from nearlift.products import DETECTION, DIAGNOSIS, PROXIMITY, RESULTS
-from nearlift.report.figures.encoding import render
-from nearlift.report.figures.style import style
+from nearlift.report.figures.files import render
+from nearlift.report.figures.style import Style
 from nearlift.report.registry import FIGURES
 from nearlift.results.fit import FitResults
 from nearlift.stages import detect
@@ -151,7 +151,7 @@ def test_readings_in_the_manifest(remake):
     (spec,) = (s for s in FIGURES if s.name == "detection")
     table = spec.summarise(evidence)
     assert (table["row"] == "reading").sum() == 1
-    assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
+    assert render(spec.draw, table, Style())["png"].startswith(b"\x89PNG")
     with pytest.raises(ManifestError, match="one of both"):
         remake("ground", detect={"reading": [{"boundary": "ground", "u": "1 percent"}]})
 
@@ -259,7 +259,7 @@ def test_figure_and_chapter(done):
     evidence = gather(job)
     (spec,) = (s for s in FIGURES if s.name == "detection")
     table = spec.summarise(evidence)
-    assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
+    assert render(spec.draw, table, Style())["png"].startswith(b"\x89PNG")
     assert "1 % false alarms and 10 % misses" in spec.caption(evidence, table)
     assert "ground: noticed from" in spec.alt(evidence, table)
     text = small_run.chapter(evidence, "proximity")

@@ -1,24 +1,21 @@
-"""What is said of a campaign in little room, for each verdict: summary.txt, report.pdf, methods."""
+"""What is said of a campaign in little room, for each verdict: summary.txt, methods."""
 
 from __future__ import annotations
 
 import dataclasses
-import io
 import re
 
 import pytest
-from pypdf import PdfReader
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
-from nearlift.report.documents import brief, methods, pdf, summary
+from nearlift.report.documents import brief, methods, summary
 from nearlift.report.findings import coverage, listed
-from nearlift.report.page.render import Picture
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import report
 
-from . import small_run, verdicts
+from . import verdicts
 
 
 @pytest.fixture(scope="module", params=verdicts.MADE)
@@ -152,61 +149,6 @@ def test_titles_stand_within_a_sentence():
     assert titled("reynolds, supply_sag and tilted") == (
         "Reynolds number, supply voltage and tilted"
     )
-
-
-@pytest.fixture
-def printed(evidence):
-    figures = [
-        (
-            Picture(name=n, title=n, caption=f"{n} of supply_sag.", alt=""),
-            small_run.blank(n.encode()),
-        )
-        for n in ("fig2", "budget", "corner")
-    ]
-    return pdf.pdf(evidence, figures), figures
-
-
-def test_the_pdf_has_two_pages_and_its_figures_as_they_were_drawn(evidence, quoted, printed):
-    content, figures = printed
-    pages = PdfReader(io.BytesIO(content)).pages
-    text = [flat(page.extract_text()) for page in pages]
-    assert [i for i, t in enumerate(text) if "Appendix: figures" in t] == [len(text) - 1]
-    assert len(text) <= 3
-    shown = [
-        form.get_object().get_data()
-        for page in pages
-        for name, form in page["/Resources"].get("/XObject", {}).items()
-        if name.startswith("/Figure")
-    ]
-    assert {s.split()[1] for s in shown} == {picture.name.encode() for picture, _ in figures}
-    c = quoted.coefficients["K_b"]
-    assert f"{plus_minus(c.value, c.u)} {like(c.lo90, c.u)} to {like(c.hi90, c.u)}" in text[0]
-    assert "supply_sag" not in " ".join(text)
-    for doubt in c.doubts:
-        assert f"{like(doubt.lo90, c.u)} to {like(doubt.hi90, c.u)}" in " ".join(text)
-    if quoted.verdict == "not_diagnosed":
-        assert all(part in text[0] for part in quoted.reason.split("; "))
-
-
-def test_the_pdf_has_the_same_bytes_each_time_and_every_font(evidence, printed):
-    content, figures = printed
-    assert pdf.pdf(evidence, figures) == content
-    fonts = {
-        font.get_object()["/BaseFont"].partition("+")[2]
-        for page in PdfReader(io.BytesIO(content)).pages
-        for font in page["/Resources"]["/Font"].values()
-    }
-    assert fonts <= {"STIXGeneral-Regular", "STIXGeneral-Bold", "STIXGeneral-Italic", "DejaVuSans"}
-
-
-def test_names_from_files_do_nothing_in_the_pdf(evidence):
-    vehicle = evidence.campaign.vehicle.model_copy(update={"name": "<b>&amp; <font ẑ 喵 </para>"})
-    hostile = dataclasses.replace(
-        evidence, campaign=evidence.campaign.model_copy(update={"vehicle": vehicle})
-    )
-    text = PdfReader(io.BytesIO(pdf.pdf(hostile, []))).pages[0].extract_text()
-    assert "<b>&amp; <font ẑ" in text
-    assert "</para>" in text
 
 
 def percent(x):

@@ -32,7 +32,7 @@ def finished(once) -> Path:
     def run(place: Path) -> None:
         small_run.write(place / "raw")
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
+            patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
             assert ran(job(place / "raw", place)) == EVERY
 
     return once("finished-undrawn", run)
@@ -96,7 +96,7 @@ def test_a_changed_number_in_the_schedule_counts_as_raw(place):
 @pytest.mark.parametrize(
     ("old", "new", "first", "wanted"),
     [
-        ("[vehicle]", '[report]\nstyle = "ieee"\n\n[vehicle]', "report", ["report"]),
+        ("[vehicle]", '[report]\ncolumn_width = "90 mm"\n\n[vehicle]', "report", ["report"]),
         ("# SIMULATED.", "# Simulated.", "report", ["report"]),
         ('"0.1 mm"', '"0.3 mm"', "fit", ["fit", "diagnose", "report"]),
         (

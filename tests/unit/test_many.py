@@ -30,7 +30,7 @@ def folders(tmp_path_factory):
 def alone(folders, tmp_path_factory):
     out = tmp_path_factory.mktemp("alone")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nearlift.report.figures.encoding.render", small_run.undrawn)
+        patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
         told = small_run.nearlift("run", *folders, "--out", out, "--executor", "serial", "--json")
     return out, told
 

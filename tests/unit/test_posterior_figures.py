@@ -1,4 +1,4 @@
-"""Corner plot, prior against posterior, bands and words, from draws made up here."""
+"""Corner plot, bands and words, from draws made up here."""
 
 import dataclasses
 import math
@@ -13,11 +13,10 @@ from nearlift.products import FIT, POSTERIOR
 from nearlift.report import curves
 from nearlift.report.chapters import posterior as page
 from nearlift.report.evidence import Evidence
-from nearlift.report.figures import corner, prior_posterior
+from nearlift.report.figures import corner
 from nearlift.report.figures import corner as draw_corner
-from nearlift.report.figures import prior_posterior as draw_prior_posterior
-from nearlift.report.figures.encoding import render
-from nearlift.report.figures.style import style
+from nearlift.report.figures.files import render
+from nearlift.report.figures.style import Style
 from nearlift.results.posterior import PosteriorSummary, SamplerCheck
 
 N = 4000
@@ -124,25 +123,8 @@ def test_the_corner_plot_survives_a_parameter_without_spread(x):
     }
     assert histogram["value"].max() == 1.0
     assert np.all(np.isfinite(table["value"]))
-    files = render(draw_corner.draw, table, style("aiaa"))
+    files = render(draw_corner.draw, table, Style())
     assert files["png"].startswith(b"\x89PNG")
-    assert files == render(draw_corner.draw, table, style("aiaa"))
-
-
-def test_prior_against_posterior_is_in_units_of_the_prior():
-    found = evidence(spread(sd=2.5))
-    table = prior_posterior.summarise(found)
-    assert table["low"][0] == pytest.approx((table["lo90"][0] + 4.5) / 13)
-    assert (
-        "1 of 1 parameters keep more than 30 % of their prior's width: K_b of Sanchez-Cuevas (6"
-        in prior_posterior.caption(found, table)
-    )
-    known = evidence(spread(sd=0.01))
-    assert "All 1 parameters are known to better than 30 %" in prior_posterior.caption(
-        known, prior_posterior.summarise(known)
-    )
-    assert render(draw_prior_posterior.draw, table, style("aiaa"))["pdf"].startswith(b"%PDF")
-    assert "times as wide as the prior" in prior_posterior.alt(found, table)
 
 
 def test_a_band_holds_the_share_of_curves_that_it_says():

@@ -90,7 +90,7 @@ def follow(content, pointer):
 
 
 #: What a campaign of lift alone gives before it is diagnosed.
-DRAWN = ("fig2", "assumptions", "budget", "profiles", "corner", "prior_posterior", "residuals")
+DRAWN = ("fig2", "budget", "profiles", "corner", "residuals")
 
 
 def not_drawn(drawn):
@@ -111,7 +111,7 @@ def test_files_of_the_contract(made):
     tables = {
         f"tables/{n}.{k}" for n in ("coefficients", "budget", "comparison") for k in ("tex", "csv")
     }
-    paper = {"methods.md", "methods.tex", "references.bib", "summary.txt", "report.pdf"}
+    paper = {"methods.md", "methods.tex", "references.bib", "summary.txt"}
     assert names == {"index.html"} | paper | tables | {
         f"{n}.{k}" for n in DRAWN for k in ("pdf", "png", "csv")
     }
@@ -134,7 +134,7 @@ def test_the_page_fetches_nothing(made):
     assert not re.findall(r"@import|url\(|<script[^>]+src|<link[^>]+stylesheet", own)
     elements = Elements(text)
     assert len(elements.every("script")) == 3
-    assert all(a["src"].startswith("data:image/webp;base64,") for a in elements.every("img"))
+    assert all(a["src"].startswith("data:image/png;base64,") for a in elements.every("img"))
     assert all(
         re.fullmatch(
             r"#[a-z0-9]+|(\.\./\.\./processed/small/)?[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib|txt|json)",
@@ -158,7 +158,7 @@ def test_links_lead_somewhere(made):
         # a job made for a test has its products elsewhere
         home = job.processed if href.startswith(PRODUCTS) else job.reports
         assert href.startswith("#") or (home / href.removeprefix(PRODUCTS)).is_file()
-    assert {"report.pdf", "summary.txt", "methods.md", f"{PRODUCTS}results.json"} <= hrefs
+    assert {"summary.txt", "methods.md", f"{PRODUCTS}results.json"} <= hrefs
 
 
 def test_pictures_are_described_with_numbers(made):
@@ -633,7 +633,7 @@ def test_a_new_figure_needs_no_chapter(small_job):
     text = with_images(page(evidence, [extra]), {"posterior": b"x"}).decode()
     assert "Further figures" in text
     assert 'href="posterior.pdf"' in text
-    assert 'src="data:image/webp;base64,eA=="' in text
+    assert 'src="data:image/png;base64,eA=="' in text
 
 
 def test_chapters_are_a_plain_tuple(small_job):

@@ -20,9 +20,10 @@ from nearlift.flight.monte_carlo import FlightPlan, FlightSetting, fly, tabulate
 from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED, gains_for, poles
 from nearlift.manifest import campaign as manifest
 from nearlift.products import CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, SAFETY
-from nearlift.report.figures.encoding import render
+from nearlift.report.figures.files import render
 from nearlift.report.figures.fig6 import touching
-from nearlift.report.figures.style import style
+from nearlift.report.figures.files import render
+from nearlift.report.figures.style import Style
 from nearlift.report.registry import FIGURES
 from nearlift.run.executors import open_executor
 from nearlift.run.graph import stage
@@ -127,7 +128,7 @@ def test_figures_and_chapter(flown):
             continue
         table = spec.summarise(evidence)
         assert len({len(c) for c in table.values()}) == 1
-        assert render(spec.draw, table, style("screen"))["png"].startswith(b"\x89PNG")
+        assert render(spec.draw, table, Style())["png"].startswith(b"\x89PNG")
         assert "halving the step changes" in spec.caption(evidence, table)
         assert "z_hat" in spec.alt(evidence, table)
     text = small_run.chapter(evidence, "safety")

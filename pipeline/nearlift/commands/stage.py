@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 
-from nearlift.cli import no_garbage
 from nearlift.commands import about_stage
 from nearlift.commands.common import CAMPAIGN, Call, command, end_politely
 from nearlift.errors import SOME_TRIALS_REJECTED
@@ -59,9 +58,8 @@ def execute(
     """Run what is stale, or one stage, and end with the contract's exit code; `overrides` of the
     section of the manifest that has that stage's name.
     """
-    with no_garbage():
-        from nearlift.run import graph, opening  # noqa: F401 - what opens the campaign
-        from nearlift.run.lock import size
+    from nearlift.run import graph
+    from nearlift.run.lock import size
 
     end_politely()
     wanted = graph.STAGES if only is None else (graph.stage(only),)

@@ -23,7 +23,7 @@ from nearlift.manifest.flight import Detect, Simulate
 from nearlift.manifest.flight_log import Flight, flight_fits_the_rest
 from nearlift.manifest.levels import Levels
 from nearlift.manifest.piv import Piv
-from nearlift.manifest.quantities import Section
+from nearlift.manifest.quantities import PositiveLength, Section
 from nearlift.manifest.rig import LoadCell, Records, Rig, Trials
 from nearlift.manifest.segments import Segments, fit_the_rest
 from nearlift.manifest.validation import first_of, validated
@@ -80,11 +80,15 @@ class Units(Section):
 class Report(Section):
     """How figures look.
 
+    `column_width`, `full_width`: width of a figure of one column and of the whole text; 3.25 in and
+    6.75 in by default.
+
     `reference`: what Figure 2 takes Delta L from: the `fit` (its L_inf, with named effects taken
     out) or the `farthest` station, as the paper does.
     """
 
-    style: str = "aiaa"
+    column_width: PositiveLength = Field(default=0.08255, ge=0.05, le=0.5)
+    full_width: PositiveLength = Field(default=0.17145, ge=0.05, le=0.5)
     units: Units = Units()
     reference: Literal["fit", "farthest"] = "fit"
     overlay: list[Overlay] = []

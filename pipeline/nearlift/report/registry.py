@@ -158,7 +158,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="number",
         facts=posterior.facts,
         needs=(FIT, POSTERIOR),
-        figures=_figures("corner", "prior_posterior"),
+        figures=_figures("corner"),
     ),
     Chapter(
         name="levels",
@@ -211,7 +211,6 @@ CHAPTERS: tuple[Chapter, ...] = (
         title="What the ratio takes for granted",
         part="data",
         facts=assumptions.facts,
-        figures=_figures("assumptions"),
     ),
     Chapter(
         name="models",

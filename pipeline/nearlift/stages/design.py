@@ -226,6 +226,6 @@ def _draw(job: Job, answer: DesignOutlook) -> tuple[str, ...]:
     # whoever wants a schedule waits for no picture
     from nearlift.report.figures import design as picture
 
-    files = for_print(picture.draw, picture.rows(answer), job.campaign.report.style)
+    files = for_print(picture.draw, picture.rows(answer), job.campaign)
     content = {"json": store.json_bytes(answer), **files}
     return tuple(str(job.publish(f"design/design.{kind}", data)) for kind, data in content.items())

@@ -96,7 +96,7 @@ def run(job: Job, name: str) -> EffectAccount:
         # whoever asks for what cannot be told waits for no picture
         from nearlift.report.figures import explain as picture
 
-        files = for_print(picture.draw, stack(pictures), job.campaign.report.style)
+        files = for_print(picture.draw, stack(pictures), job.campaign)
     return EffectAccount(
         effect=effect.name,
         title=effect.title,

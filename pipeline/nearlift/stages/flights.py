@@ -13,7 +13,6 @@ import numpy as np
 from nearlift import readers
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.garbage import uncollected
 from nearlift.manifest.campaign import Campaign
 from nearlift.readers import flights
 from nearlift.readers.channel import Contents, Malformed
@@ -50,15 +49,13 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         No log is there, most are not as the manifest says (the first one's refusal), or their lag
         cannot be told.
     """
-    # windows come by the ten thousand
-    with uncollected():
-        answers = answers_of(job, reader, schedule, _answer)
-        lag, notes = _lag(job.campaign, answers)
-        weights = _weights(lag)
-        pieces = {r: _behind(a, lag, weights) for r, a in answers.items()}
-        trials, rows, unlisted = expanded(job, schedule, answers, pieces)
-        counted = _counted(list(answers.values()))
-        return trials, rows, [*unlisted, *counted, *notes, *rows.remarks()]
+    answers = answers_of(job, reader, schedule, _answer)
+    lag, notes = _lag(job.campaign, answers)
+    weights = _weights(lag)
+    pieces = {r: _behind(a, lag, weights) for r, a in answers.items()}
+    trials, rows, unlisted = expanded(job, schedule, answers, pieces)
+    counted = _counted(list(answers.values()))
+    return trials, rows, [*unlisted, *counted, *notes, *rows.remarks()]
 
 
 # damaged numbers may be anything

@@ -4,25 +4,20 @@ imported only here.
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
-from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from nearlift.products import FIT, FLOW_PRODUCTS, PRODUCTS, RESULTS, TRIALS
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.serial import Json
 from nearlift.run import store
-from nearlift.run.executors import Threads
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import overlays
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.trial_table import trial_table
 
 if TYPE_CHECKING:
-    from nearlift.report.drawers import Files, Give
-    from nearlift.report.figures.encoding import Draw
+    from nearlift.manifest.campaign import Campaign
+    from nearlift.report.figures.files import Draw
     from nearlift.report.figures.spec import FigureSpec
 
 #: Products without which there is nothing to report.
@@ -30,56 +25,40 @@ NEEDED = (TRIALS, FIT, RESULTS)
 
 
 def run(job: Job) -> Outcome:
-    """Make the whole report anew; what is left of a figure without its products is removed."""
-    with _drawing(job) as give:
-        return _run(job, give)
-
-
-def _run(job: Job, give: Give) -> Outcome:
-    from nearlift.report.figures.encoding import render
-    from nearlift.report.figures.style import style
+    """Make the whole report again; remove the files of a figure whose products are missing."""
+    from nearlift.report.figures.files import render
+    from nearlift.report.figures.style import style_of
+    from nearlift.report.page.render import Picture, page
     from nearlift.report.registry import FIGURES, charts
     from nearlift.report.tidy import to_csv
 
-    look = style(job.campaign.report.style)
-    if job.campaign.report.units.distance == "mm":
-        look = replace(look, radius_mm=1e3 * job.campaign.vehicle.rotor_radius)
+    look = style_of(job.campaign)
     evidence = gather(job)
-    made: list[tuple[FigureSpec, Columns, Callable[[], Files]]] = []
-    left_out = []
-    for spec in FIGURES:
+    pictures, missing = [], []
+    for i, spec in enumerate(FIGURES):
+        job.say(f"report {spec.name}", i / len(FIGURES))
         rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
-        if any(len(column) for column in rows.values()):
-            made.append((spec, rows, give(partial(render, spec.draw, rows, look))))
+        if not any(len(column) for column in rows.values()):
+            missing += [spec.name] if _expected(job, spec) else []
+            for kind in ("pdf", "png", "csv"):
+                job.remove(f"reports/{spec.name}.{kind}")
             continue
-        left_out += [spec.name] if _expected(job, spec) else []
-        for kind in ("pdf", "png", "csv"):
-            job.remove(f"reports/{spec.name}.{kind}")
-    job.say(f"report {len(made)} figures", 0.0)
-    # what needs no picture is written while others draw
-    from nearlift.report.documents.pdf import Drawn, pdf
-    from nearlift.report.page.render import Picture, page, with_images
-
-    pictures = [
-        Picture(name=s.name, title=s.title, caption=s.caption(evidence, r), alt=s.alt(evidence, r))
-        for s, r, _ in made
-    ]
-    text = page(evidence, pictures, charts=charts(evidence))
+        files = render(spec.draw, rows, look) | {"csv": to_csv(rows)}
+        for kind, content in files.items():
+            job.publish(f"{spec.name}.{kind}", content)
+        pictures.append(
+            Picture(
+                name=spec.name,
+                title=spec.title,
+                caption=spec.caption(evidence, rows),
+                alt=spec.alt(evidence, rows),
+                png=files["png"],
+            )
+        )
     _documents(job, evidence)
-    for spec, rows, _ in made:
-        job.publish(f"{spec.name}.csv", to_csv(rows))
-    images, printed = {}, list[Drawn]()
-    for picture, (_, _, drawn) in zip(pictures, made, strict=True):
-        files = drawn()
-        for kind in ("pdf", "png"):
-            job.publish(f"{picture.name}.{kind}", files[kind])
-        images[picture.name] = files["page"]
-        printed.append((picture, files["pdf"]))
-        job.say(f"report {len(images)} of {len(made)} figures", len(images) / len(made))
-    job.publish("report.pdf", pdf(evidence, printed))
-    job.publish("index.html", with_images(text, images))
+    job.publish("index.html", page(evidence, pictures, charts=charts(evidence)))
     return Outcome(
-        notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in left_out)
+        notes=tuple(f"{name} was not drawn: its products are missing or empty" for name in missing)
     )
 
 
@@ -98,18 +77,6 @@ def _documents(job: Job, evidence: Evidence) -> None:
         ("references.bib", methods.references),
     ):
         job.publish(name, written(evidence))
-
-
-@contextlib.contextmanager
-def _drawing(job: Job) -> Iterator[Give]:
-    """What draws figures: the job's executor, or in place of threads processes, begun at once."""
-    from nearlift.report.drawers import drawers
-
-    if not isinstance(job.executor, Threads):
-        yield lambda task: job.executor.submit(task).result
-        return
-    with drawers(job.executor.workers - 1) as give:
-        yield give
 
 
 def gather(job: Job) -> Evidence:
@@ -164,11 +131,10 @@ def _expected(job: Job, spec: FigureSpec) -> bool:
     )
 
 
-def for_print(draw: Draw, table: Columns, look: str) -> dict[str, bytes]:
-    """One figure beside the report: pdf, png and csv."""
-    from nearlift.report.figures.encoding import render
-    from nearlift.report.figures.style import style
+def for_print(draw: Draw, table: Columns, campaign: Campaign) -> dict[str, bytes]:
+    """The files of one figure that is not part of the report: pdf, png and csv."""
+    from nearlift.report.figures.files import render
+    from nearlift.report.figures.style import style_of
     from nearlift.report.tidy import to_csv
 
-    files = render(draw, table, style(look))
-    return {"pdf": files["pdf"], "png": files["png"], "csv": to_csv(table)}
+    return render(draw, table, style_of(campaign)) | {"csv": to_csv(table)}

@@ -138,8 +138,8 @@ class Study:
         UsageError
             There is no such figure, or this campaign does not have what it shows.
         """
-        from nearlift.report.figures.encoding import render
-        from nearlift.report.figures.style import style
+        from nearlift.report.figures.files import render
+        from nearlift.report.figures.style import style_of
         from nearlift.report.registry import FIGURES
         from nearlift.run.opening import open_job
         from nearlift.stages.report import gather
@@ -161,7 +161,7 @@ class Study:
                 "cannot be drawn: this campaign does not have what it shows",
                 "`plan()` says which stages belong to it",
             )
-        files = render(spec.draw, rows, style(self.manifest.report.style))
+        files = render(spec.draw, rows, style_of(self.manifest))
         words = {"caption": spec.caption(evidence, rows), "alt": spec.alt(evidence, rows)}
         return Drawing(
             name=name, title=spec.title, **words, png=files["png"], pdf=files["pdf"], table=rows

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.readers.segments import Segmented
-from nearlift.report.figures.style import SERIES, context, plain_text, style
+from nearlift.report.figures.style import SERIES, Style, context, plain_text
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +29,7 @@ def picture(records: Sequence[Segmented], rate_Hz: float) -> bytes:
     from matplotlib.figure import Figure
 
     shown = [r for r in records if len(r.record.force_N)][:MOST_RECORDS]
-    look, rows = style("screen"), max(len(shown), 1)
+    look, rows = Style(), max(len(shown), 1)
     with context(look):
         figure = Figure(figsize=(look.double_in, HEIGHT_IN * rows + 0.6))
         axes = figure.subplots(rows, 1, squeeze=False)[:, 0]

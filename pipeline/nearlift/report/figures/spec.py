@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import Product
 from nearlift.report.evidence import Columns, Evidence
-from nearlift.report.figures.encoding import Draw
+from nearlift.report.figures.files import Draw
 from nearlift.report.page.chart import Chart
 
 

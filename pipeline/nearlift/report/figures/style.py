@@ -1,12 +1,7 @@
-"""How figures look, as data: column widths, type and resolution of each journal; colours and
-markers for all of them.
-
-Fonts are those that matplotlib brings, so that a figure has the same bytes wherever it is made.
-"""
+"""The look of figures: column widths, type, colours and markers, in matplotlib's own fonts."""
 
 from __future__ import annotations
 
-import difflib
 import itertools
 import string
 from collections.abc import Iterator, Sequence
@@ -22,81 +17,40 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLoca
 
 from nearlift import nomenclature
 from nearlift.catalogue import titled
-from nearlift.errors import ManifestError, UsageError
+from nearlift.errors import UsageError
+from nearlift.manifest.campaign import Campaign
 from nearlift.report.findings import along
+
+#: Metres per inch.
+INCH_M = 0.0254
+#: Dots per inch of a PNG, and of what is a raster in a PDF.
+DPI = 200
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Style:
-    """One look. Widths in inches, type in points, lines in points; `dpi` is that of the PNG and of
-    what is a raster in the PDF. Distances are shown in millimetres if `radius_mm` is given.
+    """Sizes of a figure.
+
+    Attributes
+    ----------
+    single_in, double_in : float
+        Width of one column and of the full text, in inches.
+    height_in : float
+        Largest height, in inches.
+    text_pt, line_pt, marker_pt : float
+        Type, lines and symbols, in points.
+    radius_mm : float or None
+        Rotor radius; if given, distances are shown in millimetres.
     """
 
-    name: str
-    meaning: str
-    single_in: float
-    double_in: float
-    height_in: float
-    text_pt: float
-    serif: bool
-    dpi: int = 300
+    single_in: float = 3.25
+    double_in: float = 6.75
+    height_in: float = 9.0
+    text_pt: float = 8.0
     line_pt: float = 1.0
     marker_pt: float = 3.2
     radius_mm: float | None = None
 
-
-STYLES = (
-    Style(
-        name="aiaa",
-        meaning="AIAA journals: 3.25 in column, serif, 8 pt",
-        single_in=3.25,
-        double_in=6.75,
-        height_in=9.0,
-        text_pt=8,
-        serif=True,
-    ),
-    Style(
-        name="elsevier",
-        meaning="Elsevier: 90 and 190 mm, sans serif, 8 pt",
-        single_in=3.54,
-        double_in=7.48,
-        height_in=9.4,
-        text_pt=8,
-        serif=False,
-    ),
-    Style(
-        name="nature",
-        meaning="Nature: 89 and 183 mm, sans serif, 7 pt",
-        single_in=3.50,
-        double_in=7.20,
-        height_in=9.7,
-        text_pt=7,
-        serif=False,
-        line_pt=0.8,
-        marker_pt=2.8,
-    ),
-    Style(
-        name="ieee",
-        meaning="IEEE: 3.5 and 7.16 in, serif, 8 pt",
-        single_in=3.5,
-        double_in=7.16,
-        height_in=9.0,
-        text_pt=8,
-        serif=True,
-    ),
-    Style(
-        name="screen",
-        meaning="slides and screens: 10 in wide, sans serif, 11 pt",
-        single_in=5.5,
-        double_in=10.0,
-        height_in=11.0,
-        text_pt=11,
-        serif=False,
-        dpi=150,
-        line_pt=1.5,
-        marker_pt=4.5,
-    ),
-)
 
 #: Okabe and Ito's colours that stand out on white, each with its own marker, so that greyscale
 #: keeps them apart.
@@ -131,17 +85,14 @@ SUBS: tuple[tuple[float, tuple[float, ...]], ...] = (
 SEQUENTIAL = "cividis"
 
 
-def style(name: str) -> Style:
-    """The preset of that name; `ManifestError` with the nearest ones if there is none."""
-    known = {s.name: s for s in STYLES}
-    if name not in known:
-        near = difflib.get_close_matches(name, known, n=1)
-        raise ManifestError(
-            "report.style",
-            f"there is no style {name!r}",
-            f"did you mean {near[0]!r}?" if near else f"known: {', '.join(known)}",
-        )
-    return known[name]
+def style_of(campaign: Campaign) -> Style:
+    """The style that a manifest asks for."""
+    report = campaign.report
+    return Style(
+        single_in=report.column_width / INCH_M,
+        double_in=report.full_width / INCH_M,
+        radius_mm=1e3 * campaign.vehicle.rotor_radius if report.units.distance == "mm" else None,
+    )
 
 
 @contextmanager
@@ -160,8 +111,8 @@ def _settings(look: Style) -> dict[str, object]:
     small = look.text_pt - 1
     return {
         # the second serves letters that the first lacks
-        "font.family": ["STIXGeneral" if look.serif else "DejaVu Sans", "DejaVu Sans"],
-        "mathtext.fontset": "stix" if look.serif else "dejavusans",
+        "font.family": ["STIXGeneral", "DejaVu Sans"],
+        "mathtext.fontset": "stix",
         "font.size": look.text_pt,
         "axes.labelsize": look.text_pt,
         "axes.titlesize": look.text_pt,
@@ -186,7 +137,7 @@ def _settings(look: Style) -> dict[str, object]:
         "lines.linewidth": look.line_pt,
         "lines.markersize": look.marker_pt,
         "axes.unicode_minus": True,
-        "savefig.dpi": look.dpi,
+        "savefig.dpi": DPI,
         "figure.dpi": 100,
         "pdf.fonttype": 42,
         "svg.hashsalt": "nearlift",

@@ -102,10 +102,6 @@ class Chart:
         are called.
     down : bool
         Whether the marks stand below one another, and the keys go along them so.
-    heads, rows : tuple
-        The points as a table.
-    further : int
-        Rows that the table leaves out.
     """
 
     name: str
@@ -115,9 +111,6 @@ class Chart:
     across: str = "cell"
     among: str = "cell"
     down: bool = False
-    heads: tuple[str, ...] = ()
-    rows: tuple[tuple[str, ...], ...] = ()
-    further: int = 0
 
 
 def embedded(charts: Sequence[Chart]) -> str:

@@ -48,7 +48,7 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
         "comparison.html.j2",
         [drawn],
         title=TITLE,
-        chapter={"charts": (drawn,), "pictures": [picture], "tabled": (drawn,)},
+        chapter={"charts": (drawn,), "pictures": [picture]},
         tables=_tables(table, reports),
         remarks=list(remarks),
     )

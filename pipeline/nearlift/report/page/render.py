@@ -6,7 +6,7 @@ import base64
 import functools
 import hashlib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
@@ -28,25 +28,18 @@ NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A figure on the page, whose image is put in by `with_images`."""
+    """A figure on the page; without `png` where a chart takes its place."""
 
     name: str
     title: str
     caption: str
     alt: str
+    png: bytes = b""
 
     @property
     def data(self) -> str:
-        """What stands for the image's data, and is no data."""
-        return f"data:image/webp;base64,@{self.name}@"
-
-
-def with_images(page: bytes, images: Mapping[str, bytes]) -> bytes:
-    """The page with every picture's image, WebP by name."""
-    for name, image in images.items():
-        held = f'<img src="data:image/webp;base64,@{name}@"'.encode()
-        page = page.replace(held, held.replace(f"@{name}@".encode(), base64.b64encode(image)))
-    return page
+        """The image as an address that holds it."""
+        return f"data:image/png;base64,{base64.b64encode(self.png).decode()}"
 
 
 @functools.cache
@@ -148,7 +141,6 @@ def page(
                 "pictures": figures,
                 "placed": placed,
                 "charts": interactive,
-                "tabled": [c for c in charts if any(c.name == f.name for f in chapter.figures)],
             }
         )
     if made:
@@ -156,7 +148,7 @@ def page(
             "chapter": Chapter(name="further", title="Further figures"),
             "pictures": list(made.values()),
         }
-        shown.append(further | {"facts": {}, "placed": None, "charts": [], "tabled": []})
+        shown.append(further | {"facts": {}, "placed": None, "charts": []})
     parts = [
         {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
         for name, title in PARTS.items()

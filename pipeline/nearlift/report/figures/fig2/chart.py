@@ -38,11 +38,8 @@ HEIGHT = 300
 #: More throttles than this are shaded instead of each having its own colour, and are chosen behind
 #: a summary.
 APART = len(SERIES)
-#: The table beneath the chart holds so many points.
-TABLE = 400
 #: What lift is shown in, per newton.
 UNITS_PER_N = {"N": 1.0, "mN": 1e3, "gf": 1e3 / 9.80665}
-HEADS = ("boundary", "throttle", "ẑ", "ΔL", "lift", "trials", "quality")
 
 
 def chart(evidence: Evidence) -> Chart:
@@ -69,16 +66,11 @@ def chart(evidence: Evidence) -> Chart:
             choices=(Choice(value="bands", label="90 %"),),
         ),
     )
-    texts = ("label", "at", "delta_text", "force_text", "trials", "quality")
-    rows = [(b, *row) for b, p in cells.items() for row in zip(*(p[n] for n in texts), strict=True)]
     return Chart(
         name="fig2",
         label="Lift change against distance, to be pointed at",
         views=views,
         controls=controls,
-        heads=HEADS,
-        rows=tuple(rows[:TABLE]),
-        further=max(len(rows) - TABLE, 0),
     )
 
 

@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.report.evidence import Columns, Evidence, where
+from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.residuals.points import dots, every_covariate, sums, word
-from nearlift.report.figures.residuals.table import summarise
 from nearlift.report.page.chart import (
     SERIES,
     Chart,
@@ -26,7 +25,6 @@ from nearlift.report.page.chart import (
     shade,
     tooltip,
 )
-from nearlift.rounding import plain, plus_minus
 
 HEIGHT = 300
 #: With more throttles than this, and with as many as a held voltage or power gives, they are
@@ -34,9 +32,6 @@ HEIGHT = 300
 APART = 12
 #: Up to so many distinct values each has its tick.
 DISCRETE = 6
-#: The table beneath the chart holds so many means.
-TABLE = 400
-HEADS = ("boundary", "against", "at", "mean residual", "trials")
 TOOLTIP = (
     ("trial", "trial"),
     ("at", "ẑ"),
@@ -81,7 +76,6 @@ def chart(evidence: Evidence) -> Chart:
             choices=tuple(Choice(value=value, label=label) for value, label in shown.items()),
         ),
     )
-    rows = _rows(summarise(evidence)) if views else []
     return Chart(
         name="residuals",
         label="Residuals of the base model, to be pointed at",
@@ -89,19 +83,7 @@ def chart(evidence: Evidence) -> Chart:
         controls=controls,
         across="mean",
         among="trial",
-        heads=HEADS,
-        rows=tuple(rows[:TABLE]),
-        further=max(len(rows) - TABLE, 0),
     )
-
-
-def _rows(table: Columns) -> list[tuple[str, ...]]:
-    means = where(table, kind="bin")
-    names = ("panel", "covariate", "x", "residual_percent", "u_residual_percent", "n_trials")
-    return [
-        (panel, word(name), plain(x), f"{plus_minus(mean, error)} %", f"{n:.0f}")
-        for panel, name, x, mean, error, n in zip(*(means[k].tolist() for k in names), strict=True)
-    ]
 
 
 def _view(
