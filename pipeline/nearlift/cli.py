@@ -6,9 +6,9 @@ from __future__ import annotations
 
 import importlib
 import os
+from typing import TYPE_CHECKING
 
 import click
-from click.shell_completion import CompletionItem
 
 from nearlift.blas import default_to_one_thread
 
@@ -22,6 +22,9 @@ from nearlift import __version__  # noqa: E402
 from nearlift.commands import GROUPS, everything  # noqa: E402
 from nearlift.errors import did_you_mean  # noqa: E402
 from nearlift.run.registry import ORDER, STAGES  # noqa: E402
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
 
 
 def _meant(word: str) -> str:
@@ -78,6 +81,8 @@ class Commands(click.Group):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names that begin so, then this group's options."""
+        from click.shell_completion import CompletionItem
+
         names = [CompletionItem(n) for n in self.list_commands(ctx) if n.startswith(incomplete)]
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
