@@ -12,7 +12,6 @@ from typing import Any
 
 import click
 
-from nearlift.cli import no_garbage
 from nearlift.commands.common import Call, declared, end_politely
 from nearlift.commands.stage import execute
 from nearlift.errors import ProductError, UsageError
@@ -117,8 +116,7 @@ def command(
 
 def planned(call: Call, campaign: Path) -> tuple[dict[str, Any], str]:
     """Each stage with the reason why it is stale, for machines and in words."""
-    with no_garbage():
-        from nearlift.run import graph, opening  # noqa: F401 - what opens the campaign
+    from nearlift.run import graph
 
     with call.job(campaign) as job:
         steps = [(stage.name, why) for stage, why in graph.plan(job)]
