@@ -18,7 +18,7 @@ import pytest
 
 from nearlift.products import DIAGNOSIS, FIT, LIFT, RESULTS
 from nearlift.report.documents.tables import escape
-from nearlift.report.page.render import Picture, page, scripts, with_images
+from nearlift.report.page.render import Picture, page, scripts
 from nearlift.report.registry import CHAPTERS, FIGURES, Chapter
 from nearlift.stages import report
 
@@ -636,8 +636,8 @@ def test_candidates_folds_and_proposals_are_told(make_job):
 
 def test_a_new_figure_needs_no_chapter(small_job):
     evidence = report.gather(small_job)
-    extra = Picture(name="posterior", title="Posterior", caption="c", alt="a")
-    text = with_images(page(evidence, [extra]), {"posterior": b"x"}).decode()
+    extra = Picture(name="posterior", title="Posterior", caption="c", alt="a", png=b"x")
+    text = page(evidence, [extra]).decode()
     assert "Further figures" in text
     assert 'href="posterior.pdf"' in text
     assert 'src="data:image/png;base64,eA=="' in text

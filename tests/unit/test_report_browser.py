@@ -38,15 +38,14 @@ def job(make_job):
 def address(job):
     evidence = report.gather(job)
     dot = io.BytesIO()
-    Image.new("RGB", (1200, 600), "white").save(dot, "WEBP")
+    Image.new("RGB", (1200, 600), "white").save(dot, "PNG")
     file = job.reports / "index.html"
     file.parent.mkdir()
     pictures = [
-        render.Picture(name=n, title="t", caption="c", alt=f"{n} in words")
+        render.Picture(name=n, title="t", caption="c", alt=f"{n} in words", png=dot.getvalue())
         for n in ("fig2", "residuals")
     ]
-    text = render.page(evidence, pictures, charts=charts(evidence))
-    file.write_bytes(render.with_images(text, {p.name: dot.getvalue() for p in pictures}))
+    file.write_bytes(render.page(evidence, pictures, charts=charts(evidence)))
     return file.as_uri()
 
 
