@@ -20,7 +20,6 @@ from nearlift.flight.monte_carlo import FlightPlan, FlightSetting, fly, tabulate
 from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED, gains_for, poles
 from nearlift.manifest import campaign as manifest
 from nearlift.products import CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, SAFETY
-from nearlift.report.figures.files import render
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.files import render
 from nearlift.report.figures.style import Style

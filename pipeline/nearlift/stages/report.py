@@ -4,6 +4,7 @@ imported only here.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from nearlift.products import FIT, FLOW_PRODUCTS, PRODUCTS, RESULTS, TRIALS
