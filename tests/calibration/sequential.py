@@ -31,7 +31,7 @@ from nearlift.likelihood.subspace import framed, orthonormal
 from nearlift.loop import coefficients, next_visits
 from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.diagnose import decide, set_up
-from nearlift.loop.evidence import FormReading, Linearised
+from nearlift.loop.evidence import LinearFit, Linearised
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.results import Noise, Observations
@@ -292,10 +292,16 @@ def supply(boundary: str, seed: int) -> dict[str, Any]:
 
 def evidence(fitted: Fitted, form_sd: float = FORM_SD) -> float:
     """Log evidence of a fit with its form uncertain, as the search has it."""
-    tube = fitted.space.project(fitted.candidate.tube(fitted.vector, form_sd).T).T
-    basis = framed(orthonormal(np.hstack([fitted.jacobian, tube])))
-    here = Linearised(fitted=fitted, jacobian=basis.T @ fitted.jacobian, tube=basis.T @ tube)
-    return FormReading(here=here, basis=basis, rest=basis[:, :0], wander=0.0).log
+    form_discrepancy = fitted.space.project(
+        fitted.candidate.form_discrepancy(fitted.vector, form_sd).T
+    ).T
+    basis = framed(orthonormal(np.hstack([fitted.jacobian, form_discrepancy])))
+    here = Linearised(
+        fitted=fitted,
+        jacobian=basis.T @ fitted.jacobian,
+        form_discrepancy=basis.T @ form_discrepancy,
+    )
+    return LinearFit(here=here, basis=basis, rest=basis[:, :0], random_walk_gain=0.0).log
 
 
 KINDS = {"coefficient": coefficient, "stations": stations, "supply": supply}

@@ -16,7 +16,7 @@ from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import families
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.result import result
-from nearlift.loop.search import settle
+from nearlift.loop.search import search_to_convergence
 from nearlift.loop.search_problem import Options
 
 from .simulated import RADIUS, campaign
@@ -82,7 +82,7 @@ def test_the_trial_before_stands_off_as_far():
 def test_trials_and_places_are_named_by_the_distances_recorded():
     data = near_ceiling(3, off_m=1.2e-3, visits=6)
     stage = set_up(data, CEILING, (datum(0.5e-3),), Options())[0]
-    answer = settle(stage)
+    answer = search_to_convergence(stage)
     offered = [p.text for p in separation.menu(stage.as_recorded)]
     assert "more visits at the closest distance, z_hat = 0.1" in offered
     quoted = result(answer, coefficients.answers(answer, {}), None).coefficients["alpha"]
@@ -102,7 +102,7 @@ def test_a_search_takes_the_datum_where_its_best_explanation_has_it():
     data = near_ceiling(3, off_m=0.6e-3, visits=6)
     best = set_up(data, CEILING, (datum(0.5e-3),), Options())[0]
     begun = best.base, best.effects, best.parts, best.theta, best.options
-    answer = settle(prepare(best.datum.at(0.0), *begun))
+    answer = search_to_convergence(prepare(best.datum.at(0.0), *begun))
     assert answer.stage.datum.error_m == pytest.approx(best.datum.error_m, abs=0.25 * 0.5e-3)
     assert best.datum.likeliest(best.base_fit, best.slope) is best.datum
 

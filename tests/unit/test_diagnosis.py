@@ -20,7 +20,7 @@ from nearlift.loop import (
     confirmation,
     families,
     few_visits,
-    plain_change,
+    reference_trends,
     search,
     separation,
     structure,
@@ -255,7 +255,7 @@ def test_what_is_named_does_not_hang_on_the_seed(ambiguous):
             )
             for tried in (answer.singles, answer.pairs)
         )
-        sets.append([e.effects for e in search.contenders(stage, singles, pairs)])
+        sets.append([e.effects for e in search.credible_set(stage, singles, pairs)])
     assert len(sets[0]) > 1
     assert sum(s == sets[0] for s in sets) >= 14
 
@@ -387,13 +387,13 @@ def test_a_tube_has_the_declared_relative_size(null_stage):
     effect = catalogue.effect("supply_sag")
     candidate = Candidate(base=GROUND, effects=(effect,), data=null_stage.data)
     vector = np.array([2.0, 1.0])
-    tube = candidate.tube(vector, 0.2)
-    size = np.sqrt(np.sum(tube**2, axis=1)) / np.maximum(
+    form_discrepancy = candidate.form_discrepancy(vector, 0.2)
+    size = np.sqrt(np.sum(form_discrepancy**2, axis=1)) / np.maximum(
         np.abs(candidate.contribution(vector, effect)), 1e-12
     )
     # 20 % along supply and 20 % along throttle
     assert np.sqrt(np.mean(size**2)) == pytest.approx(0.2 * np.sqrt(2), rel=0.1)
-    assert candidate.tube(vector, 0.0).shape == (null_stage.data.n, 0)
+    assert candidate.form_discrepancy(vector, 0.0).shape == (null_stage.data.n, 0)
 
 
 def test_an_unseen_session_has_no_gain(null_stage):
@@ -533,10 +533,10 @@ def test_a_throttle_that_one_visit_alone_has_hides_no_cause():
 
 def test_few_visits_want_more_than_chance_and_the_greater_part():
     before = np.array([4.0, 5.0, 6.0, 5.0, 4.0, 6.0, 5.0, 5.0, 5.0])
-    assert few_visits.convinces(before, before - 4.0, 1.0)
-    assert not few_visits.convinces(before, before - 0.5, 1.0)
-    assert not few_visits.convinces(before, before - np.array([45.0, *[0.0] * 8]), 1.0)
-    assert not few_visits.convinces(before, np.full(9, np.inf), 1.0)
+    assert few_visits.gain_is_significant(before, before - 4.0, 1.0)
+    assert not few_visits.gain_is_significant(before, before - 0.5, 1.0)
+    assert not few_visits.gain_is_significant(before, before - np.array([45.0, *[0.0] * 8]), 1.0)
+    assert not few_visits.gain_is_significant(before, np.full(9, np.inf), 1.0)
 
 
 def test_jackknife_is_the_textbook_one():
@@ -700,7 +700,7 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         )
 
     def listed(singles, pairs=()):
-        return [e.effects for e in search.contenders(null_stage, singles, pairs)]
+        return [e.effects for e in search.credible_set(null_stage, singles, pairs)]
 
     # the plausible first, of those within reach
     singles = (
@@ -747,19 +747,19 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
         # what the single effect leaves may be chance: a second one must be plainly likelier still
         left = dataclasses.replace(something, p_value=0.02)
         chance = standing(["supply_sag"], 0.0, left=left)
-        assert listed(*search.forgiven((chance,), (pair,))) == expected
+        assert listed(*search.accept_marginal_misfit((chance,), (pair,))) == expected
         both = restated(pair, left=left)
-        assert listed(*search.forgiven((), (both,))) == [pair.effects]
+        assert listed(*search.accept_marginal_misfit((), (both,))) == [pair.effects]
         # where something else would do, where it is no chance, or where no effect is nearly as likely
-        assert listed(*search.forgiven((singles[0],), (both,)))[0] == ("supply_sag",)
+        assert listed(*search.accept_marginal_misfit((singles[0],), (both,)))[0] == ("supply_sag",)
         # ... which it does not where the two are less likely than one of them
         lasting = standing(["supply_sag"], 0.0, left=something)
         pairs = [pair.effects] if ahead > 0 else []
-        assert listed(*search.forgiven((lasting,), (pair,))) == pairs
+        assert listed(*search.accept_marginal_misfit((lasting,), (pair,))) == pairs
         faint = standing(["supply_sag"], 0.0, left=left, over_none=9.0)
-        assert listed(*search.forgiven((faint,), ())) == []
+        assert listed(*search.accept_marginal_misfit((faint,), ())) == []
         # by itself; two effects that do are no likelier for what it may leave by chance
-        assert listed(*search.forgiven((faint,), (pair,))) == expected
+        assert listed(*search.accept_marginal_misfit((faint,), (pair,))) == expected
 
 
 def test_an_effect_that_no_fold_found_still_predicts():
@@ -788,11 +788,11 @@ def test_what_begins_anew_at_every_start_need_not_begin_alike(null_stage):
         candidate = null_stage.candidate(effects[name])
         vector = candidate.null.copy()
         vector[candidate.sizes()] = size
-        tube = candidate.tube(vector, 0.2)
+        form_discrepancy = candidate.form_discrepancy(vector, 0.2)
         # what it grants to the first session alone
         first = null_stage.data.session == 0
         wanted = candidate.contribution(vector, effects[name]) * first
-        rest = wanted - tube @ np.linalg.lstsq(tube, wanted, rcond=None)[0]
+        rest = wanted - form_discrepancy @ np.linalg.lstsq(form_discrepancy, wanted, rcond=None)[0]
         return float(np.sum(rest**2) / np.sum(wanted**2))
 
     assert null_stage.data.session.max() > 0
@@ -866,7 +866,8 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
     assert (
-        plain_change.log_evidence(answer.stage, own) > own.evidence.over_none + RIVAL_MAX_2LNB / 2
+        reference_trends.log_evidence(answer.stage, own)
+        > own.evidence.over_none + RIVAL_MAX_2LNB / 2
     )
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
     assert answer.verdict == "unexplained"
@@ -881,7 +882,7 @@ def test_gains_that_differ_by_session_are_no_single_step_in_time(gains, single_s
     lift_N = data.lift_N * (1 + 0.006 * np.array(gains)[data.session])
     answer = run(set_up(dataclasses.replace(data, lift_N=lift_N), GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "session_gain")
-    ahead = plain_change.log_evidence(answer.stage, own) - own.evidence.over_none
+    ahead = reference_trends.log_evidence(answer.stage, own) - own.evidence.over_none
     if single_step:
         assert ahead > RIVAL_MAX_2LNB / 2
         assert not any("session_gain" in e.effects for e in answer.accepted)
@@ -903,7 +904,7 @@ def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
     )
     own = next(e for e in answer.singles if e.name == "zero_drift")
     assert own.evidence.as_printed > own.evidence.uncertain
-    assert own.evidence.over_none > plain_change.log_evidence(answer.stage, own)
+    assert own.evidence.over_none > reference_trends.log_evidence(answer.stage, own)
     # alone, so that the trials tell of its form
     assert answer.accepted == (own.without_rivals(),)
 
@@ -924,7 +925,7 @@ def test_a_straight_line_that_its_form_contains_does_not_disown_an_effect():
     candidate = dataclasses.replace(own.fitted.candidate, effects=(curved,))
     other = dataclasses.replace(own, fitted=dataclasses.replace(own.fitted, candidate=candidate))
     # the line in force leads, and would disown an effect that does not contain it
-    lead = plain_change.log_evidence(answer.stage, other) - own.evidence.over_none
+    lead = reference_trends.log_evidence(answer.stage, other) - own.evidence.over_none
     assert lead > RIVAL_MAX_2LNB / 2
 
 
@@ -951,7 +952,7 @@ def test_no_error_of_a_form_puts_structure_along_another_covariate(sagging_stage
         judged = dataclasses.replace(found, left=left)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(SearchProblem, "judged", lambda *_, judged=judged: judged)
-            (again,) = search.second_look(stage, (found,))
+            (again,) = search.retry_with_wider_form(stage, (found,))
         assert again.confirmed is taken
 
 

@@ -17,18 +17,18 @@ from nearlift.loop import (
     confirmation,
     discrepancy,
     findings,
-    plain_change,
+    reference_trends,
     search,
     search_problem,
     structure,
 )
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.explanation import LEAST_SHARE, MARGINAL
+from nearlift.loop.explanation import LACK_OF_FIT_P, LEAST_SHARE
 from nearlift.loop.families import STEP, families
 from nearlift.loop.handle import handles
+from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.search_problem import Options
 from nearlift.loop.visibility import visibility
-from nearlift.loop.wander import waves
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB, LoopCoefficients, LoopEstimate
 
 from .simulated import campaign, restated
@@ -110,10 +110,14 @@ def linearised(stage, fitted):
 
 def readings(stage, e):
     """Columns of the nuisances beside an explanation's form as printed, and uncertain."""
-    none, bent = (e.fitted.candidate.tube(e.fitted.vector, sd) for sd in (0.0, e.form_sd))
-    for reading, tube in zip(stage.readings(e.fitted, e.form_sd), (none, bent), strict=True):
-        wave = reading.wander * waves(stage.data) if reading.wander else none
-        yield reading, np.hstack([tube, wave])
+    none, bent = (
+        e.fitted.candidate.form_discrepancy(e.fitted.vector, sd) for sd in (0.0, e.form_sd)
+    )
+    for reading, form_discrepancy in zip(
+        stage.readings(e.fitted, e.form_sd), (none, bent), strict=True
+    ):
+        wave = reading.random_walk_gain * waves(stage.data) if reading.random_walk_gain else none
+        yield reading, np.hstack([form_discrepancy, wave])
 
 
 def test_plausibility_is_the_evidence_with_every_size_integrated_over_its_prior(stage, tried):
@@ -122,16 +126,16 @@ def test_plausibility_is_the_evidence_with_every_size_integrated_over_its_prior(
         free = np.r_[own, session]
         none = slopes[:, :0]
         logs = []
-        for _, tube in readings(stage, e):
+        for _, form_discrepancy in readings(stage, e):
             chi2_, _ = integrated(
                 stage,
                 rest + slopes[:, free] @ (e.fitted.vector - mean)[free],
                 slopes[:, : len(stage.theta)],
-                np.hstack([slopes[:, free] * sd[free], tube]),
+                np.hstack([slopes[:, free] * sd[free], form_discrepancy]),
             )
             # what stands at a bound could have been anywhere
             anywhere = np.r_[free, held]
-            random = np.hstack([slopes[:, anywhere] * sd[anywhere], tube])
+            random = np.hstack([slopes[:, anywhere] * sd[anywhere], form_discrepancy])
             _, volume = integrated(stage, rest, none, random)
             logs.append(-0.5 * (chi2_ + volume))
         expected = np.logaddexp(*logs) - np.log(2)
@@ -148,8 +152,8 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
     for e in tried.values():
         rest, slopes, mean, sd, own, session, held = linearised(stage, e.fitted)
         logs = []
-        for reading, tube in readings(stage, e):
-            known, c = precision(stage, tube), slopes[:, :p]
+        for reading, form_discrepancy in readings(stage, e):
+            known, c = precision(stage, form_discrepancy), slopes[:, :p]
             known = known - known @ c @ np.linalg.solve(c.T @ known @ c, c.T @ known)
             told = np.einsum("ij,ik,kj->j", slopes, known, slopes) * np.square(sd)
             vague = own[told[own] > stage.data.n]
@@ -160,12 +164,12 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
                 stage,
                 rest + slopes[:, random] @ (e.fitted.vector - mean)[random],
                 np.hstack([c, slopes[:, vague]]),
-                np.hstack([slopes[:, random] * sd[random], tube]),
+                np.hstack([slopes[:, random] * sd[random], form_discrepancy]),
             )
             paying = np.r_[vague, held]
             prior = np.sum(((e.fitted.vector - mean)[paying] / sd[paying]) ** 2)
             # one unknown more each: how much sessions differ, and how far the gain wanders
-            unknowns = len(paying) + bool(len(session)) + bool(reading.wander)
+            unknowns = len(paying) + bool(len(session)) + bool(reading.random_walk_gain)
             logs.append(-0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n)))
         assert [e.evidence.as_printed, e.evidence.uncertain] == pytest.approx(logs, rel=1e-6)
         expected = np.logaddexp(*logs) - np.log(2)
@@ -182,7 +186,7 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
 def test_without_rivals_a_form_is_as_uncertain_as_the_trials_say(tried):
     """Its variance is the mean over both readings, and never nothing."""
     e = tried["supply_sag"]
-    bent = e.fitted.candidate.tube(e.fitted.vector, e.form_sd)
+    bent = e.fitted.candidate.form_discrepancy(e.fitted.vector, e.form_sd)
     for odds in (1e-3, 1.0, 50.0):
         known = restated(e, as_printed=0.0, uncertain=np.log(odds))
         columns = known.without_rivals().nuisances["form of supply_sag"]
@@ -207,7 +211,7 @@ def test_a_coefficient_and_its_uncertainty_are_those_of_generalised_least_square
 ):
     p = len(stage.theta)
     for e in tried.values():
-        nuisance = e.tube if wide else np.zeros((stage.data.n, 0))
+        nuisance = e.form_discrepancy if wide else np.zeros((stage.data.n, 0))
         rest, slopes, mean, sd, *_ = linearised(stage, e.fitted)
         m, prior = precision(stage, nuisance), np.where(np.isfinite(sd), sd, np.inf) ** -2.0
         covariance = np.linalg.inv(slopes.T @ m @ slopes + np.diag(prior))
@@ -329,7 +333,7 @@ def test_every_p_value_is_that_of_the_chi_square_it_takes_of_the_residual(stage)
             checked += 1
     assert checked > 20
     steps = [c for name, c in named if name == STEP]
-    assert plain_change.best_step(stage) == pytest.approx(
+    assert reference_trends.best_step(stage) == pytest.approx(
         max(whole - integrated(stage, rest, np.hstack([slopes, c]), none)[0] for c in steps),
         rel=1e-6,
     )
@@ -401,15 +405,15 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
 
 def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tried):
     e = dataclasses.replace(of_left(tried["supply_sag"], True), confirmed=None, form_sd=0.2)
-    enough = max(0.8 * stage.excess, plain_change.best_step(stage))
+    enough = max(0.8 * stage.excess, reference_trends.best_step(stage))
     for gain, over_none, looked in ((1.01, 20.0, True), (0.99, 20.0, False), (1.01, 14.0, False)):
-        (again,) = search.second_look(
+        (again,) = search.retry_with_wider_form(
             stage, (restated(e, gain=gain * enough, over_none=over_none),)
         )
         assert (again.form_sd == pytest.approx(0.4)) == looked
         assert (again.confirmed is not None) == looked
     # a size for each session has no form that could be wrong
-    (again,) = search.second_look(
+    (again,) = search.retry_with_wider_form(
         stage,
         (
             restated(
@@ -490,7 +494,7 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     answers = coefficients.answers(answer, {})
     reach, found = t.ppf(0.95, answers.dof[0]), answers.estimates()
     assert 1 <= answers.dof[0] < stage.data.n
-    members = [coefficients.spread(stage, e.fitted, e.tube) for e in accepted]
+    members = [coefficients.spread(stage, e.fitted, e.form_discrepancy) for e in accepted]
     (value,), (u,) = best = coefficients.spread(stage, accepted[0].fitted)
     after = found.after["K_b"]
     ends = [(v[0] - reach * s[0], v[0] + reach * s[0]) for v, s in (*members, best)]
@@ -502,7 +506,7 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     assert after.value == pytest.approx(mean)
     assert after.conditional == pytest.approx([value - reach * u, value + reach * u])
     nuisance = np.hstack(
-        [accepted[0].tube, coefficients.constrained_columns(stage, ("supply_sag",), {})]
+        [accepted[0].form_discrepancy, coefficients.constrained_columns(stage, ("supply_sag",), {})]
     )
     (value,), (u,) = coefficients.spread(stage, accepted[0].fitted, nuisance)
     assert after.constrained == pytest.approx([value - reach * u, value + reach * u])
@@ -603,7 +607,9 @@ def test_a_coefficient_rests_on_a_visit_where_half_of_what_is_known_is_there(sta
             project=lambda x: x, covariance=SimpleNamespace(order=np.argsort(run))
         ),
     )
-    found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
+    found = absorption.unidentifiable_coefficients(
+        planned, SimpleNamespace(jacobian=slope[:, None])
+    )
     assert [f.coefficient for f in found] == (["K_b"] if share > 0.5 and visits == 1 else [])
     if found:
         assert found[0].share == pytest.approx(share)
@@ -635,7 +641,9 @@ def test_sessions_that_hold_one_distance_absorb_the_coefficient(beside, sessions
         as_recorded=data,
         space=SimpleNamespace(project=lambda x: x, covariance=SimpleNamespace(order=np.arange(40))),
     )
-    found = absorption.unknowable(planned, SimpleNamespace(jacobian=slope[:, None]))
+    found = absorption.unidentifiable_coefficients(
+        planned, SimpleNamespace(jacobian=slope[:, None])
+    )
     assert [f.absorbed_by for f in found] == (["session_gain"] if said else [])
     if said:
         assert found[0].share == pytest.approx(beside**2 / (1 + beside**2))
@@ -654,7 +662,7 @@ def test_a_name_is_needed_where_it_takes_the_greater_part_of_what_is_there_witho
     def needed(*without):
         return stage.judged(e.fitted, 0.0, without).needed
 
-    assert stage.chance == pytest.approx(chance)
+    assert stage.excess_sd == pytest.approx(chance)
     assert needed(least - 1.0)
     assert not needed(least + 1.0)
     assert not needed(least - 1.0, least + 1.0)
@@ -675,7 +683,7 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
     # what could account for nothing like the greater part is not tried, but for the first few
     monkeypatch.setattr(search, "FIRST_PAIRS", 1)
     stage = dataclasses.replace(stage)
-    excess = vars(stage)["excess"] = (stage.chance + 11.0 * (len(every) // 2)) / 0.6
+    excess = vars(stage)["excess"] = (stage.excess_sd + 11.0 * (len(every) // 2)) / 0.6
     might = [stage.greater_part(1.1 * 10 * i + 10, excess) for i in range(len(every))]
     assert 1 < sum(might) < len(every) - 1
     assert (
@@ -723,7 +731,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
             confirmed=None,
             log_evidence=0.0,
             gain=gain - more,
-            wander=0.0,
+            random_walk_gain=0.0,
         )
         both = restated(
             of_left(pair, dispersion > 1),
@@ -736,7 +744,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
         both = dataclasses.replace(both, left=dataclasses.replace(both.left, p_value=p_value))
         # of the others nothing speaks
         others = (restated(one, log_evidence=-99.0, over_none=-49.0),) * (tried - 1)
-        return [len(e.effects) for e in search.contenders(stage, (one, *others), (both,))]
+        return [len(e.effects) for e in search.credible_set(stage, (one, *others), (both,))]
 
     for dispersion, price in ((1.0, 0.0), (1.0 + 10 / d, half * 10 / d)):
         assert listed(price + half - 0.1, dispersion) == [1, 2]
@@ -748,7 +756,7 @@ def test_two_effects_pay_for_what_both_leave(stage, tried):
     assert listed(-half - 0.1) == [1]
     # what one would do as well needs no second, and what is refuted stands beside nothing
     assert listed(0.0, more=search.SECOND - 0.1) == [1]
-    assert listed(0.0, p_value=0.9 * MARGINAL) == [1]
+    assert listed(0.0, p_value=0.9 * LACK_OF_FIT_P) == [1]
 
 
 def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tried):
@@ -760,7 +768,7 @@ def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tr
         gain=stage.excess,
     )
     singles = [restated(one, log_evidence=0.0, plausibility=p) for p in (1.0, 3.0, 2.0)]
-    assert [e.evidence.plausibility for e in search.contenders(stage, tuple(singles), ())] == [
+    assert [e.evidence.plausibility for e in search.credible_set(stage, tuple(singles), ())] == [
         3.0,
         2.0,
         1.0,
@@ -782,7 +790,7 @@ def test_those_that_stand_beside_the_best_are_in_order_of_plausibility(stage, tr
         fitted = dataclasses.replace(pair.fitted, candidate=candidate, vector=candidate.null)
         pairs.append(restated(both, fitted=fitted, plausibility=p))
     assert [
-        e.evidence.plausibility for e in search.contenders(stage, tuple(singles), tuple(pairs))
+        e.evidence.plausibility for e in search.credible_set(stage, tuple(singles), tuple(pairs))
     ] == [
         3.0,
         2.0,
@@ -805,13 +813,13 @@ def test_one_that_leaves_what_chance_may_comes_first_where_it_is_likelier(stage,
         return dataclasses.replace(e, left=dataclasses.replace(e.left, p_value=p_value))
 
     def first(*singles):
-        listed = search.contenders(stage, singles, ())
+        listed = search.credible_set(stage, singles, ())
         return listed[0].evidence.plausibility if listed else None
 
     clean = standing(False, 1.0)
     assert first(clean, standing(True, 2.0)) == 2.0
-    assert first(clean, standing(True, 2.0, p_value=0.9 * MARGINAL)) == 1.0
-    # where nothing is accepted, it is for `forgiven` to say
+    assert first(clean, standing(True, 2.0, p_value=0.9 * LACK_OF_FIT_P)) == 1.0
+    # where nothing is accepted, it is for `accept_marginal_misfit` to say
     assert first(standing(True, 2.0)) is None
 
 
@@ -893,7 +901,7 @@ def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(
 
         monkeypatch.setattr(search, "run", run)
         taken.clear()
-        assert search.settle(stage).accepted == bests[-1:]
+        assert search.search_to_convergence(stage).accepted == bests[-1:]
         return taken
 
     small, sag, other = (

@@ -11,7 +11,7 @@ from nearlift.errors import NotConverged
 from nearlift.likelihood.covariates import derive
 from nearlift.loop import foresight as loop_foresight
 from nearlift.loop import outlook, proposals, rehearsal
-from nearlift.loop.absorption import unknowable
+from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.handle import LIMIT_POWER, handles
 from nearlift.loop.rehearsal import planned
@@ -50,7 +50,9 @@ def test_a_name_is_foretold_to_compete_with_a_gain_that_wanders(foresight, monke
     chances = []
     for _ in range(2):
         chances.append([foresight.contest(h, foresight.limit(h)).within for h in (sessions, tilt)])
-        monkeypatch.setattr(loop_foresight, "worth", lambda scores, *_: np.zeros(scores.shape[1]))
+        monkeypatch.setattr(
+            loop_foresight, "log_evidence_gain", lambda scores, *_: np.zeros(scores.shape[1])
+        )
     (differing, tilted), (alone, upright) = chances
     assert differing < alone - 0.1
     assert tilted == pytest.approx(upright, abs=0.02)
@@ -373,9 +375,9 @@ def test_a_visit_holds_one_distance_always_and_that_is_no_finding(foresight):
     visits.
     """
     stage = foresight.stage
-    assert unknowable(stage, stage.base_fit) == ()
+    assert unidentifiable_coefficients(stage, stage.base_fit) == ()
     data = stage.data
     first = data.take(np.isin(data.visit, np.unique(data.visit)[:15]))
     few, _, _ = planned(first, GROUND, (), NOISE, Options(), np.array([2.0]))
-    texts = [f.text for f in unknowable(few.stage, few.stage.base_fit)]
+    texts = [f.text for f in unidentifiable_coefficients(few.stage, few.stage.base_fit)]
     assert any("A gain of its own for every visit" in t for t in texts)

@@ -173,7 +173,7 @@ def test_expected_evidence_is_what_the_rival_cannot_imitate(stage):
     menu = next_visits.menu(stage.data, np.array(simulated.STATIONS), move_supply=True)
     plan = next_visits.plan(stage, question, menu, HALF)
     left = stage.space.project(mine.log_ratio(vectors[0]) - theirs.log_ratio(vectors[1]))
-    columns = np.hstack([theirs.jacobian(vectors[1]), theirs.tube(vectors[1], FORM_SD)])
+    columns = np.hstack([theirs.jacobian(vectors[1]), theirs.form_discrepancy(vectors[1], FORM_SD)])
     forms = columns.shape[1] - theirs.size
     weight = np.r_[1 / theirs.prior[1], np.ones(forms)]
     white = np.vstack([stage.space.project(columns.T).T, np.diag(weight)])

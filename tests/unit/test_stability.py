@@ -14,16 +14,16 @@ from nearlift.loop import coefficients, search, stability
 from nearlift.loop import diagnose as loop
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.evidence import CREDIT
-from nearlift.loop.explanation import MARGINAL
+from nearlift.loop.explanation import LACK_OF_FIT_P
 from nearlift.loop.search import PLAIN
 from nearlift.loop.search_problem import Options
 from nearlift.loop.stability import (
     LOOK,
     TRIES,
     Without,
-    decisive,
+    influential_trials,
+    trials_flipping_a_test,
     trials_to_try,
-    turning,
     visits_to_try,
     with_decisive_trial,
     with_decisive_visits,
@@ -160,7 +160,7 @@ def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond, or
     def at(threshold):
         return replace(answer, first=replace(answer.first, threshold=threshold))
 
-    tried = turning(at(least + beyond))
+    tried = trials_flipping_a_test(at(least + beyond))
     assert 1 <= len(tried) <= TRIES
     for trial in tried:
         keep = stage.data.trial != trial.id
@@ -169,7 +169,7 @@ def test_the_trials_without_which_the_test_would_turn_are_tried(data, beyond, or
         # to first order it lies beyond
         assert (again - least) / beyond > 0.8
     # where the test is far from its threshold no trial turns it
-    assert turning(at(least + 100 * beyond)) == ()
+    assert trials_flipping_a_test(at(least + 100 * beyond)) == ()
 
 
 @pytest.mark.parametrize("beyond", [-0.1, 0.1])
@@ -183,7 +183,7 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
 
     def at(threshold):
         # that of the test at the false-alarm rate, or of what chance may leave
-        null = stage.null.threshold(MARGINAL)
+        null = stage.null.threshold(LACK_OF_FIT_P)
         chance = Null(stage.null.least + (threshold - null if marginal else -100.0))
         problem = replace(stage)
         problem.__dict__["null"] = chance
@@ -191,7 +191,7 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
         tested = (replace(found, left=left),)
         return replace(answer, stage=problem, accepted=tested, singles=tested)
 
-    tried = turning(at(least + beyond))
+    tried = trials_flipping_a_test(at(least + beyond))
     assert 1 <= len(tried) <= TRIES
     for trial in tried:
         keep = stage.data.trial != trial.id
@@ -201,13 +201,13 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
     # that its form is taken for less uncertain once it is named changes nothing
     alone = at(least + beyond)
     alone = replace(alone, accepted=(alone.accepted[0].without_rivals(),))
-    assert [one.id for one in turning(alone)] == [one.id for one in tried]
-    assert turning(at(least + 100 * beyond)) == ()
+    assert [one.id for one in trials_flipping_a_test(alone)] == [one.id for one in tried]
+    assert trials_flipping_a_test(at(least + 100 * beyond)) == ()
 
 
 def decided(answer, quoted, label="trial"):
     """Trials or visits that decide."""
-    return [one.id for one in decisive(answer, quoted, getattr(answer.stage.data, label))]
+    return [one.id for one in influential_trials(answer, quoted, getattr(answer.stage.data, label))]
 
 
 def spoken_for(fitted, gains, moved=0.0):
@@ -426,11 +426,11 @@ def test_where_a_shortlist_would_name_another_everything_is_tried(sagging, monke
     nothing = replace(answer, accepted=())
     shortlist = answer.shortlist(answer.accepted, np.zeros(stage.data.n, dtype=bool))
 
-    def settle(_, shortlist):
+    def search(_, shortlist):
         given.append(shortlist)
         return nothing if shortlist and len(given) > 1 else answer
 
-    monkeypatch.setattr(loop, "settle", settle)
+    monkeypatch.setattr(loop, "search_to_convergence", search)
     like = loop.Decided(answer=answer, refuted=(), scored=None)
     assert loop.decide(stage, False, 0.05, like, shortlist).answer.accepted
     assert given == [shortlist]

@@ -17,8 +17,8 @@ from nearlift.nomenclature import letter
 from nearlift.results.diagnosis import CoefficientLimit, CoefficientShift, LoopCoefficients, Station
 from nearlift.rounding import signed
 
-#: Share of a coefficient's information at one distance from which the coefficient rests on it.
-RESTS = 0.5
+#: Share of a coefficient's information from one distance that makes it depend on that distance.
+SINGLE_VISIT_SHARE = 0.5
 #: Absolute correlation from which an effect and a coefficient count as confounded.
 CONFOUNDED = 0.5
 #: Share of a coefficient's information left beside a gain for each session or visit below which the
@@ -69,7 +69,7 @@ def shifts(
     return tuple(absorbing)
 
 
-def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
+def unidentifiable_coefficients(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
     """Coefficients that rest on a single visit, or that a gain per session (or per visit, where
     visits are few) would absorb, at a fit to measured or planned trials.
     """
@@ -88,7 +88,7 @@ def unknowable(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ..
         energy = np.bincount(station[stage.space.covariance.order], slope**2)
         most = int(np.argmax(energy))
         share, where = float(energy[most] / energy.sum()), float(places[most])
-        if share >= RESTS and len(np.unique(stage.data.visit[station == most])) == 1:
+        if share >= SINGLE_VISIT_SHARE and len(np.unique(stage.data.visit[station == most])) == 1:
             text = (
                 f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}:"
                 f" {100 * share:.0f} % of what is known of it."

@@ -19,7 +19,7 @@ from nearlift.loop.families import indicators
 from nearlift.results import IntArray, Observations
 
 #: Cosines in the smooth relative deformation of an effect's form, with amplitudes as 1 / order.
-TUBE_ORDER = 4
+FORM_ORDER = 4
 #: Standard deviation of a size in the search over that of its prior: weak, but a 40 mm datum error
 #: is no explanation.
 WIDE = 4.0
@@ -199,7 +199,7 @@ class Candidate:
         without[mine] = self.null[mine]
         return np.nan_to_num(self.log_ratio(vector) - self.log_ratio(without))
 
-    def tube(self, vector: FloatArray, sd: float) -> FloatArray:
+    def form_discrepancy(self, vector: FloatArray, sd: float) -> FloatArray:
         """Columns (n, t) of form uncertainty, unknowns of unit variance: each effect's contribution
         times smooth deformations of relative standard deviation `sd`.
 
@@ -210,13 +210,13 @@ class Candidate:
             return np.zeros((self.data.n, 0))
         data, columns = self.data, []
         along = {**data.covariates, "z_hat": data.z_hat, "throttle": data.throttle}
-        weight = 1 / np.arange(1, TUBE_ORDER + 1)
+        weight = 1 / np.arange(1, FORM_ORDER + 1)
         weight *= sd * np.sqrt(2 / np.sum(weight**2))
         for effect in self.effects:
             part = self.contribution(vector, effect)[:, None]
             for name in bends_along(effect):
                 if name in along:
-                    columns.append(part * cosines(along[name], TUBE_ORDER) * weight)
+                    columns.append(part * cosines(along[name], FORM_ORDER) * weight)
         return np.hstack([*columns, self.restarts(vector, sd)])
 
     def restarts(self, vector: FloatArray, sd: float) -> FloatArray:

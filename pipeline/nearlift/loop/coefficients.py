@@ -56,16 +56,18 @@ def spread(
     return value, np.sqrt(np.maximum(np.diag(covariance)[:p], 0))
 
 
-def joint(stage: SearchProblem, fitted: Fitted, tube: FloatArray | None = None) -> FloatArray:
+def joint(
+    stage: SearchProblem, fitted: Fitted, form_discrepancy: FloatArray | None = None
+) -> FloatArray:
     """Covariance of everything fitted, coefficients first and the effects' parameters after them as
     the candidate's slots say: (P, P).
 
-    `tube` (n, t) are unit-variance columns of form uncertainty.
+    `form_discrepancy` (n, t) are unit-variance columns of form uncertainty.
     """
     _, sd = fitted.candidate.prior
     j = fitted.jacobian
-    if tube is not None and tube.shape[1]:
-        u, s = left_singular(stage.space.project(tube.T).T)
+    if form_discrepancy is not None and form_discrepancy.shape[1]:
+        u, s = left_singular(stage.space.project(form_discrepancy.T).T)
         j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
     return inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
 
@@ -203,9 +205,9 @@ def answers(answer: Answer, declared: dict[str, float]) -> Answers:
     """
     stage, best, p = answer.stage, answer.best, len(answer.stage.theta)
 
-    def known_by(fitted: Fitted, tube: FloatArray | None = None) -> Pair:
+    def known_by(fitted: Fitted, form_discrepancy: FloatArray | None = None) -> Pair:
         if not stage.independent:
-            return spread(stage, fitted, tube)
+            return spread(stage, fitted, form_discrepancy)
         u = confirmation.standard_error(few_visits.without_each(stage, fitted))
         return fitted.vector[:p], u[:p]
 
@@ -215,8 +217,12 @@ def answers(answer: Answer, declared: dict[str, float]) -> Answers:
         # structure without a name is no noise: it is carried, and the base fit leans away from it
         carried = tuple(discrepancy.covariates(answer.first)) or ("distance",)
         unnamed = discrepancy.columns(stage, carried)
-    fits = [(e.name, e.fitted, e.tube) for e in answer.accepted] or [("", stage.base_fit, unnamed)]
-    members = tuple((name, known_by(fitted, tube)) for name, fitted, tube in fits)
+    fits = [(e.name, e.fitted, e.form_discrepancy) for e in answer.accepted] or [
+        ("", stage.base_fit, unnamed)
+    ]
+    members = tuple(
+        (name, known_by(fitted, form_discrepancy)) for name, fitted, form_discrepancy in fits
+    )
     chosen = answer.accepted[0].effects if answer.accepted else ()
     unseen = np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])
     exactly, constrained = spread(stage, best), spread(stage, best, unseen)

@@ -117,7 +117,9 @@ def held_out(
         )
         there = data.take(known)
         for residual, fitted in ((before, part.base_fit), (by_name, mine), (after, best or mine)):
-            residual[known] = left(part, fitted, declared[train], there, declared[known])
+            residual[known] = held_out_residuals(
+                part, fitted, declared[train], there, declared[known]
+            )
     return HeldOut(
         before=before, after=after, named=by_name, visit=blocks(data), chosen=tuple(chosen)
     )
@@ -141,18 +143,18 @@ def declared_errors(stage: SearchProblem) -> FloatArray:
     return budget.shared(stage.data, stage.parts, stage.slope)
 
 
-def left(
+def held_out_residuals(
     stage: SearchProblem,
     fitted: Fitted,
     declared: FloatArray,
     at: Observations,
     declared_at: FloatArray,
 ) -> FloatArray:
-    """Relative residuals of trials `at`, less the declared errors as a fit's own trials tell them;
-    `declared` and `declared_at` are the `declared_errors` of both.
+    """Relative residuals of trials `at`, corrected for the declared errors that trials share.
 
-    The estimate is the best linear unbiased prediction (Robinson 1991, Statistical Science 6, 15).
-    A fit as if nothing tied trials together tells none.
+    `declared` and `declared_at` are the `declared_errors` of the fitted trials and of those `at`.
+    The correction is the best linear unbiased prediction (Robinson 1991, Statistical Science 6,
+    15). A fit with independent trials makes none.
     """
     residual = np.log(at.lift_N) - predict(stage, fitted, at)
     if not stage.independent:

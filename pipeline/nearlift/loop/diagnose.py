@@ -42,7 +42,7 @@ from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
 from nearlift.loop.outlook import sensitivity
 from nearlift.loop.result import result
-from nearlift.loop.search import Answer, Shortlist, run, settle
+from nearlift.loop.search import Answer, Shortlist, run, search_to_convergence
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.visibility import SILENT
 from nearlift.loop.within_trial import heating
@@ -117,8 +117,10 @@ def diagnose(
     shared = confirmation.declared_errors(stage)
     residuals: dict[str, NDArray[Any]] = {
         "trial": stage.data.trial,
-        "before": confirmation.left(stage, stage.base_fit, shared, stage.data, shared),
-        "after": confirmation.left(stage, answer.best, shared, stage.data, shared),
+        "before": confirmation.held_out_residuals(
+            stage, stage.base_fit, shared, stage.data, shared
+        ),
+        "after": confirmation.held_out_residuals(stage, answer.best, shared, stage.data, shared),
     }
     error = None
     if scored is not None:
@@ -128,7 +130,10 @@ def diagnose(
             answer, scored, noise.floor(stage.data, stage.noise, stage.slope)
         )
     answers = coefficients.answers(answer, declared)
-    estimates, limits = answers.estimates(), absorption.unknowable(stage, answer.best)
+    estimates, limits = (
+        answers.estimates(),
+        absorption.unidentifiable_coefficients(stage, answer.best),
+    )
     findings = BoundaryDiagnosis(
         boundary=data.boundary,
         base_model=stage.base.name,
@@ -138,7 +143,7 @@ def diagnose(
         explanations=tuple(e.effects for e in answer.accepted) or None,
         partial=partial(stage, answer) if answer.verdict == "unexplained" else None,
         contradicted=answer.contradicted or None,
-        wander=answer.wander or None,
+        wander=answer.random_walk_gain or None,
         p_value=answer.first.p_value,
         threshold_log10_p=answer.first.threshold,
         structure=structure_tests(answer),
@@ -216,7 +221,7 @@ def decide(
     and an adequate model is not tested for contradictions.
     """
     few = few_visits.applies(stage.data)
-    answer = few_visits.run(stage) if few else settle(stage, shortlist)
+    answer = few_visits.run(stage) if few else search_to_convergence(stage, shortlist)
     early = rate < stage.options.false_alarm_rate
     if early:
         answer = answer.claimed_below((stage if few else answer.stage).null.threshold(rate))

@@ -5,8 +5,8 @@ projected out, or integrated over their priors, as columns of prior size in the 
 residual taken at the priors' centres. The uncertainty of an effect's form is integrated over in the
 same way. The search asks for one residual, the planning of a campaign for many drawn ones.
 
-A true effect may scale just as its formula is printed, or only about so: an explanation is judged
-by both readings, each as likely as the other beforehand.
+The form of an effect may be exact or discrepant: an explanation is judged by both, with equal prior
+probability.
 """
 
 from __future__ import annotations
@@ -35,13 +35,13 @@ def mean_evidence(as_printed: FloatArray | float, uncertain: FloatArray | float)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExplanationEvidence:
-    """How far the trials speak for an explanation, in natural logarithms.
+    """Log evidence of an explanation, in natural logarithms.
 
-    `as_printed` and `uncertain` read its form as certain and as uncertain. Both are by unit
-    information, so that no effect gains or loses by how vague its prior happens to be declared:
-    they decide who belongs. `unnamed` is that of what has no name: the base model's, or with a
-    wander beside it (`wander`) if that is likelier. `plausibility` is by the priors, the mean over
-    both readings: it ranks those that belong.
+    `as_printed` takes its form as exact, `uncertain` as discrepant. Both use unit information, so
+    that the width of a declared prior does not matter; they decide which explanations belong to the
+    set. `unnamed` is the evidence of the null: the base model, with a random-walk gain if that is
+    likelier. `plausibility` uses the declared priors and is the mean over both forms; it ranks the
+    set.
     """
 
     as_printed: float
@@ -58,26 +58,26 @@ class ExplanationEvidence:
 
     @property
     def log(self) -> float:
-        """Of the mean over both readings."""
+        """Log of the mean evidence of both forms."""
         return float(mean_evidence(self.as_printed, self.uncertain))
 
     @property
     def over_none(self) -> float:
-        """How far that exceeds the evidence of what has no name."""
+        """Log Bayes factor over the null."""
         return self.log - self.unnamed
 
     @property
     def form_share(self) -> float:
-        """How likely it is that the form is uncertain rather than as printed."""
+        """Probability that the form is uncertain rather than as printed."""
         return float(np.exp(self.uncertain - np.logaddexp(self.as_printed, self.uncertain)))
 
-    def leads(self, other: ExplanationEvidence) -> float:
-        """By how much it exceeds another's by either reading: the smaller lead."""
+    def min_log_bayes_factor(self, other: ExplanationEvidence) -> float:
+        """Log Bayes factor over another explanation: the smaller of both form models."""
         return min(self.as_printed - other.as_printed, self.uncertain - other.uncertain)
 
 
-class Deformation:
-    """``(1 + T T')^(-1/2)`` for a few columns T (d, k)."""
+class RandomEffectsWhitener:
+    """Whiten by unit-variance random effects with design T (d, k), by ``(1 + T T')^(-1/2)``."""
 
     def __init__(self, columns: FloatArray) -> None:
         self.columns = columns
@@ -88,7 +88,7 @@ class Deformation:
         self.log_det = float(np.log1p(squares).sum())
 
     def __call__(self, x: FloatArray) -> FloatArray:
-        """Applied to columns (d, m)."""
+        """Whitened columns (d, m)."""
         return np.asarray(x - (self.turned * self.shrink) @ (self.turned.T @ x))
 
 
@@ -100,22 +100,22 @@ class Integrated:
 
     scores: FloatArray
     removed: FloatArray
-    deform: Deformation
+    deform: RandomEffectsWhitener
     log_det: float
 
-    def padded(self, columns: FloatArray) -> FloatArray:
-        """Columns of the first of these coordinates (d', m), d' <= d, in all of them, (d, m)."""
+    def embed(self, columns: FloatArray) -> FloatArray:
+        """Columns (d', m) of the first d' <= d coordinates in all coordinates, (d, m)."""
         result = np.zeros((len(self.scores), columns.shape[1]))
         result[: len(columns)] = columns
         return result
 
-    def beside(self, columns: FloatArray) -> FloatArray:
-        """The same, deformed as the scores are."""
-        return self.deform(self.padded(columns))
+    def whiten(self, columns: FloatArray) -> FloatArray:
+        """Embedded columns, whitened like the scores, (d, m)."""
+        return self.deform(self.embed(columns))
 
-    def left_of(self, columns: FloatArray) -> FloatArray:
-        """The same, with what is removed projected out, too."""
-        columns = self.beside(columns)
+    def residual(self, columns: FloatArray) -> FloatArray:
+        """Whitened columns with `removed` projected out, (d, m)."""
+        columns = self.whiten(columns)
         return np.asarray(columns - self.removed @ (self.removed.T @ columns))
 
     @property
@@ -128,13 +128,13 @@ class Integrated:
 class Linearised:
     """A fit in the coordinates of an orthonormal basis (n, d) of whitened log lift.
 
-    `jacobian` (d, P) are its derivatives there, `tube` (d, t) the unit-variance columns of its
-    form's uncertainty.
+    `jacobian` (d, P) are its derivatives there; `form_discrepancy` (d, t) are unit-variance columns
+    of the uncertainty of its form.
     """
 
     fitted: Fitted
     jacobian: FloatArray
-    tube: FloatArray
+    form_discrepancy: FloatArray
 
     @property
     def coefficients(self) -> IntArray:
@@ -143,7 +143,7 @@ class Linearised:
 
     @cached_property
     def entries(self) -> IntArray:
-        """Those of the effects."""
+        """Entries of the effects."""
         return np.arange(len(self.coefficients), len(self.fitted.vector))
 
     @cached_property
@@ -154,12 +154,13 @@ class Linearised:
         return self.entries[inside[self.entries]]
 
     @cached_property
-    def vague(self) -> IntArray:
-        """The effects' entries that all trials share whose prior tells less than a single trial
-        does: each pays for unit information, and so does what is held at a bound, for only the
-        trials could push it there. The rest is integrated over its prior.
+    def bic_charged(self) -> IntArray:
+        """Parameters charged ln(n) / 2: prior wider than unit information, or estimate at a bound.
+
+        Parameters that differ by session are not among them. All others are integrated over their
+        priors.
         """
-        candidate, deform = self.fitted.candidate, Deformation(self.tube)
+        candidate, deform = self.fitted.candidate, RandomEffectsWhitener(self.form_discrepancy)
         absorbed = orthonormal(deform(self.jacobian[:, self.coefficients]))
         left = deform(self.jacobian[:, self.entries])
         left = left - absorbed @ (absorbed.T @ left)
@@ -175,7 +176,7 @@ class Linearised:
         """
         mean, sd = self.fitted.candidate.prior
         columns = self.jacobian[:, random]
-        deform = Deformation(np.hstack([columns * sd[random], self.tube]))
+        deform = RandomEffectsWhitener(np.hstack([columns * sd[random], self.form_discrepancy]))
         removed = orthonormal(deform(self.jacobian[:, fixed]))
         shift = columns @ (self.fitted.vector - mean)[random]
         left = deform(scores + shift[:, None])
@@ -196,67 +197,69 @@ class Linearised:
             return integrated
         held = np.setdiff1d(self.entries, self.free)
         columns = self.jacobian[:, held] * self.fitted.candidate.prior[1][held]
-        log_det = Deformation(np.hstack([integrated.deform.columns, columns])).log_det
+        log_det = RandomEffectsWhitener(np.hstack([integrated.deform.columns, columns])).log_det
         return replace(integrated, log_det=log_det)
 
     def by_unit_information(self, scores: FloatArray) -> Integrated:
-        """The scores with the coefficients and all that is `vague` projected out, and the rest
-        integrated over: what differs by session is one population.
+        """The scores with coefficients and `bic_charged` parameters projected out.
+
+        All others are integrated over; parameters that differ by session are one population.
         """
         asked = np.zeros(len(self.fitted.vector), dtype=bool)
-        asked[self.vague] = True
-        vague, rest = self.free[asked[self.free]], self.free[~asked[self.free]]
-        return self.integrated(scores, np.r_[self.coefficients, vague], rest)
+        asked[self.bic_charged] = True
+        bic_charged, rest = self.free[asked[self.free]], self.free[~asked[self.free]]
+        return self.integrated(scores, np.r_[self.coefficients, bic_charged], rest)
 
     def log(self, left: Integrated) -> FloatArray:
         """Log evidence by unit information, (m,), of what `by_unit_information` leaves: it decides
         who belongs.
         """
-        candidate, vague = self.fitted.candidate, self.vague
+        candidate, bic_charged = self.fitted.candidate, self.bic_charged
         mean, sd = candidate.prior
-        penalty = float(np.sum(((self.fitted.vector - mean)[vague] / sd[vague]) ** 2))
-        unknowns = len(vague) + bool(candidate.by_session[self.entries].any())
+        penalty = float(np.sum(((self.fitted.vector - mean)[bic_charged] / sd[bic_charged]) ** 2))
+        unknowns = len(bic_charged) + bool(candidate.by_session[self.entries].any())
         price = penalty + unknowns * float(np.log(candidate.data.n))
         return np.asarray(left.log_likelihood - 0.5 * price)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FormReading:
-    """A fit, linearised with its form certain or not and a `wander` beside it, in the coordinates
-    of an orthonormal `basis` (n, c) and of the `rest` (n, d - c).
+class LinearFit:
+    """A linearised fit with an exact or discrepant form, and the size of its `random_walk_gain`.
+
+    Its coordinates are those of an orthonormal `basis` (n, c) and of the `rest` (n, d - c).
     """
 
     here: Linearised
     basis: FloatArray
     rest: FloatArray
-    wander: float
+    random_walk_gain: float
 
     @cached_property
     def scores(self) -> FloatArray:
-        """The fit's residual there, (d, 1)."""
+        """Residual of the fit in these coordinates, (d, 1)."""
         residual = self.here.fitted.residual
         return np.concatenate([self.basis.T @ residual, self.rest.T @ residual])[:, None]
 
     @cached_property
     def left(self) -> Integrated:
-        """What it leaves with all but the coefficients integrated over."""
+        """Residual scores with all but the coefficients integrated over."""
         return self.here.by_priors(self.scores)
 
     @property
     def without_each(self) -> FloatArray:
-        """To first order what it leaves without each trial, (d, n)."""
+        """Residual scores without each trial, to first order, (d, n)."""
         basis = np.hstack([self.basis, self.rest])
         each = self.left.deform(basis.T * self.here.fitted.residual)
         return np.asarray(self.left.scores - each)
 
     @cached_property
     def left_by_unit_information(self) -> Integrated:
-        """The same with what is vague projected out."""
+        """Residual scores with `bic_charged` parameters projected out."""
         return self.here.by_unit_information(self.scores)
 
     @property
     def log(self) -> float:
-        """Log evidence by unit information, a wander not paid for."""
+        """Log evidence by unit information, without the penalty for a random-walk gain."""
         return float(self.here.log(self.left_by_unit_information)[0]) + self.outside
 
     @property

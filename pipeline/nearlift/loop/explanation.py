@@ -11,12 +11,11 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import CREDIT, ExplanationEvidence
+from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.structure import Structure
-from nearlift.loop.wander import waves
 
-#: Where nothing else would do, what an explanation leaves refutes it below this chance only: one
-#: test in twenty finds what is not there.
-MARGINAL = 0.005
+#: Stricter level of the lack-of-fit test where no explanation passes at 0.05.
+LACK_OF_FIT_P = 0.005
 #: Least share of the variance of a form's uncertainty that is kept: the evidence for a form as
 #: printed is against smooth deformations, and knows nothing of others.
 LEAST_SHARE = 0.2
@@ -24,11 +23,10 @@ LEAST_SHARE = 0.2
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """One candidate, its form uncertain by `form_sd` and a gain that wanders by `wander` beside it
-    (see `wander`), with the evidence for it.
+    """A fitted candidate with its evidence.
 
-    `left` is the whole test run again on what it leaves; None where it could not be named whatever
-    that says.
+    Its form is uncertain by `form_sd`; `random_walk_gain` is the size of the gain's random walk.
+    `left` is the test for structure on its residuals; None where it cannot be named anyway.
 
     `gain` is the drop of chi2 by its declared form, with a size for each session where an effect
     restarts. `needed` says whether each of its effects accounts by that for the greater part of the
@@ -38,7 +36,7 @@ class Explanation:
 
     fitted: Fitted
     form_sd: float
-    wander: float = 0.0
+    random_walk_gain: float = 0.0
     left: Structure | None
     gain: float
     evidence: ExplanationEvidence
@@ -50,8 +48,8 @@ class Explanation:
         """Whether it may be named: nothing is left beyond the threshold, each name is `needed` and
         plainly likelier than none.
 
-        `confirmed` is set where something else decides: visits left out (`few_visits`), nearly all
-        being accounted for (`second_look`), or nothing else that would do (`forgiven`).
+        `confirmed` is set where something else decides: visits left out (`few_visits`), a wider
+        form (`retry_with_wider_form`), or the lack of any other (`accept_marginal_misfit`).
         """
         if not self.eligible:
             return False
@@ -61,32 +59,28 @@ class Explanation:
 
     @property
     def by_chance(self) -> bool:
-        """Whether the test finds something in what it leaves, and no more than chance may."""
+        """Whether it fails the lack-of-fit test at 0.05, but passes at `LACK_OF_FIT_P`."""
         return self.left is not None and self.left.present and not self.refuted
 
     @property
     def refuted(self) -> bool:
-        """Whether what it leaves is more than chance may; also where nobody tested that."""
-        return self.left is None or self.left.p_value <= MARGINAL
+        """Whether it fails the lack-of-fit test at `LACK_OF_FIT_P`, or was not tested."""
+        return self.left is None or self.left.p_value <= LACK_OF_FIT_P
 
     @property
     def tenable(self) -> bool:
-        """Whether it may be named where something is: accepted, or refused by nothing but a test
-        that finds what is not there once in twenty.
-        """
+        """Whether it is accepted, or rejected only by a lack-of-fit test with p > 0.005."""
         plain = self.eligible and self.evidence.over_none > CREDIT
         return self.accepted or (plain and self.by_chance)
 
     @property
     def eligible(self) -> bool:
-        """Whether nothing forbids to name it: each effect is `needed`, and of a possible size."""
+        """Whether each effect is `needed`, and no parameter at its bound."""
         return self.needed and not self.fitted.at_bound
 
     @property
     def possible(self) -> bool:
-        """Whether it may stand beside one that was accepted, by its evidence alone: no size at the
-        end of what is possible is an explanation, nor are two effects of which one would do.
-        """
+        """Whether it may be a rival: ln BF > 0, no parameter at its bound, each effect needed."""
         return (
             self.evidence.over_none > 0
             and not self.fitted.at_bound
@@ -94,26 +88,27 @@ class Explanation:
         )
 
     def without_rivals(self) -> Explanation:
-        """The same where nothing stands beside it. The trials then tell of its form, too: the
-        variance of that is the mean over both readings, or what no evidence takes away.
+        """Explanation without rivals, so that the trials determine its form as well.
+
+        The variance of the form is the mean over exact and discrepant form, at least `LEAST_SHARE`.
         """
         share = max(self.evidence.form_share, LEAST_SHARE)
         return replace(self, form_sd=self.form_sd * float(np.sqrt(share)))
 
     @property
     def nuisances(self) -> dict[str, FloatArray]:
-        """Unit-variance columns (n, t) of its form's uncertainty and of a wander beside it, by what
-        they are.
-        """
+        """Unit-variance columns (n, t) of its form discrepancy and random-walk gain, by name."""
         candidate = self.fitted.candidate
-        columns = {f"form of {self.name}": candidate.tube(self.fitted.vector, self.form_sd)}
-        if self.wander:
-            columns["gain that wanders"] = self.wander * waves(candidate.data)
+        columns = {
+            f"form of {self.name}": candidate.form_discrepancy(self.fitted.vector, self.form_sd)
+        }
+        if self.random_walk_gain:
+            columns["gain that wanders"] = self.random_walk_gain * waves(candidate.data)
         return columns
 
     @property
-    def tube(self) -> FloatArray:
-        """All of them, side by side."""
+    def form_discrepancy(self) -> FloatArray:
+        """All nuisance columns, (n, t)."""
         return np.hstack([*self.nuisances.values()])
 
     @property
@@ -123,5 +118,5 @@ class Explanation:
 
     @property
     def effects(self) -> tuple[str, ...]:
-        """Names of its effects, one by one."""
+        """Names of its effects, a tuple."""
         return tuple(e.name for e in self.fitted.candidate.effects)

@@ -29,8 +29,8 @@ from nearlift.loop.visibility import visible
 from nearlift.results import IntArray, Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
-#: One more than the fewest visits with which `convinces` can accept an effect: a fold lacks one.
-LEAST_VISITS = 4
+#: Fewest visits: `gain_is_significant` needs three, and each fold lacks one.
+MIN_VISITS = 4
 #: Least share of the squared error beyond noise that an accepted explanation removes.
 GREATER_PART = 0.5
 #: Significance level of the one-sided test of one candidate's gain over visits.
@@ -59,8 +59,8 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
     log_inf = _levels(stage, weight)(rest[:, None], np.arange(len(rest)))[:, 0]
     trial = np.arange(stage.data.n)
     result = rest[visit_of, trial] - log_inf[visit_of, trial]
-    foretold = [stage.data.level_known_from(visit_of != visit) for visit in range(len(rest))]
-    return np.where(np.array(foretold)[visit_of, trial], result, np.nan)
+    predictable = [stage.data.level_known_from(visit_of != visit) for visit in range(len(rest))]
+    return np.where(np.array(predictable)[visit_of, trial], result, np.nan)
 
 
 def _levels(
@@ -132,15 +132,17 @@ def by_visit(
     return np.bincount(label, counted**2).astype(float)
 
 
-def convinces(before: FloatArray, after: FloatArray, noise: float) -> bool:
-    """Whether the sums of squares by visit fall significantly (paired t test at level `CHANCE`) and
-    by `GREATER_PART` of what exceeds `noise`, their total under noise alone.
+def gain_is_significant(before: FloatArray, after: FloatArray, noise: float) -> bool:
+    """Whether the sums of squares by visit fall significantly, and by most of their excess.
+
+    The test is a paired t test at level `CHANCE`. The fall must be `GREATER_PART` of the excess of
+    `before` over `noise`, its total under the null.
     """
     from scipy.stats import t
 
     gained = before - after
     blocks = len(gained)
-    if blocks < LEAST_VISITS - 1 or not np.isfinite(gained).all():
+    if blocks < MIN_VISITS - 1 or not np.isfinite(gained).all():
         return False
     error = np.sqrt(blocks) * gained.std(ddof=1)
     sure = gained.sum() > float(t.ppf(1 - CHANCE, blocks - 1)) * error
@@ -166,7 +168,7 @@ def run(stage: SearchProblem) -> Answer:
         tried, errors = [], {}
         for effect in (e for e in seen if e not in best):
             squares = by_visit(working, left_out(working, (*best, effect)), predictable)
-            convincing = convinces(to_beat, squares, scatter)
+            convincing = gain_is_significant(to_beat, squares, scatter)
             explanation = _explanation(working, (*best, effect), none, squares, convincing)
             tried.append(explanation)
             errors[explanation.name] = squares

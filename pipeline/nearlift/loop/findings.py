@@ -78,7 +78,9 @@ def _parameters(
         u = confirmation.standard_error(few_visits.without_each(stage, fitted))
         quantile = student.quantile(0.95, few_visits.freedom(stage))
     else:
-        u = np.sqrt(np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.tube)), 0))
+        u = np.sqrt(
+            np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.form_discrepancy)), 0)
+        )
         quantile = student.NORMAL_90
     result = {}
     for slot in (s for s in fitted.candidate.slots if s.effect == effect):
@@ -144,9 +146,10 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
         else "each one leaves structure beyond the threshold, or explains too little"
         + _impossible(answer)
     )
+    size = answer.random_walk_gain
     unnamed = (
-        f"a gain that wanders at random ({100 * answer.wander:.2g} % of lift) is as likely"
-        if answer.wander
+        f"a gain that wanders at random ({100 * size:.2g} % of lift) is as likely"
+        if size
         else "no pair of declared effects does better"
     )
     return (

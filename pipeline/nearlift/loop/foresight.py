@@ -20,10 +20,10 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Linearised, mean_evidence
-from nearlift.loop.handle import LIMIT_POWER, Contest, Handle
+from nearlift.loop.handle import LIMIT_POWER, Handle, NamingProbability
+from nearlift.loop.random_walk_gain import log_evidence_gain
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility, visible
-from nearlift.loop.wander import worth
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
 from nearlift.results.explanation import Power
@@ -194,7 +194,7 @@ class Foresight:
             },
         )
 
-    def contest(self, handle: Handle, size: float) -> Contest:
+    def contest(self, handle: Handle, size: float) -> NamingProbability:
         """Every candidate on noiseless data with this effect in them; noise drawn about
         the fits.
         """
@@ -237,10 +237,10 @@ class Foresight:
             if n != handle.effect.name
         }
         if handle.effect.name not in names:
-            return Contest(seen=float(seen.mean()), rivals=rivals)
+            return NamingProbability(seen=float(seen.mean()), rivals=rivals)
         mine = names.index(handle.effect.name)
         first = member[mine] & (leader == mine)
-        return Contest(
+        return NamingProbability(
             seen=float(seen.mean()),
             within=float(member[mine].mean()),
             first=float(first.mean()),
@@ -249,22 +249,31 @@ class Foresight:
         )
 
     def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
-        """Of every draw of the noise a fit's log evidence by unit information, its form as printed
-        and uncertain, and its plausibility by the priors, each with a wander beside it where that
-        is likelier; (3, m).
+        """Log evidence of a fit for every draw of the noise, (3, m).
+
+        By unit information with an exact and a discrepant form, and by the priors. Each has a
+        random-walk gain where that is likelier.
         """
         basis = self._basis
         scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
-        tube = self.stage.space.project(fitted.candidate.tube(fitted.vector, FORM_SD).T).T
+        form_discrepancy = self.stage.space.project(
+            fitted.candidate.form_discrepancy(fitted.vector, FORM_SD).T
+        ).T
         jacobian, waves = basis.T @ fitted.jacobian, basis.T @ self.stage.waves
 
-        def reading(tube: FloatArray) -> tuple[FloatArray, FloatArray]:
-            here = Linearised(fitted=fitted, jacobian=jacobian, tube=basis.T @ tube)
+        def reading(form_discrepancy: FloatArray) -> tuple[FloatArray, FloatArray]:
+            here = Linearised(
+                fitted=fitted, jacobian=jacobian, form_discrepancy=basis.T @ form_discrepancy
+            )
             left = here.by_unit_information(scores)
-            wander = worth(left.scores, left.left_of(waves), self.stage.data.n)
-            return here.log(left) + wander, here.by_priors(scores).log_likelihood + wander
+            random_walk_gain = log_evidence_gain(
+                left.scores, left.residual(waves), self.stage.data.n
+            )
+            return here.log(left) + random_walk_gain, here.by_priors(
+                scores
+            ).log_likelihood + random_walk_gain
 
-        printed, uncertain = reading(tube[:, :0]), reading(tube)
+        printed, uncertain = reading(form_discrepancy[:, :0]), reading(form_discrepancy)
         return np.stack([printed[0], uncertain[0], mean_evidence(printed[1], uncertain[1])])
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:

@@ -53,7 +53,7 @@ def handles(effect: Effect) -> tuple[Handle, ...]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Contest:
+class NamingProbability:
     """Probabilities as in `Power`, for an effect of one size.
 
     `rivals`: probability that each other candidate is the name or a rival, given detection.

@@ -115,9 +115,9 @@ def of_coefficient(fitted: Fitted, i: int) -> Question:
 
     def columns(data: Observations) -> FloatArray:
         there = dataclasses.replace(candidate, data=data)
-        return np.hstack([there.jacobian(vector), there.tube(vector, FORM_SD)])
+        return np.hstack([there.jacobian(vector), there.form_discrepancy(vector, FORM_SD)])
 
-    forms = candidate.tube(vector, FORM_SD).shape[1]
+    forms = candidate.form_discrepancy(vector, FORM_SD).shape[1]
     return Question(
         columns=columns, held=np.r_[1 / candidate.prior[1] ** 2, np.ones(forms)], target=i
     )
@@ -132,7 +132,7 @@ def of_rivals(stage: SearchProblem, one: Point, other: Point) -> Question:
     def columns(data: Observations) -> FloatArray:
         fixed, free = (dataclasses.replace(c, data=data) for c in (mine, theirs))
         apart = fixed.log_ratio(one[1]) - free.log_ratio(other[1])
-        form = free.tube(other[1], stage.options.form_sd)
+        form = free.form_discrepancy(other[1], stage.options.form_sd)
         return np.hstack([np.nan_to_num(apart)[:, None], free.jacobian(other[1]), form])
 
     forms = columns(stage.data).shape[1] - 1 - theirs.size

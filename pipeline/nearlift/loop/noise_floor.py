@@ -18,16 +18,17 @@ from nearlift.results import Noise
 
 #: Covariates of time, whose families are no nuisances here: the drift components stand for them.
 TIME = ("start", "session")
-#: Alternation of noise and coefficients: largest last step in standard uncertainties, iterations at
-#: most, and damping factor of a step, since the two pull each other to and fro.
-SETTLED, ROUNDS, WAY = 0.1, 5, 0.62
+#: Alternation of noise and coefficients: largest last step in standard uncertainties, most
+#: iterations, and under-relaxation of a step.
+SETTLED, ROUNDS, DAMPING = 0.1, 5, 0.62
 
 
-def what_may_be(
+def structure_columns(
     candidate: Candidate, vector: FloatArray, effects: tuple[Effect, ...]
 ) -> list[FloatArray]:
-    """Nuisance columns beside a candidate at `vector`: the families that are not of time, and
-    every effect to first order; a list of (n, k) of any rank.
+    """Columns of the structure that a candidate at `vector` may lack, a list of (n, k) of any rank.
+
+    They are the families that are not of time, and every effect to first order.
     """
     data, theta = candidate.data, vector[: len(candidate.base.parameters)]
     smooth = [f.columns for f in families(data) if f.covariate not in TIME]
@@ -59,7 +60,7 @@ def prepare(
     if about is not None:
         about = dataclasses.replace(about[0], data=data), about[1]
     candidate, vector = about or (Candidate(base=base, effects=(), data=data), theta)
-    lacking = what_may_be(candidate, vector, effects)
+    lacking = structure_columns(candidate, vector, effects)
     for _ in range(ROUNDS):
         log_ratio = candidate.log_ratio(vector)
         slope = height_slope(base, data, base.named(vector[:p]))
@@ -92,5 +93,5 @@ def prepare(
         u = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
         if np.all(np.abs(moved) < SETTLED * u):
             break
-        vector = vector + WAY * moved
+        vector = vector + DAMPING * moved
     return stage

@@ -10,10 +10,10 @@ import numpy as np
 
 from nearlift.declare import Effect
 from nearlift.loop import coefficients
-from nearlift.loop.absorption import unknowable
+from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.families import STEP, families
 from nearlift.loop.foresight import Foresight
-from nearlift.loop.handle import LIMIT_POWER, Contest, Handle, handles
+from nearlift.loop.handle import LIMIT_POWER, Handle, NamingProbability, handles
 from nearlift.loop.proposals import Pair, changes
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
@@ -82,7 +82,7 @@ def outlook(
         },
         effects=tuple(rows),
         groups=groups(rows),
-        limits=unknowable(stage, stage.base_fit),
+        limits=unidentifiable_coefficients(stage, stage.base_fit),
         changes=changes(foresight, pairs, variants),
         expected_noise=ExpectedNoise(
             relative=expected.relative,
@@ -102,7 +102,7 @@ def weigh(foresight: Foresight, handle: Handle) -> EffectOutlook:
     share = visibility(stage, handle.effect)
     plausible = min(handle.plausible, handle.largest)
     limit = foresight.limit(handle)
-    contest = foresight.contest(handle, plausible) if share > SILENT else Contest()
+    contest = foresight.contest(handle, plausible) if share > SILENT else NamingProbability()
     hiding = plausible if limit is None else min(limit, plausible)
     shift = foresight.harm(handle, hiding)
     _, u = coefficients.spread(stage, stage.base_fit)

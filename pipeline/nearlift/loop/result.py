@@ -61,8 +61,10 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
             influence = dataclasses.replace(quoted.influence, visit=most)
             coefficients[name] = dataclasses.replace(quoted, influence=influence)
     else:
-        tube = answer.accepted[0].tube if answer.accepted else answers.unnamed
-        covariance = joint(stage, answer.best, tube)
+        form_discrepancy = (
+            answer.accepted[0].form_discrepancy if answer.accepted else answers.unnamed
+        )
+        covariance = joint(stage, answer.best, form_discrepancy)
     return BoundaryResult(
         verdict=answer.verdict,
         base_model=stage.base.name,

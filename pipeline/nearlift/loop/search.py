@@ -13,24 +13,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.loop import plain_change, structure
+from nearlift.loop import reference_trends, structure
 from nearlift.loop.candidate import Candidate, bends_along
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.noise_floor import prepare
+from nearlift.loop.random_walk_gain import rms
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.structure import Structure
 from nearlift.loop.visibility import SILENT, visibility
-from nearlift.loop.wander import rms
 from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import Verdict
 
 #: Pairs that are tried at most, and at least.
 PAIRS, FIRST_PAIRS = 40, 8
-#: How much more a pair may gain than is foretold, as a share and in chi2.
-BEYOND, BEYOND_CHI2 = 0.1, 10.0
+#: Allowed error of the first-order gain of a pair, as a share and in chi2.
+LINEARISATION_SLACK, LINEARISATION_SLACK_CHI2 = 0.1, 10.0
 #: A gain in chi2 beyond this many times the number of trials is large beside the noise.
 LARGE = 0.3
 #: Log evidence by which an explanation on a `Shortlist` may trail: first order is not exact.
@@ -57,14 +57,14 @@ class Shortlist:
     singles: int
 
 
-def settle(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
-    """Search; where the structure is large beside the noise, take the noise floor about the best
-    explanation and search again, until that is about the best, but at most twice. Where the noise
-    was taken about an explanation of more trials that these do not show, it is taken about the base
-    model. The datum is taken where the best explanation has it. With a `shortlist`, nothing else is
-    tried.
+def search_to_convergence(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
+    """Alternate the search and the noise estimate about the best explanation, at most two repeats.
+
+    The noise is estimated about the best explanation if the structure is large compared with it,
+    else about the base model. The zero error of the distance is the best explanation's. With a
+    `shortlist`, only its explanations are tried.
     """
-    # a search keeps what it worked out; a copy of the stage, so that it goes with the search
+    # new cached values, freed when this search ends
     stage = dataclasses.replace(stage)
     answer = run(stage, shortlist)
     for again in range(2):
@@ -115,25 +115,29 @@ class Answer:
         return "effect" if self.accepted else "unexplained"
 
     def claimed_below(self, threshold: float) -> Answer:
-        """The same, but that nothing is claimed unless a test's log10 p lies below `threshold`."""
+        """Answer with a claim only if a test's log10 p is below `threshold`."""
         first = dataclasses.replace(self.first, threshold=threshold)
         return dataclasses.replace(
             self, first=first, accepted=self.accepted if first.present else ()
         )
 
     @property
-    def wander(self) -> float:
-        """Root mean square, as a fraction of lift, of what the gain wanders beside the answer."""
+    def random_walk_gain(self) -> float:
+        """Root mean square of the random-walk gain of the answer, as a fraction of lift."""
         if not self.first.present:
             return 0.0
-        size = self.accepted[0].wander if self.accepted else self.stage.unnamed_reading.wander
+        size = (
+            self.accepted[0].random_walk_gain
+            if self.accepted
+            else self.stage.null_fit.random_walk_gain
+        )
         return rms(self.stage.data, size)
 
     def shortlist(self, named: tuple[Explanation, ...], left_out: NDArray[np.bool_]) -> Shortlist:
-        """What may come first, or stand beside it, where the trials `left_out` (n,) are; `named`
-        are the explanations that came first, confirmed or not.
+        """Explanations that may belong to the set without the trials `left_out` (n,).
 
-        To first order an explanation then gains in evidence what those trials cost it.
+        `named` are the explanations of the whole set, confirmed or not. Without those trials an
+        explanation gains, to first order, their share of its misfit.
         """
         dropped = left_out[self.stage.space.covariance.order]
 
@@ -164,8 +168,8 @@ def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """Test, then single effects, then pairs if no single one will do; those of the `shortlist`, if
     there is one.
 
-    An effect that would do, but that a plain change leads by more than a rival may trail, is what
-    happens along its covariate, and not that effect.
+    An effect is disowned if a reference trend leads it by more than a rival may trail. Something
+    then varies with its covariate, but not as the effect does.
     """
     first, _ = stage.nothing_added
     if not first.present:
@@ -180,12 +184,12 @@ def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     singles = tuple(s for _, s in tried if np.isfinite(s.gain))
     clean = any(s.accepted for s in singles)
     if not clean:
-        singles = second_look(stage, singles)
+        singles = retry_with_wider_form(stage, singles)
     margin = RIVAL_MAX_2LNB / 2
     disowned = {
         s.name
         for s in singles
-        if s.accepted and s.evidence.over_none < plain_change.log_evidence(stage, s) - margin
+        if s.accepted and s.evidence.over_none < reference_trends.log_evidence(stage, s) - margin
     }
     if disowned:
         singles = tuple(
@@ -208,42 +212,42 @@ def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
         stage.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
     )
     if not clean and not any(p.accepted for p in pairs):
-        pairs = second_look(stage, pairs)
+        pairs = retry_with_wider_form(stage, pairs)
     if stage.options.pairs:
         # so few trials leave little for any test to find
-        singles, pairs = forgiven(singles, pairs)
-    accepted = contenders(stage, singles, pairs, shortlist.singles if shortlist else 0)
+        singles, pairs = accept_marginal_misfit(singles, pairs)
+    accepted = credible_set(stage, singles, pairs, shortlist.singles if shortlist else None)
     if len(accepted) == 1:
         accepted = (accepted[0].without_rivals(),)
     return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=accepted)
 
 
-def contenders(
+def credible_set(
     stage: SearchProblem,
     singles: tuple[Explanation, ...],
     pairs: tuple[Explanation, ...],
-    of: int = 0,
+    n_singles: int | None = None,
 ) -> tuple[Explanation, ...]:
-    """The explanations that this design cannot tell apart, the one to be named first; empty if none
-    was accepted.
+    """The explanations that this design cannot distinguish, best first; empty if none was accepted.
 
-    Two effects take the place of one that would do alone only where the second earns it: one effect
-    of uncertain form can imitate two, and two one of strange form, so the two must lead by both
-    readings of the forms, and pay for how many pairs there are. What both leave is noise to that
-    judgement, so the price grows with it; `of` is how many single effects there are, if these are
-    not all. Two that one effect alone leads by either reading are no explanation, though that one
-    leaves something and they leave nothing.
+    Pairs replace a tenable single effect only if the best pair leads it under both form models, by
+    a price that grows with the number of pairs and with the dispersion of the residuals. The reason
+    is that one effect of uncertain form can imitate two, and two can imitate one of strange form. A
+    pair that a single effect leads under either form model is not accepted. `n_singles` is the
+    number of single effects tried, if `singles` are not all.
     """
     if not any(e.accepted for e in (*singles, *pairs)):
         return ()
     each = [e.evidence for e in singles if e.eligible]
-    together = [e for e in pairs if e.accepted and all(e.evidence.leads(s) > 0 for s in each)]
+    together = [
+        e for e in pairs if e.accepted and all(e.evidence.min_log_bayes_factor(s) > 0 for s in each)
+    ]
     # one effect that leaves what chance may is not worse than one that leaves less, or two
     alone = sorted((e for e in singles if e.tenable), key=lambda e: -e.evidence.log)
     # of so many pairs to each single effect chance takes the likeliest
-    price = RIVAL_MAX_2LNB / 2 + float(np.log(max((of or len(singles)) - 1, 2) / 2))
+    price = RIVAL_MAX_2LNB / 2 + float(np.log(max((n_singles or len(singles)) - 1, 2) / 2))
     earned = not alone or any(
-        p.evidence.leads(alone[0].evidence) > price * stage.dispersion(p)
+        p.evidence.min_log_bayes_factor(alone[0].evidence) > price * stage.dispersion(p)
         and p.gain > alone[0].gain + SECOND
         for p in together
     )
@@ -253,7 +257,7 @@ def contenders(
     # who belongs is for the evidence to say; who comes first among those also for how large such an
     # effect may plausibly be
     first = max(accepted, key=lambda e: e.evidence.log)
-    rivals = [e for e in tried if e.possible and reaches(e, first)]
+    rivals = [e for e in tried if e.possible and within_bayes_factor(e, first)]
     if not stage.options.pairs:
         # beside few trials the form of a large effect that the coefficients absorb can explain
         # anything
@@ -266,24 +270,23 @@ def contenders(
             p
             for p in pairs
             if p.possible and p.eligible and not p.refuted and p.gain > least
-            if reaches(p, first)
+            if within_bayes_factor(p, first)
         ]
         rivals += sorted(second, key=lambda e: -e.evidence.plausibility)
     return tuple(rivals)
 
 
-def reaches(rival: Explanation, best: Explanation) -> bool:
-    """Whether a rival is within reach of the best by either reading of their forms: an effect pays
-    for what its uncertain form could do where the coefficients absorb it.
-    """
-    return 2 * best.evidence.leads(rival.evidence) <= RIVAL_MAX_2LNB
+def within_bayes_factor(rival: Explanation, best: Explanation) -> bool:
+    """Whether 2 ln BF of the best over the rival is at most 9, under either form model."""
+    return 2 * best.evidence.min_log_bayes_factor(rival.evidence) <= RIVAL_MAX_2LNB
 
 
-def forgiven(
+def accept_marginal_misfit(
     singles: tuple[Explanation, ...], pairs: tuple[Explanation, ...]
 ) -> tuple[tuple[Explanation, ...], tuple[Explanation, ...]]:
-    """The explanations, those accepted that are plainly likelier than none and whose rest may be
-    chance: single effects where no other would do, pairs where nothing else would.
+    """Accept explanations with 0.005 < lack-of-fit p < 0.05 and ln BF > 15 over the null.
+
+    Single effects are so accepted if no other single is, pairs if nothing else is.
     """
 
     def again(e: Explanation) -> Explanation:
@@ -323,7 +326,10 @@ def promising(
         return [(one, two) for gain, one, two in offered if gain > least]
 
     def may_be_needed(gain: float, one: Effect, two: Effect) -> bool:
-        most, beside = (1 + BEYOND) * gain + BEYOND_CHI2, max(gains[one.name], gains[two.name])
+        most, beside = (
+            (1 + LINEARISATION_SLACK) * gain + LINEARISATION_SLACK_CHI2,
+            max(gains[one.name], gains[two.name]),
+        )
         return bool(stage.greater_part(most - beside, stage.excess - beside))
 
     return [
@@ -356,18 +362,18 @@ def pair_gains(stage: SearchProblem) -> dict[tuple[str, str], float]:
     return best
 
 
-def second_look(stage: SearchProblem, tried: tuple[Explanation, ...]) -> tuple[Explanation, ...]:
-    """Those that account for nearly all of the structure, taken again with a form twice as
-    uncertain, and accepted.
+def retry_with_wider_form(
+    stage: SearchProblem, tried: tuple[Explanation, ...]
+) -> tuple[Explanation, ...]:
+    """Retest explanations that remove at least 80 % of the excess chi2, with a form twice as wide.
 
-    An effect of many times the noise betrays its form's errors to a much finer degree than any form
-    is known. What the library does not hold is told from it by its share: the nearest effect rarely
-    accounts for half of it. A size of its own for every session has no form that could be wrong,
-    and imitates any step: such an effect is not looked at again, nor one that explains less than a
-    bare step does. And what is left must lie along what its form bends along: no error of a form
-    puts structure elsewhere.
+    Data of a large effect resolve errors of its form that are smaller than any form is known. An
+    effect outside the library is excluded by its share: the nearest effect in the library rarely
+    removes half of it. An effect that differs by session is not retested, because it has no form
+    and imitates any step. Nor is one that removes less than the best step. The residual structure
+    must vary with a covariate of the form, since no error of a form puts structure elsewhere.
     """
-    least = max(NEARLY_ALL * stage.excess, plain_change.best_step(stage))
+    least = max(NEARLY_ALL * stage.excess, reference_trends.best_step(stage))
 
     def again(e: Explanation) -> Explanation:
         if (

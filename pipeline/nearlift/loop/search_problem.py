@@ -22,19 +22,19 @@ from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.datum import Datum
 from nearlift.loop.evidence import (
     CREDIT,
-    Deformation,
     ExplanationEvidence,
-    FormReading,
     Integrated,
+    LinearFit,
     Linearised,
+    RandomEffectsWhitener,
     mean_evidence,
 )
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import families
 from nearlift.loop.instruments import instruments
+from nearlift.loop.random_walk_gain import bic_penalty, likeliest, waves
 from nearlift.loop.starts import Starts
 from nearlift.loop.structure import Hypothesis, Null, Structure
-from nearlift.loop.wander import likeliest, price, waves
 from nearlift.nomenclature import SCHEDULE_WORDS
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import FORM_SD
@@ -203,63 +203,66 @@ class SearchProblem:
 
     @cached_property
     def waves(self) -> FloatArray:
-        """The columns of a wander, whitened, (n, k)."""
+        """Columns of a random-walk gain, whitened, (n, k)."""
         return self.space.project(waves(self.data).T).T
 
     @cached_property
     def common(self) -> FloatArray:
-        """Orthonormal basis (n, c) of what every explanation may move along: the coefficients, and
-        a wander.
-        """
+        """Orthonormal basis (n, c) of the coefficients and of a random-walk gain."""
         return orthonormal(np.hstack([self.base_jacobian, self.waves]))
 
     @cached_property
     def waves_in_common(self) -> FloatArray:
-        """The columns of a wander there, (c, k)."""
+        """Columns of a random-walk gain in the `common` basis, (c, k)."""
         return self.common.T @ self.waves
 
     def linearised(
         self,
         fitted: Fitted,
         form_sd: float,
-        wander: float = 0.0,
+        random_walk_gain: float = 0.0,
         basis: FloatArray | None = None,
-    ) -> FormReading:
-        """A fit with its form uncertain by `form_sd` and a `wander` beside it, in coordinates that
-        begin with those of an orthonormal `basis` (n, d), the hypotheses' if None, and span all
-        that the fit moves along.
+    ) -> LinearFit:
+        """A fit with its form uncertain by `form_sd` and a `random_walk_gain` of that size.
+
+        Its coordinates begin with those of an orthonormal `basis` (n, d), the hypotheses' if None,
+        and span all columns of the fit.
         """
         basis = self.hypotheses[1] if basis is None else basis
-        tube = self.space.project(fitted.candidate.tube(fitted.vector, form_sd).T).T
-        if wander:
-            tube = np.hstack([tube, wander * self.waves])
-        both = np.hstack([fitted.jacobian, tube])
+        form_discrepancy = self.space.project(
+            fitted.candidate.form_discrepancy(fitted.vector, form_sd).T
+        ).T
+        if random_walk_gain:
+            form_discrepancy = np.hstack([form_discrepancy, random_walk_gain * self.waves])
+        both = np.hstack([fitted.jacobian, form_discrepancy])
         inside = basis.T @ both
         outside = both - basis @ inside
         beyond = np.linalg.norm(outside, axis=0) > OUTSIDE * np.maximum(
             np.linalg.norm(both, axis=0), 1e-300
         )
         rest = orthonormal(outside[:, beyond])
-        jacobian, tube = np.split(np.vstack([inside, rest.T @ outside]), [len(fitted.vector)], 1)
-        here = Linearised(fitted=fitted, jacobian=jacobian, tube=tube)
-        return FormReading(here=here, basis=basis, rest=rest, wander=wander)
+        jacobian, form_discrepancy = np.split(
+            np.vstack([inside, rest.T @ outside]), [len(fitted.vector)], 1
+        )
+        here = Linearised(fitted=fitted, jacobian=jacobian, form_discrepancy=form_discrepancy)
+        return LinearFit(here=here, basis=basis, rest=rest, random_walk_gain=random_walk_gain)
 
     def remaining(self, left: Integrated) -> Structure:
         """The whole test on what an explanation leaves."""
         return structure.examine(
             left.scores[:, 0],
-            structure.mapped(self.hypotheses[0], left.beside),
+            structure.mapped(self.hypotheses[0], left.whiten),
             left.removed,
             self.null,
             self.options.false_alarm_rate,
         )
 
-    def least_without_each(self, reading: FormReading) -> FloatArray:
+    def least_without_each(self, reading: LinearFit) -> FloatArray:
         """The smallest log10 p of the whole test on what a reading leaves without each trial, to
         first order, (n,).
         """
         left = reading.left
-        hypotheses = structure.mapped(self.hypotheses[0], left.beside)
+        hypotheses = structure.mapped(self.hypotheses[0], left.whiten)
         _, stacked, ranks = structure.bases(hypotheses, left.removed)
         if not len(ranks):
             return np.zeros(self.data.n)
@@ -269,7 +272,7 @@ class SearchProblem:
         """The whole test on what an explanation leaves, made now if nobody asked before."""
         if e.left is not None:
             return e.left
-        return self.remaining(self.linearised(e.fitted, e.form_sd, e.wander).left)
+        return self.remaining(self.linearised(e.fitted, e.form_sd, e.random_walk_gain).left)
 
     def explain(
         self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)
@@ -287,26 +290,36 @@ class SearchProblem:
         )
         return self.tested(likeliest)
 
-    def readings(self, fitted: Fitted, form_sd: float) -> tuple[FormReading, FormReading]:
-        """A fit with its form as printed, and uncertain by `form_sd`; each with the likeliest
-        wander beside it.
+    def readings(self, fitted: Fitted, form_sd: float) -> tuple[LinearFit, LinearFit]:
+        """A fit with an exact form, and with one uncertain by `form_sd`.
+
+        Each has the likeliest random-walk gain.
         """
         uncertain = self.linearised(fitted, form_sd, basis=self.common)
-        certain = dataclasses.replace(uncertain.here, tube=uncertain.here.tube[:, :0])
+        certain = dataclasses.replace(
+            uncertain.here, form_discrepancy=uncertain.here.form_discrepancy[:, :0]
+        )
         printed = dataclasses.replace(uncertain, here=certain)
-        return self.with_wander(printed), self.with_wander(uncertain)
+        return self.with_random_walk_gain(printed), self.with_random_walk_gain(uncertain)
 
-    def with_wander(self, reading: FormReading) -> FormReading:
-        """A reading in coordinates that begin with the `common` ones, or where a wander beside it
-        is worth its price, that.
+    def with_random_walk_gain(self, reading: LinearFit) -> LinearFit:
+        """The fit with the likeliest random-walk gain, if that exceeds its penalty.
+
+        Its coordinates begin with the `common` ones.
         """
         left, here = reading.left_by_unit_information, reading.here
-        wander = likeliest(left.scores[:, 0], left.left_of(self.waves_in_common), self.data.n)
-        if not wander:
+        random_walk_gain = likeliest(
+            left.scores[:, 0], left.residual(self.waves_in_common), self.data.n
+        )
+        if not random_walk_gain:
             return reading
-        tube = np.hstack([here.tube, wander * left.padded(self.waves_in_common)])
+        form_discrepancy = np.hstack(
+            [here.form_discrepancy, random_walk_gain * left.embed(self.waves_in_common)]
+        )
         return dataclasses.replace(
-            reading, here=dataclasses.replace(here, tube=tube), wander=wander
+            reading,
+            here=dataclasses.replace(here, form_discrepancy=form_discrepancy),
+            random_walk_gain=random_walk_gain,
         )
 
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
@@ -316,7 +329,7 @@ class SearchProblem:
         return Explanation(
             fitted=fitted,
             form_sd=form_sd,
-            wander=uncertain.wander,
+            random_walk_gain=uncertain.random_walk_gain,
             left=None,
             gain=gain,
             needed=all(bool(self.greater_part(gain - g, self.excess - g)) for g in without),
@@ -339,20 +352,18 @@ class SearchProblem:
         session differs each time.
         """
         columns = self.space.project(fitted.candidate.restarts(fitted.vector, form_sd).T).T
-        left = Deformation(columns)(fitted.residual)
+        left = RandomEffectsWhitener(columns)(fitted.residual)
         return self.base_fit.chi2 - float(np.sum(left**2))
 
     def greater_part(
         self, gain: FloatArray | float, excess: FloatArray | float
     ) -> NDArray[np.bool_]:
         """Whether so much of chi2 is the greater part of a structure's `excess` over noise."""
-        return np.asarray(gain >= GREATER_PART * excess - self.chance)
+        return np.asarray(gain >= GREATER_PART * excess - self.excess_sd)
 
     @property
-    def chance(self) -> float:
-        """By what `excess` may err: so many standard deviations of a chi-square whose unit is
-        estimated, too.
-        """
+    def excess_sd(self) -> float:
+        """Standard deviation of `excess` under noise of estimated scale, times `BY_CHANCE`."""
         d = self.hypotheses[1].shape[1]
         return BY_CHANCE * float(np.sqrt(2 * d * (1 + d / self.noise.dof)))
 
@@ -371,25 +382,25 @@ class SearchProblem:
         return 1.0 + max(self.excess - e.gain, 0.0) / float(self.hypotheses[1].shape[1])
 
     @cached_property
-    def base_reading(self) -> FormReading:
+    def base_reading(self) -> LinearFit:
         """The base model alone."""
         return self.linearised(self.base_fit, 0.0)
 
     @cached_property
-    def unnamed_reading(self) -> FormReading:
-        """What has no name: the base model, with a wander beside it if that is likelier."""
-        return self.with_wander(self.linearised(self.base_fit, 0.0, basis=self.common))
+    def null_fit(self) -> LinearFit:
+        """Base model, with a random-walk gain if its evidence is higher."""
+        return self.with_random_walk_gain(self.linearised(self.base_fit, 0.0, basis=self.common))
 
     @cached_property
     def unnamed(self) -> float:
-        """Log evidence of what has no name."""
-        return self.log_evidence(self.unnamed_reading)
+        """Log evidence of the null."""
+        return self.log_evidence(self.null_fit)
 
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:
         """The test on what the base model alone leaves, and its log evidence."""
         return self.remaining(self.base_reading.left), self.log_evidence(self.base_reading)
 
-    def log_evidence(self, reading: FormReading) -> float:
-        """By unit information, a wander paid for."""
-        return reading.log - price(reading.wander, self.data.n)
+    def log_evidence(self, reading: LinearFit) -> float:
+        """Log evidence by unit information, with the penalty for a random-walk gain."""
+        return reading.log - bic_penalty(reading.random_walk_gain, self.data.n)

@@ -198,7 +198,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
 
 def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment, ...]:
     """What to measure where coefficients rest on one distance or are absorbed by session gains; see
-    `absorption.unknowable`.
+    `absorption.unidentifiable_coefficients`.
     """
     experiments = []
     for limit in limits:

@@ -1,13 +1,12 @@
-"""Case deletion: whether the answer rests on a single trial or visit.
+"""Case deletion: whether the answer depends on a single trial or visit.
 
-Candidates are the trial of largest closed-form influence on the headline coefficient, those to
-which a choice owes most of a narrow margin (see `choices`), and those without which a test would
-turn: that for structure, or that of what the likeliest explanation leaves. The whole diagnosis,
-noise and search included, is repeated without each, first with those explanations alone that may
-then come first (`search.Shortlist`), and with all where these name another: the answer rests on a
-trial if the headline then moves by more than one standard uncertainty, or the verdict changes.
-Visits are left out likewise, selected by the first two criteria; of a small table each trial and
-each visit is left out.
+Three kinds of trials are candidates: the one of largest closed-form influence on the headline
+coefficient, those that contribute most to a narrow decision (see `influential_decisions`), and
+those without which a test would turn. The whole diagnosis, noise and search included, is repeated
+without each. The repeat first tries the explanations of `search.Shortlist`, and all of them where
+these name another. The answer depends on a trial if the headline then moves by more than one
+standard uncertainty, or the verdict changes. Visits are selected by the first two criteria. Each
+trial and each visit of a small table is left out.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 from nearlift.loop.admission import few
 from nearlift.loop.candidate_fit import Fitted, optima
 from nearlift.loop.evidence import CREDIT
-from nearlift.loop.explanation import MARGINAL, Explanation
+from nearlift.loop.explanation import LACK_OF_FIT_P, Explanation
 from nearlift.loop.search import PLAIN, Answer
 from nearlift.results import Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
@@ -61,9 +60,11 @@ def likeliest(answer: Answer) -> Explanation | None:
     return max((e for e in tried if e.eligible), key=lambda e: e.evidence.log, default=None)
 
 
-def choices(answer: Answer, quoted: BoundaryResult) -> list[Choice]:
-    """Whether an effect is named, and if so, where more than a standard uncertainty of the headline
-    hangs on it: which optimum its fit takes, and whether a rival is within reach.
+def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice]:
+    """Decisions of the search that influence the headline, each with its margin of log evidence.
+
+    They are whether an effect is named, and where the headline moves by more than its standard
+    uncertainty, which optimum the fit takes and which rivals are in the set.
     """
     first, stage = likeliest(answer), answer.stage
     if first is None or not quoted.headline:
@@ -85,7 +86,7 @@ def choices(answer: Answer, quoted: BoundaryResult) -> list[Choice]:
     for e in (*answer.singles, *answer.pairs):
         far = abs(e.fitted.vector[i] - headline.value) > headline.u
         if far and e.possible and e.name != best.name:
-            within = RIVAL_MAX_2LNB / 2 - best.evidence.leads(e.evidence)
+            within = RIVAL_MAX_2LNB / 2 - best.evidence.min_log_bayes_factor(e.evidence)
             if e.name in named:
                 chosen.append((e.fitted, best.fitted, within))
             elif within < 0:
@@ -93,11 +94,14 @@ def choices(answer: Answer, quoted: BoundaryResult) -> list[Choice]:
     return chosen
 
 
-def decisive(answer: Answer, quoted: BoundaryResult, label: NDArray[Any]) -> tuple[Shift, ...]:
-    """Trials or visits, by `label` (n,), to which one of the `choices` owes most of a narrow
-    margin: up to `TRIES`, those with the largest share of a margin first.
+def influential_trials(
+    answer: Answer, quoted: BoundaryResult, label: NDArray[Any]
+) -> tuple[Shift, ...]:
+    """Trials or visits, by `label` (n,), that contribute most to an influential decision.
+
+    Up to `TRIES`, those with the largest share of a margin first.
     """
-    chosen = choices(answer, quoted)
+    chosen = influential_decisions(answer, quoted)
     if not chosen:
         return ()
     labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
@@ -113,10 +117,11 @@ def decisive(answer: Answer, quoted: BoundaryResult, label: NDArray[Any]) -> tup
     )
 
 
-def turning(answer: Answer) -> tuple[Shift, ...]:
-    """Trials without which, to first order, a test turns on which the verdict rests: that for
-    structure, or that of what the likeliest explanation leaves. Up to `TRIES`, those first without
-    which the smallest p-value lies farthest beyond its threshold.
+def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
+    """Trials without which a test would turn, to first order.
+
+    The tests are that for structure and the lack-of-fit test of the likeliest explanation. Up to
+    `TRIES`, those first without which the smallest p-value is farthest beyond its threshold.
     """
     stage = answer.stage
     if stage.independent or not stage.hypotheses[0]:
@@ -124,8 +129,8 @@ def turning(answer: Answer) -> tuple[Shift, ...]:
     tests = [(stage.base_reading, [answer.first])]
     first = likeliest(answer)
     if first and first.left:
-        reading = stage.linearised(first.fitted, first.form_sd, first.wander)
-        marginal = replace(first.left, threshold=stage.null.threshold(MARGINAL))
+        reading = stage.linearised(first.fitted, first.form_sd, first.random_walk_gain)
+        marginal = replace(first.left, threshold=stage.null.threshold(LACK_OF_FIT_P))
         tests.append((reading, [first.left, marginal]))
     beyond = np.max(
         [
@@ -151,7 +156,7 @@ def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     data = answer.stage.as_recorded
     if few(data, answer.stage.base):
         return each_of(data.trial, data)
-    return (*decisive(answer, quoted, data.trial), *turning(answer))
+    return (*influential_trials(answer, quoted, data.trial), *trials_flipping_a_test(answer))
 
 
 def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
@@ -161,11 +166,11 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     data = answer.stage.as_recorded
     if few(data, answer.stage.base):
         return each_of(data.visit, data)
-    hangs = decisive(answer, quoted, data.visit)
+    influential = influential_trials(answer, quoted, data.visit)
     hinge = quoted.hinge
-    if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in hangs]:
-        return (hinge[1], *hangs)
-    return hangs
+    if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in influential]:
+        return (hinge[1], *influential)
+    return influential
 
 
 def each_of(label: NDArray[Any], data: Observations) -> tuple[Shift, ...]:

@@ -31,17 +31,17 @@ def waves(data: Observations) -> FloatArray:
 
 
 def rms(data: Observations, size: float) -> float:
-    """Expected root mean square over the trials of a wander of this size, a fraction of lift."""
+    """Expected root mean square of a random-walk gain of this size, as a fraction of lift."""
     return size * float(np.sqrt(np.mean(np.sum(waves(data) ** 2, axis=1))))
 
 
-def price(size: float, n: int) -> float:
-    """Penalty in log evidence for a wander, by unit information: ln(n) / 2, or 0 without one."""
+def bic_penalty(size: float, n: int) -> float:
+    """Penalty in log evidence for the size, by unit information: ln(n) / 2, or 0 for size 0."""
     return 0.5 * float(np.log(n)) * (size > 0)
 
 
 def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
-    """Maximum-likelihood size; 0 where its gain in log likelihood does not exceed its `price`.
+    """Maximum-likelihood size; 0 where its gain in log likelihood is below its `bic_penalty`.
 
     Parameters
     ----------
@@ -52,19 +52,20 @@ def likeliest(scores: FloatArray, columns: FloatArray, n: int) -> float:
     """
     gain = _gain(scores[:, None], columns)[:, 0]
     best = int(np.argmax(gain))
-    return float(SIZES[best]) if gain[best] > price(SIZES[best], n) else 0.0
+    return float(SIZES[best]) if gain[best] > bic_penalty(SIZES[best], n) else 0.0
 
 
-def worth(scores: FloatArray, columns: FloatArray, n: int) -> FloatArray:
-    """Gain in log evidence by the likeliest wander, net of its `price`, for each draw of `scores`
-    (d, m); (m,), not below 0.
+def log_evidence_gain(scores: FloatArray, columns: FloatArray, n: int) -> FloatArray:
+    """Gain in log evidence by the likeliest size, net of its `bic_penalty`, (m,), not below 0.
+
+    `scores` (d, m) are draws of the residual.
     """
     most = np.max(_gain(scores, columns), axis=0)
-    return np.asarray(np.maximum(most - price(SIZES[0], n), 0.0))
+    return np.asarray(np.maximum(most - bic_penalty(SIZES[0], n), 0.0))
 
 
 def _gain(scores: FloatArray, columns: FloatArray) -> FloatArray:
-    """Log likelihood ratio of scores (d, m) for a wander of each of `SIZES`; (sizes, m)."""
+    """Log likelihood ratio of scores (d, m) for each of `SIZES`; (sizes, m)."""
     squares, turn = np.linalg.eigh(columns.T @ columns)
     size2 = SIZES[:, None] ** 2
     variance = size2 * np.maximum(squares, 0.0)

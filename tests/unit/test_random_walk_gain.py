@@ -10,8 +10,8 @@ import pytest
 from nearlift import catalogue
 from nearlift.loop import search
 from nearlift.loop.diagnose import set_up
+from nearlift.loop.random_walk_gain import SIZES, bic_penalty, likeliest, log_evidence_gain, waves
 from nearlift.loop.search_problem import Options
-from nearlift.loop.wander import SIZES, likeliest, price, waves, worth
 
 from .simulated import RADIUS, campaign, sanchez_cuevas
 
@@ -36,7 +36,7 @@ def drift(rms):
 
 
 def answer(data):
-    return search.settle(set_up(data, GROUND, (), Options())[0])
+    return search.search_to_convergence(set_up(data, GROUND, (), Options())[0])
 
 
 def test_a_walk_of_the_gain_gets_no_name_and_a_drift_does():
@@ -54,8 +54,8 @@ def test_an_effect_beside_a_walk_keeps_its_name_alone():
 
     found = answer(campaign(1, visits=8, gain=gain))
     assert found.accepted[0].effects == ("supply_sag",)
-    assert found.accepted[0].wander > 0
-    assert found.accepted[0].tube.shape[1] > waves(found.stage.data).shape[1]
+    assert found.accepted[0].random_walk_gain > 0
+    assert found.accepted[0].form_discrepancy.shape[1] > waves(found.stage.data).shape[1]
 
 
 def test_a_height_that_creeps_is_no_offset():
@@ -80,8 +80,8 @@ def test_the_likeliest_size_is_that_of_the_dense_likelihood():
     best = likeliest(scores, columns, 60)
     assert best == max(SIZES, key=log)
     still = rng.normal(size=60)
-    added = worth(np.stack([scores, still], axis=1), columns, 60)
-    assert added == pytest.approx([log(best) - log(0.0) - price(best, 60), 0.0])
+    added = log_evidence_gain(np.stack([scores, still], axis=1), columns, 60)
+    assert added == pytest.approx([log(best) - log(0.0) - bic_penalty(best, 60), 0.0])
     assert likeliest(still, columns, 60) == 0.0
     assert likeliest(scores, columns[:, :0], 60) == 0.0
 
