@@ -16,8 +16,6 @@ from click.testing import CliRunner
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
-from docs.tabulate_flights import SETS, Hover, defects
-from docs.tabulate_flights import row as flight_row
 from tests.measured import jirs
 
 from nearlift.cli import main
@@ -40,8 +38,7 @@ HEAD = """# Measured campaigns
 Made by `python docs/tabulate_measured.py DATA OUT` of measured data that are not in this repository. *Error*: root mean square over visits left out in folds (trials, where
 their order is unknown), in per cent of lift, of the base model and of what the loop ends with; *floor*: what no model could remove. *Moves*: how far the quoted coefficient moves
 without the one trial, and the one visit (for a table, the distance), that moves it most. *Holds*: in how many of the campaigns that lack one visit (of more than 24, one distance), or one trial (of more than 24, the one that moves the coefficient most),
-the verdict is the same and, where there is a name, the loop names it again, alone or among rivals. Of flights a start is a visit and a window a trial; their verdict is that of the loop near the ground and of
-[hover](flights.md#which-flights-are-not-like-the-sound-ones) beside six normal logs, and both must stand without every start, every window of hover, and the window that moves the gain most. Their error is that of windows left out; no floor is told where no height comes twice.
+the verdict is the same and, where there is a name, the loop names it again, alone or among rivals.
 
 | campaign | trials | base model | verdict: effects (rivals) | error before | after | floor | quoted coefficient (90 %) | moves: trial, visit | holds: visits, trials |
 |---|---|---|---|---|---|---|---|---|---|
@@ -321,10 +318,6 @@ that matters most (t07, t19, t01 and t18). To leave out each visit and each tria
 The five tables of a wall in the same paper (145 rows) hold the force and the moment that the wall exerts and no lift: nothing of theirs can be fitted here.
 `roll_moment`, `pitch_moment` and `wall_force` are carried beside a lift that was measured with them, and drawn against distance.
 
-The seven sets of flights agree: 10 to 14 % of lift at two radii, each value within the intervals of all the others. They have two or three windows below three radii in each start, so that single ones weigh much:
-without one window at 2.06 radii the flights with tape would say 42 %, and their page says that the answer rests on it. What is named in hover, and what is not, stands without any start and any window in
-six of the seven; the weight on a string is a near thing (5.0 % where the limit is 5.2 %).
-
 """
 if __name__ == "__main__":
     data, out, only = Path(sys.argv[1]), Path(sys.argv[2]), sys.argv[3:]
@@ -335,21 +328,10 @@ if __name__ == "__main__":
             rows.append(row(campaign, out))
             print(rows[-1][0], flush=True)
     if not only:
-        shown = Hover(data, out)
-        for flights in SETS:
-            rows.append(flight_row(flights, data, out, shown))
-            print(rows[-1][0], flush=True)
         lines, told = zip(*rows, strict=True)
-        names = [c.name for c in (*CAMPAIGNS, *SETS)]
+        names = [c.name for c in CAMPAIGNS]
         firm = [name for name, text in zip(names, told, strict=True) if LOST not in text]
         stand = f"\nThe verdict stands whatever is left out in {len(firm)} of {len(told)}: {', '.join(firm)}.\n"
         Path(__file__).with_name("measured.md").write_text(
-            HEAD
-            + "\n".join(lines)
-            + "\n"
-            + stand
-            + TAIL
-            + "\n".join(told)
-            + "\n"
-            + defects(shown, out)
+            HEAD + "\n".join(lines) + "\n" + stand + TAIL + "\n".join(told) + "\n"
         )

@@ -195,8 +195,6 @@ SYMBOLS: tuple[Symbol, ...] = (
     _s("roll_moment_Nm", "M_x", "N m", "moment about the axis from tail to nose"),
     _s("pitch_moment_Nm", "M_y", "N m", "moment about the axis from side to side"),
     _s("wall_force_N", "F_w", "N", "force along the normal of a wall, away from it positive"),
-    _s("climb_m_s", r"\dot{z}", "m/s", "climb of a vehicle in flight, upwards positive"),
-    _s("level_speed_m_s", "v_h", "m/s", "speed of a vehicle in flight along the ground"),
     _s("temperature_K", "T", "K", "air temperature"),
     _s("pressure_Pa", "p_a", "Pa", "air pressure"),
     _s("humidity", r"\varphi", "1", "relative humidity as a fraction"),
@@ -283,8 +281,6 @@ SYMBOLS: tuple[Symbol, ...] = (
 
 
 _BY_NAME = {s.name: s for s in SYMBOLS}
-#: What flights determine, in words.
-WORDS = {"gain_at_2": "gain at two radii", "decay_length": "decay length"}
 #: Greek letters of coefficients, in LaTeX and plain text.
 GREEK = {r"\alpha": "α", r"\gamma": "γ", r"\lambda": "λ"}
 
@@ -295,10 +291,8 @@ def latex(name: str) -> str:
 
 
 def letter(coefficient: str) -> str:
-    """A coefficient's name in plain text, as captions have it: Greek where it is Greek, in words
-    where it is no letter.
-    """
-    text = WORDS.get(coefficient) or latex(coefficient)
+    """A coefficient's name in plain text, as captions have it: Greek where it is Greek."""
+    text = latex(coefficient)
     for spelled, greek in GREEK.items():
         text = text.replace(spelled, greek)
     if "\\" in text:

@@ -65,7 +65,7 @@ def outcome(subject: Subject, path: Path) -> str:
         return "refused"
     if set(marks) & {"EMPTY", "NO_DATA"}:
         return "refused"
-    want = np.float32(FORCE) if "uSD" in subject.format else np.array(FORCE)
+    want = np.array(FORCE)
     found = np.asarray(found, dtype=float)
     if len(found) != len(want) and subject.planned and "nearlift" in subject.program:
         # the manifest's `record` tells the number of samples
@@ -246,7 +246,6 @@ def subjects(stack: ExitStack) -> list[Subject]:
         "rcbenchmark": "RCbenchmark CSV",
         "flight-stand": "Flight Stand CSV",
         "crazyflie": "Crazyflie CSV",
-        "crazyflie-usd": "Crazyflie uSD",
         "lvm": "LVM",
         "tdms": "TDMS",
         "mat": "MATLAB v7",
@@ -270,7 +269,7 @@ def subjects(stack: ExitStack) -> list[Subject]:
             planned=True,
         )
         for s in found
-        if s.format not in ("Crazyflie uSD", "MATLAB v7", "HDF5")
+        if s.format not in ("MATLAB v7", "HDF5")
     ]
     own_mat = ours("mat", "run.force", stack)
     own_hdf5 = ours("hdf5", "/daq/force", stack)

@@ -310,16 +310,6 @@ KINDS: dict[str, Kind] = {
         _design("trials_480", distances=12, visits=10, sessions=4),
         _design("trials_3840", visits=48, sessions=12),
         _design("scattered", order="scattered", visits=5),
-        # half-second means of a vehicle in flight
-        _design(
-            "flight_means",
-            boundaries=("ground",),
-            order="scattered",
-            throttles=THROTTLES[2:3],
-            visits=47,
-            sessions=20,
-            height_m=3e-3,
-        ),
         # at the ceiling's nearest station half a millimetre is a fifth of the distance
         _design("shaky_heights", boundaries=("ground", "sidewall"), height_m=5e-4),
         *_inputs("radius", rotor_radius=0.01),

@@ -19,7 +19,7 @@ import nearlift.manifest.campaign as manifests
 from nearlift import units
 from nearlift.errors import NearliftError
 from nearlift.manifest import toml
-from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text, usd
+from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text
 from nearlift.readers.channel import Malformed
 from nearlift.readers.piv.cases import DIALECTS
 from nearlift.readers.piv.fields import Setting, settle
@@ -75,14 +75,6 @@ def stands(data: bytes) -> None:
 
 def labview(data: bytes) -> None:
     lvm.contents(_file(data), {}, None)
-
-
-def deck(data: bytes) -> None:
-    try:
-        usd.decode(data, "f")
-    except (NearliftError, Malformed):
-        # the check sum hides the rest from the fuzzer
-        usd.decode(data, "f", salvage=True)
 
 
 def manifest(data: bytes) -> None:
@@ -175,7 +167,6 @@ TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
         labview,
         (written.lvm(FORCE), written.lvm(FORCE, decimal=".", columns="No", segments=2)),
     ),
-    "deck": (deck, (written.usd(FORCE), written.usd(FORCE, version=1))),
     "manifest": (manifest, (MANIFEST.encode(),)),
     "grids": (grids, tuple(_grid(*form) for form in GRIDS)),
     "sums": (listed, (b"0" * 64 + b"  a.csv\n\\" + b"F" * 64 + b" *b\\nc\n",)),

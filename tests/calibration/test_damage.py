@@ -70,7 +70,6 @@ def test_no_damage_is_silent_where_it_can_be_seen(tmp_path: Path) -> None:
     ours = {(f, h): c for (f, p, h), c in found.items() if p.startswith("nearlift")}
     told = {(f, h): c for (f, p, h), c in found.items() if p == "nearlift, `record` given"}
     for fmt in (
-        "Crazyflie uSD",
         "LVM",
         "TDMS",
         "MATLAB v7",
@@ -87,7 +86,6 @@ def test_no_damage_is_silent_where_it_can_be_seen(tmp_path: Path) -> None:
         assert how == "flip" or count["short"] + count["wrong"] == 0, fmt
     for fmt in (
         "our own products",
-        "Crazyflie uSD",
         "HDF5 with fletcher32",
         "Parquet with page checksums",
         "any, beside SHA256SUMS (here plain CSV)",

@@ -127,33 +127,23 @@ def cut_row(raw: Path) -> None:
     record(raw).write_bytes(b"".join([*lines(raw)[:50], b"1.5,\n", *lines(raw)[50:]]))
 
 
-def log(whole: bool) -> Callable[[Path], None]:
-    """All records as uSD logs; the damaged one with a wrong sum."""
-
-    def damage(raw: Path) -> None:
-        edit(
-            raw,
-            "campaign.toml",
-            'reader = "csv", files = "trials/{trial}.csv"',
-            'reader = "crazyflie-usd", files = "trials/{trial}.bin"',
-        )
-        edit(
-            raw,
-            "campaign.toml",
-            "sign = 1 } }",
-            f"sign = 1 }}, dialect = {{ ignore_rate = true, salvage = {str(not whole).lower()}"
-            " } }",
-        )
-        for path in list((raw / "trials").iterdir()):
-            content = written.usd([float(x) for x in path.read_text().split()[1:]])
-            # half a byte of CRC, or the last record
-            content = (
-                content if path.stem != TRIAL else content[:-1] + b"\0" if whole else content[:-40]
-            )
-            path.with_suffix(".bin").write_bytes(content)
-            path.unlink()
-
-    return damage
+def wrong_check_sum(raw: Path) -> None:
+    """Turn all records into HDF5 with check sums, one of them with a flipped bit."""
+    edit(
+        raw,
+        "campaign.toml",
+        'reader = "csv", files = "trials/{trial}.csv"',
+        'reader = "hdf5", files = "trials/{trial}.h5"',
+    )
+    edit(raw, "campaign.toml", 'column = "force", unit = "mN"', 'column = "/daq/force", unit = "N"')
+    edit(raw, "campaign.toml", "sign = 1 } }", "sign = 1 }, dialect = { ignore_rate = true } }")
+    for path in list((raw / "trials").iterdir()):
+        force = [float(x) / 1000 for x in path.read_text().split()[1:]]
+        content = bytearray(written.hdf5(force, fletcher=True))
+        if path.stem == TRIAL:
+            content[content.find(np.float64(force[50]).tobytes())] ^= 1
+        path.with_suffix(".h5").write_bytes(bytes(content))
+        path.unlink()
 
 
 def doubled(raw: Path) -> None:
@@ -199,8 +189,7 @@ CODED: list[tuple[str, Callable[[Path], None], set[str], str]] = [
         "truncated",
     ),
     ("3 a row cut in the middle of the file", cut_row, {"MALFORMED"}, "malformed"),
-    ("7 wrong check sum", log(whole=True), {"MALFORMED"}, "malformed"),
-    ("7 salvaged", log(whole=False), {"salvaged", "short"}, "malformed"),
+    ("7 wrong check sum", wrong_check_sum, {"MALFORMED"}, "malformed"),
     ("8 words for no number", words, {"OUT_OF_RANGE"}, "complete"),
     (
         "9 beyond the capacity",

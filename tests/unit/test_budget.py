@@ -8,7 +8,6 @@ import dataclasses
 
 import numpy as np
 import pytest
-from tests.calibration import flying
 
 from nearlift import catalogue
 from nearlift.fit.heights import HeightPlan
@@ -219,11 +218,3 @@ def test_trials_of_a_record_share_its_zero_and_untared_ones_an_offset(tare: str,
     # a record of one trial has its zero for itself
     one_each = {"load cell linearity", zero} - {"", "zero of a record"}
     assert names(manifests.manifest(load_cell=cell)) == one_each
-
-
-@pytest.mark.parametrize(("lag", "told"), [("auto", {"motor lag"}), ("50 ms", set())])
-def test_flights_share_a_lag_that_was_found_and_none_that_was_given(
-    lag: str, told: set[str]
-) -> None:
-    flown = manifest.parse(flying.manifest({**flying.FLIGHT, "lag": lag}))
-    assert names(flown) == told

@@ -25,7 +25,7 @@ from nearlift.readers import child
 from nearlift.readers.channel import Malformed, fold, pick, split_unit, unit_word
 from nearlift.readers.serve import ReadContents
 
-from . import small_run, written
+from . import written
 from .bench_campaign import write_schedule
 from .manifests import manifest
 
@@ -90,9 +90,7 @@ def test_what_is_written_comes_back(
         path = written.put(folder, f"a.{suffix}", write(force))
         found = contents(open_reader, name, path, names=(column,))
         channel = pick(found.channels, column, "records.force.column", "a")
-        np.testing.assert_array_equal(
-            channel.values, np.float32(force) if name == "crazyflie-usd" else force
-        )
+        np.testing.assert_array_equal(channel.values, force)
         assert set(found.codes) <= {"dead_speed"}
 
     turn()
@@ -158,25 +156,17 @@ def test_a_rate_in_the_file_that_the_manifest_contradicts_is_refused(tmp_path: P
 
 
 def test_a_clock_beside_the_force(tmp_path: Path) -> None:
-    written.put(tmp_path, "a.bin", written.usd([1.0, 2.0, 3.0, 4.0]))
-    (a,) = records(
-        tmp_path,
-        "crazyflie-usd",
-        "force",
-        "gf",
-        "{trial}.bin",
-        time={"column": "cell.time", "unit": "s"},
-    )
+    import h5py
+
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["force"], file["t"] = np.arange(1.0, 5.0), np.arange(4) / 1000
+        file["rare"] = np.zeros(1)
+    time = {"column": "/t", "unit": "s"}
+    (a,) = records(tmp_path, "hdf5", "/force", "gf", "{trial}.h5", time=time)
     np.testing.assert_allclose(a.time_s, [0, 0.001, 0.002, 0.003])
-    with pytest.raises(InputRefused, match=r"has 4 samples of 'cell.force' and 1 of 'rare.time'"):
-        records(
-            tmp_path,
-            "crazyflie-usd",
-            "force",
-            "gf",
-            "{trial}.bin",
-            time={"column": "rare.time", "unit": "s"},
-        )
+    time = {"column": "/rare", "unit": "s"}
+    with pytest.raises(InputRefused, match=r"has 4 samples of '/force' and 1 of '/rare'"):
+        records(tmp_path, "hdf5", "/force", "gf", "{trial}.h5", time=time)
 
 
 @pytest.mark.parametrize(
@@ -269,69 +259,6 @@ def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(
     found = contents(open_reader, "crazyflie", written.put(tmp_path, "a.csv", text.encode()))
     assert pick(found.channels, "weight", "k", "f").values.tolist() == [-1.0586, 30.5]
     assert found.codes == ("dead_speed",)
-
-
-# ---- the Crazyflie's binary log
-
-
-@pytest.mark.parametrize("version", [1, 2])
-def test_both_versions_of_the_log(open_reader: Any, tmp_path: Path, version: int) -> None:
-    found = contents(
-        open_reader,
-        "crazyflie-usd",
-        written.put(tmp_path, "a.bin", written.usd([1.0, 2.5, 4.0], version=version)),
-    )
-    assert [c.name for c in found.channels] == [
-        "cell.time",
-        "cell.force",
-        "cell.vbat",
-        "rare.time",
-        "rare.mark",
-    ]
-    assert found.channels[0].rate_Hz == pytest.approx(1000)
-    assert found.channels[2].values.tolist() == [3900] * 3
-
-
-def test_a_wrong_check_sum_rejects_and_salvage_keeps_what_comes_before(
-    open_reader: Any, tmp_path: Path
-) -> None:
-    whole = written.usd([float(i) for i in range(50)])
-    cut = written.put(tmp_path, "a.bin", whole[: len(whole) // 2])
-    with pytest.raises(
-        Malformed,
-        match=r"its check sum is wrong: it is cut off or damaged; dialect = { salvage = true }",
-    ):
-        contents(open_reader, "crazyflie-usd", cut)
-    found = contents(open_reader, "crazyflie-usd", cut, {"salvage": True})
-    force = pick(found.channels, "force", "k", "f").values
-    assert found.codes == ("salvaged",)
-    assert force.tolist() == list(range(len(force)))
-    assert 15 < len(force) < 30
-
-
-@pytest.mark.parametrize(
-    ("content", "match"),
-    [
-        (b"\xbd" + written.usd([1.0])[1:], "begins with 0xBD"),
-        (written.usd([1.0])[:3], "within its head"),
-        (written.usd([1.0])[:12], "check sum|within its head|without an end"),
-        (written.usd([1.0]).replace(b"force(f)", b"force(z)"), "'force\\(z\\)', which is none"),
-    ],
-)
-def test_a_damaged_head_of_a_log(
-    open_reader: Any, tmp_path: Path, content: bytes, match: str
-) -> None:
-    with pytest.raises(Malformed, match=match):
-        contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", content))
-
-
-def test_a_log_of_a_later_version_is_refused_by_name(open_reader: Any, tmp_path: Path) -> None:
-    content = bytearray(written.usd([1.0]))
-    content[1] = 3
-    with pytest.raises(
-        InputRefused, match="is a uSD log of version 3\n  this reads versions 1 and 2"
-    ):
-        contents(open_reader, "crazyflie-usd", written.put(tmp_path, "a.bin", bytes(content)))
 
 
 # ---- LVM
@@ -647,10 +574,3 @@ def test_half_written_trials_are_flagged_and_held_against_the_planned_length(
     assert "truncated" in table["quality"][1].split()
     assert list(table["completeness"]) == ["complete", "truncated", "truncated", "complete"]
     assert table["samples"][0] == HEAD + LIVE
-
-
-def test_a_log_before_versions_is_told_from_a_damaged_one(tmp_path):
-    path = written.put(tmp_path, "log00", b"\x03tick(I),acc.x(f),acc.y(f)," + bytes(64))
-    told = small_run.nearlift("inspect", path)
-    assert told.exit_code == 4
-    assert "its head's check sum is wrong" in told.stderr

@@ -33,9 +33,9 @@ def test_every_format_is_recognised_and_its_block_names_the_reader_and_the_force
     assert block["records"]["reader"] == found.reader
     assert block["records"]["files"] == f"{{trial}}.{suffix}"
     assert block["records"]["force"]["column"] == found.force.name
-    if name not in ("mat", "crazyflie-usd", "csv"):
+    if name not in ("mat", "csv"):
         assert block["records"]["force"]["unit"] == unit
-    if name in ("lvm", "tdms", "hdf5", "crazyflie-usd", "text"):
+    if name in ("lvm", "tdms", "hdf5", "text"):
         assert float(block["load_cell"]["sample_rate"].split()[0]) == pytest.approx(1000)
 
 

@@ -135,10 +135,3 @@ def test_a_chain_that_takes_long_is_told_once_by_its_first_blocks(monkeypatch):
         short.done(count)
     # four blocks in half a second: 240 more take thirty
     assert told == ["posterior of x: by a chain, about 30 s more if it takes all its steps"]
-
-
-def test_windows_of_flight_are_dearer_than_trials_on_a_stand():
-    stand = campaign(4, visits=30)
-    flown = dataclasses.replace(stand, covariates={**stand.covariates, "flight": np.ones(stand.n)})
-    assert flown.in_flight
-    assert expense.FIT.cost(flown)[0] > 5 * expense.FIT.cost(stand)[0]

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import csv_trial, packed
-from nearlift.readers.channel import Contents, Malformed, pick
+from nearlift.readers.channel import Contents, pick
 
 from . import written
 
@@ -151,44 +151,3 @@ def test_words_within_a_row_are_told(tmp_path: Path) -> None:
     assert "truncated" in read("text", cut, columns=["force", "millis"], lines=2).codes
     with pytest.raises(ManifestError, match="says 3 lines to a row"):
         read("text", cut, columns=["force", "millis"], lines=3)
-
-
-# ---- older firmware
-
-
-def test_a_log_of_older_firmware(tmp_path: Path) -> None:
-    content = written.older_usd(FORCE)
-    assert content.startswith(b"#tick(I)")
-    found = read("crazyflie-usd", put(tmp_path, content))
-    np.testing.assert_array_equal(pick(found.channels, "force", "k", "f").values, np.float32(FORCE))
-    tick = pick(found.channels, "tick", "k", "f")
-    assert (tick.unit, tick.rate_Hz) == ("ms", pytest.approx(500.0))
-    form = readers.reader("crazyflie-usd").format
-    assert form is not None
-    assert form.recognises(content[:100], "log00")
-    assert not form.recognises(b"#tick(I),acc.x(f)\n0,1\n", "log00.csv")
-
-
-@ANY
-@given(cut=st.integers(6, len(written.older_usd(FORCE)) - 1))
-def test_a_log_of_older_firmware_cut_anywhere(cut: int, tmp_path: Path) -> None:
-    content = written.older_usd(FORCE)
-    path = put(tmp_path, content[:cut])
-    try:
-        found = read("crazyflie-usd", path, salvage=True)
-    except Malformed:
-        return
-    values = pick(found.channels, "force", "k", "f").values
-    np.testing.assert_array_equal(values, np.float32(FORCE)[: len(values)])
-    if found.codes == ():
-        # between two sets nothing shows, but what the planned length says
-        assert len(values) % 10 == 0
-
-
-@ANY
-@given(at=st.integers(6, len(written.older_usd(FORCE)) - 1), bit=st.integers(0, 7))
-def test_a_changed_bit_of_an_older_log_shows(at: int, bit: int, tmp_path: Path) -> None:
-    content = bytearray(written.older_usd(FORCE))
-    content[at] ^= 1 << bit
-    with pytest.raises(Malformed):
-        read("crazyflie-usd", put(tmp_path, bytes(content)))

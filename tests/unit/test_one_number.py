@@ -10,17 +10,12 @@ import io
 import json
 import re
 
-import numpy as np
 import pytest
 
 from nearlift.commands import compare
 from nearlift.nomenclature import letter, mathematics
-from nearlift.products import RESULTS
-from nearlift.report.figures.fig2 import caption as fig2_caption
-from nearlift.report.figures.fig2 import chart as fig2_chart
-from nearlift.report.figures.fig2 import table as fig2
 from nearlift.results.fit import FitResults
-from nearlift.results.quotation import LEVELS, Results
+from nearlift.results.quotation import Results
 from nearlift.rounding import like, plus_minus
 from nearlift.stages import export, report
 from nearlift.study.answers import BoundaryFit, Fit
@@ -127,47 +122,3 @@ def test_the_symbols_that_are_looked_for_are_those_that_pages_print():
         r"$\alpha$",
         "length ratio",
     ]
-
-
-def test_what_is_refused_is_said_to_be_so_and_in_no_number(make_job, monkeypatch):
-    """As of a flight without a set-point: K_b is least squares' value over its declared range."""
-    made = make_job(("ground",))
-    content, why = made.read_json(RESULTS), "refused: no set-point was logged"
-    ground = content["boundaries"]["ground"]
-    own = ground["coefficients"]["K_b"]
-    gain = own | {"value": 0.17, "u": 0.02, "holds": "Holds feedback"}
-    for level, half in ((68, 0.02), (90, 0.033), (95, 0.04)):
-        gain |= {f"lo{level}": 0.17 - half, f"hi{level}": 0.17 + half}
-    ends = {f"{end}{level}": x for end, x in (("lo", -10.0), ("hi", 20.0)) for level in LEVELS}
-    k_b = {"u": None, "dof": 0.0, "budget": [], "influence": {"trial": None, "visit": None}}
-    ground["coefficients"]["K_b"] = own | k_b | ends | {"holds": why, "refused": why, "doubts": []}
-    ground["in_flight"] = {"gain_at_2": gain}
-    made.write_json(RESULTS, content)
-    with monkeypatch.context() as patch:
-        patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
-        report.run(made)
-    texts = {
-        name: (made.reports / name).read_text()
-        for name in ("methods.md", "methods.tex", "summary.txt", "tables/coefficients.tex")
-    }
-    evidence = report.gather(made)
-    caption = fig2_caption.caption(evidence, fig2.summarise(evidence))
-    texts["caption"] = caption
-    for name, text in texts.items():
-        # the literature's value, K_b = 2, is drawn and named too
-        assert set(SAID.findall(text)) <= {"2"}, name
-        assert "−10" not in text, name
-        assert re.search(r"K_?\s*b.{0,30}refused", text, re.S), name
-        assert re.search(r"gain\s+at\s+two\s+radii.{0,12}0\.17", text, re.S), name
-    page = html.unescape(visible((made.reports / "index.html").read_text()))
-    assert set(SAID.findall(page)) <= {"2"}
-    assert why in page
-    rows = list(csv.DictReader(io.StringIO((made.reports / "tables/coefficients.csv").read_text())))
-    assert [(r["parameter"], r["value"], r["lo90"]) for r in rows][1] == ("K_b", "", "")
-    # the curve is least squares', and says so; no band stands about it
-    table = fig2.summarise(evidence)
-    drawn = table["kind"] == "band"
-    assert set(table["label"][drawn]) == {"S-C, least squares: K_b refused"}
-    assert np.isnan(table["lo90_percent"][drawn]).all()
-    view = fig2_chart.chart(evidence).views[0]
-    assert "K_b refused" in view.controls[0].choices[0].label

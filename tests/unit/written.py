@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import io
 import re
-import struct
-import zlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -95,38 +93,6 @@ def lvm(
     )
 
 
-def usd(force: Sequence[float], *, version: int = 2, checksum: bool = True) -> bytes:
-    """A log with one event of force and battery, and a rarer one."""
-    head = struct.pack("<BHH", 0xBC, version, 2)
-    head += struct.pack("<H", 0) + b"cell\0" + struct.pack("<H", 2) + b"force(f)\0" + b"vbat(H)\0"
-    head += struct.pack("<H", 7) + b"rare\0" + struct.pack("<H", 1) + b"mark(B)\0"
-    clock, tick = ("<HI", 1) if version == 1 else ("<HQ", 1000)
-    body = b""
-    for i, f in enumerate(force):
-        body += struct.pack(clock, 0, i * tick) + struct.pack("<fH", f, 3900)
-        if i % 10 == 0:
-            body += struct.pack(clock, 7, i * tick) + b"\1"
-    content = head + body
-    return content + struct.pack("<I", zlib.crc32(content) if checksum else 1)
-
-
-def older_usd(force: Sequence[float], *, width: int = 35) -> bytes:
-    """A log of older firmware, of so many variables: clock, force, and rates; in sets of ten."""
-    texts = [b"tick(I)", b"force(f)", *(b"gyro%d(h)" % i for i in range(width - 2))]
-
-    def summed(part: bytes) -> bytes:
-        return part + struct.pack("<I", zlib.crc32(part) ^ 0xFFFFFFFF)
-
-    content = summed(bytes([width]) + b"".join(text + b"," for text in texts))
-    rows = [
-        struct.pack(f"<If{width - 2}h", 2 * i, f, *range(width - 2)) for i, f in enumerate(force)
-    ]
-    for k in range(0, len(rows), 10):
-        part = rows[k : k + 10]
-        content += summed(bytes([len(part)]) + b"".join(part))
-    return content
-
-
 def tdms(force: Sequence[float]) -> bytes:
     from nptdms import ChannelObject, TdmsWriter
 
@@ -189,7 +155,6 @@ WRITERS: dict[str, tuple[Callable[[Sequence[float]], bytes], str, str, str]] = {
     "rcbenchmark": (rcbenchmark, "Thrust", "gf", "csv"),
     "flight-stand": (tyto, "Powertrain 1 - force Fz (thrust)", "N", "csv"),
     "crazyflie": (crazyflie, "weight", "gf", "csv"),
-    "crazyflie-usd": (usd, "cell.force", "gf", "bin"),
     "lvm": (lvm, "Force", "N", "lvm"),
     "tdms": (tdms, "daq/force", "N", "tdms"),
     "mat": (mat, "run.force", "N", "mat"),

@@ -69,8 +69,6 @@ def described(inspected: Inspection) -> str:
         lines.append("note: a rotor's speed reads zero while there is lift")
     if inspected.doubt:
         lines.append(f"note: {inspected.doubt}")
-    if inspected.flight is not None:
-        lines.append("note: it is the log of a flight: [flight] cuts it into trials")
     if inspected.ramp is not None:
         lines.append(f"note: the record {inspected.ramp.words}; {CUT}")
     return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(inspected)

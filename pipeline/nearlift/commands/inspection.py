@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import readers
-from nearlift.commands import flight_logs, grids, meaning, tables
+from nearlift.commands import grids, meaning, tables
 from nearlift.commands.grids import Grid
 from nearlift.commands.tables import Table
 from nearlift.errors import InputRefused
@@ -42,15 +42,10 @@ class Inspection:
     table: Table | None = None
 
     @functools.cached_property
-    def flight(self) -> flight_logs.Channels | None:
-        """Its channels by what they are, where it is the log of a flight."""
-        return flight_logs.channels_of(self.contents)
-
-    @functools.cached_property
     def ramp(self) -> Ramp | None:
         """What it is where it holds many lifts; None where it is one trial, or no record."""
         # where the rate cannot be meant, rows are means already
-        if self.force is None or self.reader in ("", "parquet") or self.doubt or self.flight:
+        if self.force is None or self.reader in ("", "parquet") or self.doubt:
             return None
         clocks = [c.name for c in self.contents.channels if meaning.is_clock(c.name)]
         return ramp_of(self.force, self.contents.channels, clocks, self.force.rate_Hz)

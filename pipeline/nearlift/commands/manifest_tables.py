@@ -1,4 +1,4 @@
-"""The tables of a manifest for a record, a flight, a velocity grid or a table of trials."""
+"""The tables of a manifest for a record, a velocity grid or a table of trials."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from nearlift.commands import flight_logs, grids, meaning
+from nearlift.commands import grids, meaning
 from nearlift.commands.inspection import Inspection
 from nearlift.commands.tables import Table
 from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel
@@ -22,19 +22,7 @@ def block(inspected: Inspection) -> str:
         return grids.piv_block(inspected.grid, inspected.path)
     if inspected.table is not None:
         return trials_block(inspected.table)
-    if inspected.flight is not None:
-        records = flight_records(inspected, f"{{record}}{inspected.path.suffix}")
-        flight = flight_logs.flight_block(inspected.flight, inspected.contents)
-        return f"{records}{flight_logs.RIG}\n{flight}"
     return records_block(inspected)
-
-
-def flight_records(inspected: Inspection, files: str) -> str:
-    """The [records] table of flight logs."""
-    lines = ["[records]", f'reader = "{inspected.reader}"', f"files  = {json.dumps(files)}"]
-    if inspected.clock is not None and not inspected.clock.name.endswith(".time"):
-        lines.append(_clock(inspected.clock))
-    return "\n".join(lines) + "\n\n"
 
 
 def _clock(channel: Channel) -> str:

@@ -12,9 +12,8 @@ from pathlib import Path, PurePosixPath
 import click
 
 from nearlift.commands.common import DIALECT, Call, declared, dialect_of
-from nearlift.commands.flight_logs import flight_block
 from nearlift.commands.inspection import Inspection, inspect
-from nearlift.commands.manifest_tables import MEANS, flight_records, records_block
+from nearlift.commands.manifest_tables import MEANS, records_block
 from nearlift.commands.tables import Table, table_of, trials_section
 from nearlift.errors import InputRefused, UsageError
 from nearlift.manifest.campaign import BLANK
@@ -39,7 +38,7 @@ contact       = {{ ground = "FILL IN mm", ceiling = "FILL IN mm" }}   # from the
 # throttle_map = {{ points = [["25 percent", "10885 rpm"], ["92 percent", "23500 rpm"]] }}   # for C_L, where no rpm is logged
 
 [rig]
-held            = "{held}"          # throttle | voltage | rpm | power: what a trial holds constant; command: of a flight
+held            = "FILL IN"          # throttle | voltage | rpm | power: what a trial holds constant
 distance_datum  = "FILL IN"          # rotor plane | airframe | blade tip | rotor axis: what `distance` is measured from
 distance_offset = "FILL IN mm"       # datum to rotor plane, ADDED to every recorded distance
 gravity         = "FILL IN m/s^2"    # 9.80665 m/s^2 is the standard one
@@ -79,8 +78,6 @@ files  = "trials/{{trial}}.csv"
 force  = {{ column = "FILL IN", unit = "FILL IN", sign = 1 }}   # sign = -1 where lift pulls the cell negative
 """
 SCHEDULE = "trial,boundary,distance,throttle"
-#: The schedule of flight logs.
-FLOWN_TRIALS = '[trials]\nfile = "trials.csv"                  # one row per log\n'
 BLANK_TRIALS = trials_section({"distance": "", "throttle": ""}, (), ordered=True)
 
 
@@ -94,7 +91,7 @@ def write_template(folder: Path) -> tuple[list[Path], list[str]]:
 
 
 def _written(
-    folder: Path, records: str, trials: str, schedule: str, held: str = BLANK
+    folder: Path, records: str, trials: str, schedule: str
 ) -> tuple[list[Path], list[str]]:
     """Write the manifest, and the schedule unless it is there (another one there is refused); what
     was written, and what is left to fill in.
@@ -106,7 +103,7 @@ def _written(
         if sorted(",".join(header).split(",")) != sorted(made.splitlines()[0].split(",")):
             raise _there(path)
     tables = {"records": records + "\n", "trials": trials + "\n"}
-    text = MANIFEST.format(name=slug(folder), held=held, **tables)
+    text = MANIFEST.format(name=slug(folder), **tables)
     written = [folder / "campaign.toml"]
     if not path.exists():
         store.write_bytes(path, made.encode())
@@ -179,12 +176,7 @@ def write_from(
     else:
         _of_one_kind(inspected)
         block, trials, copies = _records(folder, inspected)
-    flown = means is None and first.flight is not None
-    if flown:
-        lines = [f"{cell(record)},FILL IN" for record in trials]
-        schedule, section = "\n".join(["record,boundary", *lines]), FLOWN_TRIALS
-        more = [f"trials.csv: boundary of {len(trials)} logs"]
-    elif table is None and means is None and _swept(inspected):
+    if table is None and means is None and _swept(inspected):
         # the throttle is what the pieces say
         lines = [f"{cell(record)},FILL IN,FILL IN" for record in trials]
         schedule = "\n".join(["record,boundary,distance", *lines])
@@ -199,8 +191,7 @@ def write_from(
         of_records = means is None and bool(_swept(inspected))
         schedule, section = table.schedule(ids, means=means is not None, of_records=of_records)
         more = table.wanted(means=means is not None)
-    held = "command" if flown else BLANK
-    written, left = _written(folder, block, section, schedule, held)
+    written, left = _written(folder, block, section, schedule)
     for copy, path in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
@@ -250,14 +241,14 @@ def _records(
     root = folder.resolve()
     paths = [f.path for f in inspected]
     inside = all(path.resolve().is_relative_to(root) for path in paths)
-    long, flight = inspected[0].reader == parquet.READER.name, inspected[0].flight
+    long = inspected[0].reader == parquet.READER.name
     cut = _swept(inspected)
     targets = [
         path.resolve().relative_to(root).as_posix()
         if inside
         else path.name
         if long
-        else f"{'logs' if flight else 'trials'}/{path.name}"
+        else f"trials/{path.name}"
         for path in paths
     ]
     if len(set(targets)) != len(targets):
@@ -266,13 +257,10 @@ def _records(
         files, trials = targets[0], parquet.trials(paths[0])
     else:
         before, after = _around(targets)
-        files = f"{before}{{{'record' if flight or cut else 'trial'}}}{after}"
+        files = f"{before}{{{'record' if cut else 'trial'}}}{after}"
         trials = [target[len(before) : len(target) - len(after)] for target in targets]
-    if flight is not None:
-        block = flight_records(inspected[0], files) + flight_block(flight, inspected[0].contents)
-    else:
-        block = records_block(inspected[0], files).replace("\n[records]", CELL + "\n[records]")
-        block += f"\n{cut}" if cut else ""
+    block = records_block(inspected[0], files).replace("\n[records]", CELL + "\n[records]")
+    block += f"\n{cut}" if cut else ""
     copies = {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)}
     return block, trials, copies
 

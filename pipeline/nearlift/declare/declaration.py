@@ -213,13 +213,12 @@ class Effect(Declaration):
     `varies_with` the covariate along which its true shape may depart from the declared one;
     `separated_by` what to measure to tell it from what it is confounded with; `log_next_time` what
     to record where its needs are not met; `boundaries` where it can occur at all; `belongs_to`
-    whether a vehicle takes it along when it leaves the bench (then it flies in simulations),
-    whether it needs a tether (load cell, wiring, traverse) or a vehicle that moves (``"flight"``:
-    what it needs is missed in flight logs alone); `by_experiment` that what it needs is not to be
-    had by logging but by running trials in two ways on purpose, so that only campaigns that did
-    hear of it. `error_of` is the input of a budget that it is the unknown error of, as in ``on =
-    "height"``; `loaded` says of an additive effect that it is not there while the rotors stand;
-    `within_trial` that its mark is a change during a record, which no mean of a trial keeps.
+    whether a vehicle takes it along when it leaves the bench (then it flies in simulations);
+    `by_experiment` that what it needs is not to be had by logging but by running trials in two ways
+    on purpose, so that only campaigns that did hear of it. `error_of` is the input of a budget that
+    it is the unknown error of, as in ``on = "height"``; `loaded` says of an additive effect that it
+    is not there while the rotors stand; `within_trial` that its mark is a change during a record,
+    which no mean of a trial keeps.
     `contains_line` states that a straight line of any slope along `varies_with` is a special or
     limiting case of the form: a line in force if the effect is additive, else a line in gain.
     """
@@ -231,7 +230,7 @@ class Effect(Declaration):
     separated_by: str = ""
     log_next_time: tuple[str, ...] = ()
     boundaries: tuple[Boundary, ...] = BOUNDARIES
-    belongs_to: Literal["vehicle", "bench", "tether", "flight"] = "bench"
+    belongs_to: Literal["vehicle", "bench"] = "bench"
     by_experiment: bool = False
     error_of: str = ""
     loaded: bool = False

@@ -39,7 +39,6 @@ EFFECT = Effect(
     formula=r"\hat{z} \to \hat{z} + \mathrm{approach} \cdot h / (2 r)",
     evaluate=evaluate,
     acts_on="height",
-    belongs_to="tether",
     mechanism="play of the traverse, taken up in the direction of its last move",
     varies_with="approach",
     separated_by="a sweep in both directions over the same stations",

@@ -38,7 +38,6 @@ EFFECT = Effect(
     formula=r"L \to L + c \, L_\mathrm{previous} \, e^{-t_\mathrm{rest} / \tau_c}",
     evaluate=evaluate,
     acts_on="force",
-    belongs_to="tether",
     additive=True,
     loaded=True,
     mechanism="the load cell still recovers from the load of the trial before",

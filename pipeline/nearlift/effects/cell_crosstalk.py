@@ -38,7 +38,6 @@ EFFECT = Effect(
     formula=r"L \to L \, (1 + c_1 \cos \psi + c_2 \sin \psi)",
     evaluate=evaluate,
     acts_on="force",
-    belongs_to="tether",
     by_experiment=True,
     mechanism="thrust beside the cell's axis makes a moment, of which the cell reads a part",
     varies_with="turn_rad",

@@ -33,7 +33,6 @@ EFFECT = Effect(
     formula=r"L \to L + q L^2",
     evaluate=evaluate,
     acts_on="force",
-    belongs_to="tether",
     additive=True,
     loaded=True,
     mechanism="the load cell's output has a quadratic term",

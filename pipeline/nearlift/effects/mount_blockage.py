@@ -33,7 +33,6 @@ EFFECT = Effect(
     formula=r"L \to L \, (1 - k \cdot \mathrm{inverted})",
     evaluate=evaluate,
     acts_on="force",
-    belongs_to="tether",
     by_experiment=True,
     mechanism="upright the inflow passes sting and cell, inverted the jets blow at them",
     varies_with="inverted",

@@ -36,7 +36,6 @@ EFFECT = Effect(
     formula=r"L \to L + k_c \, r \hat{z}",
     evaluate=evaluate,
     acts_on="force",
-    belongs_to="tether",
     additive=True,
     mechanism="bent wiring pulls in proportion to height",
     varies_with="z_hat",

@@ -57,10 +57,6 @@ FOLLOWS = "the exponent n of the ratio depends on what else stays constant."
 #: What the manifest's `held` means for the exponent.
 DECLARED = {
     "throttle": f"A trial holds the throttle, which fixes neither speed nor power; {FOLLOWS}",
-    "command": (
-        "A window of flight holds nothing: L_inf follows the command and the supply, and at a"
-        f" given command neither speed nor power is fixed; {FOLLOWS}"
-    ),
     "voltage": (
         f"A trial is said to hold the voltage, which fixes neither speed nor power; {FOLLOWS}"
     ),

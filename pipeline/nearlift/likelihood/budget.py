@@ -28,8 +28,8 @@ GROUPED = ("distance", "throttle", "record", "session", "boundary", "campaign")
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Component:
     """One line of the budget: `standard` is m on height, N on force, a fraction on gain and inputs;
-    `range_N` bends a cell's line. The zero of a record of many trials and the lag of motors in
-    flight are measured: each trial knows how well, and `standard` is nothing.
+    `range_N` bends a cell's line. The zero of a record of many trials is measured: each trial
+    has its own standard uncertainty, and `standard` is 0.
 
     An input has its `derivative` from `inputs.acting`; `moves` are the geometries that go with a
     rotor spacing.
@@ -47,13 +47,13 @@ class Component:
     @property
     def is_measured(self) -> bool:
         """Whether the records say its size, and not the manifest."""
-        return self.on in ("zero", "lag")
+        return self.on == "zero"
 
     def size(self, data: Observations) -> float:
         """The standard uncertainty, of a measured one as these trials have it."""
         if self.on == "zero" and data.u_zero_N is not None:
             return float(np.sqrt(np.mean(data.u_zero_N**2)))
-        return float(data.covariates["u_lag_s"][0]) if self.on == "lag" else self.standard
+        return self.standard
 
     def sensitivity(self, data: Observations, slope: FloatArray) -> FloatArray:
         """Change of log lift per standard uncertainty, (n,)."""
@@ -64,9 +64,6 @@ class Component:
         if self.on == "zero":
             # planned trials are pieces of no record
             return np.zeros(data.n) if data.u_zero_N is None else data.u_zero_N / data.lift_N
-        if self.on == "lag":
-            # known as well as the flights tell it, and its slope goes by what the command did
-            return data.covariates["u_lag_s"] * data.covariates["lag_slope"]
         if self.on == "linearity":
             # zero at zero force, `standard` at full range: the lowest such departure from a
             # straight line is quadratic
@@ -106,8 +103,6 @@ def components(campaign: Campaign) -> tuple[Component, ...]:
         )
     if campaign.segments is not None and cell.tare not in (0.0, "none"):
         listed.append(Component(name="zero of a record", on="zero", scope="record"))
-    if campaign.flight is not None and campaign.flight.lag == "auto":
-        listed.append(Component(name="motor lag", on="lag", scope="campaign"))
     if cell.tare == "none" and accuracy is not None:
         listed.append(
             Component(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood import semiseparable
-from nearlift.likelihood.subspace import left_singular, orthonormal
+from nearlift.likelihood.subspace import left_singular
 from nearlift.results import IntArray
 
 #: A campaign of exact numbers still needs a positive variance of log lift.
@@ -49,10 +49,6 @@ class Covariance:
     age : (n, k)
         When a trial was run, in units of the time over which each drift forgets: ``M_k[i, j] =
         exp(-|age_i - age_j|)``.
-    instruments : (n, q) or None
-        Columns that no error moves, where the trials' own settings answer errors: of anything
-        whitened, only what it shares with them counts (two-stage least squares). Shared unknowns
-        are looked at through them, too, since their sensitivities may answer as well.
     """
 
     variance: FloatArray
@@ -62,7 +58,6 @@ class Covariance:
     common: float = 0.0
     drift: FloatArray = field(default_factory=lambda: np.zeros(0))
     age: FloatArray = field(default_factory=lambda: np.zeros(0))
-    instruments: FloatArray | None = None
 
     @cached_property
     def order(self) -> NDArray[np.int64]:
@@ -140,31 +135,19 @@ class Covariance:
         """Orthonormal directions (n, k) of the whitened shared unknowns, and their
         squared lengths.
         """
-        whitened = self._seen(self._own(self.shared.T)).T
+        whitened = self._own(self.shared.T).T
         basis, length = left_singular(whitened)
         return basis, length**2
 
-    @cached_property
-    def _window(self) -> FloatArray:
-        """The whitened instruments' orthonormal basis, (n, q)."""
-        assert self.instruments is not None
-        return orthonormal(self._own(self.instruments.T).T)
-
-    def _seen(self, x: FloatArray) -> FloatArray:
-        """What the instruments see of whitened rows (..., n)."""
-        return x if self.instruments is None else x @ self._window @ self._window.T
-
     def whiten(self, x: FloatArray) -> FloatArray:
-        """Apply a W with W C W' = 1 (of what the instruments see) along the last axis, shape
-        (..., n).
-        """
-        return self._less_shared(self._seen(self._own(x)))
+        """Apply a W with W C W' = 1 along the last axis, shape (..., n)."""
+        return self._less_shared(self._own(x))
 
     def unwhiten(self, x: FloatArray) -> FloatArray:
         """Apply W' of the same W along the last axis, shape (..., n): after `whiten`, the inverse
         covariance.
         """
-        return self._own(self._seen(self._less_shared(x)), transposed=True)
+        return self._own(self._less_shared(x), transposed=True)
 
     def _less_shared(self, x: FloatArray) -> FloatArray:
         if not self.shared.shape[1]:

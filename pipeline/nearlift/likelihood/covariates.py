@@ -24,8 +24,6 @@ LEAST_SPREAD = {
     "supply_V": 5e-3,
     "speed_hat": 5e-4,
 }
-#: Density of air where nobody measured it, kg/m^3.
-USUAL_DENSITY = 1.2
 
 
 def derive(
@@ -38,9 +36,8 @@ def derive(
     the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
     throttle, or over its curve), `drift_hat` (relative change of lift within a record),
     `lift_inf_N` (as given, in N, (n,); times the base model's lift `ratio`, (n,), what the trial
-    before it held); where they were logged, `climb_hat`, `level_speed_hat` and
-    `imbalance` of a vehicle that moves; and, as geometry, the medians `supply_ref_V`,
-    `temperature_ref_K`, `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`.
+    before it held); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`,
+    `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`.
     Where the order of the trials is unknown, all that follows from it is constant. What has a
     stand-in and was not logged whole is one value for all, and no covariate.
     """
@@ -85,7 +82,6 @@ def derive(
     )
     if {"drift_N_s", "record_s"} <= known.keys():
         known["drift_hat"] = known["drift_N_s"] * known["record_s"] / data.lift_N
-    known |= _of_motion(data, float(np.median(lift_inf_N)))
     geometry: dict[str, object] = {
         **data.geometry,
         "radius_m": data.radius_m,
@@ -107,25 +103,6 @@ def derive(
             geometry[name] = float(np.median(whole)) if len(whole) else usual
             known.pop(name, None)
     return dataclasses.replace(data, covariates=known, geometry=geometry)
-
-
-def _of_motion(data: Observations, weight_N: float) -> dict[str, FloatArray]:
-    """Climb and level speed over the induced velocity of hover (momentum theory: the root of thrust
-    over twice density and disk area), and by how much the rotor that is told least is told less
-    than usual: those whose columns were logged.
-    """
-    derived, known = {}, data.covariates
-    if "layout_hat" in data.geometry:
-        disks_m2 = len(data.geometry["layout_hat"]) * np.pi * data.radius_m**2
-        induced_m_s = np.sqrt(weight_N / (2 * USUAL_DENSITY * disks_m2))
-        for name, hat in (("climb_m_s", "climb_hat"), ("level_speed_m_s", "level_speed_hat")):
-            if name in known:
-                derived[hat] = known[name] / induced_m_s
-    shares = [values for name, values in known.items() if name.startswith("command_share_")]
-    if shares:
-        usual = np.array(shares) / np.median(shares, axis=1, keepdims=True)
-        derived["imbalance"] = -np.log(np.maximum(usual.min(axis=0), 1e-3))
-    return derived
 
 
 def _usual(data: Observations, speed_Hz: FloatArray) -> FloatArray:

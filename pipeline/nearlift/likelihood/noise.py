@@ -65,10 +65,9 @@ def trial_covariance(
     slope: FloatArray,
     shared: FloatArray | None = None,
     extra: FloatArray | float = 0.0,
-    instruments: FloatArray | None = None,
 ) -> Covariance:
     """The covariance of log lift that a `Noise` implies; `slope` is d log ratio / dz per metre,
-    `extra` a further variance; `instruments` as `Covariance` has them.
+    `extra` a further variance.
     """
     return Covariance(
         variance=np.maximum(trial_variance(data, noise) + extra, LEAST_VARIANCE),
@@ -78,7 +77,6 @@ def trial_covariance(
         common=noise.common,
         drift=np.array(noise.drift),
         age=ages(data)[:, : len(noise.drift)],
-        instruments=instruments,
     )
 
 

@@ -35,8 +35,6 @@ CLIP = 3.5
 #: A trial that keeps less than this part of its precision beside what is free cannot be foretold
 #: from the rest.
 DETERMINED = 1e-8
-#: So many times the time over which a drift forgets, and nothing is left of it.
-FORGOTTEN = 100.0
 #: Steps of the search for the likeliest sizes at most.
 MOST_STEPS = 40
 #: Deviance above the least up to which another mode counts, too.
@@ -65,8 +63,7 @@ def ages(data: Observations) -> FloatArray:
             start if np.isfinite(start).all() else np.arange(data.n, dtype=float)
         )
     lengths: FloatArray = np.array(DRIFT_LENGTHS)
-    # what drifts in a flight begins anew with the next: between them a vehicle stood on its feet
-    return elapsed[:, None] / lengths + FORGOTTEN * data.flight_start[:, None]
+    return np.asarray(elapsed[:, None] / lengths, dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -33,16 +33,8 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     Raises
     ------
     NotConverged
-        Too few trials, or few without a standard deviation of each; flights without a logged
-        set-point.
+        Too few trials, or few without a standard deviation of each.
     """
-    if data.in_flight and "setpoint_m_0" not in data.covariates:
-        raise NotConverged(
-            where,
-            "in closed loop the command answers what disturbs the vehicle, so that feedback looks"
-            " like structure",
-            "log the height's set-point, and name it under [flight]",
-        )
     if not few(data, base):
         return
     unknowns = data.unknown_levels + len(base.parameters)
@@ -87,12 +79,8 @@ def could_act(
         for e in library
         if data.boundary in e.boundaries
         and not taken & {p.name for p in e.parameters}
-        # needs of flights or special experiments are not missed elsewhere; flights have no tether
-        and (
-            not (e.by_experiment or (e.belongs_to == "flight" and not data.in_flight))
-            or not missing(e, data)
-        )
-        and (e.belongs_to != "tether" or not data.in_flight)
+        # campaigns without the special experiment do not miss its columns
+        and (not e.by_experiment or not missing(e, data))
         # a single rotor has no interactions, and lacks no information on them
         and ("spacing_hat" in data.geometry or "spacing_hat" not in e.needs)
     )

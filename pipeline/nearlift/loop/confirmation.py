@@ -13,7 +13,6 @@ from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import trial_covariance
 from nearlift.loop.candidate_fit import Fitted, search
-from nearlift.loop.instruments import instruments
 from nearlift.loop.search import Answer, run
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results import IntArray, Noise, Observations
@@ -186,7 +185,7 @@ def misfit(stage: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatA
     keep = scored.predicted
     data, slope = stage.data.take(keep), stage.slope[keep]
     variance = budget.own_variance(data, stage.parts, slope)
-    covariance = trial_covariance(data, noise, slope, None, variance, instruments(data))
+    covariance = trial_covariance(data, noise, slope, None, variance)
     return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
 
 

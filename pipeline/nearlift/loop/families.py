@@ -49,15 +49,7 @@ SPOKEN_FOR = {
     "n",
     "visit",
     "speed_Hz",
-    "flight",
-    "climb_hat",
-    "level_speed_hat",
-    "imbalance",
 }
-#: Prefix of logged set-points: they say where a flight was sent, and not what acts on it.
-BOOKKEEPING = "setpoint_m_"
-#: Covariates of a stand's previous moves and loads; in flight these are the motion itself.
-OF_STANDS = ("order_in_visit", "previous_throttle", "previous_distance")
 
 
 def powers(x: FloatArray, count: int) -> FloatArray:
@@ -147,10 +139,8 @@ def families(data: Observations) -> tuple[Hypothesis, ...]:
     if varies(data, "tilt_rad"):
         every.append(Hypothesis("tilt", "tilt", times(powers(known["tilt_rad"], 2), closeness)))
     for name in sorted(known.keys() - SPOKEN_FOR):
-        if varies(data, name) and not name.startswith(BOOKKEEPING):
+        if varies(data, name):
             every.append(Hypothesis(name, name, powers(known[name], degree)))
-    if data.in_flight:
-        every = [f for f in every if f.covariate not in OF_STANDS]
     kept = [f for f in every if 0 < f.columns.shape[1] <= most and tells(f.columns, data)]
     return (*kept, *_steps(known["run_order"], data.visit))
 

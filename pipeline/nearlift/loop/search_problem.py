@@ -31,7 +31,6 @@ from nearlift.loop.evidence import (
 )
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import families
-from nearlift.loop.instruments import instruments
 from nearlift.loop.random_walk_gain import bic_penalty, likeliest, waves
 from nearlift.loop.starts import Starts
 from nearlift.loop.structure import Hypothesis, Null, Structure
@@ -106,7 +105,6 @@ class SearchProblem:
             else (
                 budget.shared(data, self.parts, slope),
                 budget.own_variance(data, self.parts, slope),
-                instruments(data),
             )
         )
         covariance = trial_covariance(data, self.assumed_noise, slope, *tied)

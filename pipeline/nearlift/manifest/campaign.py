@@ -20,7 +20,6 @@ from nearlift.manifest import toml
 from nearlift.manifest.component import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.manifest.design import Planned
 from nearlift.manifest.flight import Detect, Simulate
-from nearlift.manifest.flight_log import Flight, flight_fits_the_rest
 from nearlift.manifest.levels import Levels
 from nearlift.manifest.piv import Piv
 from nearlift.manifest.quantities import PositiveLength, Section
@@ -141,7 +140,6 @@ class Campaign(Section):
     load_cell: LoadCell = LoadCell()
     records: Records
     segments: Segments | None = None
-    flight: Flight | None = None
     levels: Levels | None = None
     trials: Trials = Trials()
     uncertainty: list[Uncertainty] = []
@@ -211,9 +209,6 @@ class Campaign(Section):
                     f"uncertainty {u.name!r} is on the {u.on}, which is not given: give it, or"
                     " state the uncertainty in percent"
                 )
-        flight_fits_the_rest(self)
-        if self.flight is not None:
-            return self
         if self.records.reader == "means":
             if self.segments is not None:
                 raise ValueError('[segments] cuts records, and reader = "means" has none')
@@ -236,7 +231,7 @@ class Campaign(Section):
     @property
     def cuts_records(self) -> bool:
         """Whether one record holds many trials."""
-        return self.segments is not None or self.flight is not None
+        return self.segments is not None
 
     @property
     def tare_s(self) -> float:

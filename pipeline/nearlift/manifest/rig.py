@@ -38,7 +38,7 @@ class Rig(Section):
     where that is beyond it (`images_edge`).
     """
 
-    held: Literal["throttle", "voltage", "rpm", "power", "command"]
+    held: Literal["throttle", "voltage", "rpm", "power"]
     distance_datum: str | dict[Boundary, str]
     distance_offset: Length | dict[Boundary, Length]
     arena: PositiveLength | None = None

@@ -5,11 +5,10 @@ from __future__ import annotations
 import difflib
 import functools
 import unicodedata
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
@@ -153,21 +152,6 @@ def wanted(name: str, names: Names) -> bool:
 def _in_a_group(name: str, folded: str) -> bool:
     """Whether a channel has that name within a group, or a group of groups."""
     return fold(name).endswith((f".{folded}", f"/{folded}"))
-
-
-def of_topic(
-    topic: str, clock: FloatArray, fields: Iterable[tuple[str, ArrayLike]], names: Names = None
-) -> list[Channel]:
-    """The channels of a log's messages of one kind: ``topic.time``, in s, then ``topic.field`` of
-    each field that is wanted.
-    """
-    rate = rate_of(clock) if len(clock) > 2 else None
-    channels = [Channel(name=f"{topic}.time", unit="s", rate_Hz=rate, values=clock)]
-    for field, numbers in fields:
-        if wanted(name := f"{topic}.{field}", names):
-            values = np.array(numbers, dtype=np.float64)
-            channels.append(Channel(name=name, rate_Hz=rate, values=values))
-    return channels
 
 
 def rate_of(clock: FloatArray) -> float | None:

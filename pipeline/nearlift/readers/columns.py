@@ -293,13 +293,8 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
 
 def brought_by(campaign: Campaign) -> tuple[str, ...]:
     """The schedule's columns that the pieces of a campaign's records bring; raises as `brought`."""
-    if campaign.segments is not None:
-        return tuple(brought(campaign.segments))
-    flight = campaign.flight
-    assert flight is not None
-    names = ["distance", "throttle"]
-    names += ["supply"] if flight.supply is not None else []
-    return (*names, "tilt") if flight.tells_tilt else tuple(names)
+    assert campaign.segments is not None
+    return tuple(brought(campaign.segments))
 
 
 def dimension_of(name: str) -> str:

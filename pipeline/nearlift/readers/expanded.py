@@ -37,19 +37,17 @@ def of_records(
     or the schedule says what the pieces bring.
     """
     bring = brought_by(campaign)
-    table = "flight" if campaign.segments is None else "segments"
     if RECORD_COLUMN not in cells or "trial" in cells:
         what = "has a column 'trial'" if "trial" in cells else "has no column 'record'"
         raise ManifestError(
-            str(path), what, f"with [{table}] a row is a record: call the column of its ids record"
+            str(path), what, "with [segments] a row is a record: call the column of its ids record"
         )
     for name in bring:
         if name in cells:
             raise ManifestError(
                 str(path),
-                f"the column {name!r} says what every piece of a record brings by [{table}]",
-                f"take the column away, or the key under [{table}]"
-                + (" (maps, columns)" if table == "segments" else ""),
+                f"the column {name!r} says what every piece of a record brings by [segments]",
+                "take the column away, or the key under [segments] (maps, columns)",
             )
     renamed = {"trial" if name == RECORD_COLUMN else name: cells[name] for name in cells}
     return renamed, bring
@@ -81,6 +79,7 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
     if "session" not in cells:
         # a record is set up anew, and nothing says that two of them were set up alike
         cells["session"] = ColumnTexts("session", records, path.name, lines)
+    assert campaign.segments is not None
     for name, values in _together(campaign.segments, bring, cut).items():
         cells[name] = ColumnTexts(name, Numbers(values), path.name, lines)
         if dimension := dimension_of(name):
@@ -97,12 +96,12 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
 
 
 def _together(
-    cut: Segments | None, bring: Sequence[str], pieces: Sequence[Pieces]
+    cut: Segments, bring: Sequence[str], pieces: Sequence[Pieces]
 ) -> dict[str, FloatArray]:
     """What pieces bring, by column; levels within `hold` of each other are one level."""
     parts = [(len(record), record.brought) for record in pieces]
     columns = {name: _joined(name, parts) for name in bring}
-    if cut is not None and cut.has_level and cut.hold > 0:
+    if cut.has_level and cut.hold > 0:
         factor, _ = cut.level().linear(dimension_of(cut.maps), "segments")
         values = columns[cut.maps]
         order = np.argsort(values)[: np.count_nonzero(np.isfinite(values))]

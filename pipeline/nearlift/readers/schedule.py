@@ -26,8 +26,6 @@ from nearlift.readers.files import inside
 from nearlift.readers.geometry import distances, share_is_plausible
 from nearlift.readers.schedule_text import columns_of, text_of, unended
 
-#: The column that says what was changed before a flight.
-CONDITION = "condition"
 REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
 #: The last one read: a command wants it when it opens a campaign, and again when it ingests.
@@ -140,8 +138,7 @@ def of_cells(
                     str(path), f"the column {name!r} has the name of a result", "rename it"
                 )
             covariates[name] = columns.further(column)
-            flown = campaign.flight is not None and name == CONDITION
-            others = [k.name for k in KNOWN if k.name not in cells and not flown]
+            others = [k.name for k in KNOWN if k.name not in cells]
             hint = did_you_mean(name, others)
             notes += [f"{path.name}: column {name!r} is kept as it is; {hint}"] if hint else []
         elif name == "start":

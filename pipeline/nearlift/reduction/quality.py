@@ -42,14 +42,6 @@ CODES = tuple(
         ),
         "OUT_OF_RANGE": "too many samples hold no number (NaN, OVER, #NV)",
         "SATURATED": "the load cell was at the end of its range",
-        "CONTACT": (
-            "the vehicle stood on the floor, or had not climbed since as fast as `airborne` says"
-        ),
-        "FRAGMENT": "less than half a window of flight is left between samples of other codes",
-        "FULL_COMMAND": "a motor was told all that it can do: lift no longer follows the command",
-        "ZERO_COMMAND": "a motor was told to stand while the vehicle flew",
-        "NO_HEIGHT": "the height was beyond its sensor's range, or below the floor",
-        "TILTED": "the vehicle leaned more than `tilt` allows",
         "STUCK": "the channel stood still: it repeats one value",
         "GAPS": "the clock column shows that too many samples are missing",
         "DRIFT": "the force drifts within the record by more than the limit",
@@ -70,9 +62,6 @@ CODES = tuple(
         "DUPLICATE": "the record is byte for byte that of an earlier trial",
         "EXCLUDED": "excluded by the manifest",
         "truncated": "the file ends within a line; the cut sample was left out",
-        "salvaged": (
-            "the check sum is wrong; what came before the damage was kept, as the manifest asks"
-        ),
         "short": "fewer samples than planned, or less than 95 % of the campaign's usual ones",
         "out_of_range": "some samples hold no number and were left out",
         "gaps": "the clock column shows missing samples",
@@ -106,7 +95,7 @@ _BY_NAME = {c.name: c for c in CODES}
 _WORDS = {
     "missing": {"MISSING"},
     "pending": {"PENDING"},
-    "malformed": {"MALFORMED", "salvaged"},
+    "malformed": {"MALFORMED"},
     "truncated": {"truncated", "EMPTY", "NO_DATA", "SHORT", "TOO_SHORT", "short", "GAPS", "gaps"},
 }
 #: The one code that is the user's judgement, not the tool's.

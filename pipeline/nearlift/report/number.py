@@ -199,10 +199,11 @@ def count(product: Product, value: int, how: str) -> Number:
 
 
 def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
-    """A coefficient, or what a flight determines, as it is to be quoted: without u where ± would
-    not say the interval, in a word where the trials cannot tell it.
+    """A coefficient as it is to be quoted: without u where ± would not
+    say the interval, in a word where the trials cannot tell it.
     """
-    place, coefficient = quotation(evidence, boundary, name), evidence.quoted(boundary).every[name]
+    place = quotation(evidence, boundary, name)
+    coefficient = evidence.quoted(boundary).coefficients[name]
     quoted = place.quote(name=name)
     if coefficient.refused is not None:
         nothing = Number(text="–", value=math.nan, source=place.source("refused"))
@@ -212,7 +213,5 @@ def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
 
 
 def quotation(evidence: Evidence, boundary: Boundary, name: str) -> Place:
-    """Where results.json quotes a coefficient, or what a flight determines."""
-    flown = evidence.quoted(boundary).in_flight or {}
-    kind = "in_flight" if name in flown else "coefficients"
-    return Place(evidence, RESULTS, ("boundaries", boundary, kind, name))
+    """Where results.json quotes a coefficient."""
+    return Place(evidence, RESULTS, ("boundaries", boundary, "coefficients", name))

@@ -66,22 +66,6 @@ class Observations:
     curve: LevelCurve | None = None
 
     @property
-    def in_flight(self) -> bool:
-        """Whether the trials are windows of flights."""
-        return "flight" in self.covariates
-
-    @property
-    def flight_start(self) -> IntArray:
-        """The start that each window of flight follows, counted over all logs from 0; 0 of trials
-        that are no flights.
-        """
-        if not self.in_flight:
-            return np.zeros(self.n, dtype=np.int64)
-        log = self.session if self.record is None else self.record
-        both = np.stack([log, self.covariates["flight"]])
-        return np.unique(both, axis=1, return_inverse=True)[1].astype(np.int64)
-
-    @property
     def n(self) -> int:
         """Number of trials."""
         return len(self.lift_N)

@@ -23,7 +23,6 @@ from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter, noun
-from nearlift.results.hover import HoverComparison
 from nearlift.results.serial import Unbounded, keyed, optional
 from nearlift.rounding import like, plain, plus_minus
 
@@ -237,9 +236,7 @@ class Correlation:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryResult:
     """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the
-    named `effects`. Of flights, `in_flight` is what they determine: ``gain_at_2``, the relative
-    lift gained at two rotor radii, and ``decay_length``, in rotor radii; and `hover` is how flights
-    of each condition hover beside sound ones.
+    named `effects`.
 
     `wanted` is what a diagnosis would take where there is none. `rests_on` is set where leaving a
     single trial out changes the verdict, or moves the headline by more than its standard
@@ -257,8 +254,6 @@ class BoundaryResult:
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None
     rests_on_visit: RestsOn | None = optional()
-    in_flight: Mapping[str, CoefficientResult] | None = optional()
-    hover: tuple[HoverComparison, ...] | None = optional()
 
     @property
     def headline(self) -> str:
@@ -271,14 +266,9 @@ class BoundaryResult:
         return self.headline if self.headline in self.quotable else next(iter(self.quotable), "")
 
     @property
-    def every(self) -> dict[str, CoefficientResult]:
-        """What flights determine, and all coefficients."""
-        return {**(self.in_flight or {}), **self.coefficients}
-
-    @property
     def quotable(self) -> dict[str, CoefficientResult]:
-        """What the trials tell: of `every`, all but what was refused."""
-        return {n: c for n, c in self.every.items() if c.refused is None}
+        """The coefficients, without those that were refused."""
+        return {n: c for n, c in self.coefficients.items() if c.refused is None}
 
     @property
     def refused(self) -> dict[str, str]:
@@ -300,7 +290,7 @@ class BoundaryResult:
         """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it, or
         ``K_b refused``.
         """
-        c = self.every[name]
+        c = self.coefficients[name]
         if c.refused is not None:
             return f"{letter(name)} {c.estimate}"
         ends = "" if c.even else f" (90 %: {c.interval})"
@@ -313,13 +303,9 @@ class BoundaryResult:
         """
         c, on = self.quotable.get(self.first_quotable), self.rests_on
         visit, trial = (c.influence.visit, c.influence.trial) if c else (None, None)
-        # of flights the loop asks for no trial, and both stand as they were solved for
-        alone = trial if self.first_quotable in (self.in_flight or {}) else None
-        least = abs(on.shift) if on else abs(alone.shift) if alone else 0.0
+        least = abs(on.shift) if on else 0.0
         if c and visit and abs(visit.shift) > max(c.u, least):
             return "visit", visit
-        if c and alone and abs(alone.shift) > c.u:
-            return "trial", alone
         if on and trial:
             return "trial", replace(trial, shift=on.shift)
         return ("visit", self.rests_on_visit.moved) if c and self.rests_on_visit else None
@@ -330,7 +316,7 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
-        headline = self.every[self.first_quotable]
+        headline = self.coefficients[self.first_quotable]
         trial = headline.influence.trial
         turns = {}
         for name, on in (("trial", self.rests_on), ("visit", self.rests_on_visit)):

@@ -23,27 +23,24 @@ class Law:
     boundary.
 
     `apart_s` is the time per thousand trials where they have more than `likelihood.stations.MOST`
-    distances, so that every trial is whitened; `flown_s` that of windows of flight, whose commands
-    draw the posterior out. Measured on the campaigns of docs/benchmarks.md ("Memory of a fit and a
-    diagnosis"), flights on CrazyPAD's.
+    distances, so that every trial is whitened. Measured on the campaigns of docs/benchmarks.md
+    ("Memory of a fit and a diagnosis").
     """
 
     start_s: float
     each_s: float
     apart_s: float
-    flown_s: float
     start_MB: float
     each_MB: float
 
     def cost(self, data: Observations) -> tuple[float, float]:
         """Seconds and MB for these trials."""
         each = self.apart_s if len(np.unique(data.z_hat)) > MOST else self.each_s
-        each = self.flown_s if data.in_flight else each
         return self.start_s + each * data.n / 1000, self.start_MB + self.each_MB * data.n / 1000
 
 
-FIT = Law(start_s=3.0, each_s=0.5, apart_s=7.0, flown_s=20.0, start_MB=290.0, each_MB=10.0)
-DIAGNOSE = Law(start_s=4.0, each_s=0.6, apart_s=0.6, flown_s=1.0, start_MB=290.0, each_MB=17.0)
+FIT = Law(start_s=3.0, each_s=0.5, apart_s=7.0, start_MB=290.0, each_MB=10.0)
+DIAGNOSE = Law(start_s=4.0, each_s=0.6, apart_s=0.6, start_MB=290.0, each_MB=17.0)
 
 
 def announce(

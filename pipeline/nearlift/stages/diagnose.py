@@ -29,7 +29,6 @@ from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense, store
 from nearlift.run.job import Job, Outcome, Say, part
 from nearlift.run.store import Table, stacked
-from nearlift.stages import flown
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, interim_look, observe
 
@@ -104,8 +103,6 @@ def run(job: Job) -> Outcome:
         )
     job.write(LOOP_RESIDUALS, stacked(LOOP_RESIDUALS, residuals))
     job.save(DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries=findings))
-    quoted, more_notes = flown.quoted(job, trials, quoted)
-    notes += more_notes
     job.save(Results(boundaries=quoted))
     return Outcome(notes=tuple(notes))
 

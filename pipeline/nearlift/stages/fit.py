@@ -22,12 +22,12 @@ from nearlift.likelihood.noise import REPEATS
 from nearlift.likelihood.problem import height_slope
 from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROFILES, TRIALS
-from nearlift.results.fit import FitResults, Influence, ModelComparison, ModelFit
+from nearlift.results.fit import FitResults, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run import expense
 from nearlift.run.job import Job, Outcome, part
 from nearlift.run.store import Table, stacked
-from nearlift.stages import flown, screening
+from nearlift.stages import screening
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
 
@@ -67,10 +67,6 @@ def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[Lif
     return base, tuple(m for m in rivals if m.name != base.name)
 
 
-#: Of coefficients that are refused nobody asks what a trial or a prior would do to them.
-REFUSED = Influence(
-    why_not="the model's coefficients are refused, and no posterior of them is drawn either"
-)
 #: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
 #: errors are not there.
 SURELY_LESS = 1e-6
@@ -96,7 +92,6 @@ def run(job: Job) -> Outcome:
     count, done = sum(1 + len(rivals) for _, rivals in choices.values()), itertools.count()
     for boundary in present:
         data = observe(trials, job.campaign, boundary)
-        refused = bool(flown.refusal(job.campaign, data))
         expense.announce(job.announce, f"fit {boundary}", expense.FIT, data)
         base, rivals = choices[boundary]
         fits, failed = dict[str, ModelFit](), dict[str, str]()
@@ -131,14 +126,11 @@ def run(job: Job) -> Outcome:
                     results.held_quantity[boundary],
                     results.rotor_coefficient[boundary],
                 ) = assumptions.check(job.campaign, result)
-                screened = REFUSED if refused else screening.screen(result, parts, trials)
+                screened = screening.screen(result, parts, trials)
                 results.influence[boundary] = screened
                 notes += screening.notes(boundary, screened)
-            if not refused:
-                fits[model.name], more = posteriors.added(
-                    result, fits[model.name], model is base, say
-                )
-                notes += more
+            fits[model.name], more = posteriors.added(result, fits[model.name], model is base, say)
+            notes += more
             if model is base:
                 notes += overdeclared(result)
                 # after its posterior, whose shape may be a doubt
@@ -154,8 +146,6 @@ def run(job: Job) -> Outcome:
     posteriors.write()
     job.write(PROFILES, stacked(PROFILES, rows))
     job.save(results)
-    quoted, more_notes = flown.quoted(job, trials, quoted)
-    notes += more_notes
     job.save(Results(boundaries=quoted))
     if job.campaign.fit.netcdf:
         from nearlift.stages import netcdf

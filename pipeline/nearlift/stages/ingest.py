@@ -24,7 +24,7 @@ from nearlift.reduction import plausibility, quality
 from nearlift.reduction.record import prepare
 from nearlift.run import intact, store
 from nearlift.run.job import Job, Outcome
-from nearlift.stages import flights, judge, segments, sums
+from nearlift.stages import judge, segments, sums
 from nearlift.stages.rows import WORTH_A_THREAD, Rows, Task, answered, reduce_piece
 
 #: What a manifest says wrong if all records carry a code.
@@ -38,15 +38,6 @@ MISDESCRIBED = {
         '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s",'
         " and settle for its head"
     ),
-}
-#: The same of flight logs.
-IN_FLIGHT = {
-    "CONTACT": "; mend airborne, or the sign and unit of velocity, under [flight]",
-    "FULL_COMMAND": "; mend full under [flight] command, or fly a lighter vehicle",
-    "ZERO_COMMAND": "; is command under [flight] the right columns?",
-    "OUT_OF_RANGE": "; a column under [flight] holds no numbers while the vehicle flies",
-    "NO_HEIGHT": "; mend range, sign or zero of height under [flight]",
-    "TILTED": "; mend tilt, or the unit of attitude, under [flight]",
 }
 #: A record whose samples scatter by more than this part of its lift may be a sweep; where the
 #: first few are none, no more are looked at.
@@ -112,8 +103,7 @@ def run(job: Job) -> Outcome:
         if not campaign.cuts_records:
             rows, more = _from_records(job, reader, schedule)
         else:
-            cut = segments if campaign.flight is None else flights
-            schedule, rows, more = cut.from_records(job, reader, schedule)
+            schedule, rows, more = segments.from_records(job, reader, schedule)
             _known(campaign.quality.exclude, schedule, by_record=True)
         notes += [*more, *_of_the_tare(campaign), *(swept := _swept(job, reader, schedule, rows))]
     else:
@@ -129,25 +119,22 @@ def run(job: Job) -> Outcome:
     bad = quality.rejected(table["quality"])
     if bad.all():
         # where the unit is at fault, say so, rather than that the cell was at its end
-        if campaign.flight is None:
-            unit, key = judge.unit_of(campaign)
-            blank = {**table, "quality": np.full(len(bad), "", dtype=object)}
-            weight = campaign.vehicle.mass * campaign.rig.gravity
-            plausibility.against_weight(blank, weight, unit, key)
+        unit, key = judge.unit_of(campaign)
+        blank = {**table, "quality": np.full(len(bad), "", dtype=object)}
+        weight = campaign.vehicle.mass * campaign.rig.gravity
+        plausibility.against_weight(blank, weight, unit, key)
         counts = Counter(
             code for text in table["quality"] for code in text.split() if code.isupper()
         )
         reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
-        remedies = MISDESCRIBED if campaign.flight is None else IN_FLIGHT
-        # a log stands on the floor at its ends whatever is wrong with it
-        aloft = [name for name, _ in counts.most_common() if name != "CONTACT"]
-        worst = quality.code([*aloft, *counts][0])
+        worst = quality.code(counts.most_common(1)[0][0])
+        remedy = MISDESCRIBED.get(worst.name, "")
         # what is wrong with the first says more than what the code means
         fault = next((f for f in table["fault"] if f), "") if worst.name == "MALFORMED" else ""
         raise InputRefused(
             str(job.root),
             f"all {len(bad)} trials are rejected ({reasons})",
-            *(swept or [f"{worst.name}: {fault or worst.meaning}{remedies.get(worst.name, '')}"]),
+            *(swept or [f"{worst.name}: {fault or worst.meaning}{remedy}"]),
         )
     job.write(TRIALS, table)
     rejected = tuple(

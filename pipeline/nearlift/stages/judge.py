@@ -107,10 +107,6 @@ def unit_of(campaign: Campaign) -> tuple[str, str]:
 def judge(table: store.Table, campaign: Campaign) -> list[str]:
     """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
     weight = campaign.vehicle.mass * campaign.rig.gravity
-    if campaign.flight is not None:
-        # no command comes twice, and lift was weighed against the mass itself
-        _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))
-        return _same(table, campaign)
     unit, key = unit_of(campaign)
     plausibility.against_weight(table, weight, unit, key)
     _mark(table, "IMPLAUSIBLE", plausibility.implausible(table["lift_N"], weight))

@@ -47,7 +47,6 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         # within them is no condition that they were run under
         covariates = {k: v for k, v in covariates.items() if k != "piece" and k[:3] != "sd_"}
         record = _in_order(trials["record"][mine].astype(str))
-    if campaign.segments is not None:
         u_zero_N = np.nan_to_num(np.asarray(trials["u_zero_N"][mine], dtype=float))
         u_lift_N = np.sqrt(np.maximum(u_lift_N**2 - u_zero_N**2, 0.0))
     session = (
@@ -71,10 +70,6 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
         ordered=campaign.trials.order == "run",
     )
     levels = campaign.levels
-    if levels is None and campaign.flight is not None:
-        # no command comes twice
-        names = ["throttle"] if campaign.flight.supply is None else ["throttle", "supply_V"]
-        return with_curve(data, names, 1)
     if levels is None or levels.by == "throttle":
         return data
     names = [BY_NAME[name].inside if name in BY_NAME else name for name in levels.of]

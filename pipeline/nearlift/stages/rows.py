@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -39,8 +39,6 @@ class Task:
     piece: Piece
     tare_after_N: Mapping[str, float]
     inputs: Mapping[str, str]
-    #: Of records that are flights: from the logged height to the rotor plane, if near a boundary.
-    offset_m: Mapping[str, float] = field(default_factory=dict)
 
 
 class Rows:

@@ -5,16 +5,13 @@ the schedule of trials is made of what the pieces bring.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift import readers
-from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.readers import files, segments
 from nearlift.readers.expanded import schedule_of_trials
@@ -23,7 +20,6 @@ from nearlift.readers.row import Row
 from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces, Segmented
-from nearlift.reduction.motor_lag import GRID, LagMoments
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.run.job import Job
 from nearlift.stages.rows import (
@@ -45,9 +41,6 @@ FURTHER = ("u_zero_N",)
 class CutRecord:
     """What one worker answers for one record: a row for each of its pieces, or one for a record
     without any; what was counted; and why the record cannot be read as the manifest asks.
-
-    Of a flight the pieces are windows: `clean` are those without a code, `command` (windows, T) is
-    what their rotors were told behind each lag of the grid, and `stretches` tell the lag.
     """
 
     record: str
@@ -55,13 +48,6 @@ class CutRecord:
     pieces: Pieces = field(default_factory=Pieces)
     counts: Counter[str] = field(default_factory=Counter)
     refusal: InputRefused | None = None
-    clean: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=bool))
-    command: FloatArray = field(default_factory=lambda: np.empty((0, len(GRID))))
-    stretches: tuple[LagMoments, ...] = ()
-
-
-#: Makes a record's answer, from its task, its place in it and the digests known so far.
-Cut = Callable[[Task, int, dict[str, str]], CutRecord]
 
 
 def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule, Rows, list[str]]:
@@ -73,14 +59,22 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
         No record is there, or most cannot be read or cut as the manifest says: the first one's
         refusal.
     """
-    answers = answers_of(job, reader, schedule, _answer)
-    pieces = {r: a.pieces for r, a in answers.items()}
-    trials, rows, notes = expanded(job, schedule, answers, pieces, FURTHER)
-    return trials, rows, [*notes, *_counted(list(answers.values())), *rows.remarks()]
+    answers = _answers(job, reader, schedule)
+    pieces = {record: answer.pieces for record, answer in answers.items()}
+    ids = schedule.trial.tolist()
+    trials = schedule_of_trials(job.campaign, job.root, pieces)
+    rows, at = Rows(len(trials), FURTHER), 0
+    for record in ids:
+        # a record that is not there has a row that is MISSING
+        if record in answers:
+            rows.put_all(at, answers[record].rows)
+        at += len(answers[record].rows.codes) if record in answers else 1
+    notes = [*unlisted(job.campaign, job.root, ids), *_counted(list(answers.values()))]
+    return trials, rows, [*notes, *rows.remarks()]
 
 
-def answers_of(job: Job, reader: Reader, schedule: Schedule, cut: Cut) -> dict[str, CutRecord]:
-    """What workers answer for each record that is there; raises as `from_records`."""
+def _answers(job: Job, reader: Reader, schedule: Schedule) -> dict[str, CutRecord]:
+    """The answer for each record that is there; raises as `from_records`."""
     campaign, ids = job.campaign, schedule.trial.tolist()
     form = segments.format_of(reader)
     form.checked_dialect(campaign.records.dialect)
@@ -95,7 +89,7 @@ def answers_of(job: Job, reader: Reader, schedule: Schedule, cut: Cut) -> dict[s
     refusals: list[InputRefused] = []
     small = not form.child and sum(n for _, n in there.values()) < WORTH_A_THREAD * len(there)
     tasks = _tasks(job, there, schedule)
-    for portion in answered(job.executor, partial(each_record, cut=cut), tasks, small):
+    for portion in answered(job.executor, each_record, tasks, small):
         answers |= {answer.record: answer for answer in portion}
         refusals += [answer.refusal for answer in portion if answer.refusal]
         if 2 * len(refusals) > len(there):
@@ -104,32 +98,9 @@ def answers_of(job: Job, reader: Reader, schedule: Schedule, cut: Cut) -> dict[s
     return answers
 
 
-def expanded(
-    job: Job,
-    schedule: Schedule,
-    answers: Mapping[str, CutRecord],
-    pieces: Mapping[str, Pieces],
-    further: tuple[str, ...] = (),
-) -> tuple[Schedule, Rows, list[str]]:
-    """The schedule of all pieces, their rows, and a note of files that `schedule` does not list."""
-    trials, ids = schedule_of_trials(job.campaign, job.root, pieces), schedule.trial.tolist()
-    rows, at = Rows(len(trials), further), 0
-    for record in ids:
-        # a record that is not there has a row that is MISSING
-        if record in answers:
-            rows.put_all(at, answers[record].rows)
-        at += len(answers[record].rows.codes) if record in answers else 1
-    return trials, rows, list(unlisted(job.campaign, job.root, ids))
-
-
 def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) -> Iterator[Task]:
     after = schedule.covariates.get("tare_after_N")
     zero = dict(zip(schedule.trial, after, strict=True)) if after is not None else {}
-    rig, near = job.campaign.rig, schedule.boundary != "none"
-    offset = {
-        trial: rig.offset(side)
-        for trial, side in zip(schedule.trial[near], schedule.boundary[near], strict=True)
-    }
     for piece in files.pieces(there):
         yield Task(
             root=job.root,
@@ -137,11 +108,10 @@ def _tasks(job: Job, there: Mapping[str, tuple[Path, int]], schedule: Schedule) 
             piece=piece,
             tare_after_N={trial: zero[trial] for trial in piece.trials if trial in zero},
             inputs=job.inputs,
-            offset_m={trial: offset[trial] for trial in piece.trials if trial in offset},
         )
 
 
-def each_record(task: Task, *, cut: Cut) -> list[CutRecord]:
+def each_record(task: Task) -> list[CutRecord]:
     """The answer for each record of a task; of one over which something is raised, a MALFORMED row.
 
     Runs in any thread or process, and raises as `reduce_piece`.
@@ -149,7 +119,7 @@ def each_record(task: Task, *, cut: Cut) -> list[CutRecord]:
     answers, digests = list[CutRecord](), dict(task.inputs)
     for i, record in enumerate(task.piece.trials):
         try:
-            answers.append(cut(task, i, digests))
+            answers.append(_answer(task, i, digests))
         except Exception as fault:
             if not is_of_the_record(fault):
                 raise

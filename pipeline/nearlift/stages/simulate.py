@@ -125,9 +125,7 @@ def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, Fitted
         groups, how = conditions(
             chosen, boundary, craft, contact_m, key, job.executor.map, job.campaign.vehicle.mass
         )
-        # the command of a flight is its throttle
-        said = job.campaign.rig.held
-        held = "throttle" if said == "command" else said
+        held = job.campaign.rig.held
         fitted[boundary], rows = fitted_flights(lift, chosen, groups, how, held, craft, job.seed)
         rates += rows
     return fitted, rates

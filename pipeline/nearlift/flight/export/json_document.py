@@ -84,7 +84,7 @@ SCHEMA: dict[str, object] = {
             "trials_sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
             "date": _TEXT,
             "rotor_radius_m": {"type": "number", "exclusiveMinimum": 0},
-            "held": {"enum": ["throttle", "voltage", "rpm", "power", "command"]},
+            "held": {"enum": ["throttle", "voltage", "rpm", "power"]},
             "boundaries": {"type": "object", "additionalProperties": _BOUNDARY},
         }
     ),

@@ -126,7 +126,7 @@ def _omits(evidence: Evidence, boundary: Boundary) -> str:
     if len(words) > 1:
         words[0] += " (most important)"
     declared = {part.on for part in components(evidence.campaign)}
-    if words and not (evidence.campaign.flight or declared & CELL):
+    if words and not declared & CELL:
         words.append("load cell")
     return f"errors of {listed(words)}: none is declared" if words else ""
 
@@ -168,17 +168,14 @@ def leads(c: CoefficientResult) -> list[tuple[str, float]]:
 
 
 def _influence(quoted: BoundaryResult) -> str:
-    """The trial and the visit, or of flights the start, that move most what the trials tell."""
+    """The trial and the visit that move the first quotable coefficient most."""
     name = quoted.first_quotable
     if not name:
         return ""
-    c, flown = quoted.quotable[name], name in (quoted.in_flight or {})
+    c = quoted.quotable[name]
     moves = [
         f"by {signed(one.shift, decimals(c.u) + 1)} without {kind}{one.place}"
-        for kind, one in (
-            ("trial ", c.influence.trial),
-            ("" if flown else "visit ", c.influence.visit),
-        )
+        for kind, one in (("trial ", c.influence.trial), ("visit ", c.influence.visit))
         if one is not None
     ]
     return f"{letter(name)} {', '.join(moves)}" if moves and 0 < c.u < math.inf else ""

@@ -106,13 +106,12 @@ def _design(evidence: Evidence) -> str:
     if free := int((trials["boundary"] == "none").sum()):
         parts.append(f"in free air, {_plural(free, 'trial')}")
     radius = plain(1e3 * vehicle.rotor_radius)
-    tethered = evidence.campaign.flight is None
     simulated = "The records were simulated, not measured. " if evidence.campaign.simulated else ""
     return (
-        f"{simulated}Lift of a {'tethered rotorcraft' if tethered else 'rotorcraft in flight'}"
+        f"{simulated}Lift of a tethered rotorcraft"
         f" ({_safe(vehicle.name)}: {_plural(vehicle.rotors, 'rotor')} of radius {radius} mm) was"
         f" {'simulated' if simulated else 'measured'}"
-        f"{f' with the {rig.held} held constant' if tethered else ''}: "
+        f" with the {rig.held} held constant: "
         rf"{'; '.join(parts)}; $\hat z$ is the distance over the rotor radius."
     )
 
@@ -122,11 +121,6 @@ def _reduction(evidence: Evidence) -> str:
     out = rejected(trials["quality"])
     if evidence.campaign.records.reader == "means":
         text = "Mean lifts of trials were taken as they were recorded. "
-    elif (flight := evidence.campaign.flight) is not None:
-        text = (
-            f"Each trial is a window of {plain(flight.window)} s of flight, whose lift is the mass"
-            " times the specific force along the rotor axis. "
-        )
     else:
         rate = f" at {plain(cell.sample_rate)} Hz" if cell.sample_rate else ""
         tare = {"none": "without a tare", 0.0: "tared beforehand"}.get(

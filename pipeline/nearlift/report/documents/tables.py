@@ -64,7 +64,7 @@ def coefficients(evidence: Evidence) -> Columns:
     rows = []
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
-        for name, c in quoted.every.items():
+        for name, c in quoted.coefficients.items():
             stated = COEFFICIENT if c.refused is None else ("holds",)
             rows.append(
                 {
@@ -94,7 +94,7 @@ def coefficients_table(evidence: Evidence) -> str:
             rf"{mathematics(n)} refused & "
             if c.refused is not None
             else rf"{_equal(mathematics(n))} \num{{{_value(c)}}}$ & {_interval(c)}"
-            for n, c in quoted.every.items()
+            for n, c in quoted.coefficients.items()
         ] or ["none & "]
         lines.append(
             f"{boundary} & {title} & {rows[0]} & {escape(VERDICTS[quoted.verdict])} " + r"\\"

@@ -83,7 +83,6 @@ STAGE = Stage(
         "load_cell",
         "records",
         "segments",
-        "flight",
         "trials",
         "quality",
     ),
