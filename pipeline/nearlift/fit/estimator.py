@@ -142,7 +142,6 @@ class Estimator:
             dof=float(self.dof[i]),
             unit=parameter.unit,
             **ends(spans, reach, parameter.bounds),
-            refused=None,
             holds=holds
             + (f"; cut off at {' and '.join(cut)}, the bound of {parameter.name}" if cut else "")
             + ".",

@@ -200,15 +200,11 @@ def count(product: Product, value: int, how: str) -> Number:
 
 def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
     """A coefficient as it is to be quoted: without u where ± would not
-    say the interval, in a word where the trials cannot tell it.
+    say the interval.
     """
     place = quotation(evidence, boundary, name)
     coefficient = evidence.quoted(boundary).coefficients[name]
     quoted = place.quote(name=name)
-    if coefficient.refused is not None:
-        nothing = Number(text="–", value=math.nan, source=place.source("refused"))
-        refused = replace(nothing, text=coefficient.estimate)
-        return replace(quoted, value=refused, u=None, lo90=nothing, hi90=nothing, at_bound=False)
     return quoted if coefficient.even else replace(quoted, u=None)
 
 

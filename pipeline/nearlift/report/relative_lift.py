@@ -68,20 +68,17 @@ def as_quoted(evidence: Evidence, boundary: Boundary) -> bool:
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
     """The line that belongs to the cells: the quoted model's L / L_inf - 1 over distance, its
-    effects aside, and its 90 % band; of a model with a refused coefficient what least squares would
-    say, without a band.
+    effects aside, and its 90 % band.
     """
     model, fit = evidence.base(boundary)
     quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
-    if not (quoted.refused or as_quoted(evidence, boundary)):
+    if not as_quoted(evidence, boundary):
         return curves.band(evidence, boundary, z_hat)
     values = {**known, **fit.values, **{n: c.value for n, c in quoted.coefficients.items()}}
-    middle = plain = curves.fitted(evidence, boundary, fit, z_hat) - 1
-    low = high = np.full_like(plain, np.nan)
-    if not quoted.refused:
-        middle = curves.ratio(model, z_hat, values) - 1
-        plain = middle if named(evidence, boundary) else plain
-        low, high = _band(quoted, model, z_hat, values, middle)
+    middle = curves.ratio(model, z_hat, values) - 1
+    plain = curves.fitted(evidence, boundary, fit, z_hat) - 1
+    plain = middle if named(evidence, boundary) else plain
+    low, high = _band(quoted, model, z_hat, values, middle)
     return curves.Curve(middle=middle, low=low, high=high, least_squares=plain, sampled=False)
 
 

@@ -131,8 +131,6 @@ class CoefficientResult:
         What the interval allows for, in a sentence.
     answers : int
         How many explanations that the design cannot tell apart the interval is over.
-    refused : str or None
-        Why these trials cannot tell it; it is then known to no more than its declared range.
     """
 
     value: float
@@ -151,7 +149,6 @@ class CoefficientResult:
     doubts: tuple[Doubt, ...] = ()
     at_bound: bool = False
     answers: int = 1
-    refused: str | None = optional()
 
     @property
     def even(self) -> bool:
@@ -163,18 +160,12 @@ class CoefficientResult:
 
     @property
     def estimate(self) -> str:
-        """``1.98 ± 0.03``; the value alone where the interval has to be printed instead, and
-        ``refused`` where the trials cannot tell it.
-        """
-        if self.refused is not None:
-            return "refused"
+        """``1.98 ± 0.03``; the value alone where the interval has to be printed instead."""
         return plus_minus(self.value, self.u) if self.even else like(self.value, self.u)
 
     @property
     def interval(self) -> str:
         """``1.92 to 2.04``, the interval of 90 %."""
-        if self.refused is not None:
-            return "–"
         return f"{like(self.lo90, self.u)} to {like(self.hi90, self.u)}"
 
 
@@ -261,38 +252,18 @@ class BoundaryResult:
         return next(iter(self.coefficients), "")
 
     @property
-    def first_quotable(self) -> str:
-        """The headline; where it was refused, the first that the trials tell, if there is one."""
-        return self.headline if self.headline in self.quotable else next(iter(self.quotable), "")
-
-    @property
-    def quotable(self) -> dict[str, CoefficientResult]:
-        """The coefficients, without those that were refused."""
-        return {n: c for n, c in self.coefficients.items() if c.refused is None}
-
-    @property
-    def refused(self) -> dict[str, str]:
-        """Coefficients that the trials cannot tell, and why."""
-        return {n: c.refused for n, c in self.coefficients.items() if c.refused is not None}
-
-    @property
     def claim(self) -> str:
         """The named effects, or else the verdict."""
         return " and ".join(self.effects) or self.verdict.replace("_", " ")
 
     @property
     def headline_text(self) -> str:
-        """The first that the trials tell as `stated`; empty where there is none."""
-        first = next(iter({**self.quotable, **self.coefficients}), "")
-        return self.stated(first) if first else ""
+        """The headline as `stated`; empty where there is none."""
+        return self.stated(self.headline) if self.headline else ""
 
     def stated(self, name: str) -> str:
-        """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it, or
-        ``K_b refused``.
-        """
+        """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it."""
         c = self.coefficients[name]
-        if c.refused is not None:
-            return f"{letter(name)} {c.estimate}"
         ends = "" if c.even else f" (90 %: {c.interval})"
         return f"{letter(name)} = {c.estimate}{ends}"
 
@@ -301,7 +272,7 @@ class BoundaryResult:
         """The single visit or trial that the answer rests on, whichever moves it more; None where
         it rests on none.
         """
-        c, on = self.quotable.get(self.first_quotable), self.rests_on
+        c, on = self.coefficients.get(self.headline), self.rests_on
         visit, trial = (c.influence.visit, c.influence.trial) if c else (None, None)
         least = abs(on.shift) if on else 0.0
         if c and visit and abs(visit.shift) > max(c.u, least):
@@ -316,7 +287,7 @@ class BoundaryResult:
         if self.hinge is None:
             return ""
         kind, moved = self.hinge
-        headline = self.coefficients[self.first_quotable]
+        headline = self.coefficients[self.headline]
         trial = headline.influence.trial
         turns = {}
         for name, on in (("trial", self.rests_on), ("visit", self.rests_on_visit)):
@@ -332,7 +303,7 @@ class BoundaryResult:
             now = turned or self.verdict
             return f"the verdict is a near thing: without {kind} {moved.place} it is {now}{also}"
         sign = "+" if moved.shift > 0 else ""
-        moves = f"{noun(self.first_quotable)} moves by {sign}{plain(moved.shift, 2)}"
+        moves = f"{noun(self.headline)} moves by {sign}{plain(moved.shift, 2)}"
         other = f"the verdict is {turned} and " if turned else ""
         to = like(headline.value + moved.shift, headline.u)
         return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"

@@ -116,7 +116,7 @@ def reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
     said += [s.text for s in suspects if s.text not in said]
     said += [
         f"{letter(name)} ends at a bound of its range"
-        for name, c in quoted.quotable.items()
+        for name, c in quoted.coefficients.items()
         if c.at_bound
     ]
     if quoted.verdict == NOT_DIAGNOSED:
@@ -138,7 +138,7 @@ def reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
 
 def _apart(quoted: BoundaryResult) -> bool:
     """Whether the headline with some rival is farther than u from what is quoted."""
-    headline = quoted.quotable.get(quoted.headline)
+    headline = quoted.coefficients.get(quoted.headline)
     return headline is not None and any(
         d.explanation and abs(d.value - headline.value) > headline.u for d in headline.doubts
     )
@@ -148,7 +148,7 @@ def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryRe
     """The rivals of a named effect, alone and two together, with the headline by each."""
     others = diagnosis.stand_ins(effect)
     alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
-    headline = quoted.quotable.get(quoted.headline)
+    headline = quoted.coefficients.get(quoted.headline)
     values = {d.explanation: plain(d.value, 2) for d in headline.doubts} if headline else {}
 
     def with_value(name: str, equals: str = "") -> str:
@@ -229,7 +229,7 @@ def unseen(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:
     that is more than its u; and the effect.
     """
     quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
-    headline = quoted.quotable.get(quoted.headline)
+    headline = quoted.coefficients.get(quoted.headline)
     if not (headline and diagnosis and diagnosis.silent):
         return None
     most = max(diagnosis.silent, key=lambda s: s.bias_at_detection_limit)

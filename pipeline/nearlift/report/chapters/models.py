@@ -159,7 +159,7 @@ def noise(evidence: Evidence) -> dict[str, object]:
     """How trials scatter, and what the manifest declares that repeats cannot show."""
     rows = []
     for boundary in evidence.boundaries:
-        quoted = evidence.quoted(boundary).quotable.values()
+        quoted = evidence.quoted(boundary).coefficients.values()
         rows.append(
             {
                 "place": Place(evidence, FIT, ("noise", boundary)),

@@ -50,7 +50,7 @@ def budget(evidence: Evidence) -> dict[str, object]:
     tables = [
         _budget(evidence, b, name, c)
         for b in evidence.boundaries
-        for name, c in evidence.quoted(b).quotable.items()
+        for name, c in evidence.quoted(b).coefficients.items()
         if c.budget
     ]
     return {
@@ -110,7 +110,7 @@ def limits(evidence: Evidence) -> dict[str, object]:
             for halving in evidence.base(boundary)[1].would_halve.values()
             for text in (*(k.text for k in halving.knowledge), halving.repeats.text)
         ]
-        bound = [name for name, c in evidence.quoted(boundary).quotable.items() if c.at_bound]
+        bound = [name for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
         sections.append({"boundary": boundary, "halves": halves, "bound": bound})
     return {"sections": sections}
 

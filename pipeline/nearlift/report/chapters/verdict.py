@@ -4,7 +4,6 @@ gravest doubt, and what to measure next.
 
 from __future__ import annotations
 
-from nearlift.nomenclature import letter
 from nearlift.products import RESULTS
 from nearlift.report.chapters import doubts
 from nearlift.report.documents.brief import Brief, briefs
@@ -23,7 +22,7 @@ def facts(evidence: Evidence) -> dict[str, object]:
 def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
     """What the first screen says of one boundary."""
     boundary, quoted = brief.boundary, brief.quoted
-    coefficients = [headline(evidence, boundary, name) for name in quoted.quotable]
+    coefficients = [headline(evidence, boundary, name) for name in quoted.coefficients]
     strays, _ = doubts.goodness(evidence, boundary)
     return {
         "brief": brief,
@@ -33,8 +32,7 @@ def card(evidence: Evidence, brief: Brief) -> dict[str, object]:
         "headline": coefficients[0] if coefficients else None,
         "coverage": coverage(quoted.headline),
         "others": coefficients[1:],
-        "holds": next((c.holds for c in quoted.quotable.values()), ""),
-        "refused": {letter(name): why for name, why in quoted.refused.items()},
+        "holds": next((c.holds for c in quoted.coefficients.values()), ""),
         "left_out": evidence.left_out,
         "tone": TONES.get(quoted.verdict, "bad" if strays else "fair"),
     }

@@ -168,11 +168,11 @@ def leads(c: CoefficientResult) -> list[tuple[str, float]]:
 
 
 def _influence(quoted: BoundaryResult) -> str:
-    """The trial and the visit that move the first quotable coefficient most."""
-    name = quoted.first_quotable
+    """The trial and the visit that move the headline most."""
+    name = quoted.headline
     if not name:
         return ""
-    c = quoted.quotable[name]
+    c = quoted.coefficients[name]
     moves = [
         f"by {signed(one.shift, decimals(c.u) + 1)} without {kind}{one.place}"
         for kind, one in (("trial ", c.influence.trial), ("visit ", c.influence.visit))

@@ -281,15 +281,11 @@ def _results(evidence: Evidence) -> str:
         estimates = [
             f"{mathematics(name)} = {c.estimate}"
             f" ({f'{coverage(name)}; ' if c.even else ''}90 %: {c.interval})"
-            for name, c in quoted.quotable.items()
+            for name, c in quoted.coefficients.items()
         ]
-        for first in [*quoted.quotable.values()][:1]:
+        for first in [*quoted.coefficients.values()][:1]:
             holds = _safe(titled(first.holds)).removesuffix(".")
             parts.append(f"Near the {boundary}, {listed(estimates)}. {holds}.{_scatter(first)}")
-        parts += [
-            f"Near the {boundary}, {mathematics(name)} is {_safe(titled(why)).removesuffix('.')}."
-            for name, why in quoted.refused.items()
-        ]
     return " ".join(parts)
 
 

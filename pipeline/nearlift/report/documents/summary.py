@@ -37,7 +37,7 @@ def summary(evidence: Evidence) -> bytes:
 
 
 def _block(brief: Brief) -> list[str]:
-    coefficients = brief.quoted.quotable
+    coefficients = brief.quoted.coefficients
     names = {name: letter(name) for name in coefficients}
     lines = _wrapped(f"[[{brief.boundary.capitalize()}]] {brief.verdict}", "    ")
     if not brief.quoted.coefficients:
@@ -50,9 +50,7 @@ def _block(brief: Brief) -> list[str]:
         lines.append(
             f"    {names[name]:<{wide}} {values[name]:<{width}}   90 %: {c.interval}{bound}"
         )
-    refused = [(letter(name), why) for name, why in brief.quoted.refused.items()]
     for label, text in (
-        *refused,
         ("omits", brief.omits),
         ("error", brief.error),
         ("budget", brief.sources),

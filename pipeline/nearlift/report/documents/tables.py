@@ -65,7 +65,6 @@ def coefficients(evidence: Evidence) -> Columns:
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
         for name, c in quoted.coefficients.items():
-            stated = COEFFICIENT if c.refused is None else ("holds",)
             rows.append(
                 {
                     "boundary": boundary,
@@ -74,7 +73,7 @@ def coefficients(evidence: Evidence) -> Columns:
                     "effects": " + ".join(quoted.effects),
                     "parameter": name,
                     "unit": c.unit,
-                    **{field: getattr(c, field) for field in stated},
+                    **{field: getattr(c, field) for field in COEFFICIENT},
                 }
             )
     return stack(rows, names)
@@ -91,9 +90,7 @@ def coefficients_table(evidence: Evidence) -> str:
             )
         )
         rows = [
-            rf"{mathematics(n)} refused & "
-            if c.refused is not None
-            else rf"{_equal(mathematics(n))} \num{{{_value(c)}}}$ & {_interval(c)}"
+            rf"{_equal(mathematics(n))} \num{{{_value(c)}}}$ & {_interval(c)}"
             for n, c in quoted.coefficients.items()
         ] or ["none & "]
         lines.append(
@@ -117,7 +114,7 @@ def budget(evidence: Evidence) -> Columns:
     rows: list[dict[str, object]] = []
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
-        for name, c in quoted.quotable.items():
+        for name, c in quoted.coefficients.items():
             shared = {"boundary": boundary, "model": quoted.base_model, "coefficient": name}
             rows += [{**shared, **_fields(line, BUDGET)} for line in c.budget]
             combined = {"source": "combined", "u": c.u, "u_without": 0.0, "dof": c.dof}
@@ -156,7 +153,7 @@ def budget_table(evidence: Evidence) -> str:
     lines: list[str] = []
     marked = False
     for boundary in evidence.boundaries:
-        for name, coefficient in evidence.quoted(boundary).quotable.items():
+        for name, coefficient in evidence.quoted(boundary).coefficients.items():
             lines += [r"\addlinespace"] if lines else []
             label = f"{mathematics(name)}, {boundary}"
             few = badly_known(coefficient)

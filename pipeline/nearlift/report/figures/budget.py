@@ -39,7 +39,7 @@ def summarise(evidence: Evidence) -> Columns:
     budgets = [
         (b, name, c)
         for b in evidence.boundaries
-        for name, c in evidence.quoted(b).quotable.items()
+        for name, c in evidence.quoted(b).coefficients.items()
         if c.budget
     ]
     return bars(budgets)

@@ -242,9 +242,7 @@ def coefficients(
     """
     rows = []
     when = "after" if diagnosis.verdict == "effect" else "before"
-    quoted = evidence.quoted(boundary).coefficients.items()
-    stated = [(name, c) for name, c in quoted if c.refused is None]
-    for name, c in stated[:COEFFICIENTS]:
+    for name, c in [*evidence.quoted(boundary).coefficients.items()][:COEFFICIENTS]:
         number = LoopNumber(
             kind="quoted",
             when=when,

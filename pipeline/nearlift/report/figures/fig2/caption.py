@@ -77,9 +77,6 @@ def _line_note(evidence: Evidence, table: Columns) -> str:
     if plainly := [b for b in evidence.boundaries if relative_lift.as_quoted(evidence, b)]:
         coefficients = "the quoted coefficients', with the band of their uncertainties"
         beside += f"; {', '.join(plainly)}: {coefficients}"
-    if refused := [b for b in evidence.boundaries if evidence.quoted(b).refused]:
-        without = "what least squares would say, without a band, since its coefficients are refused"
-        beside += f"; {', '.join(refused)}: {without}"
     said = (
         "Solid line and shade: base model, its posterior's pointwise median and central 90 %;"
         f" {beside}."
@@ -120,9 +117,9 @@ def _moved(fit: ModelFit) -> str:
 
 def _coefficients(quoted: BoundaryResult) -> str:
     """Those to be quoted, and what ± means where it stands."""
-    parts = [quoted.stated(n) for n in quoted.quotable]
+    parts = [quoted.stated(n) for n in quoted.coefficients]
     parts += [coverage(quoted.headline)] if any("±" in t for t in parts) else []
-    return ", ".join([*parts, *(quoted.stated(n) for n in quoted.refused)])
+    return ", ".join(parts)
 
 
 def _influence_note(evidence: Evidence, boundary: Boundary) -> str:

@@ -9,7 +9,6 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray
-from nearlift.nomenclature import letter
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, distinct, levels_N, select, stack
 from nearlift.report.figures.fig2 import table as fig2
@@ -190,8 +189,6 @@ def _models(
 
 def _source(evidence: Evidence, boundary: Boundary, curve: curves.Curve, apart: bool) -> str:
     """What the line is from; `apart` says that it can be told from least squares."""
-    if refused := evidence.quoted(boundary).refused:
-        return f"least squares: {', '.join(map(letter, refused))} refused"
     if effects := relative_lift.named(evidence, boundary):
         return f"as quoted, beside {' and '.join(map(titled, effects))}"
     if relative_lift.as_quoted(evidence, boundary):

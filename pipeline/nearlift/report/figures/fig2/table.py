@@ -18,7 +18,6 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray
-from nearlift.nomenclature import letter
 from nearlift.products import LIFT
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, select, stack
@@ -141,11 +140,10 @@ def _fit(
     model, _ = evidence.base(boundary)
     short = SHORT.get(model.name, model.title)
     curve = relative_lift.line(evidence, boundary, grid)
-    refused = ", ".join(letter(name) for name in evidence.quoted(boundary).refused)
     parts: list[dict[str, object]] = [
         {
             "kind": "band",
-            "label": f"{LEAST_SQUARES}: {refused} refused" if refused else "fitted",
+            "label": "fitted",
             "delta_L_percent": 100 * curve.middle,
             "lo90_percent": 100 * curve.low,
             "hi90_percent": 100 * curve.high,
