@@ -147,7 +147,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     def known(u, *inputs, found=None):
         entry = SimpleNamespace(undeclared=tuple(listed[on] for on in inputs))
         every = {"K_b": SimpleNamespace(u=u)}
-        quoted = SimpleNamespace(headline="K_b", coefficients=every, quotable={})
+        quoted = SimpleNamespace(headline="K_b", coefficients=every)
         return SimpleNamespace(
             quoted=lambda _: quoted, base=lambda _: (None, entry), diagnosed=lambda _: found
         )
