@@ -37,8 +37,6 @@ from nearlift.run.lock import settled
 from nearlift.run.transaction import JOURNAL, Homes
 
 FOLDER = "comparison"
-#: Style of the plot, which belongs to no one campaign.
-LOOK = "aiaa"
 #: Below this a p-value means no more than that.
 LEAST_CHANCE = 1e-12
 #: Where a prior of twice the width moves an end of the mean's interval by more than this part of
@@ -176,7 +174,7 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
     compared = CampaignComparison(shared=tuple(shared), groups=grouped(listed, shared))
     target = out / "reports" / FOLDER
     rows = forest.summarise(compared)
-    for kind, drawn in for_print(forest.draw, rows, LOOK).items():
+    for kind, drawn in for_print(forest.draw, rows).items():
         store.write_bytes(target / f"forest.{kind}", drawn)
     said = [
         f"{group.boundary.capitalize()}, {group.coefficient}: {remark}"

@@ -99,7 +99,10 @@ def facts(place: Place) -> dict[str, Any]:
         "landed": len(landed),
         "scheduled": len(trials),
         "newest": newest.assign(lift=lifts, name=newest["boundary"].map(NAMES)).to_dict("records"),
-        "remarks": [(t.trial, _meaning(t.quality)) for t in remarked.itertuples()],
+        "remarks": [
+            (trial, _meaning(str(codes)))
+            for trial, codes in zip(remarked["trial"], remarked["quality"], strict=True)
+        ],
         "figures": {n: t for n, t in FIGURES.items() if _status(place.reports / f"{n}.png")},
         "watch": _watch(place),
         "report": _status(place.reports / "index.html") is not None,

@@ -132,10 +132,13 @@ def _expected(job: Job, spec: FigureSpec) -> bool:
     )
 
 
-def for_print(draw: Draw, table: Columns, campaign: Campaign) -> dict[str, bytes]:
-    """The files of one figure that is not part of the report: pdf, png and csv."""
+def for_print(draw: Draw, table: Columns, campaign: Campaign | None = None) -> dict[str, bytes]:
+    """The files of one figure that is not part of the report: pdf, png and csv, in the style that a
+    campaign asks for.
+    """
     from nearlift.report.figures.files import render
-    from nearlift.report.figures.style import style_of
+    from nearlift.report.figures.style import Style, style_of
     from nearlift.report.tidy import to_csv
 
-    return render(draw, table, style_of(campaign)) | {"csv": to_csv(table)}
+    style = style_of(campaign) if campaign else Style()
+    return render(draw, table, style) | {"csv": to_csv(table)}

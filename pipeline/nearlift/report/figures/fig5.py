@@ -107,12 +107,21 @@ def draw(table: Rows, look: Style) -> Figure:
             circles(ax, x, y, "black", markerfacecolor=fill, markersize=4.2, zorder=6)
         ax.set_title(f"{letter}) {mine['label'][0]}")
     figure.colorbar(shade, ax=axes.ravel().tolist(), label="airspeed (m/s)", pad=0.01, aspect=30)
-    round_mark = {"linestyle": "none", "marker": "o", "color": "black", "markersize": 4.2}
-    handles = [
+    vortices = [
         Line2D(
-            [], [], **round_mark, markerfacecolor=flow_panel.ZONE, label="counter-clockwise vortex"
-        ),
-        Line2D([], [], **round_mark, markerfacecolor="white", label="clockwise vortex"),
+            [],
+            [],
+            linestyle="none",
+            marker="o",
+            color="black",
+            markersize=4.2,
+            markerfacecolor=fill,
+            label=f"{sense} vortex",
+        )
+        for sense, fill in (("counter-clockwise", flow_panel.ZONE), ("clockwise", "white"))
+    ]
+    handles = [
+        *vortices,
         Line2D([], [], color=flow_panel.ZONE, linewidth=1.1, label="stagnation zone"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
