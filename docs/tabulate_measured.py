@@ -35,10 +35,9 @@ from nearlift.stages.observe import observe
 
 HEAD = """# Measured campaigns
 
-Made by `python docs/tabulate_measured.py DATA OUT` of measured data that are not in this repository. *Error*: root mean square over visits left out in folds (trials, where
-their order is unknown), in per cent of lift, of the base model and of what the loop ends with; *floor*: what no model could remove. *Moves*: how far the quoted coefficient moves
-without the one trial, and the one visit (for a table, the distance), that moves it most. *Holds*: in how many of the campaigns that lack one visit (of more than 24, one distance), or one trial (of more than 24, the one that moves the coefficient most),
-the verdict is the same and, where there is a name, the loop names it again, alone or among rivals.
+Made by `python docs/tabulate_measured.py DATA OUT` from measured data that are not in this repository. *Error*: cross-validated rms over visits (trials, where their order is unknown), in per cent of lift, of the base model and of the final one; *floor*: the noise floor.
+*Moves*: shift of the quoted coefficient without the most influential trial and visit (for a table, distance). *Holds*: in how many of the campaigns without one visit (of more than 24, one distance), or one trial (of more than 24, the most influential), the verdict is
+the same, and a named effect is named again or a rival.
 
 | campaign | trials | base model | verdict: effects (rivals) | error before | after | floor | quoted coefficient (90 %) | moves: trial, visit | holds: visits, trials |
 |---|---|---|---|---|---|---|---|---|---|
@@ -145,7 +144,7 @@ CAMPAIGNS = (
         make=pitt,
         remark=(
             "distance was made smaller while the battery fell; the supply's effect is found, and k"
-            " rests on the one sweep near the ground"
+            " depends on the one sweep near the ground"
         ),
     ),
     Measured(
@@ -161,13 +160,13 @@ CAMPAIGNS = (
         name="garofano-soldado",
         source="Garofano-Soldado et al., 15 configurations, vertical force",
         make=garofano(False),
-        remark="tilt accounts for the greater part, and leaves what it does to the curve; k is not told",
+        remark="tilt accounts for the greater part, and changes the curve too; k is undetermined",
     ),
     Measured(
         name="garofano-soldado-axes",
         source="the same along the rotors' axes",
         make=garofano(True),
-        remark="no effect of the library changes the curve with tilt as these rotors do; k ends at its bound, and is not told",
+        remark="no effect of the library changes the curve with tilt as these rotors do; k is at its bound",
     ),
     *(
         Measured(
@@ -294,7 +293,7 @@ def row(one: Measured, out: Path) -> tuple[str, str]:
         told += f" {LOST} {', '.join(held['lost'][:4])}{more}."
     if partial := d.get("partial"):
         shares = [f"`{x['name']}` {100 * x['share']:.0f} %" for x in partial[:2]]
-        told += f" In part, and not to be named: {', '.join(shares)}."
+        told += f" In part: {', '.join(shares)}."
     wanted = [n["measure"] for n in d["next_experiment"]][:2]
     logs = list(
         dict.fromkeys(w for u in d["untestable"] for w in u.get("log_next_time", u["needs"]))
@@ -307,16 +306,8 @@ def row(one: Measured, out: Path) -> tuple[str, str]:
 
 
 TAIL = """
-What stays *unexplained* is left so: there is structure, and no candidate may honestly take the credit. A verdict that changes when one visit or one trial is
-left out rests on it, and is no more than what that visit or trial says.
-
-Which trial and which visit move the coefficient most, and how far, stands in `results.json` (`influence`), in `summary.txt` and on the page of each. Where that trial
-or visit moves it by more than its standard uncertainty, or another verdict would stand without it, the page says that the answer rests on it, and a doubt says what it would be:
-every visit of the four tables of 20 cells without which the verdict is another (`ground-10-inch` 1, `ground-12-inch` 0 and 1, `ceiling-10-inch` 0, 1 and 4, `ceiling-12-inch` 0 and 1), and the trial
-that matters most (t07, t19, t01 and t18). To leave out each visit and each trial of a table in turn takes 2 to 8 seconds.
-
-The five tables of a wall in the same paper (145 rows) hold the force and the moment that the wall exerts and no lift: nothing of theirs can be fitted here.
-`roll_moment`, `pitch_moment` and `wall_force` are carried beside a lift that was measured with them, and drawn against distance.
+*Unexplained* campaigns have structure and no acceptable candidate. A verdict that changes without one visit or trial depends on it; the page and `results.json` (`rests_on`) say so. The five wall tables of the same paper hold force and moment of the wall and no lift; `roll_moment`,
+`pitch_moment` and `wall_force` are carried as outcomes.
 
 """
 if __name__ == "__main__":
@@ -331,7 +322,7 @@ if __name__ == "__main__":
         lines, told = zip(*rows, strict=True)
         names = [c.name for c in CAMPAIGNS]
         firm = [name for name, text in zip(names, told, strict=True) if LOST not in text]
-        stand = f"\nThe verdict stands whatever is left out in {len(firm)} of {len(told)}: {', '.join(firm)}.\n"
+        stand = f"\nThe verdict holds without any one visit or trial in {len(firm)} of {len(told)}: {', '.join(firm)}.\n"
         Path(__file__).with_name("measured.md").write_text(
             HEAD + "\n".join(lines) + "\n" + stand + TAIL + "\n".join(told) + "\n"
         )
