@@ -31,7 +31,7 @@ def spread(
 ) -> tuple[FloatArray, FloatArray]:
     """Value and standard uncertainty of the base model's coefficients at a fit.
 
-    `nuisance` (n, t) are columns of further unit-variance unknowns, such as a tube or undetected
+    `nuisance` (n, t) are columns of further unit-variance unknowns, such as the form or undetected
     effects: they widen the covariance, and the coefficients move to where the data then want them
     (one Gauss-Newton step).
     """

@@ -155,7 +155,7 @@ def diagnose(
         L_inf_N=far_lift(
             stage,
             answer.best,
-            answer.accepted[0].tube if answer.accepted else answers.unnamed,
+            answer.accepted[0].form_discrepancy if answer.accepted else answers.unnamed,
         ),
         coefficients=estimates,
         shifts=absorption.shifts(stage, answer, estimates),
