@@ -63,7 +63,7 @@ def verdicts(place: Place) -> list[Verdict]:
         cards.append(
             Verdict(
                 boundary=NAMES[boundary],
-                coefficients=tuple(result.stated(name) for name in result.every),
+                coefficients=tuple(result.stated(name) for name in result.coefficients),
                 claim=f"effect: {result.claim}" if result.effects else result.claim,
                 tone=TONES[result.verdict],
                 notes=tuple(filter(None, (rivals, interim, result.leaning))),
