@@ -123,7 +123,7 @@ def ingest(folder: Path, threads: int = 2) -> None:
     """What the stage does, of a campaign never seen before."""
     import tempfile
 
-    from nearlift.manifest import campaign as manifests
+    from nearlift.campaign import manifest as manifests
     from nearlift.run import executors
     from nearlift.run.job import Job
     from nearlift.stages import ingest as stage

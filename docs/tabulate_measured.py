@@ -18,6 +18,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 from tests.measured import jirs
 
+from nearlift.campaign import manifest as manifests
 from nearlift.cli import main
 from nearlift.datasets import pitt_ras, registry
 from nearlift.errors import NotConverged
@@ -25,7 +26,6 @@ from nearlift.likelihood import budget
 from nearlift.loop.diagnose import decide, set_up
 from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
-from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
 from nearlift.readers import garofano_soldado
 from nearlift.results import Observations

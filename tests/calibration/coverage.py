@@ -30,9 +30,9 @@ from tests.calibration.streams import unordered
 from tests.unit.manifests import CRAZYFLIE, RIG
 
 from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
 from nearlift.fit.least_squares import LeastSquaresFit, fit
 from nearlift.likelihood import budget
-from nearlift.manifest import campaign as manifests
 from nearlift.results import Observations
 
 LEVELS = (0.68, 0.9, 0.95)

@@ -25,10 +25,10 @@ from tests.calibration.bench import RADIUS, SPACING
 from tests.calibration.simulator import Shared, Spec, simulate
 from tests.calibration.streams import unordered
 
+from nearlift.campaign import manifest
 from nearlift.errors import NearliftError
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
-from nearlift.manifest import campaign as manifest
 from nearlift.products import TRIALS
 from nearlift.results import Observations
 from nearlift.run.executors import SerialExecutor

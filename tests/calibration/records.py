@@ -21,10 +21,10 @@ from tests.unit import written
 from tests.unit.manifests import manifest
 
 from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
+from nearlift.campaign.manifest import Campaign
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
-from nearlift.manifest import campaign as manifests
-from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import reader
 from nearlift.reduction.conditions import Conditions

@@ -15,10 +15,10 @@ import numpy as np
 from tests.unit import written
 from tests.unit.written import MANIFEST
 
-import nearlift.manifest.campaign as manifests
+import nearlift.campaign.manifest as manifests
 from nearlift import units
+from nearlift.campaign import parsing
 from nearlift.errors import NearliftError
-from nearlift.manifest import toml
 from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text
 from nearlift.readers.channel import Malformed
 from nearlift.readers.piv.cases import DIALECTS
@@ -78,7 +78,7 @@ def labview(data: bytes) -> None:
 
 
 def manifest(data: bytes) -> None:
-    manifests.parse(toml.loads(data, "f"))
+    manifests.parse(parsing.loads(data, "f"))
 
 
 def listed(data: bytes) -> None:

@@ -18,11 +18,11 @@ from tests.calibration import spread
 from tests.unit.manifests import CRAZYFLIE, RIG
 
 from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.handle import handles
 from nearlift.loop.rehearsal import planned
 from nearlift.loop.search_problem import Options
-from nearlift.manifest import campaign as manifests
 from nearlift.run.executors import ordered
 from nearlift.stages.observe import observe
 from nearlift.stages.plans import plan, scatter

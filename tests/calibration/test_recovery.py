@@ -27,7 +27,7 @@ from scipy.stats import binom, norm, t
 from tests.calibration import spread
 
 from nearlift import catalogue
-from nearlift.manifest import campaign as manifests
+from nearlift.campaign import manifest as manifests
 from nearlift.products import FIT, LIFT
 from nearlift.run import graph
 from nearlift.run.executors import SerialExecutor, ordered

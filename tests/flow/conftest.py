@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from nearlift.manifest import campaign as manifests
+from nearlift.campaign import manifest as manifests
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import flow

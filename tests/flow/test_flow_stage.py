@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from tests.unit import small_run
 
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.manifest import campaign as manifests
 from nearlift.products import (
     DOWNWASH,
     DOWNWASH_PROFILE,

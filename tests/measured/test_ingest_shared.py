@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift.manifest import campaign
+from nearlift.campaign import manifest as campaign
 from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.run.executors import SerialExecutor

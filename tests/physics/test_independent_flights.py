@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
+from nearlift.campaign.forecasts import Simulate
 from nearlift.declare import compose
 from nearlift.flight import paper
 from nearlift.flight.fitted import conditions, fitted_flights
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED
-from nearlift.manifest.flight import Simulate
 
 KEY = 20210401
 R, MASS, G = 0.023, 0.027, 9.8

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign.manifest import Campaign
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job, Outcome
 from nearlift.stages import ingest

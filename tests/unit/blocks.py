@@ -23,8 +23,8 @@ from typing import Any
 
 from click.testing import CliRunner
 
+from nearlift.campaign import manifest as campaign
 from nearlift.cli import main
-from nearlift.manifest import campaign
 
 from .manifests import raw_manifest
 

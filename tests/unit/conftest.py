@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift.manifest import campaign as manifest
+from nearlift.campaign import manifest
 from nearlift.products import FIT, RESULTS, TRIALS
 from nearlift.run.executors import SerialExecutor
 from nearlift.run.job import Job

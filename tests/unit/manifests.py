@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nearlift.manifest import campaign
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign import manifest as campaign
+from nearlift.campaign.manifest import Campaign
 
 UNITS = {"distance": "mm", "throttle": "percent"}
 RATE = 200.0

@@ -11,8 +11,8 @@ import numpy as np
 from click.testing import CliRunner, Result
 
 from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
 from nearlift.cli import main
-from nearlift.manifest import campaign as manifests
 from nearlift.report.evidence import Evidence
 from nearlift.report.page.render import page
 from nearlift.report.registry import CHAPTERS

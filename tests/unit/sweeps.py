@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign.manifest import Campaign
 
 from .manifests import UNITS, manifest
 

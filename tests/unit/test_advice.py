@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from nearlift.campaign import manifest as manifests
+from nearlift.campaign.parsing import validated
+from nearlift.campaign.piv import Piv
 from nearlift.commands import meaning
 from nearlift.commands.inspection import inspect
-from nearlift.manifest import campaign as manifests
-from nearlift.manifest.piv import Piv
-from nearlift.manifest.validation import validated
 from nearlift.products import TRIALS
 from nearlift.readers.channel import Channel
 from nearlift.run import store

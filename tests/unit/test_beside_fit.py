@@ -11,11 +11,11 @@ from tests.unit.manifests import CRAZYFLIE, RIG
 from tests.unit.simulated import GEOMETRY, RADIUS, campaign, hsiao, sanchez_cuevas
 
 from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import ManifestError
 from nearlift.fit import assumptions, collapse, held_quantity, rotor
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.likelihood.budget import Component
-from nearlift.manifest import campaign as manifests
 from nearlift.results import Noise
 
 CEILING = (0.12, 0.15, 0.2, 0.3, 0.4, 0.6, 1.0, 2.0, 6.0, 11.0)

@@ -15,15 +15,16 @@ from pathlib import Path
 import pytest
 
 import nearlift
+from nearlift.campaign import manifest as campaign
+from nearlift.campaign import parsing
 from nearlift.errors import ManifestError
-from nearlift.manifest import campaign, toml
 
 PACKAGE = Path(nearlift.__file__).parent
 GOOD = Path(__file__).with_name("broken_manifests").joinpath("good.txt").read_text(encoding="utf-8")
 #: A hang on any machine under any load: what is asked takes milliseconds, what is quadratic many
 #: minutes.
 TIME_S = 60
-MANY = toml.MOST_BYTES
+MANY = parsing.MOST_BYTES
 
 
 def run(code: str, *questions: object) -> dict[str, str]:
@@ -57,7 +58,7 @@ for question in json.load(sys.stdin):
 
 LOAD = """
 from pathlib import Path
-from nearlift.manifest import campaign
+from nearlift.campaign import manifest as campaign
 from nearlift.errors import ManifestError
 def answer(name, folder):
     try:
@@ -152,12 +153,12 @@ def test_a_byte_order_mark_is_no_fault(tmp_path):
     ],
 )
 def test_depth_is_that_of_keys_and_brackets_not_of_texts_and_comments(text):
-    toml.loads(text.encode(), "it")
+    parsing.loads(text.encode(), "it")
 
 
 def test_what_is_no_toml_is_told_by_its_line():
     with pytest.raises(ManifestError, match=r"not valid TOML: .*line 2"):
-        toml.loads(b"a = 1\nb = \n", "it")
+        parsing.loads(b"a = 1\nb = \n", "it")
 
 
 # --- patterns

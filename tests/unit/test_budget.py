@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
+from nearlift.campaign import manifest
+from nearlift.campaign.manifest import Campaign
 from nearlift.fit.heights import HeightPlan
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import height_slope
-from nearlift.manifest import campaign as manifest
-from nearlift.manifest.campaign import Campaign
 from nearlift.results import Noise, Observations
 
 from . import manifests, sweeps

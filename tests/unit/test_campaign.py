@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from nearlift.campaign import manifest as campaign
 from nearlift.errors import ManifestError
-from nearlift.manifest import campaign
 from nearlift.stages.fit import choice
 
 FOLDER = Path(__file__).with_name("broken_manifests")

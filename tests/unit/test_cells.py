@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 import pytest
 
-from nearlift.manifest.campaign import boundaries_of
+from nearlift.campaign.manifest import boundaries_of
 from nearlift.products import LIFT, LIFT_COVARIANCE
 from nearlift.reduction.cells import OWN_SCATTER, Cells, reduce
 from nearlift.stages import reduce as stage

@@ -23,11 +23,11 @@ import pytest
 from click.testing import CliRunner
 
 from nearlift import console
+from nearlift.campaign import manifest as manifests
 from nearlift.cli import main
 from nearlift.commands import ABOUT, GROUPS, About, everything
 from nearlift.commands.common import SETTINGS
 from nearlift.errors import ManifestError
-from nearlift.manifest import campaign as manifests
 from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
 from nearlift.run import graph, store
 from nearlift.run.registry import ORDER

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import pytest
 
+from nearlift.campaign import manifest as manifests
 from nearlift.datasets import garofano_soldado, registry
 from nearlift.errors import InputRefused, UsageError
-from nearlift.manifest import campaign as manifests
 from nearlift.products import TRIALS
 from nearlift.run.store import Table, read_table
 

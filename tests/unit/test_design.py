@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from nearlift.manifest import campaign as manifests
+from nearlift.campaign import manifest as manifests
 from nearlift.readers.schedule import read_schedule
 from nearlift.results.design import DesignOutlook
 from nearlift.results.explanation import EffectAccount

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from markupsafe import escape
 
+from nearlift.campaign.forecasts import LiftReading
 from nearlift.errors import ManifestError
-from nearlift.manifest.flight import LiftReading
 from nearlift.products import DETECTION, DIAGNOSIS, PROXIMITY, RESULTS
 from nearlift.report.figures.files import render
 from nearlift.report.figures.style import Style

@@ -14,8 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from PIL import Image, ImageChops
 
+from nearlift.campaign import manifest
 from nearlift.errors import ManifestError
-from nearlift.manifest import campaign as manifest
 from nearlift.products import FIT, LIFT, POSTERIOR, TRIALS
 from nearlift.report.figures import corner, style
 from nearlift.report.figures.fig2 import drawing as draw_fig2

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
+from nearlift.campaign import manifest
 from nearlift.errors import ManifestError
 from nearlift.fit import gum, heights, inputs
 from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
-from nearlift.manifest import campaign as manifest
 from nearlift.report.chapters import doubts
 from nearlift.results import Noise
 from nearlift.results.outlook import SilentEffect

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fit import deletion
 from nearlift.fit.least_squares import fit
@@ -20,7 +21,6 @@ from nearlift.likelihood import level_curve
 from nearlift.likelihood.level_curve import with_curve
 from nearlift.likelihood.stations import Stations
 from nearlift.loop import confirmation
-from nearlift.manifest import campaign as manifests
 from nearlift.results import Noise, Observations
 from nearlift.results.fit import ModelFit
 from nearlift.results.serial import decode, encode
@@ -226,7 +226,7 @@ def test_a_manifest_with_a_slip_is_refused(
     tmp_path: Path, levels: dict[str, object], text: str
 ) -> None:
     root = small_run.write_means(tmp_path / "raw", 4)
-    raw = manifests.toml.loads((root / "campaign.toml").read_bytes(), "campaign.toml")
+    raw = manifests.parsing.loads((root / "campaign.toml").read_bytes(), "campaign.toml")
     with pytest.raises(ManifestError) as refusal:
         manifests.parse({**raw, "levels": levels})
     assert text in str(refusal.value)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.manifest.campaign import Report
+from nearlift.campaign.choices import Report
 from nearlift.products import FIT, POSTERIOR
 from nearlift.report import curves
 from nearlift.report.chapters import posterior as page

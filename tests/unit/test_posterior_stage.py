@@ -202,7 +202,7 @@ def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
 )
 def test_what_cannot_be_asked_for_is_refused(done, tmp_path, text, told):
     raw, _ = done
-    from nearlift.manifest import campaign
+    from nearlift.campaign import manifest as campaign
 
     with pytest.raises(ManifestError, match=told):
         campaign.load(ask(raw, tmp_path, text))

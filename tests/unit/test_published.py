@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, UsageError
 from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options
-from nearlift.manifest import campaign as manifests
 from nearlift.readers.garofano_soldado import convert
 from nearlift.readers.schedule import read_schedule
 

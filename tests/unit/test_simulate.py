@@ -12,13 +12,13 @@ import pytest
 from scipy import stats
 
 from nearlift import catalogue
+from nearlift.campaign import manifest
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.flight import paper
 from nearlift.flight.fitted import conditions
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.monte_carlo import FlightPlan, FlightSetting, fly, tabulate
 from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED, gains_for, poles
-from nearlift.manifest import campaign as manifest
 from nearlift.products import CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, SAFETY
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.files import render

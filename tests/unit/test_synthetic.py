@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from nearlift import declare
+from nearlift.campaign import manifest as campaign
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import DeclarationError, InputRefused, UsageError
-from nearlift.manifest import campaign
 from nearlift.products import TRIALS
 from nearlift.readers.schedule import read_schedule
 from nearlift.run.executors import SerialExecutor

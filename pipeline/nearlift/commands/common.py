@@ -205,11 +205,11 @@ def dialect_of(text: str) -> dict[str, object]:
     UsageError
         It is no TOML.
     """
-    from nearlift.manifest import toml
+    from nearlift.campaign import parsing
 
     plain = text.strip()
     try:
-        dialect: dict[str, object] = toml.loads(
+        dialect: dict[str, object] = parsing.loads(
             b"dialect = " + (plain if plain.startswith("{") else f"{{ {plain} }}").encode(), "it"
         )["dialect"]
     except ManifestError as fault:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from nearlift import readers
+from nearlift.campaign import manifest as manifests
 from nearlift.commands.common import Call
 from nearlift.errors import ManifestError, UsageError
-from nearlift.manifest import campaign as manifests
 from nearlift.readers import segments
 from nearlift.readers.files import per_trial
 from nearlift.readers.schedule import read_schedule

@@ -11,12 +11,12 @@ from pathlib import Path, PurePosixPath
 
 import click
 
+from nearlift.campaign.manifest import BLANK
 from nearlift.commands.common import DIALECT, Call, declared, dialect_of
 from nearlift.commands.inspection import Inspection, inspect
 from nearlift.commands.manifest_tables import MEANS, records_block
 from nearlift.commands.tables import Table, table_of, trials_section
 from nearlift.errors import InputRefused, UsageError
-from nearlift.manifest.campaign import BLANK
 from nearlift.readers import csv_trial, parquet
 from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.text import TEXT

@@ -11,8 +11,8 @@ from nearlift.errors import UsageError
 
 def answer(campaign: Path, given: Mapping[str, object], call: Call) -> None:
     """Where the boundary is by this reading; quantities are texts, as the manifest has them."""
-    from nearlift.manifest.flight import LiftReading
-    from nearlift.manifest.validation import validated
+    from nearlift.campaign.forecasts import LiftReading
+    from nearlift.campaign.parsing import validated
     from nearlift.results.serial import encode
     from nearlift.stages.detect import read
 

@@ -127,7 +127,7 @@ def planned(call: Call, campaign: Path) -> tuple[dict[str, Any], str]:
 
 def check_files(call: Call, campaigns: tuple[Path, ...]) -> None:
     """List the files that differ from provenance.json; ends with 4 if any does."""
-    from nearlift.manifest import campaign as manifests
+    from nearlift.campaign import manifest as manifests
     from nearlift.run.check import differences
 
     answers, any_differs = [], False

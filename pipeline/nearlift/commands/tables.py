@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from nearlift import units
+from nearlift.campaign.manifest import BLANK
 from nearlift.commands import meaning
 from nearlift.errors import InputRefused
-from nearlift.manifest.campaign import BLANK
 from nearlift.readers import text
 from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.columns import BY_NAME

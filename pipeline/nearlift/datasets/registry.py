@@ -11,8 +11,8 @@ from pathlib import Path
 
 from pydantic import Field, ValidationError, field_validator
 
+from nearlift.campaign.quantities import Section
 from nearlift.errors import InputRefused, UsageError
-from nearlift.manifest.quantities import Section
 
 OWN = Path(__file__).with_name("registry.toml")
 #: What the list says of a file whose digest nobody has worked out.

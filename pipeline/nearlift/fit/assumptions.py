@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.fit import collapse, gum, held_quantity, rotor
 from nearlift.fit.least_squares import LeastSquaresFit
@@ -11,7 +12,6 @@ from nearlift.fit.linearised import linear_problem, stand_in
 from nearlift.fit.minimum import minimise
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
-from nearlift.manifest.campaign import Campaign
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
 from nearlift.results.serial import Nothing
 

@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.effects.air_density import STANDARD, density
 from nearlift.fit.held_quantity import Response, logged
 from nearlift.fit.significance import REJECTS, chance, interval
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
-from nearlift.manifest.campaign import Campaign
 from nearlift.results import Observations
 from nearlift.results.assumptions import (
     RatioEstimate,

@@ -18,6 +18,7 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from nearlift.campaign.forecasts import Detect
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused
 from nearlift.flight import inverse
@@ -28,7 +29,6 @@ from nearlift.flight.reading import (
     refuse_folds,
     supply_sensitivity,
 )
-from nearlift.manifest.flight import Detect
 from nearlift.results.serial import optional
 
 #: Number of heights that are inferred, and averaging time of a reading, s.

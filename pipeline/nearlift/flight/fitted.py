@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.campaign.forecasts import Simulate
 from nearlift.declare import Boundary
 from nearlift.errors import ManifestError
 from nearlift.flight import crash_rate, energy, paper
@@ -39,7 +40,6 @@ from nearlift.flight.vehicle import (
     gains_for,
     stable,
 )
-from nearlift.manifest.flight import Simulate
 from nearlift.randomness import generator
 
 #: Least number of flights behind a set-point that is advised.

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nearlift.campaign.forecasts import Detect, LiftReading
 from nearlift.declare import Boundary
 from nearlift.flight import inverse
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.inverse import reach
-from nearlift.manifest.flight import Detect, LiftReading
 
 #: Exponent of lift over supply voltage where the loop found none: a motor at fixed duty.
 SAG_EXPONENT = 2.0

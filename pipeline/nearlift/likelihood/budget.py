@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.uncertainty import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.declare import FloatArray
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.component import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.results import IntArray, Observations
 
 #: What a model takes as known: a component on one of these is relative, on the exponent absolute.

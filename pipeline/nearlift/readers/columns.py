@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.segments import ColumnOfRecord, Segments
 from nearlift.declare import BOUNDARIES, FloatArray
 from nearlift.errors import ManifestError, brief, did_you_mean
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.segments import ColumnOfRecord, Segments
 from nearlift.nomenclature import CARRIED
 from nearlift.units import NUMBER
 

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.manifest.campaign import Campaign
 from nearlift.readers import interleaved, packed, scanner, table
 from nearlift.readers.files import files_per_trial, plan_per_trial, source_of
 from nearlift.readers.seam import ChannelSpec, Piece, Reader, Record

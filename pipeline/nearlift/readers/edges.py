@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.segments import FEWEST_SAMPLES, LEVEL, Segments
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.segments import FEWEST_SAMPLES, LEVEL, Segments
 from nearlift.readers.channel import Contents, RecordsDialect, pick
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import Record

@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import units
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.segments import Segments
 from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.segments import Segments
 from nearlift.readers.columns import KNOWN, ColumnTexts, Numbers, brought_by, dimension_of
 from nearlift.readers.schedule import Schedule, of_cells, reserved, schedule_file
 from nearlift.readers.schedule_text import columns_of, text_of, unended

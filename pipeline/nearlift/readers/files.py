@@ -17,7 +17,7 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.seam import MARK, Piece, ReadingPlan
 
 if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
+    from nearlift.campaign.manifest import Campaign
 
 _NOT_IN_NAMES = re.compile(r"[/\\\0]")
 #: Files of one task, so that it costs more than sending it; and bytes: whatever is reached first.

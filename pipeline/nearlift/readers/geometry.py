@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.manifest.campaign import Campaign
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, ColumnTexts
 

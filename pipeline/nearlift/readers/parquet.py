@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.manifest.campaign import Campaign
 from nearlift.readers import child, long_table
 from nearlift.readers.channel import Malformed
 from nearlift.readers.files import inside, source_of

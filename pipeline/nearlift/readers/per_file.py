@@ -29,7 +29,7 @@ from nearlift.readers.files import files_per_trial, inside, pieces, plan_per_tri
 from nearlift.readers.seam import MARK, ChannelSpec, Piece, Reader, ReadingPlan, Record
 
 if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
+    from nearlift.campaign.manifest import Campaign
     from nearlift.readers.row import Row
     from nearlift.reduction.conditions import Conditions
 

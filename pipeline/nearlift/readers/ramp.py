@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.segments import FEWEST_SAMPLES
 from nearlift.readers.channel import Channel, fold, pick, split_unit
 from nearlift.readers.seam import ChannelSpec, Reader
 from nearlift.readers.segments import format_of

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray, IntArray
 from nearlift.errors import ManifestError, did_you_mean
-from nearlift.manifest.campaign import Campaign
 from nearlift.products import TRIALS
 from nearlift.readers import columns
 from nearlift.readers.columns import BY_NAME, KNOWN, ColumnTexts

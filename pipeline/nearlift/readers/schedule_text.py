@@ -10,8 +10,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from nearlift import units
+from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, ManifestError, brief
-from nearlift.manifest.campaign import Campaign
 from nearlift.readers.columns import BY_NAME, ColumnTexts
 
 

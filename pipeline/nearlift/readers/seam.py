@@ -20,7 +20,7 @@ from nearlift.declare import FloatArray
 from nearlift.readers.channel import RecordsDialect
 
 if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
+    from nearlift.campaign.manifest import Campaign
     from nearlift.readers.per_file import Format
     from nearlift.readers.row import Row
     from nearlift.reduction.conditions import Conditions

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.segments import Segments
 from nearlift.declare import FloatArray, IntArray
 from nearlift.errors import ManifestError
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.segments import Segments
 from nearlift.readers.channel import Channel, Malformed, pick
 from nearlift.readers.columns import BESIDE, brought, dimension_of
 from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import units
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import BoolArray, FloatArray, IntArray
 from nearlift.errors import InputRefused
-from nearlift.manifest.campaign import Campaign
 from nearlift.reduction.quality import rejected
 from nearlift.reduction.stretch import SD_PER_MAD, distinct, median, numbered_pairs
 

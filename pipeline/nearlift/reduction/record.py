@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
-from nearlift.manifest.segments import FEWEST_SAMPLES
 from nearlift.reduction import contamination
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.mean_noise import outlasting, slope_of, spectral_density_at_zero

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
+from nearlift.campaign.choices import Overlay
+from nearlift.campaign.manifest import Campaign, boundaries_of
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ProductError
-from nearlift.manifest.campaign import Campaign, Overlay, boundaries_of
 from nearlift.products import DIAGNOSIS, FIT, RESULTS, SAFETY, Product
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.errors import ProductError
-from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROVENANCE
 from nearlift.run import store
 from nearlift.run.inputs import listing

@@ -10,8 +10,8 @@ import time
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.piv import PivCase
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.piv import PivCase
 from nearlift.readers.files import source_of
 from nearlift.run import store
 from nearlift.run.job import PIV_INPUT, FileStamp

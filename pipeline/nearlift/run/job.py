@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Protocol, TypedDict
 
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign.manifest import Campaign
 from nearlift.run import store
 from nearlift.run.schema import Product
 from nearlift.run.transaction import Homes, Transaction

@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import SOME_TRIALS_REJECTED, NearliftError, UsageError
-from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, NotDiagnosed
 from nearlift.run import graph, store

@@ -8,7 +8,7 @@ import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from nearlift.manifest import campaign as manifests
+from nearlift.campaign import manifest as manifests
 from nearlift.run import provenance
 from nearlift.run.executors import open_executor, threads_of
 from nearlift.run.inputs import Stamps, digests, remember

@@ -15,8 +15,8 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import NearliftError
-from nearlift.manifest import campaign as manifests
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, RESULTS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults

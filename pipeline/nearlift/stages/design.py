@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import units
+from nearlift.campaign.forecasts import Planned
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged, UsageError
 from nearlift.likelihood import budget
@@ -20,8 +22,6 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.outlook import outlook
 from nearlift.loop.rehearsal import planned
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.design import Planned
 from nearlift.readers.columns import BY_NAME
 from nearlift.readers.schedule_text import csv_text
 from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from nearlift.campaign.forecasts import Detect, LiftReading
+from nearlift.campaign.manifest import boundaries_of
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused, UsageError
 from nearlift.flight.detection import (
@@ -16,8 +18,6 @@ from nearlift.flight.detection import (
 )
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.reading import HeightReading, RefusedReading, read_height
-from nearlift.manifest.campaign import boundaries_of
-from nearlift.manifest.flight import Detect, LiftReading
 from nearlift.products import DETECTION, PROXIMITY, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.results.fit import FitResults

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import nearlift
+from nearlift.campaign.manifest import boundaries_of
 from nearlift.flight.export import c_header, json_document, python_module
 from nearlift.flight.export.model_export import ModelExport, exported
-from nearlift.manifest.campaign import boundaries_of
 from nearlift.products import RESULTS, TRIALS
 from nearlift.results.serial import encode
 from nearlift.run import store

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from nearlift import catalogue
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, LiftModel
 from nearlift.errors import InputRefused, ManifestError, NotConverged
 from nearlift.fit import assumptions, inputs, profiles
@@ -20,7 +21,6 @@ from nearlift.fit.summary import summary
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import REPEATS
 from nearlift.likelihood.problem import height_slope
-from nearlift.manifest.campaign import Campaign
 from nearlift.products import PROFILES, TRIALS
 from nearlift.results.fit import FitResults, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results

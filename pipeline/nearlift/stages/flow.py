@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from nearlift.campaign.piv import Piv, PivCase
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow import downwash
 from nearlift.flow.case import FlowCase, recorded
@@ -15,7 +16,6 @@ from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
 from nearlift.flow.downwash import Cut
 from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
-from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 from nearlift.readers.piv.cases import Stream, files_of
 from nearlift.run.job import Job, Outcome, part

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from nearlift import readers
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.rig import RECORD_MARK
 from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.rig import RECORD_MARK
 from nearlift.products import TRIALS
 from nearlift.readers import ramp
 from nearlift.readers.channel import Malformed

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign.manifest import Campaign
 from nearlift.readers.expanded import RECORD_COLUMN
 from nearlift.readers.schedule import Schedule
 from nearlift.reduction import outliers, plausibility, quality

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign, boundaries_of
 from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.level_curve import with_curve
 from nearlift.loop.interim import InterimLook
-from nearlift.manifest.campaign import Campaign, boundaries_of
 from nearlift.nomenclature import CARRIED
 from nearlift.products import TRIALS
 from nearlift.readers.columns import BY_NAME

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from nearlift.campaign.choices import Overlay
+from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.manifest.campaign import Campaign, Overlay
 from nearlift.report.evidence import Columns
 
 COLUMNS = ("z_hat", "delta_L", "u")

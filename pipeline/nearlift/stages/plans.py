@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from nearlift.campaign.forecasts import Planned
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError
-from nearlift.manifest.campaign import Campaign
-from nearlift.manifest.design import Planned
 from nearlift.products import DIAGNOSIS
 from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.results import Noise

@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift import catalogue
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, LiftModel, compose
 from nearlift.errors import InputRefused
 from nearlift.flight.fitted_lift import AT_REFERENCE, FittedLift, QuotedInterval, drawn_parameters
-from nearlift.manifest.campaign import Campaign
 from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected

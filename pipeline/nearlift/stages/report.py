@@ -17,7 +17,7 @@ from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.trial_table import trial_table
 
 if TYPE_CHECKING:
-    from nearlift.manifest.campaign import Campaign
+    from nearlift.campaign.manifest import Campaign
     from nearlift.report.figures.files import Draw
     from nearlift.report.figures.spec import FigureSpec
 

@@ -11,8 +11,8 @@ from typing import TypeVar
 import numpy as np
 
 from nearlift import readers
+from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, NearliftError
-from nearlift.manifest.campaign import Campaign
 from nearlift.readers.files import source_of
 from nearlift.readers.row import Row, row_of
 from nearlift.readers.seam import Piece

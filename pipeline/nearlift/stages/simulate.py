@@ -8,6 +8,8 @@ import itertools
 import math
 from dataclasses import replace
 
+from nearlift.campaign.forecasts import Simulate
+from nearlift.campaign.manifest import boundaries_of
 from nearlift.declare import Boundary
 from nearlift.flight import paper
 from nearlift.flight.crash_rate import refuse_few
@@ -16,8 +18,6 @@ from nearlift.flight.paper import Rows
 from nearlift.flight.roll import Roll, roll_beside_wall
 from nearlift.flight.safety_result import PresetFlights, SafetyResult
 from nearlift.flight.vehicle import Craft
-from nearlift.manifest.campaign import boundaries_of
-from nearlift.manifest.flight import Simulate
 from nearlift.products import CRASH_RATES, FIT, FLIGHTS, SAFETY
 from nearlift.randomness import generator
 from nearlift.results.fit import FitResults

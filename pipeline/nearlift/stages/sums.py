@@ -11,8 +11,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, brief
-from nearlift.manifest.campaign import Campaign
 from nearlift.readers.files import inside, source_of
 from nearlift.readers.seam import MARK
 from nearlift.run import store

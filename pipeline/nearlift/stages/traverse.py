@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign.manifest import Campaign
 from nearlift.results import Observations
 from nearlift.run import store
 from nearlift.stages.plans import OVERSHOOT_RADII

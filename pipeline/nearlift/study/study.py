@@ -6,8 +6,8 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import UsageError
-from nearlift.manifest import campaign as manifests
 from nearlift.products import LIFT, LIFT_COVARIANCE, POSTERIOR, PRODUCTS, TRIALS, Product
 from nearlift.results.diagnosis import DiagnosisResults
 from nearlift.results.fit import FitResults

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from nearlift.campaign.piv import Piv, PivCase
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.flow.field import VelocityField, masked, orient
-from nearlift.manifest.piv import Piv, PivCase
 from nearlift.readers.channel import Malformed
 from nearlift.readers.child import Child
 from nearlift.readers.files import inside, source_of

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from matplotlib.figure import Figure
 
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign.manifest import Campaign
 from nearlift.nomenclature import CARRIED, symbol
 from nearlift.products import LIFT
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where

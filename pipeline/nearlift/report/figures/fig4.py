@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
+from nearlift.campaign.piv import PivCase
 from nearlift.flow.field import VelocityField, difference
-from nearlift.manifest.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures import flow_panels as flow_panel

@@ -12,7 +12,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from nearlift.manifest.piv import PivCase
+from nearlift.campaign.piv import PivCase
 from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, single, stack, where
 from nearlift.report.figures import flow_panels as flow_panel

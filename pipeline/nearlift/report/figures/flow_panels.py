@@ -15,10 +15,10 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
+from nearlift.campaign.piv import Piv, PivCase
 from nearlift.declare import FloatArray
 from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
-from nearlift.manifest.piv import Piv, PivCase
 from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Evidence, Rows, single, where
 from nearlift.report.figures.style import SERIES, Style

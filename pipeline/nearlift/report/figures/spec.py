@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from nearlift.manifest.campaign import Campaign
+from nearlift.campaign.manifest import Campaign
 from nearlift.products import Product
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.files import Draw

@@ -16,9 +16,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
 from nearlift import nomenclature
+from nearlift.campaign.manifest import Campaign
 from nearlift.catalogue import titled
 from nearlift.errors import UsageError
-from nearlift.manifest.campaign import Campaign
 from nearlift.report.findings import along
 
 #: Metres per inch.

@@ -10,8 +10,8 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from nearlift import units
+from nearlift.campaign.quantities import Section
 from nearlift.errors import ManifestError
-from nearlift.manifest.quantities import Section
 
 #: Inputs of a lift model that have a unit, and what each kind of component is a size of.
 INPUTS_WITH_UNIT = {

@@ -8,9 +8,9 @@ from typing import Self
 from pydantic import model_validator
 
 from nearlift import units
+from nearlift.campaign.quantities import Duration, PositiveDuration, Section
+from nearlift.campaign.rig import RECORD_MARK, LoadCell, Records
 from nearlift.errors import ManifestError
-from nearlift.manifest.quantities import Duration, PositiveDuration, Section
-from nearlift.manifest.rig import RECORD_MARK, LoadCell, Records
 
 #: Ways to cut that are no column's name.
 WAYS = ("plateaus", "markers", "windows")

@@ -15,8 +15,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from nearlift import units
-from nearlift.errors import ManifestError, brief
-from nearlift.manifest.quantities import (
+from nearlift.campaign.quantities import (
     Angle,
     Fraction,
     Length,
@@ -27,6 +26,7 @@ from nearlift.manifest.quantities import (
     Section,
     positive,
 )
+from nearlift.errors import ManifestError, brief
 
 
 def _pixel_size(value: object) -> float:

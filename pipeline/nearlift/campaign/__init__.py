@@ -1,0 +1,1 @@
+"""The manifest `campaign.toml`, checked and typed."""

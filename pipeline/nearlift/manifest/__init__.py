@@ -1,1 +1,0 @@
-"""What a campaign declares: `campaign.toml`, checked and typed."""
