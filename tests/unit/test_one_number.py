@@ -114,7 +114,6 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
 
 def test_the_symbols_that_are_looked_for_are_those_that_pages_print():
     assert letter("K_b") == "K_b"
-    assert letter("gain_at_2") == "gain at two radii"
     assert letter("length_ratio") == "length ratio"
     assert [mathematics(n) for n in ("K_b", "K_1", "alpha", "length_ratio")] == [
         "$K_b$",
