@@ -65,7 +65,7 @@ def fitted(
     for stage in ("ingest", "fit"):
         answer = nearlift(stage, root, "--out", folder)
         assert answer.exit_code in (0, 3), answer.output
-    drawn = nearlift("segments", root, "--out", folder)
+    drawn = nearlift("inspect", "--cuts", root, "--out", folder)
     assert drawn.exit_code == 0
     assert (folder / "reports/stand/segments.png").is_file()
     whole = json.loads((folder / "processed/stand/fit.json").read_text())

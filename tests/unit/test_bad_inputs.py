@@ -303,13 +303,11 @@ def test_a_bad_record_gets_its_code_and_costs_no_other_trial(
     assert dict(zip(table["trial"], table["completeness"], strict=True))[TRIAL] == whole
 
 
-def test_11_what_spikes_are_worth_is_in_the_uncertainty(raw: Path) -> None:
+def test_11_spikes_leave_the_uncertainty(raw: Path) -> None:
     quiet = dict(zip(*(read(raw)[k] for k in ("trial", "u_lift_N")), strict=True))[TRIAL]
     series(lambda f: f + 80.0 * (np.arange(len(f)) % 97 == 50))(raw)
     loud = dict(zip(*(read(raw)[k] for k in ("trial", "u_lift_N")), strict=True))[TRIAL]
-    # four or five of 400 samples are 80 mN off: 0.8 mN in the mean, and half as much in its scatter
-    assert loud == pytest.approx(1.0e-3, rel=0.3)
-    assert loud > 3 * quiet
+    assert 0.5 < loud / quiet < 2
 
 
 def read(raw: Path) -> Any:
@@ -381,7 +379,7 @@ def test_5_a_file_that_is_still_being_written_is_left_for_later(raw: Path) -> No
         f"{TRIAL}: PENDING (the file was still being written; the next run reads it again)" in said
     )
     # nothing has changed, but it is looked at again
-    planned = nearlift("plan", raw, "--out", raw.parent)
+    planned = nearlift("run", raw, "--dry-run", "--out", raw.parent)
     assert "ingest   run: 1 record was still being written" in planned.stdout
     put(content)(raw)
     assert ingest(raw)[::2] == (0, dict.fromkeys(quality, ""))

@@ -209,7 +209,7 @@ def test_explain_stales_nothing_and_no_stage_adopts_its_files(explained):
     raw, out = explained
     nearlift("diagnose", raw, "--out", out, "--explain", "gain_drift", "-q")
     before = state(out)
-    found = nearlift("plan", raw, "--out", out)
+    found = nearlift("run", raw, "--dry-run", "--out", out)
     assert all("up to date" in line for line in found.stdout.splitlines())
     assert nearlift("report", raw, "--out", out, "-q").exit_code == 0
     ledger = json.loads((out / "processed/small/provenance.json").read_text())
@@ -220,7 +220,8 @@ def test_explain_stales_nothing_and_no_stage_adopts_its_files(explained):
     for path in (out / "reports/small/explain").iterdir():
         path.unlink()
     assert all(
-        "up to date" in line for line in nearlift("plan", raw, "--out", out).stdout.splitlines()
+        "up to date" in line
+        for line in nearlift("run", raw, "--dry-run", "--out", out).stdout.splitlines()
     )
     assert set(before) >= {"reports/small/explain/gain_drift.png"}
 

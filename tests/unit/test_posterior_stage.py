@@ -166,7 +166,7 @@ def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
     assert recorded["overrides"] == {"sampler": "emcee", "ess": 300}
     assert (
         "was last run with --sampler emcee --ess 300"
-        in small_run.nearlift("plan", asked, "--out", again).stdout
+        in small_run.nearlift("run", asked, "--dry-run", "--out", again).stdout
     )
     assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "gibbs").exit_code == 2
     assert small_run.nearlift("fit", asked, "--out", again).exit_code == 0

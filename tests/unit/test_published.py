@@ -136,6 +136,6 @@ def test_a_manifest_says_run_or_unknown(table, tmp_path):
     folder = convert(table, tmp_path / "bench")
     path = folder / "campaign.toml"
     path.write_text(path.read_text().replace('order = "unknown"', 'order = "sorted"'))
-    found = nearlift("plan", folder, "--out", tmp_path)
+    found = nearlift("run", folder, "--dry-run", "--out", tmp_path)
     assert found.exit_code == 2
     assert "trials.order" in found.stderr

@@ -85,8 +85,8 @@ def cuts(call: Call, campaign: Path, files: Collection[Path] = ()) -> tuple[dict
         )
     reader = readers.reader(given.records.reader)
     segments.format_of(reader).checked_dialect(given.records.dialect)
-    found = per_trial(given, campaign, read_schedule(given, campaign).trial.tolist())
-    paths = {record: path for record, (path, _) in found.items()}
+    pieces = per_trial(given, campaign, read_schedule(given, campaign).trial.tolist())
+    paths = {record: path for record, (path, _) in pieces.items()}
     if files:
         known = {path.resolve(): record for record, path in paths.items()}
         for file in files:

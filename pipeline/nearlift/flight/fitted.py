@@ -262,11 +262,21 @@ def fitted_flights(
     rows: Rows = []
     for curve, below in enumerate(("", "form", "held")):
         model = lift.model.name if below else "none"
-        own = {"model": model, "exponent": float(bool(below)), "member": -1, "below_nearest": below}
-        rows += flown.rows(curve, held, labels | own)
+        label = {
+            "model": model,
+            "exponent": float(bool(below)),
+            "member": -1,
+            "below_nearest": below,
+        }
+        rows += flown.rows(curve, held, labels | label)
     for member in range(lift.number):
-        own = {"model": lift.model.name, "exponent": 1.0, "member": member, "below_nearest": "form"}
-        rows += draws.rows(member, held, labels | own)
+        label = {
+            "model": lift.model.name,
+            "exponent": 1.0,
+            "member": member,
+            "below_nearest": "form",
+        }
+        rows += draws.rows(member, held, labels | label)
     rng = generator(seed, "levels", "fitted", boundary)
     levels = []
     for risk in chosen.risks:

@@ -90,7 +90,7 @@ def roll_beside_wall(
         share = np.where(both != 0, 2.0 * loss * (loss - far) / both, 0.0)
     whole = weight_N / 2 * arm_m
     factor = np.exp(u_inertia * rng.standard_normal(len(loss) - 1))
-    found = []
+    answers = []
     for torque in (whole * 2.0 * loss, whole * share):
         low, high = np.percentile(torque[1:], [5, 95], axis=0)
         acceleration = slow = fast = None
@@ -98,7 +98,7 @@ def roll_beside_wall(
             scale = math.degrees(1.0 / inertia_kg_m2)
             acceleration = scale * float(torque[0, 0])
             slow, fast = np.percentile(scale * torque[1:, 0] / factor, [5, 95]).tolist()
-        found.append(
+        answers.append(
             RollTorque(
                 torque_N_m=torque[0],
                 lo90_N_m=low,
@@ -113,6 +113,6 @@ def roll_beside_wall(
         z_hat=z_hat,
         inertia_kg_m2=inertia_kg_m2,
         u_inertia=u_inertia,
-        near_pair_only=found[0],
-        same_law=found[1],
+        near_pair_only=answers[0],
+        same_law=answers[1],
     )

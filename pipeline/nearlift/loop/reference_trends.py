@@ -32,10 +32,10 @@ def log_evidence(stage: SearchProblem, e: Explanation) -> float:
         name = effect.varies_with
         if name not in data.covariates or not varies(data, name):
             continue
-        own = ("force" if effect.additive else "gain") if effect.contains_line else ""
+        contained = ("force" if effect.additive else "gain") if effect.contains_line else ""
         along = data.covariates[name] - data.covariates[name].mean()
         white = stage.space.project(
-            np.stack([along * line for kind, line in lines.items() if kind != own])
+            np.stack([along * line for kind, line in lines.items() if kind != contained])
         ).T
         white = white - absorbed @ (absorbed.T @ white)
         length2 = np.maximum(np.sum(white**2, axis=0), 1e-300)

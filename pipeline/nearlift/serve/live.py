@@ -19,7 +19,7 @@ from nearlift.results.quotation import Results
 from nearlift.rounding import plus_minus
 from nearlift.run import store
 from nearlift.run.watch import LATEST
-from nearlift.serve.workspace import Place
+from nearlift.serve.workspace import CampaignFolder
 
 #: Trials listed, and trials with quality codes listed.
 NEWEST, REMARKED = 40, 12
@@ -42,7 +42,7 @@ class Verdict:
     notes: tuple[str, ...]
 
 
-def verdicts(place: Place) -> list[Verdict]:
+def verdicts(place: CampaignFolder) -> list[Verdict]:
     """Cards of all boundaries; none before the first fit.
 
     Raises
@@ -72,7 +72,7 @@ def verdicts(place: Place) -> list[Verdict]:
     return cards
 
 
-def verdicts_or_refusal(place: Place) -> tuple[list[Verdict], NearliftError | None]:
+def verdicts_or_refusal(place: CampaignFolder) -> tuple[list[Verdict], NearliftError | None]:
     """Cards, or none and the reason."""
     try:
         return verdicts(place), None
@@ -80,7 +80,7 @@ def verdicts_or_refusal(place: Place) -> tuple[list[Verdict], NearliftError | No
         return [], refusal
 
 
-def facts(place: Place) -> dict[str, Any]:
+def facts(place: CampaignFolder) -> dict[str, object]:
     """Facts of the page."""
     state = stamp(place)
     cards, refusal = verdicts_or_refusal(place)
@@ -109,7 +109,7 @@ def facts(place: Place) -> dict[str, Any]:
     }
 
 
-def stamp(place: Place) -> str:
+def stamp(place: CampaignFolder) -> str:
     """Digest that changes when a product that the page shows does."""
     files = [
         *(place.processed / name for name in (TRIALS.file, RESULTS.file, DIAGNOSIS.file, LATEST)),
@@ -119,7 +119,7 @@ def stamp(place: Place) -> str:
     return hashlib.sha256(repr(states).encode()).hexdigest()[:16]
 
 
-def _watch(place: Place) -> dict[str, Any] | None:
+def _watch(place: CampaignFolder) -> dict[str, Any] | None:
     """Last round of `nearlift run --watch`, unless a later run replaced the results."""
     latest, results = (_status(place.processed / name) for name in (LATEST, RESULTS.file))
     if latest is None or (results and results.st_mtime_ns > latest.st_mtime_ns):

@@ -15,7 +15,7 @@ from nearlift import catalogue
 from nearlift.errors import NearliftError
 from nearlift.nomenclature import INDEXED
 from nearlift.serve import live, workspace
-from nearlift.serve.server import HEADERS, HTML, TEXT, Answer, Respond
+from nearlift.serve.server import HEADERS, HTML, TEXT, HttpAnswer, Respond
 from nearlift.serve.workspace import NotThere
 
 STATIC = {
@@ -30,8 +30,8 @@ def responder(root: Path) -> Respond:
     return functools.partial(respond, root.resolve())
 
 
-def respond(root: Path, path: str, query: dict[str, str]) -> Answer:
-    """Answer to one address; a refusal is a page too."""
+def respond(root: Path, path: str, query: dict[str, str]) -> HttpAnswer:
+    """HttpAnswer to one address; a refusal is a page too."""
     try:
         kind, _, rest = path.removeprefix("/").partition("/")
         match kind:
@@ -44,14 +44,14 @@ def respond(root: Path, path: str, query: dict[str, str]) -> Answer:
             case "static":
                 return _static(rest)
             case "favicon.ico":
-                return Answer(status=204)
+                return HttpAnswer(status=204)
         raise NotThere(path[:200], "is no page", "begin with the list of campaigns")
     except NearliftError as refusal:
         status = 404 if isinstance(refusal, NotThere) else 409
         return _page(root, "refusal", "Refused", status, refusal=refusal)
 
 
-def _campaigns(root: Path) -> Answer:
+def _campaigns(root: Path) -> HttpAnswer:
     """List of all campaigns with verdicts and quoted numbers."""
     rows = []
     for name in workspace.campaigns(root):
@@ -62,15 +62,15 @@ def _campaigns(root: Path) -> Answer:
     return _page(root, "campaigns", "Campaigns", rows=rows, comparison=comparison)
 
 
-def _campaign(root: Path, name: str, query: dict[str, str]) -> Answer:
+def _campaign(root: Path, name: str, query: dict[str, str]) -> HttpAnswer:
     """One campaign; empty where the browser has `seen` this state of it."""
     place = workspace.place(root, name)
     if query.get("seen") == live.stamp(place):
-        return Answer(status=204)
+        return HttpAnswer(status=204)
     return _page(root, "campaign", name, **live.facts(place))
 
 
-def _product(root: Path, relative: str) -> Answer:
+def _product(root: Path, relative: str) -> HttpAnswer:
     """File as it is. A browser runs no script of it but those of nearlift's reports."""
     from nearlift.report.page.render import policy, scripts
 
@@ -84,23 +84,23 @@ def _product(root: Path, relative: str) -> Answer:
     elif kind is None or kind.startswith("text/"):
         kind = TEXT
     headers = {"Content-Security-Policy": f"{rules}; frame-ancestors 'none'"}
-    return Answer(body=path.read_bytes(), kind=kind, headers=headers)
+    return HttpAnswer(body=path.read_bytes(), kind=kind, headers=headers)
 
 
-def _static(name: str) -> Answer:
+def _static(name: str) -> HttpAnswer:
     """Style sheet or script."""
     if name not in STATIC:
         raise NotThere(name[:200], "is no part of this page", "reload it")
     package, kind = STATIC[name]
     body = resources.files(package).joinpath("templates", name).read_bytes()
-    return Answer(body=body, kind=f"{kind}; charset=utf-8")
+    return HttpAnswer(body=body, kind=f"{kind}; charset=utf-8")
 
 
-def _page(root: Path, template: str, title: str, status: int = 200, **facts: Any) -> Answer:
+def _page(root: Path, template: str, title: str, status: int = 200, **facts: Any) -> HttpAnswer:
     """Page of a template."""
     made = _templates().get_template(f"{template}.html.j2")
     text = made.render(title=title, workspace=str(root), **facts)
-    return Answer(body=text.encode(), status=status)
+    return HttpAnswer(body=text.encode(), status=status)
 
 
 @functools.cache

@@ -46,8 +46,8 @@ HEADERS = {
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
-    """Response to a request; `headers` replace those of `HEADERS`."""
+class HttpAnswer:
+    """HttpAnswer to a request; `headers` replace those of `HEADERS`."""
 
     body: bytes = b""
     kind: str = HTML
@@ -55,13 +55,13 @@ class Answer:
     headers: Mapping[str, str] = field(default_factory=dict)
 
 
-def plain(status: int, text: str, **headers: str) -> Answer:
+def plain(status: int, text: str, **headers: str) -> HttpAnswer:
     """One line of text."""
-    return Answer(body=f"{text}\n".encode(), kind=TEXT, status=status, headers=headers)
+    return HttpAnswer(body=f"{text}\n".encode(), kind=TEXT, status=status, headers=headers)
 
 
-#: Answer to a path and the fields of its query.
-Respond = Callable[[str, dict[str, str]], Answer]
+#: HttpAnswer to a path and the fields of its query.
+Respond = Callable[[str, dict[str, str]], HttpAnswer]
 
 
 class Server(socketserver.ThreadingTCPServer):
@@ -96,7 +96,7 @@ class Server(socketserver.ThreadingTCPServer):
         return f"http://{self.host}{DOOR}?token={self.token}"
 
     def process_request(self, request: Any, client_address: Any) -> None:
-        """Answer in a thread, or close where too many connections are open."""
+        """HttpAnswer in a thread, or close where too many connections are open."""
         if len(self._deadlines) >= MOST_CONNECTIONS:
             self.shutdown_request(request)
             return
@@ -165,16 +165,18 @@ class Handler(BaseHTTPRequestHandler):
 
     def _known(self) -> bool:
         """Whether the browser has the cookie."""
-        own = self.server.cookie.encode()
+        cookie = self.server.cookie.encode()
         given = ";".join(self.headers.get_all("Cookie", [])).encode("utf-8", "replace")
-        return any(hmac.compare_digest(part.strip(), own) for part in given.split(b";"))
+        return any(hmac.compare_digest(part.strip(), cookie) for part in given.split(b";"))
 
-    def _opened(self, token: str, known: bool) -> Answer:
+    def _opened(self, token: str, known: bool) -> HttpAnswer:
         """Exchange the token for the cookie. The page follows by a refresh: a browser that came
         from another site would not send a strict cookie along a redirection.
         """
-        own = self.server.token
-        fits = bool(own) and hmac.compare_digest(token.encode("utf-8", "replace"), own.encode())
+        secret = self.server.token
+        fits = bool(secret) and hmac.compare_digest(
+            token.encode("utf-8", "replace"), secret.encode()
+        )
         if fits:
             self.server.token = ""
             cookie = {"Set-Cookie": f"{self.server.cookie}; Path=/; HttpOnly; SameSite=Strict"}
@@ -184,7 +186,7 @@ class Handler(BaseHTTPRequestHandler):
             return plain(403, "this link was used already: start nearlift serve again")
         return plain(200, "nearlift", Refresh="0; url=/", **cookie)
 
-    def _send(self, answer: Answer) -> None:
+    def _send(self, answer: HttpAnswer) -> None:
         self.send_response_only(answer.status)
         sizes = {"Content-Type": answer.kind, "Content-Length": str(len(answer.body))}
         for name, value in {**HEADERS, **sizes, **answer.headers}.items():
@@ -193,7 +195,7 @@ class Handler(BaseHTTPRequestHandler):
         self.wfile.write(answer.body)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Answer a request that is no GET or cannot be parsed."""
+        """HttpAnswer a request that is no GET or cannot be parsed."""
         self._send(plain(code, message or "this request cannot be answered"))
 
     def log_message(self, format: str, *args: Any) -> None:

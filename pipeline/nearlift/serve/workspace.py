@@ -13,7 +13,7 @@ class NotThere(NearliftError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Place:
+class CampaignFolder:
     """Folders of one campaign's products."""
 
     name: str
@@ -23,11 +23,11 @@ class Place:
 
 def campaigns(root: Path) -> list[str]:
     """Names of the campaigns that have trials, in order; none behind a link out of `root`."""
-    found = root.glob("processed/*/trials.parquet")
-    return sorted(path.parent.name for path in found if path.resolve().is_relative_to(root))
+    tables = root.glob("processed/*/trials.parquet")
+    return sorted(path.parent.name for path in tables if path.resolve().is_relative_to(root))
 
 
-def place(root: Path, name: str) -> Place:
+def place(root: Path, name: str) -> CampaignFolder:
     """Folders of the campaign of that name.
 
     Raises
@@ -37,7 +37,9 @@ def place(root: Path, name: str) -> Place:
     """
     if name not in campaigns(root):
         raise NotThere(name, "is no campaign that was run here", "choose one of the list")
-    return Place(name=name, processed=root / "processed" / name, reports=root / "reports" / name)
+    return CampaignFolder(
+        name=name, processed=root / "processed" / name, reports=root / "reports" / name
+    )
 
 
 def product(root: Path, relative: str) -> Path:

@@ -63,9 +63,9 @@ def quoted_levels(job: Job, boundary: Boundary) -> tuple[dict[float, tuple[float
         fitted = job.load(FitResults)
         levels = fitted.of_base(boundary).L_inf_N
         return {t: (e.value, e.u) for t, e in levels.items()}, fitted.noise[boundary].relative
-    found = job.load(DiagnosisResults).boundaries[boundary]
-    assert isinstance(found, BoundaryDiagnosis)
-    return {t: (e.value, e.u) for t, e in found.L_inf_N.items()}, found.noise.relative
+    diagnosis = job.load(DiagnosisResults).boundaries[boundary]
+    assert isinstance(diagnosis, BoundaryDiagnosis)
+    return {t: (e.value, e.u) for t, e in diagnosis.L_inf_N.items()}, diagnosis.noise.relative
 
 
 def fitted_lift(job: Job, boundary: Boundary, number: int) -> FittedLift:
