@@ -23,9 +23,9 @@ from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmar
 from nearlift.readers.channel import Malformed
 from nearlift.readers.piv.cases import DIALECTS
 from nearlift.readers.piv.fields import Setting, settle
-from nearlift.readers.schedule import read_schedule
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import reduce_record
+from nearlift.schedule import read_schedule
 from nearlift.stages import sums
 
 #: In memory where there is such a place.

@@ -6,10 +6,10 @@ import json
 import pytest
 
 from nearlift.campaign import manifest as manifests
-from nearlift.readers.schedule import read_schedule
 from nearlift.results.design import DesignOutlook
 from nearlift.results.explanation import EffectAccount
 from nearlift.results.serial import decode, encode
+from nearlift.schedule import read_schedule
 from nearlift.stages.design import schedule_text
 from nearlift.stages.plans import draw
 

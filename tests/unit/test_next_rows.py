@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
+from nearlift import schedule as schedules
 from nearlift.errors import InputRefused, UsageError
 from nearlift.products import RESULTS
-from nearlift.readers import schedule as schedules
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages import next_rows
 from nearlift.stages import next_visits as stage_of_next

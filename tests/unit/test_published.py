@@ -13,7 +13,7 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options
 from nearlift.readers.garofano_soldado import convert
-from nearlift.readers.schedule import read_schedule
+from nearlift.schedule import read_schedule
 
 from .simulated import campaign, findings, hsiao
 from .small_run import nearlift

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.schedule import Schedule, read_schedule, visits
+from nearlift.schedule import Schedule, read_schedule, visits
 
 from .bench_campaign import write_schedule
 from .manifests import UNITS, manifest

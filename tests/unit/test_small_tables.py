@@ -21,10 +21,10 @@ from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import STEP, families
 from nearlift.loop.search_problem import Options
 from nearlift.products import DIAGNOSIS
-from nearlift.readers.schedule import visits
 from nearlift.report.chapters import verdict
 from nearlift.report.documents import methods
 from nearlift.results import Observations
+from nearlift.schedule import visits
 from nearlift.stages import report
 
 from . import small_run

@@ -12,8 +12,8 @@ from nearlift.commands.common import Call
 from nearlift.errors import ManifestError, UsageError
 from nearlift.readers import segments
 from nearlift.readers.files import per_trial
-from nearlift.readers.schedule import read_schedule
 from nearlift.readers.segments import Segmented
+from nearlift.schedule import read_schedule
 
 MANIFEST, PICTURE = "campaign.toml", "segments.png"
 

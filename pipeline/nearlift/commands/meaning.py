@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from nearlift import units
 from nearlift.errors import ManifestError
 from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, fold, rate_of, split_unit
-from nearlift.readers.columns import KNOWN
+from nearlift.schedule import KNOWN
 
 #: Words that a force channel is called by, the surest first.
 FORCE_WORDS = (

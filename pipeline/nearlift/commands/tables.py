@@ -14,11 +14,9 @@ from nearlift.commands import meaning
 from nearlift.errors import InputRefused
 from nearlift.readers import text
 from nearlift.readers.channel import RecordsDialect
-from nearlift.readers.columns import BY_NAME
 from nearlift.readers.dialect import sniff
-from nearlift.readers.schedule import MEANS, REQUIRED
-from nearlift.readers.schedule_text import csv_text
 from nearlift.readers.table import CellSyntax
+from nearlift.schedule import BY_NAME, MEANS, REQUIRED, csv_text
 from nearlift.units import NUMBER
 
 #: A schedule is written by hand, or by a spreadsheet.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader, ReadingPlan
+from nearlift.schedule import Schedule
 
 
 def lift_of(schedule: Schedule) -> dict[str, FloatArray]:

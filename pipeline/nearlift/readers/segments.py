@@ -14,13 +14,13 @@ from nearlift.campaign.segments import Segments
 from nearlift.declare import FloatArray, IntArray
 from nearlift.errors import ManifestError
 from nearlift.readers.channel import Channel, Malformed, pick
-from nearlift.readers.columns import BESIDE, brought, dimension_of
 from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it
 from nearlift.readers.files import source_of
 from nearlift.readers.per_file import Format, record_of
 from nearlift.readers.seam import ChannelSpec, Reader, Record
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
+from nearlift.schedule import BESIDE, brought, dimension_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

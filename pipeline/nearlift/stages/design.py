@@ -22,11 +22,10 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.outlook import outlook
 from nearlift.loop.rehearsal import planned
-from nearlift.readers.columns import BY_NAME
-from nearlift.readers.schedule_text import csv_text
 from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule
 from nearlift.run import store
 from nearlift.run.job import Job
+from nearlift.schedule import BY_NAME, csv_text
 from nearlift.stages.diagnose import chosen
 from nearlift.stages.fit import choice
 from nearlift.stages.observe import boundaries, observe

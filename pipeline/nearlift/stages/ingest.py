@@ -18,12 +18,12 @@ from nearlift.products import TRIALS
 from nearlift.readers import ramp
 from nearlift.readers.channel import Malformed
 from nearlift.readers.files import files_per_trial, per_trial, source_of
-from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.readers.seam import MARK, Piece, Reader
 from nearlift.reduction import plausibility, quality
 from nearlift.reduction.record import prepare
 from nearlift.run import intact, store
 from nearlift.run.job import Job, Outcome
+from nearlift.schedule import Schedule, read_schedule, schedule_file
 from nearlift.stages import judge, segments, sums
 from nearlift.stages.rows import WORTH_A_THREAD, Rows, Task, answered, reduce_piece
 

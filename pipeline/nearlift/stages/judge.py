@@ -8,10 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.readers.expanded import RECORD_COLUMN
-from nearlift.readers.schedule import Schedule
 from nearlift.reduction import outliers, plausibility, quality
 from nearlift.run import store
+from nearlift.schedule import RECORD_COLUMN, Schedule
 from nearlift.stages.rows import Rows
 
 

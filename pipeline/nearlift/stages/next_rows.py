@@ -9,10 +9,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from nearlift.products import TRIALS
-from nearlift.readers.schedule import schedule_file
-from nearlift.readers.schedule_text import columns_of, csv_text, text_of
 from nearlift.results.next_visits import NextVisits
 from nearlift.run.job import Job
+from nearlift.schedule import columns_of, csv_text, schedule_file, text_of
 from nearlift.stages.design import outside
 
 

@@ -17,10 +17,10 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError
 from nearlift.products import DIAGNOSIS
-from nearlift.readers.schedule import Schedule, read_schedule, schedule_file
 from nearlift.results import Noise
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
 from nearlift.run import store
+from nearlift.schedule import Schedule, read_schedule, schedule_file
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
 

@@ -17,11 +17,11 @@ from nearlift.readers import files, segments
 from nearlift.readers.expanded import schedule_of_trials
 from nearlift.readers.files import per_trial, unlisted
 from nearlift.readers.row import Row
-from nearlift.readers.schedule import Schedule
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces, Segmented
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.run.job import Job
+from nearlift.schedule import Schedule
 from nearlift.stages.rows import (
     WORTH_A_THREAD,
     Rows,

@@ -13,7 +13,6 @@ from nearlift.catalogue import titled
 from nearlift.declare import Boundary
 from nearlift.likelihood.budget import components
 from nearlift.nomenclature import letter
-from nearlift.readers.columns import BY_NAME
 from nearlift.report.chapters.doubts import INPUT_WORDS, doubts, undeclared, unseen
 from nearlift.report.chapters.uncertainty import badly_known
 from nearlift.report.evidence import Evidence
@@ -23,6 +22,7 @@ from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, plain, signed
+from nearlift.schedule import BY_NAME
 
 #: Trials that all stand nearer than `FARTHEST` hardly tell lift in free air; from `FAR` on they do
 #: (docs/planning.md). In rotor radii.

@@ -1,0 +1,798 @@
+"""The schedule `trials.csv` as SI columns: boundary, distance, throttle and conditions of every
+trial, in the order in which they were run.
+
+A known column needs its unit, and a cell that is no number is named with its line. Any further
+column is kept under its own name. Distances must be possible in the rig of the manifest.
+"""
+
+from __future__ import annotations
+
+import csv
+import datetime
+import io
+import math
+import re
+import unicodedata
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import units
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.segments import ColumnOfRecord, Segments
+from nearlift.declare import BOUNDARIES, Boundary, FloatArray, IntArray
+from nearlift.errors import InputRefused, ManifestError, NearliftError, brief, did_you_mean
+from nearlift.nomenclature import CARRIED
+from nearlift.products import TRIALS
+from nearlift.readers.files import inside
+from nearlift.units import NUMBER
+
+#: Cells without a value, in lower case.
+BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
+#: Categories of invisible characters: control, direction, ends of lines.
+INVISIBLE = ("Cc", "Cf", "Zl", "Zp")
+REQUIRED = ("trial", "boundary", "distance", "throttle")
+MEANS = ("lift", "lift_sd", "n")
+#: Column of the record's id, in a schedule of records and in trials.parquet.
+RECORD_COLUMN = "record"
+#: Smallest distance over rotor radius.
+NEAREST = 1e-4
+#: Full scale of a share, and the meaning of one that never exceeds 1 %.
+SHARES = {
+    "throttle": ("full throttle", "at which no rotor lifts anything"),
+    "humidity": ("saturation", "drier than any room"),
+}
+
+
+class Known(NamedTuple):
+    """A column of the contract: `name` in trials.csv, `inside` in products, dimension or kind."""
+
+    name: str
+    inside: str
+    dimension: str = ""
+    kind: Literal["quantity", "plain", "text"] = "quantity"
+    own_unit: str = ""
+
+
+KNOWN = (
+    Known("trial", "trial", kind="text"),
+    Known("boundary", "boundary", kind="text"),
+    Known("distance", "distance_m", "length"),
+    Known("reached", "reached_m", "length"),
+    Known("throttle", "throttle", "throttle"),
+    Known("start", "start_s", "time"),
+    Known("session", "session", kind="text"),
+    Known("supply", "supply_V", "voltage"),
+    Known("current", "current_A", "current"),
+    Known("rpm", "speed_Hz", "rotation", own_unit="rpm"),
+    Known("power", "power_W", "power"),
+    Known("temperature", "temperature_K", "temperature"),
+    Known("pressure", "pressure_Pa", "pressure"),
+    Known("humidity", "humidity", "fraction"),
+    Known("approach", "approach", kind="plain"),
+    Known("tilt", "tilt_rad", "angle"),
+    Known("orientation", "orientation", kind="text"),
+    Known("turn", "turn_rad", "angle"),
+    Known("propeller", "propeller", kind="text"),
+    Known("fountain", "fountain_side", kind="plain"),
+    Known("tare_after", "tare_after_N", "force"),
+    Known("roll_moment", "roll_moment_Nm", "torque"),
+    Known("pitch_moment", "pitch_moment_Nm", "torque"),
+    Known("wall_force", "wall_force_N", "force"),
+    Known("u_roll_moment", "u_roll_moment_Nm", "torque"),
+    Known("u_pitch_moment", "u_pitch_moment_Nm", "torque"),
+    Known("u_wall_force", "u_wall_force_N", "force"),
+    Known("lift", "lift_N", "force"),
+    Known("lift_sd", "lift_sd_N", "force"),
+    Known("n", "n", kind="plain"),
+)
+BY_NAME = {k.name: k for k in KNOWN}
+#: Columns measured in addition to lift; `u_` before a name is the standard uncertainty.
+BESIDE = tuple(k.name for k in KNOWN if k.inside in CARRIED)
+#: Columns of a schedule that pieces of a record may bring.
+BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.startswith("lift"))
+#: Names that a further column must not have.
+RESERVED = {c.name for c in TRIALS.columns} | {k.inside for k in KNOWN} | {"u_height_m"}
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """The texts of one column, their lines (none for a constant), and the unit if one is given."""
+
+    name: str
+    texts: Sequence[str]
+    file: str
+    lines: Sequence[int]
+    unit: str = ""
+
+    def at(self, i: int) -> str:
+        """Place of cell `i`."""
+        kind = f"line {self.lines[i]}, column" if self.lines else "constant"
+        return f"{self.file}, {kind} {self.name!r}"
+
+    def refusal(
+        self, i: int, what: str, remedy: str, kind: type[NearliftError] = ManifestError
+    ) -> NearliftError:
+        """A refusal that names the place of cell `i`."""
+        return kind(self.at(int(i)), what, remedy)
+
+    def no_value(self, i: int) -> str:
+        """Fault of a blank cell."""
+        return f"{self.texts[i].strip()!r} is no value" if self.texts[i].strip() else "is empty"
+
+    def numbers(self, *, blank: bool = True) -> FloatArray:
+        """The cells as numbers, NaN where blank; refuses other cells, and blanks unless `blank`."""
+        values = np.full(len(self.texts), math.nan)
+        for i, text in enumerate(self.texts):
+            value = text.strip()
+            if NUMBER.fullmatch(value):
+                values[i] = float(value)
+                if math.isinf(values[i]):
+                    what = f"{brief(value)} is beyond what a number can hold"
+                    raise self.refusal(i, what, "mend it; the largest is 1.8e308")
+            elif value.lower() not in BLANK:
+                comma = re.fullmatch(r"[-+]?\d+,\d+", value)
+                raise self.refusal(
+                    i,
+                    f"{brief(repr(text))} is not a number",
+                    "write decimals with a point"
+                    if comma
+                    else "write a number; leave the cell empty where it is not known",
+                )
+            elif not blank:
+                raise self.refusal(i, self.no_value(i), "every trial needs this number")
+        return values
+
+    def si(self, *, blank: bool = True) -> FloatArray:
+        """The cells in SI, by the column's unit."""
+        known = BY_NAME[self.name]
+        unit = self.unit or known.own_unit
+        if not unit:
+            usual = units.SI[known.dimension].replace("dimensionless", "percent")
+            raise ManifestError(
+                "trials.units",
+                f"the column {self.name!r} has no unit",
+                f'add {self.name} = "..." (such as "{usual}") under [trials.units]',
+            )
+        factor, offset = units.to_si(unit, known.dimension, f"trials.units.{self.name}")
+        return factor * self.numbers(blank=blank) + offset
+
+    def stripped(self) -> NDArray[Any]:
+        """The cells as texts without surrounding spaces."""
+        return np.array([t.strip() for t in self.texts], dtype=object)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """The trials of a campaign in run order; every array has one entry per trial.
+
+    `z_m` is rotor plane (sidewall: nearest blade tip) to boundary: the recorded distance plus the
+    datum's offset, inf in free air. `z_hat` is `z_m` over rotor radius; `throttle` is a fraction.
+    `visit` counts the traverse's stops. `covariates` are in SI, NaN where blank, the unit in the
+    name (`supply_V`); unknown columns keep their own name.
+
+    `means` (`lift_N`, `lift_sd_N`, `n`) exist for ``reader = "means"`` only. `reached_m` are the
+    traverse's own readings plus the datum's offset. `notes` are remarks for the user.
+    """
+
+    trial: NDArray[Any]
+    boundary: NDArray[Any]
+    z_m: FloatArray
+    z_hat: FloatArray
+    throttle: FloatArray
+    visit: IntArray
+    covariates: Mapping[str, NDArray[Any]]
+    means: Mapping[str, NDArray[Any]] | None = None
+    reached_m: FloatArray | None = None
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.trial)
+
+    @property
+    def settings(self) -> dict[str, NDArray[Any]]:
+        """The first columns of trials.parquet: each trial and how the rig was set for it."""
+        names = ("trial", "boundary", "z_hat", "z_m", "throttle")
+        return {name: getattr(self, name) for name in names}
+
+
+# the last schedule: a command needs it when it opens a campaign and when it ingests
+_last: list[tuple[Campaign, Path, str, Schedule]] = []
+
+
+def schedule_file(campaign: Campaign, root: Path) -> Path:
+    """The schedule's path, checked to lie under `root`."""
+    return inside(root, campaign.trials.file, "trials.file")
+
+
+def read_schedule(campaign: Campaign, root: Path) -> Schedule:
+    """Read and check the schedule of a campaign.
+
+    Raises
+    ------
+    InputRefused
+        The file is missing or no CSV text, or a distance is impossible.
+    ManifestError
+        A column is missing, without a unit, or holds a wrong cell; or two trials share an id.
+    """
+    path = schedule_file(campaign, root)
+    text = text_of(path)
+    for known, file, content, schedule in _last:
+        if known is campaign and (file, content) == (path, text):
+            return schedule
+    columns, bring = columns_of(campaign, path, text), ()
+    if campaign.cuts_records:
+        columns, bring = rename_records(campaign, path, columns)
+    schedule = of_columns(campaign, path, columns, unended(path, text), bring)
+    _last[:] = [(campaign, path, text, schedule)]
+    return schedule
+
+
+def text_of(path: Path) -> str:
+    """The file as text; refuses one that is missing or not UTF-8."""
+    if not path.is_file():
+        raise InputRefused(
+            str(path),
+            "is missing",
+            "the schedule lists every trial; name it under [trials] file = ...",
+        )
+    try:
+        return path.read_bytes().decode("utf-8-sig")
+    except UnicodeDecodeError as fault:
+        raise InputRefused(
+            str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8"
+        ) from None
+
+
+def unended(path: Path, text: str) -> list[str]:
+    """A note if the last line has no end: a cut can turn `300` into `30`."""
+    last = re.split(r"[\r\n]", text)[-1]
+    if not last.strip():
+        return []
+    note = (
+        f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
+        " row is wrong and more may be lost; end the line"
+    )
+    return [note]
+
+
+def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Column]:
+    """Every column of a CSV text, constants included, in the file's order."""
+    reader = csv.reader(io.StringIO(_without_remarks(text), newline=""), strict=True)
+    try:
+        rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
+    except csv.Error as fault:
+        raise InputRefused(
+            f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "mend that line"
+        ) from None
+    if not rows:
+        raise InputRefused(
+            str(path), "is empty", "the first line names the columns, then one line per trial"
+        )
+    header = _header(path, *rows.pop(0))
+    if not rows:
+        raise InputRefused(
+            str(path), "lists no trial", "one line per trial, in the order in which they were run"
+        )
+    for line, row in rows:
+        if len(row) != len(header):
+            raise InputRefused(
+                f"{path}, line {line}",
+                f"has {len(row)} cells under {len(header)} column names",
+                "mend that line (a decimal comma makes two cells of one)",
+            )
+    lines = [line for line, _ in rows]
+    unit = campaign.trials.units
+    columns = {
+        name: Column(name, texts, path.name, lines, unit.get(name, ""))
+        for name, texts in zip(header, zip(*(row for _, row in rows), strict=True), strict=True)
+    }
+    for name, value in campaign.trials.constants.items():
+        if name in columns:
+            raise ManifestError(
+                f"trials.constants.{name}",
+                f"stands beside a column {name!r} of {path.name}",
+                "keep one of them",
+            )
+        constant = _constant(name, value, unit.get(name))
+        columns[name] = Column(
+            name, [constant] * len(rows), "campaign.toml", (), unit.get(name, "")
+        )
+    return columns
+
+
+def _without_remarks(text: str) -> str:
+    """The text with remarks (`#`) above the header made blank; a header behind `#` stays, to be
+    refused by its names.
+    """
+    above = re.match(r"(?:[ \t]*(?:#[^\r\n]*)?(?:\r\n|\r|\n))*", text)
+    remarks = above[0] if above else ""
+    if any(
+        {"trial"} < {cell.strip(' \t"#') for cell in line.split(",")} & BY_NAME.keys()
+        for line in remarks.splitlines()
+    ):
+        return text
+    return re.sub(r"#[^\r\n]*", "", remarks) + text[len(remarks) :]
+
+
+def _header(path: Path, line: int, row: Sequence[str]) -> list[str]:
+    """The columns' names."""
+    header = [name.strip() for name in row]
+    if len(header) == 1 and re.search(r"[;\t]", header[0]):
+        raise InputRefused(
+            str(path),
+            "is not separated by commas",
+            "save it with commas between cells and points in decimals",
+        )
+    if twice := sorted(n for n, k in Counter(header).items() if k > 1):
+        raise InputRefused(
+            f"{path}, line {line}",
+            f"the column {twice[0]!r} stands twice",
+            "rename or drop one of them",
+        )
+    if "" in header:
+        raise InputRefused(
+            f"{path}, line {line}",
+            f"column {header.index('') + 1} has no name",
+            "name it, or take the stray comma away",
+        )
+    return header
+
+
+def _constant(name: str, value: object, unit: str | None) -> str:
+    """A constant as a cell; one with its own unit is converted to that of the column."""
+    text, known = str(value), BY_NAME.get(name)
+    own_unit = isinstance(value, str) and not NUMBER.fullmatch(text.strip())
+    date = name == "start" and "T" in text
+    if known is None or known.kind != "quantity" or not own_unit or date:
+        return text
+    si = units.quantity(value, known.dimension, f"trials.constants.{name}")
+    if unit is None:
+        raise ManifestError(
+            f"trials.constants.{name}",
+            "has a unit of its own, but the column has none",
+            f'add {name} = "{units.SI[known.dimension]}" under [trials.units]',
+        )
+    factor, offset = units.to_si(unit, known.dimension, f"trials.units.{name}")
+    return repr((si - offset) / factor)
+
+
+def csv_text(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
+    """A schedule as CSV text: a line of names, then one line per trial."""
+    sink = io.StringIO()
+    writer = csv.writer(sink, lineterminator="\n")
+    writer.writerow(header)
+    writer.writerows(rows)
+    return sink.getvalue()
+
+
+def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
+    """The schedule's columns that pieces bring, each with its column of the record and its key of
+    the manifest; `ManifestError` of an unknown name, a missing unit, and one name twice.
+    """
+    columns: dict[str, tuple[ColumnOfRecord, str]] = {}
+    if cut.has_level:
+        columns[cut.maps] = cut.level(), "segments"
+    for name, column in cut.columns.items():
+        key = f"segments.columns.{name}"
+        if name not in BRINGABLE:
+            hint = did_you_mean(name, BRINGABLE) or f"known are {', '.join(BRINGABLE)}"
+            raise ManifestError(key, "is no column of a schedule that a record may have", hint)
+        if name in columns:
+            raise ManifestError(key, "is what the level says already", "take one of them away")
+        columns[name] = column, key
+        if name in BESIDE:
+            columns[f"u_{name}"] = column, key  # from the same samples
+    for name, (column, key) in columns.items():
+        column.linear(dimension_of(name), key)
+    return columns
+
+
+def dimension_of(name: str) -> str:
+    """The dimension of a schedule's column; empty without one."""
+    return BY_NAME[name].dimension if name in BY_NAME else ""
+
+
+def rename_records(
+    campaign: Campaign, path: Path, columns: Mapping[str, Column]
+) -> tuple[dict[str, Column], tuple[str, ...]]:
+    """A schedule of records under the names of one of trials, and the columns that pieces bring;
+    `ManifestError` without a column `record`, or with a column that pieces bring.
+    """
+    assert campaign.segments is not None
+    bring = tuple(brought(campaign.segments))
+    if RECORD_COLUMN not in columns or "trial" in columns:
+        what = "has a column 'trial'" if "trial" in columns else "has no column 'record'"
+        raise ManifestError(
+            str(path), what, "with [segments] a row is a record: call the column of its ids record"
+        )
+    for name in bring:
+        if name in columns:
+            raise ManifestError(
+                str(path),
+                f"the column {name!r} says what every piece of a record brings by [segments]",
+                "take the column away, or the key under [segments] (maps, columns)",
+            )
+    return {"trial" if n == RECORD_COLUMN else n: column for n, column in columns.items()}, bring
+
+
+def of_columns(
+    campaign: Campaign,
+    path: Path,
+    columns: Mapping[str, Column],
+    notes: Iterable[str],
+    missing: Collection[str] = (),
+) -> Schedule:
+    """The schedule of columns of text; raises as `read_schedule` does.
+
+    Required columns in `missing` may be absent or blank: pieces of records bring them.
+    """
+    _check_names(campaign, path, columns, missing)
+    trial, boundary = _ids(columns["trial"]), _boundaries(columns["boundary"])
+    throttle = np.full(len(trial), np.nan)
+    if column := columns.get("throttle"):
+        throttle = column.si(blank="throttle" in missing)
+        _check_share(column, throttle)
+    z_m = _distances(campaign, columns.get("distance"), boundary, "distance" in missing)
+    covariates: dict[str, NDArray[Any]] = {}
+    notes = list(notes)
+    for name, column in columns.items():
+        if name in REQUIRED:
+            continue
+        if name in BY_NAME:
+            covariates[BY_NAME[name].inside] = _covariate(campaign, column)
+            continue
+        if name in RESERVED:
+            what = f"the column {name!r} has the name of a result"
+            raise ManifestError(str(path), what, "rename it")
+        covariates[name] = _further(column)
+        if hint := did_you_mean(name, [n for n in BY_NAME if n not in columns]):
+            notes.append(f"{path.name}: column {name!r} is kept as it is; {hint}")
+    means = {n: covariates.pop(n) for n in (BY_NAME[m].inside for m in MEANS) if n in covariates}
+    _check_means(campaign, path, columns, means)
+    approach, session = covariates.get("approach"), covariates.get("session")
+    if "start_s" in covariates:
+        notes += _backwards(columns["start"], covariates["start_s"], session)
+    reached = covariates.pop("reached_m", None)
+    if reached is not None:
+        reached = reached + [0.0 if b == "none" else campaign.rig.offset(b) for b in boundary]
+    if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
+        notes.append(
+            "sidewall distances are taken as wall to nearest blade tip; say so with distance_datum"
+            ' = { sidewall = "blade tip" }'
+        )
+    return Schedule(
+        trial=trial,
+        boundary=boundary,
+        z_m=z_m,
+        z_hat=z_m / campaign.vehicle.rotor_radius,
+        throttle=throttle,
+        visit=visits(boundary, z_m, approach, session, ordered=campaign.trials.order == "run"),
+        covariates=covariates,
+        means=means or None,
+        reached_m=reached,
+        notes=tuple(notes),
+    )
+
+
+def _check_names(
+    campaign: Campaign, path: Path, columns: Mapping[str, Column], missing: Collection[str]
+) -> None:
+    """Refuse a unit of an unknown column, and a schedule without a required column."""
+    for name in campaign.trials.units:
+        if name not in columns and name not in BY_NAME:
+            raise ManifestError(
+                f"trials.units.{name}",
+                "no column has that name",
+                did_you_mean(name, [*columns, *BY_NAME]) or f"columns are {', '.join(columns)}",
+            )
+    free_air = "boundary" in columns and set(columns["boundary"].stripped()) == {"none"}
+    for name in REQUIRED:
+        if name not in columns and name not in missing and not (name == "distance" and free_air):
+            hint = did_you_mean(name, [c for c in columns if c not in BY_NAME])
+            raise ManifestError(
+                str(path),
+                f"has no column {name!r}",
+                hint.replace("did you mean", "is it")
+                or f"add it, or set it for all under [trials.constants]: {name} = ...",
+            )
+
+
+def _check_means(
+    campaign: Campaign, path: Path, columns: Collection[str], means: Collection[str]
+) -> None:
+    """Refuse mean lifts with records, and ``reader = "means"`` without them."""
+    wanted = campaign.records.reader == "means"
+    if wanted and "lift_N" not in means:
+        raise ManifestError(
+            str(path),
+            "has no column 'lift'",
+            'reader = "means" takes the mean lift of every trial from it; add lift, and its unit'
+            " under [trials.units]",
+        )
+    if means and not wanted:
+        raise ManifestError(
+            str(path),
+            f'the column {next(n for n in MEANS if n in columns)!r} belongs to reader = "means"',
+            f"rename it; here the lift comes from the {campaign.records.reader} records",
+        )
+
+
+def _ids(column: Column) -> NDArray[Any]:
+    """The trials' ids; refuses a blank, an invisible character, and one id twice."""
+    first: dict[str, int] = {}
+    for i, name in enumerate(column.stripped().tolist()):
+        invisible = any(unicodedata.category(c) in INVISIBLE for c in name)
+        what = f"{name!a} holds a character that does not show" if name else "holds no trial id"
+        if name in first:
+            place = column.at(first[name]).split(", column")[0]
+            what = f"trial {name!r} stands already in {place}"
+        if not name or invisible or name in first:
+            raise column.refusal(i, what, "give every trial an id of its own")
+        first[name] = i
+    return np.array(list(first), dtype=object)
+
+
+def _boundaries(column: Column) -> NDArray[Any]:
+    """The boundaries' names; refuses an unknown one."""
+    allowed, names = (*BOUNDARIES, "none"), column.stripped()
+    for i, name in enumerate(names):
+        if name not in allowed:
+            hint = did_you_mean(name.lower(), allowed) or f"boundaries are {', '.join(allowed)}"
+            raise column.refusal(i, f"{name!r} is not a boundary", hint)
+    return names
+
+
+def _covariate(campaign: Campaign, column: Column) -> NDArray[Any]:
+    """A known column in SI."""
+    name, kind = column.name, BY_NAME[column.name].kind
+    if kind == "text":
+        return column.stripped()
+    if kind == "plain":
+        return _plain(column)
+    if name == "start" and not column.unit:
+        return _seconds_since_first(column)
+    if name == "tare_after" and column.unit == "count":
+        force = campaign.records.force
+        if force is None:
+            raise ManifestError(
+                "trials.units.tare_after",
+                "is in counts, but [records] has no force channel",
+                "give it in a unit of force",
+            )
+        factor, zero = force.linear()
+        return np.asarray(factor * (column.numbers() - zero))
+    values = column.si(blank=name != "lift")
+    _check_share(column, values)
+    return values
+
+
+def _plain(column: Column) -> FloatArray:
+    """Plain numbers: approach (+1, -1, or 0 where the traverse did not move), n (whole, from 1)."""
+    values = column.numbers()
+    for i in np.flatnonzero(np.isfinite(values)).tolist():
+        value, cell = values[i], repr(column.texts[i].strip())
+        if column.name == "approach" and value not in (-1.0, 0.0, 1.0):
+            raise column.refusal(
+                i,
+                f"{cell} is not a side",
+                "approach is +1 when the last move was away from the boundary, -1 towards it",
+            )
+        if column.name == "n" and not (value >= 1 and value == int(value)):
+            raise column.refusal(
+                i, f"{cell} is not a number of samples", "n is a whole number from 1"
+            )
+    return values
+
+
+def _seconds_since_first(column: Column) -> FloatArray:
+    """ISO 8601 times as seconds since the first one."""
+    stamps: list[datetime.datetime | None] = []
+    for i, text in enumerate(column.texts):
+        cell = text.strip()
+        try:
+            # fromisoformat takes bare digits for a date such as 20260101: those need a unit
+            if NUMBER.fullmatch(cell):
+                raise ValueError
+            blank = cell.lower() in BLANK
+            stamps.append(None if blank else datetime.datetime.fromisoformat(cell))
+        except ValueError:
+            raise column.refusal(
+                i,
+                f"{text!r} is not ISO 8601 time, and start has no unit",
+                'add start = "s" under [trials.units], or write 2026-03-01T14:05:00',
+            ) from None
+    known = [s for s in stamps if s is not None]
+    if len({s.tzinfo is None for s in known}) > 1:
+        raise ManifestError(
+            f"{column.file}, column 'start'",
+            "mixes times with and without a time zone",
+            "write all of them alike",
+        )
+    return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
+
+
+def _further(column: Column) -> NDArray[Any]:
+    """An unknown column: numbers if all filled cells are numbers, else texts."""
+    texts = column.stripped()
+    filled = [t for t in texts if t.lower() not in BLANK]
+    return column.numbers() if filled and all(map(NUMBER.fullmatch, filled)) else texts
+
+
+def _check_share(column: Column, values: FloatArray) -> None:
+    """Refuse one of `SHARES` outside 0 to 1, or never above 1 %, with the unit that would fit."""
+    name, unit = column.name, column.unit
+    if name not in SHARES:
+        return
+    whole, too_little = SHARES[name]
+    for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
+        cell, dimension = column.texts[i].strip(), BY_NAME[name].dimension
+        other = [u for u in units.plausible(float(cell), dimension, 0.0, 1.0) if u != unit]
+        raise column.refusal(
+            i,
+            f"a {name} of {cell} {unit} is not between 0 and 1",
+            f"{other[0]}?" if other else f"{name} is a part of {whole}",
+            InputRefused,
+        )
+    i = int(np.argmax(np.nan_to_num(values)))
+    if unit != "fraction" and 0 < values[i] <= 0.01 + 1e-9:
+        raise column.refusal(
+            i,
+            f"the largest {name} is {column.texts[i].strip()} {unit}, {too_little}",
+            f"fraction? then mend {name} under [trials.units]",
+            InputRefused,
+        )
+
+
+def _distances(
+    campaign: Campaign, column: Column | None, boundary: NDArray[Any], blank: bool
+) -> FloatArray:
+    """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air, NaN where a cell is
+    blank and may be; refuses impossible distances.
+    """
+    free = boundary == "none"
+    if column is None:
+        return np.full(len(boundary), np.inf)
+    recorded = column.numbers()
+    for i in np.flatnonzero(np.isfinite(recorded) == free).tolist():
+        if free[i]:
+            what = "free air (boundary none) has no distance"
+            raise column.refusal(i, what, "leave the cell empty")
+        if not blank:
+            remedy = "every trial at a boundary needs its distance; free air is boundary none"
+            raise column.refusal(i, column.no_value(i), remedy)
+    z_m = np.where(free, np.inf, column.si())
+    for side in BOUNDARIES:
+        here = np.flatnonzero((boundary == side) & np.isfinite(recorded))
+        if len(here):
+            offset = _offset(campaign, side)
+            z_m[here] += offset
+            _check_arena(campaign, column, recorded, z_m, here, side, offset)
+    return z_m
+
+
+def _offset(campaign: Campaign, side: Boundary) -> float:
+    """The datum's offset, m; refuses a datum that the boundary cannot have."""
+    rig, r = campaign.rig, campaign.vehicle.rotor_radius
+    offset = rig.offset(side)
+    if rig.datum(side) != "rotor axis":
+        return offset
+    if side != "sidewall":
+        raise ManifestError(
+            "rig.distance_datum",
+            f"the rotor axis is no datum for the {side}: it stands at right angles to it",
+            'give each boundary its own, such as { ground = "rotor plane", sidewall = "rotor'
+            ' axis" }',
+        )
+    if abs(offset + r) > 0.1 * r:
+        raise ManifestError(
+            "rig.distance_offset",
+            f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis",
+            "z_hat counts from the nearest blade tip: make it minus one rotor radius, { sidewall"
+            f' = "{-1e3 * r:g} mm", ... }}',
+        )
+    return offset
+
+
+def _check_arena(
+    campaign: Campaign,
+    column: Column,
+    recorded: FloatArray,
+    z_m: FloatArray,
+    here: IntArray,
+    side: Boundary,
+    offset: float,
+) -> None:
+    """Refuse distances beyond the arena or behind the boundary.
+
+    A unit is proposed if it makes every distance to this boundary possible: within the arena, and
+    at least a fiftieth of a radius away.
+    """
+    arena, r, unit = campaign.rig.arena, campaign.vehicle.rotor_radius, column.unit
+    farthest, nearest = (int(here[place(z_m[here])]) for place in (np.argmax, np.argmin))
+    far, near = (f"{column.texts[i].strip()} {unit}" for i in (farthest, nearest))
+    if arena is not None and z_m[farthest] > arena:
+        ends = recorded[here].min(), recorded[here].max()
+        other = _other_units(ends, r / 50 - offset, arena - offset, unit)
+        raise column.refusal(
+            farthest,
+            f"{far} is outside the {arena:g} m arena{other}",
+            "mend distance under [trials.units], the schedule, or [rig] arena",
+            InputRefused,
+        )
+    if z_m[nearest] <= NEAREST * r:
+        into = f"{-1e3 * z_m[nearest]:.3g} mm into the {side}"
+        place = into if z_m[nearest] < 0 else f"on the {side} itself"
+        raise column.refusal(
+            nearest,
+            f"{near} with an offset of {1e3 * offset:g} mm puts the rotor {place}",
+            "mend [rig] distance_datum and distance_offset, or the schedule",
+            InputRefused,
+        )
+    if z_m[farthest] < r / 50:
+        other = _other_units(recorded[[farthest]], r, arena or 100 * r, unit)
+        raise column.refusal(
+            farthest,
+            f"{far} is the farthest from the {side}, {z_m[farthest] / r:.2g} of a rotor's radius"
+            + other,
+            "mend distance under [trials.units], or the schedule",
+            InputRefused,
+        )
+
+
+def _other_units(values: Iterable[float], low: float, high: float, unit: str) -> str:
+    """The units that bring all distances between `low` and `high`, m, as a question."""
+    first, *others = (units.plausible(float(value), "length", low, high) for value in values)
+    fitting = [u for u in first if u != unit and all(u in other for other in others)]
+    return f"; {' or '.join(fitting)}?" if fitting else ""
+
+
+def visits(
+    boundary: NDArray[Any],
+    z_m: FloatArray,
+    approach: FloatArray | None = None,
+    session: NDArray[Any] | None = None,
+    *,
+    ordered: bool = True,
+) -> IntArray:
+    """Counter of the traverse's stops, from 0: a new one where boundary, distance, side of approach
+    or session change.
+
+    Without an order of the rows, all rows that agree in these are one stop.
+    """
+    if len(boundary) == 0:
+        return np.zeros(0, dtype=np.int64)
+    if not ordered:
+        same = [boundary.astype(str), z_m, *(x for x in (approach, session) if x is not None)]
+        labels = np.stack([np.unique(x, return_inverse=True)[1] for x in same])
+        _, first, label = np.unique(labels, axis=1, return_index=True, return_inverse=True)
+        return np.argsort(np.argsort(first))[label].astype(np.int64)
+    moved = (boundary[1:] != boundary[:-1]) | (z_m[1:] != z_m[:-1])
+    if approach is not None:
+        known = np.isfinite(approach[1:]) & np.isfinite(approach[:-1])
+        moved = moved | ((approach[1:] != approach[:-1]) & known)
+    if session is not None:
+        moved = moved | (session[1:] != session[:-1])
+    return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
+
+
+def _backwards(column: Column, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
+    """A note on trials of a session that began before the one above them."""
+    known = np.flatnonzero(np.isfinite(start_s))
+    earlier = np.diff(start_s[known]) < 0
+    if session is not None:
+        earlier &= session[known][1:] == session[known][:-1]
+    if not earlier.any():
+        return []
+    row = int(known[1:][earlier][0])
+    others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
+    note = (
+        f"{column.at(row)}: {column.texts[row].strip()} lies before the row above{others}: rows"
+        " stand in the order in which they were run"
+    )
+    return [note]
