@@ -36,11 +36,11 @@ def far_lift(stage: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> dict
     levels = stage.space.best_levels(stage.log_lift - candidate.log_ratio(vector))
     change, slope = np.nan_to_num(far.log_ratio(vector)), far.jacobian(vector)
     shown = data.shown(np.eye(free))
-    levels = {}
+    by_throttle = {}
     for k, throttle in enumerate(data.levels):
         here = data.level == k
         weight = np.concatenate([shown[k], slope[here].mean(axis=0), np.zeros(nuisance.shape[1])])
         value = float(np.exp(shown[k] @ levels + change[here].mean()))
         u = value * float(np.sqrt(weight @ covariance @ weight))
-        levels[float(throttle)] = FarLift(value=value, u=u)
-    return levels
+        by_throttle[float(throttle)] = FarLift(value=value, u=u)
+    return by_throttle

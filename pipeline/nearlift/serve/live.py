@@ -80,7 +80,7 @@ def verdicts_or_refusal(place: CampaignFolder) -> tuple[list[Verdict], NearliftE
         return [], refusal
 
 
-def facts(place: CampaignFolder) -> dict[str, object]:
+def facts(place: CampaignFolder) -> dict[str, Any]:
     """Facts of the page."""
     state = stamp(place)
     cards, refusal = verdicts_or_refusal(place)
@@ -119,7 +119,7 @@ def stamp(place: CampaignFolder) -> str:
     return hashlib.sha256(repr(states).encode()).hexdigest()[:16]
 
 
-def _watch(place: CampaignFolder) -> dict[str, Any] | None:
+def _watch(place: CampaignFolder) -> dict[str, object] | None:
     """Last round of `nearlift run --watch`, unless a later run replaced the results."""
     latest, results = (_status(place.processed / name) for name in (LATEST, RESULTS.file))
     if latest is None or (results and results.st_mtime_ns > latest.st_mtime_ns):
