@@ -11,17 +11,10 @@ from nearlift.declare import Boundary
 
 
 class Levels(Section):
-    """How the lift far from every boundary hangs on throttle.
+    """Dependence of L_inf on throttle: one level for each, or a curve.
 
-    Attributes
-    ----------
-    by : str
-        "throttle": a level for each; "curve": its logarithm is a polynomial of the logarithms of
-        `of`.
-    of : list of str
-        Columns of the schedule, the throttle among them, such as ``["throttle", "supply"]``.
-    degree : int or None
-        Of the polynomial, 1 being a power law; judged by visits left out where it is not given.
+    A curve is a polynomial of ln L_inf in the logarithms of the schedule's columns `of`. `degree` 1
+    is a power law; without a degree, cross-validation over visits chooses it.
     """
 
     by: Literal["throttle", "curve"]
@@ -41,19 +34,17 @@ class Levels(Section):
 
 
 class FitChoice(Section):
-    """The base model of one boundary and the models that it is compared with."""
+    """The base model of one boundary and its rivals."""
 
     base: str | None = None
     rivals: list[str] | None = None
 
 
 class FitOptions(Section):
-    """How models are fitted: the choice of models by boundary, and how their posteriors are
-    sampled.
+    """Models of each boundary, and sampling of their posteriors.
 
-    `sampler` is "auto" (importance sampling where its check passes, else emcee), "emcee" or
-    "importance"; `ess` the effective draws wanted; `steps` the most that emcee may take; `netcdf`
-    asks for posterior.nc as well.
+    `sampler` "auto" is importance sampling if its check passes, else emcee. `ess` is the number of
+    effective draws, `steps` the limit of emcee's steps; `netcdf` writes posterior.nc as well.
     """
 
     ground: FitChoice | None = None
@@ -65,7 +56,7 @@ class FitOptions(Section):
     netcdf: bool = False
 
     def choice(self, boundary: Boundary) -> FitChoice | None:
-        """The choice of models for one boundary, where there is one."""
+        """The choice of models for one boundary, if there is one."""
         chosen: FitChoice | None = getattr(self, boundary)
         return chosen
 
@@ -79,8 +70,8 @@ class Overlay(Section):
 
 
 class Units(Section):
-    """Units in which the report shows forces (`auto`: N or mN, as suits the vehicle) and distances
-    (`z_hat`: over rotor radius). Products and CSV files keep theirs.
+    """Units of forces (`auto`: N or mN by the vehicle) and distances in the report. Products and
+    CSV files keep theirs.
     """
 
     force: Literal["auto", "N", "mN", "gf"] = "auto"
@@ -88,13 +79,10 @@ class Units(Section):
 
 
 class Report(Section):
-    """How figures look.
+    """Figures of the report: widths of one column (3.25 in) and of the whole text (6.75 in).
 
-    `column_width`, `full_width`: width of a figure of one column and of the whole text; 3.25 in and
-    6.75 in by default.
-
-    `reference`: what Figure 2 takes Delta L from: the `fit` (its L_inf, with named effects taken
-    out) or the `farthest` station, as the paper does.
+    `reference` of Delta L in Figure 2: L_inf of the `fit`, corrected for identified effects, or the
+    `farthest` station, as in the paper.
     """
 
     column_width: PositiveLength = Field(default=0.08255, ge=0.05, le=0.5)
@@ -105,12 +93,10 @@ class Report(Section):
 
 
 class Quality(Section):
-    """Limits of the quality codes; fractions are of the trial's own lift, `height` of the rotor's
-    radius.
+    """Limits of the quality codes, as fractions of the trial's lift; `height` of rotor radius.
 
-    `near_reference`: a throttle without a station far from the boundary takes its L_inf from the
-    farthest that it has, else it has no Delta L. `exclude`: trials to leave out, with the reason; a
-    list of ids in the manifest has none.
+    With `near_reference`, a throttle without a far station takes its L_inf from its farthest one.
+    `exclude` maps the ids of excluded trials to the reasons; a list of ids gives none.
     """
 
     drift: float = Field(default=0.05, gt=0)
@@ -129,9 +115,8 @@ class Quality(Section):
 class Diagnose(Section):
     """Choices of the closed loop.
 
-    `not_feasible`: what this bench cannot do, so that it is not proposed: go closer than it did, go
-    farther, arrive from both directions. `planned_trials`: how long the campaign will be, where the
-    schedule does not say: it grows with the records, or the rest will not be measured.
+    `not_feasible` lists moves that the bench cannot make, so that they are not proposed.
+    `planned_trials` is the final number of trials, if the schedule does not list all of them.
     """
 
     false_alarm_rate: float = Field(default=0.05, gt=0, lt=1)

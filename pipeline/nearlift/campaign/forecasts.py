@@ -30,7 +30,7 @@ from nearlift.declare import Boundary
 
 
 class PlannedNoise(Section):
-    """How trials are expected to scatter: in proportion to lift, additive, and a visit's height."""
+    """Expected scatter of trials: proportional to lift, additive, and of a visit's height."""
 
     relative: Share
     force: Scatter = 0.0
@@ -38,12 +38,11 @@ class PlannedNoise(Section):
 
 
 class Planned(Section):
-    """A campaign before it is run, for `nearlift design`: where, how often, in how much time, and
-    what will be logged.
+    """A planned campaign for `nearlift design`.
 
-    `distances` are as the traverse shows them; one that stands twice is visited twice a round.
-    `lift` is L_inf at each throttle; `supply` and `tilt` list what these will range over (within
-    each session; visit by visit), `temperature` over the whole campaign.
+    `distances` are readings of the traverse; one that is listed twice is visited twice a round.
+    `lift` is L_inf at each throttle. `supply` is the range within each session, `temperature` over
+    the campaign; `tilt` lists the values of visits.
     """
 
     distances: dict[Boundary, list[Length]]
@@ -101,9 +100,7 @@ Probability = Annotated[float, Field(gt=0, lt=1)]
 
 
 class GainSet(Section):
-    """Gains of Eq. 5 at one boundary, with their signs: negative above a ground, positive below a
-    ceiling. In 1/(m s), 1/m, 1/(m s^2).
-    """
+    """Gains of Eq. 5 at one boundary, negative above a ground, positive below a ceiling."""
 
     proportional: ProportionalGain
     derivative: DerivativeGain
@@ -111,9 +108,7 @@ class GainSet(Section):
 
 
 class Gusts(Section):
-    """The random vertical force: standard deviation in N, time for which a value is held and
-    correlation time, in s.
-    """
+    """The random vertical force: standard deviation, N; hold time and correlation time, s."""
 
     sd: Force
     hold: PositiveDuration
@@ -121,10 +116,11 @@ class Gusts(Section):
 
 
 class Simulate(Section):
-    """Flights near the boundaries. Without gains or gusts of its own, a vehicle gets the paper's,
-    carried over so that the groups stay. What counts as a crash, its motors' lag and its largest
-    thrust stand in [vehicle]. Gains and gusts are those of the vehicle without a payload; with
-    another `mass` in flight the gains are scaled so that the loop keeps its poles, or kept.
+    """Simulated flights near the boundaries.
+
+    Without gains or gusts, a vehicle gets the paper's at equal dimensionless groups. Gains and
+    gusts are those of the vehicle without payload. With another `mass` in flight, `scale_gains`
+    keeps the poles of the control loop.
     """
 
     flights: int = Field(default=1000, ge=20, le=1_000_000)
@@ -151,13 +147,11 @@ class Simulate(Section):
 
 
 class LiftReading(Section):
-    """A measurement to be read as a distance: a lift ratio, or the throttle at which the vehicle
-    hovers.
+    """A measured lift ratio or hover throttle, to be converted to a distance.
 
-    `u` is the standard uncertainty of the ratio, or of the throttle, both as fractions; `weight`
-    and `supply` are relative standard uncertainties of weight and supply voltage (for a throttle
-    the first of [detect]'s lists if not given; a ratio's `u` is all of it), `mass` the vehicle's
-    with its payload, in kg.
+    `u` is the standard uncertainty of the ratio or throttle, a fraction. `weight` and `supply` are
+    relative standard uncertainties, for a throttle only (default: the first of [detect]'s lists).
+    `mass` includes the payload, kg.
     """
 
     boundary: Boundary
@@ -182,9 +176,9 @@ def _listed(value: object) -> object:
 
 
 class Detect(Section):
-    """Knowing a boundary from lift, or from the throttle needed to hover. Uncertainties are
-    standard ones, as fractions. `false_alarm_rate` is one decision's; `significant` the change of
-    lift from which a boundary matters.
+    """Detection of a boundary from lift or hover throttle; uncertainties are standard, fractions.
+
+    `false_alarm_rate` is per decision; `significant` is the smallest change of lift that matters.
     """
 
     false_alarm_rate: float = Field(default=0.01, gt=0, lt=0.5)

@@ -1,8 +1,7 @@
-"""The manifest: facts about the rig and choices, as written in campaign.toml, in SI once parsed.
+"""The manifest `campaign.toml` in SI: facts about the rig, and choices.
 
-Strict: an unknown key, a quantity without a unit, a unit of the wrong dimension are refused with
-the key, the value and the nearest thing that would have been right. No unit and no geometry has a
-default.
+An unknown key, a quantity without a unit and a unit of the wrong dimension are refused with key,
+value and the nearest known one. No unit and no geometry has a default.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ from nearlift.errors import ManifestError, brief
 
 
 class Campaign(Section):
-    """A whole manifest. `root` is the folder that holds it."""
+    """A whole manifest."""
 
     schema_: Literal["nearlift.campaign/1"] = Field(alias="schema")
     name: str
@@ -52,28 +51,20 @@ class Campaign(Section):
     detect: Detect | None = None
 
     def nominal(self, on: str) -> float | None:
-        """The value, SI, of a model's input with a unit that an `[[uncertainty]]` can be on; None
-        where the manifest gives none.
-        """
+        """Value, SI, of a model's input that an `[[uncertainty]]` can be on, if it is given."""
         place = self.rig if on == "air_density" else self.vehicle
         value: float | None = getattr(place, on)
         return value
 
     def geometry(self) -> dict[str, Any]:
-        """What lift models may need that is the same for all trials, scaled by rotor radius: the
-        vehicle's, `gap_hat` and `edge_hat`.
-        """
+        """Inputs of lift models that all trials share, over rotor radius."""
         around = {"gap_hat": self.rig.gap, "edge_hat": self.rig.edge}
         r = self.vehicle.rotor_radius
         return self.vehicle.geometry() | {n: v / r for n, v in around.items() if v is not None}
 
     def contact_m(self, boundary: Boundary) -> float:
-        """Rotor plane to boundary, m, where the vehicle first touches it.
-
-        Raises
-        ------
-        ManifestError
-            The manifest does not say, or says that a rotor is in the boundary by then.
+        """Rotor plane to boundary, m, at first touch; `ManifestError` if it is missing, or if a
+        rotor would be in the boundary.
         """
         where, given = f"vehicle.contact.{boundary}", self.vehicle.contact.get(boundary)
         if given is None:
@@ -139,14 +130,7 @@ class Campaign(Section):
 
 
 def load(folder: Path) -> Campaign:
-    """Read and check ``campaign.toml`` of a campaign folder.
-
-    Raises
-    ------
-    ManifestError
-        The folder or the file is missing, is not TOML, or breaks the contract; every fault is
-        listed.
-    """
+    """Read and check ``campaign.toml`` of a folder; `ManifestError` lists every fault."""
     path = folder / "campaign.toml"
     if not path.is_file():
         what = "`nearlift new DIR` writes one to fill in"
@@ -157,14 +141,12 @@ def load(folder: Path) -> Campaign:
         return parse(parsing.loads(file.read(parsing.MOST_BYTES + 1), str(path)), str(path))
 
 
-#: What `nearlift new` writes where somebody must know.
+#: Placeholder of `nearlift new` for values to fill in.
 BLANK = "FILL IN"
 
 
 def parse(raw: dict[str, object], where: str = "campaign.toml") -> Campaign:
-    """A manifest from parsed TOML; raises `ManifestError` that lists every fault with its key, or
-    what is still to be filled in.
-    """
+    """A manifest from parsed TOML; `ManifestError` lists every fault, or every blank value."""
     values = list(leaves(raw))
     blank = [
         f"{key}: {value!r} is still to be filled in"
@@ -196,7 +178,5 @@ def leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def boundaries_of(values: Collection[str]) -> list[Boundary]:
-    """The boundaries present, ground, ceiling, sidewall in that order (`none`, free air, is not
-    one).
-    """
+    """The boundaries present, in the order ground, ceiling, sidewall."""
     return [b for b in BOUNDARIES if b in values]

@@ -1,4 +1,8 @@
-"""Bounded TOML, and the faults of a manifest with key, value and nearest known key."""
+"""Bounded TOML, and the faults of a manifest with key, value and nearest known key.
+
+Size, depth and digits are judged before TOML is parsed: the parser recurses over brackets, takes
+quadratic time over dotted keys, and computes whole numbers of any length.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +17,15 @@ from pydantic import BaseModel, ValidationError
 from nearlift.campaign.quantities import Section
 from nearlift.errors import ManifestError, brief, did_you_mean
 
-#: A manifest of five hundred velocity cases has 150 kB.
+#: Largest manifest, bytes; five hundred velocity cases take 150 kB.
 MOST_BYTES = 1 << 19
 #: Brackets within brackets, and parts of a dotted key; a manifest needs four.
 DEEPEST = 8
-#: Of one number; a double precision one is exact with 17.
+#: Digits of one number; 17 are exact in double precision.
 MOST_DIGITS = 60
-#: Strings and comments are skipped whole; a quote that opens and never closes is left to the
-#: parser, which ends there.
+#: Faults listed of one manifest.
+MOST_FAULTS = 50
+# strings and comments are skipped whole; a quote that never closes is left to the parser
 _TOKEN = re.compile(
     r'"""(?:[^"\\]|\\[\s\S]|"(?!""))*+"{3,5}'
     r"|'''(?:[^']|'(?!''))*+'{3,5}"
@@ -28,15 +33,12 @@ _TOKEN = re.compile(
     r"|'[^'\n]*+'(?!')"
     r"|\#[^\n]*+|[\w+-]++|[^\w+-]"
 )
+Kind = TypeVar("Kind", bound=BaseModel)
 
 
 def loads(content: bytes, where: str) -> dict[str, Any]:
-    """The tables of a TOML file, with or without a byte order mark.
-
-    Raises
-    ------
-    ManifestError
-        It is too large, too deep, no UTF-8, or no TOML.
+    """The tables of a TOML file, with or without a byte order mark; `ManifestError` if it is too
+    large or too deep, or is no UTF-8 or no TOML.
     """
     if len(content) > MOST_BYTES:
         raise ManifestError(
@@ -46,19 +48,18 @@ def loads(content: bytes, where: str) -> dict[str, Any]:
         )
     try:
         text = content.decode("utf-8-sig").replace("\r\n", "\n")
+        _check_bounds(text, where)
+        return tomllib.loads(text)
     except UnicodeDecodeError as fault:
         raise ManifestError(
             where, f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8"
         ) from None
-    _bounded(text, where)
-    try:
-        return tomllib.loads(text)
     except tomllib.TOMLDecodeError as fault:
         raise ManifestError(where, f"is not valid TOML: {fault}", "mend that line") from None
 
 
-def _bounded(text: str, where: str) -> None:
-    """Refuse brackets, dotted keys and numbers beyond what any manifest has."""
+def _check_bounds(text: str, where: str) -> None:
+    """Refuse brackets, dotted keys and numbers beyond those of any manifest."""
     line, brackets, dots = 1, 0, 0
     for match in _TOKEN.finditer(text):
         token = match[0]
@@ -72,24 +73,14 @@ def _bounded(text: str, where: str) -> None:
             dots += 1
         elif token in "\n=,":
             dots = 0
+        place = f"{where}, line {line}"
         if max(brackets, dots) >= DEEPEST:
-            raise ManifestError(
-                f"{where}, line {line}",
-                f"is nested more than {DEEPEST} deep",
-                "no key of a manifest is",
-            )
+            what = f"is nested more than {DEEPEST} deep"
+            raise ManifestError(place, what, "no key of a manifest is")
         if len(token) > MOST_DIGITS and token.lstrip("+-")[:1].isdigit():
-            raise ManifestError(
-                f"{where}, line {line}",
-                f"holds a number of {len(token)} digits",
-                "17 digits say all that there is to say",
-            )
+            what = f"holds a number of {len(token)} digits"
+            raise ManifestError(place, what, "17 digits say all that there is to say")
         line += token.count("\n")
-
-
-Kind = TypeVar("Kind", bound=BaseModel)
-#: As many faults of one manifest are told.
-MOST_FAULTS = 50
 
 
 def validated(kind: type[Kind], raw: dict[str, object], where: str) -> Kind:
@@ -100,35 +91,30 @@ def validated(kind: type[Kind], raw: dict[str, object], where: str) -> Kind:
         return kind.model_validate(raw)
     except ValidationError as fault:
         errors = fault.errors(include_url=False)
-        lines = first_of(
-            dict.fromkeys(_explain(error, kind) for error in errors[:MOST_FAULTS]), len(errors)
-        )
+        shown = dict.fromkeys(_explain(error, kind) for error in errors[:MOST_FAULTS])
+        lines = first_of(shown, len(errors))
         if any(error["type"] == "missing" for error in errors):
             lines.append("`nearlift new DIR` writes a manifest that says what each key is")
         raise ManifestError(where, "\n  ".join(lines)) from None
 
 
 def first_of(faults: Iterable[str], count: int) -> list[str]:
-    """The first of so many faults, each cut to a line that can be read."""
+    """The first `MOST_FAULTS` of `count` faults, each cut to a readable line."""
     shown = [brief(fault) for fault in itertools.islice(faults, MOST_FAULTS)]
     return [*shown, f"and {count - MOST_FAULTS} more"] if count > MOST_FAULTS else shown
 
 
 def _explain(error: Any, kind: type[BaseModel]) -> str:
-    """One fault in the user's terms: key, value, and the nearest thing that would have
-    been right.
-    """
+    """One fault: key, value, and the nearest known key."""
+    # pydantic adds the branch of a union to the place
     location = [
         part
         for part in error["loc"]
-        if not (
-            isinstance(part, str)
-            and ("function" in part or "[" in part or part in ("float", "str"))
-        )
+        if not re.fullmatch(r"float|str|.*(?:function|\[).*", str(part))
     ]
-    key = ".".join(str(part) for part in location) or "manifest"
+    key = ".".join(map(str, location)) or "manifest"
     if error["type"] == "extra_forbidden":
-        known = _keys_beside(kind, location)
+        known = _known_keys(kind, location)
         hint = did_you_mean(str(location[-1]), known) or f"known here: {', '.join(known)}"
         return f"{key}: unknown key; {hint}"
     if error["type"] == "missing":
@@ -138,16 +124,12 @@ def _explain(error: Any, kind: type[BaseModel]) -> str:
             f"schema: is {error['input']!r}, and this nearlift reads {error['ctx']['expected']}:"
             " mend it, or take the version that wrote it"
         )
-    message = error["msg"].removeprefix("Value error, ").replace("\n", "; ")
-    shown = (
-        ""
-        if isinstance(error["input"], dict | list) or str(error["input"]) in message
-        else f" (found {error['input']!r})"
-    )
-    return f"{key}: {message}{shown}"
+    message, value = error["msg"].removeprefix("Value error, ").replace("\n", "; "), error["input"]
+    known_value = isinstance(value, dict | list) or str(value) in message
+    return f"{key}: {message}" + ("" if known_value else f" (found {value!r})")
 
 
-def _keys_beside(kind: type[BaseModel], location: list[Any]) -> list[str]:
+def _known_keys(kind: type[BaseModel], location: list[Any]) -> list[str]:
     """Keys allowed in the table that holds the last part of `location`."""
     known = {f.alias or n: f for n, f in kind.model_fields.items()}
     for part in location[:-1]:
@@ -160,8 +142,5 @@ def _section_in(annotation: Any) -> Any:
     """The Section class inside an annotation such as `list[Overlay] | None`."""
     if isinstance(annotation, type) and issubclass(annotation, Section):
         return annotation
-    for inner in getattr(annotation, "__args__", ()):
-        section = _section_in(inner)
-        if section is not None:
-            return section
-    return None
+    inner = map(_section_in, getattr(annotation, "__args__", ()))
+    return next((section for section in inner if section is not None), None)

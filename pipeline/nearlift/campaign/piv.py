@@ -1,9 +1,7 @@
-"""[piv] of the manifest: which velocity grids belong to which boundary and distance, and how their
-pictures lie.
+"""[piv] of the manifest: velocity grids, their boundary and distance, and their orientation.
 
 Vehicle axes: origin midway between the rotors in the rotor plane, x along the light sheet, y along
-thrust. The wake is at negative y whichever way up the vehicle hung, so upright ground runs and
-inverted ceiling runs agree.
+thrust. The wake is at negative y for upright and inverted vehicles alike.
 """
 
 from __future__ import annotations
@@ -24,19 +22,18 @@ from nearlift.campaign.quantities import (
     PositiveLength,
     Rate,
     Section,
+    as_fault,
     positive,
 )
-from nearlift.errors import ManifestError, brief
+from nearlift.errors import brief
 
 
 def _pixel_size(value: object) -> float:
     length, _, per = value.rpartition("/") if isinstance(value, str) else ("", "", "")
     if per.strip() not in ("px", "pix", "pixel") or not length.strip():
         raise ValueError(f'{brief(repr(value))} is not a length per pixel; write it as "20 um/px"')
-    try:
+    with as_fault():
         return units.quantity(length, "length", "scale")
-    except ManifestError as refusal:
-        raise ValueError(f"{refusal.what}; {refusal.remedy}") from None
 
 
 PixelSize = Annotated[float, BeforeValidator(_pixel_size), AfterValidator(positive)]
@@ -46,36 +43,18 @@ PivBoundary = Literal["ground", "ceiling", "none"]
 
 
 class PivConventions(Section):
-    """How files are read and how their pictures lie; said once under [piv], or for one case where
-    it differs.
+    """Reading and orientation of velocity files, under [piv] or for one case.
 
-    Attributes
-    ----------
-    format : str or None
-        Name of a dialect; None: told from the file itself, strictly.
-    length_unit, velocity_unit : str or None
-        Where the files do not say (old OpenPIV text): ``"mm"``, ``"px"``; ``"m/s"``,
-        ``"px/frame"``.
-    scale : float or None
-        m per pixel, for files in pixels.
-    frame_time : float or None
-        s between the two images of a pair, for files that hold displacements.
-    v_sign : int or None
-        -1 where the software writes the second component positive against its own second axis.
-    thrust, across : str or None
-        The file's directions of thrust and of the vehicle's +x.
-    origin : (float, float) or None
-        File position of the midpoint between the rotors, in the rotor plane, m.
-    rotors : list of float or None
-        x of the rotor axes that the light sheet cuts, vehicle axes, m.
-    mask : list of rectangles or None
-        (x from, x to, y from, y to) in vehicle axes, m: what the picture cannot show there is left
-        out.
-    mirror : str or None
-        Which half was measured, ``"left"`` or ``"right"``: the other is its reflection, and marked
-        as such.
-    rate : float or None
-        Fields per second.
+    `format` names a dialect; without it the file itself must show which. Files that do not state
+    their units need `length_unit` and `velocity_unit`. Files in pixels need `scale` (m per pixel);
+    files of displacements need `frame_time` (s between the two images).
+
+    `thrust` and `across` are the file's directions of thrust and of the vehicle's +x. `v_sign` is
+    -1 if the software counts the second component against its own axis. `origin` is the midpoint
+    between the rotors in the file's coordinates, m. `rotors` are the x of rotor axes in the light
+    sheet and `mask` excluded rectangles (x from, x to, y from, y to), both in vehicle axes, m.
+    `mirror` is the measured half; the other half becomes its marked reflection. `rate` is fields
+    per second.
     """
 
     format: str | None = None
@@ -94,9 +73,7 @@ class PivConventions(Section):
 
 
 class PivCase(PivConventions):
-    """The fields of one boundary, distance and tilt. `tilt` is positive where the vehicle's +x side
-    is farther from the boundary.
-    """
+    """The fields of one boundary, distance and tilt (positive: +x side farther from it)."""
 
     name: str
     boundary: PivBoundary
@@ -123,25 +100,13 @@ class PivCase(PivConventions):
 
 
 class Piv(PivConventions):
-    """All cases, and what is asked of them.
+    """All cases, and their evaluation.
 
-    Attributes
-    ----------
-    control : str
-        Name of the case far from every boundary.
-    below, half_span : float or None
-        Cut beneath each rotor: distance below the rotor plane (None: one rotor diameter) and half
-        its length (None: one radius), m.
-    u_position : float or None
-        Standard uncertainty of the cut's place in the picture, m; None: a grid spacing over the
-        root of 12.
-    u_scale : float
-        Relative standard uncertainty of every velocity, common to all cases (it leaves a reduction
-        alone).
-    outliers : float
-        Threshold of the median test on each vector; 0 keeps them all.
-    figure3 : list of str or None
-        Cases of the three columns of Figure 3.
+    `control` names the case far from every boundary. The cut beneath each rotor is `below` its
+    plane (default: one rotor diameter) and extends `half_span` (default: one radius) to both sides,
+    m. `u_position` is the standard uncertainty of the cut's place (default: a grid spacing over
+    sqrt(12)), m; `u_scale` a relative one of every velocity, common to all cases. `outliers` is the
+    threshold of the median test; 0 keeps all vectors. `figure3` names the three cases of Figure 3.
     """
 
     control: str
@@ -176,7 +141,7 @@ class Piv(PivConventions):
         return self
 
     def setting(self, case: PivCase, key: str, default: Any = None) -> Any:
-        """What one case says of `key`, else what [piv] says, else `default`."""
+        """The setting of one case, else of [piv], else `default`."""
         for section in (case, self):
             if (value := getattr(section, key)) is not None:
                 return value

@@ -1,9 +1,9 @@
-"""What a manifest's values are made of: quantities with a unit, in SI once parsed, and tables that
-allow no unknown key.
-"""
+"""Types of a manifest's values: quantities in SI, and tables without unknown keys."""
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import Annotated
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo
@@ -12,12 +12,19 @@ from nearlift import units
 from nearlift.errors import ManifestError
 
 
+@contextlib.contextmanager
+def as_fault(key: str = "") -> Iterator[None]:
+    """Turn a refusal into the ValueError that pydantic collects."""
+    try:
+        yield
+    except ManifestError as refusal:
+        raise ValueError(f"{key}{refusal.what}\n{refusal.remedy}") from None
+
+
 def _quantity(dimension: str) -> BeforeValidator:
     def parse(value: object, info: ValidationInfo) -> float:
-        try:
+        with as_fault():
             return units.quantity(value, dimension, info.field_name or "")
-        except ManifestError as refusal:
-            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
 
     return BeforeValidator(parse)
 
@@ -51,7 +58,6 @@ Voltage = Annotated[float, _quantity("voltage"), AfterValidator(positive)]
 Temperature = Annotated[float, _quantity("temperature"), AfterValidator(positive)]
 Density = Annotated[float, _quantity("density"), AfterValidator(positive)]
 Acceleration = Annotated[float, _quantity("acceleration"), AfterValidator(positive)]
-Velocity = Annotated[float, _quantity("velocity"), AfterValidator(positive)]
 Inertia = Annotated[float, _quantity("inertia"), AfterValidator(positive)]
 ProportionalGain = Annotated[float, _quantity("proportional gain")]
 DerivativeGain = Annotated[float, _quantity("derivative gain")]

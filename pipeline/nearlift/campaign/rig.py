@@ -23,17 +23,18 @@ from nearlift.campaign.quantities import (
     Rate,
     Rotation,
     Section,
+    as_fault,
 )
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError
 
-#: Spacing over radius beyond which one of the two is wrong.
+#: Largest ratio of rotor spacing to radius.
 WIDEST = 20.0
 
 
 class ThrottleMap(Section):
-    """Rotor speed at some throttles far from every boundary: pairs of throttle and speed, Hz, and
-    the standard uncertainty of each speed.
+    """Pairs of throttle and rotor speed, Hz, far from every boundary, with the relative standard
+    uncertainty of each speed.
     """
 
     points: list[Annotated[tuple[Fraction, Rotation], Field(strict=False)]] = Field(min_length=1)
@@ -50,9 +51,7 @@ class ThrottleMap(Section):
         return self
 
     def speed_Hz(self, throttle: FloatArray) -> FloatArray:
-        """Speed at each throttle, linear between points; nan outside of them, since a map says
-        nothing there.
-        """
+        """Speed at each throttle, linear between points, nan outside of them."""
         known = np.array(self.points)
         return np.asarray(
             np.interp(throttle, known[:, 0], known[:, 1], left=np.nan, right=np.nan),
@@ -61,11 +60,11 @@ class ThrottleMap(Section):
 
 
 class Vehicle(Section):
-    """What hangs from the load cell. Lengths in m, mass in kg.
+    """The vehicle under the load cell. Lengths in m, mass in kg.
 
-    `contact` is the distance to each boundary, measured from the datum, at which the vehicle first
-    touches; `motor_lag` (s) and `thrust_limit` (N, all rotors, far from every boundary; the largest
-    lift measured there if not given) are those of its flights.
+    `contact` is the distance from datum to boundary at first touch. `motor_lag` (s) and
+    `thrust_limit` (N, all rotors, far from every boundary; default: the largest measured lift)
+    apply to simulated flights.
     """
 
     name: str
@@ -82,25 +81,21 @@ class Vehicle(Section):
 
     @model_validator(mode="after")
     def _rotors_do_not_overlap(self) -> Self:
-        if self.rotor_spacing is not None and self.rotor_spacing < 2 * self.rotor_radius:
+        spacing, diagonal, r = self.rotor_spacing, self.rotor_diagonal, self.rotor_radius
+        if spacing is not None and spacing < 2 * r:
             raise ValueError(
-                f"rotor_spacing {self.rotor_spacing:g} m is less than two radii: neighbouring"
-                " rotors would overlap"
+                f"rotor_spacing {spacing:g} m is less than two radii: neighbouring rotors would"
+                " overlap"
             )
-        if self.rotor_spacing is not None and self.rotor_spacing > WIDEST * self.rotor_radius:
+        if spacing is not None and spacing > WIDEST * r:
             raise ValueError(
-                f"rotor_spacing {self.rotor_spacing:g} m is"
-                f" {self.rotor_spacing / self.rotor_radius:.3g} radii of {self.rotor_radius:g} m;"
-                " no vehicle is so wide: mend one of them, or its unit"
+                f"rotor_spacing {spacing:g} m is {spacing / r:.3g} radii of {r:g} m; no vehicle is"
+                " so wide: mend one of them, or its unit"
             )
-        if (
-            self.rotor_diagonal is not None
-            and self.rotor_spacing is not None
-            and self.rotor_diagonal < self.rotor_spacing
-        ):
+        if diagonal is not None and spacing is not None and diagonal < spacing:
             raise ValueError(
-                f"rotor_diagonal {self.rotor_diagonal:g} m is less than rotor_spacing"
-                f" {self.rotor_spacing:g} m; the spacing is that of ADJACENT rotors"
+                f"rotor_diagonal {diagonal:g} m is less than rotor_spacing {spacing:g} m; the"
+                " spacing is that of ADJACENT rotors"
             )
         if self.rotor_positions is not None and len(self.rotor_positions) != self.rotors:
             raise ValueError(
@@ -110,49 +105,46 @@ class Vehicle(Section):
 
     @property
     def diagonal(self) -> float | None:
-        """Distance between opposite rotor axes, m: as given, else that of a regular polygon,
-        sqrt(2) times the spacing for four rotors.
-        """
+        """Distance between opposite rotor axes, m; if not given, that of a regular polygon."""
         if self.rotor_diagonal is not None or self.rotor_spacing is None or self.rotors == 1:
             return self.rotor_diagonal
         return self.rotor_spacing / math.sin(math.pi / self.rotors)
 
     def geometry(self) -> dict[str, object]:
-        """What lift models may need, scaled by rotor radius: `spacing_hat`, `diagonal_hat`,
-        `layout_hat` (rotors, 2).
+        """Inputs of lift models over rotor radius: `spacing_hat`, `diagonal_hat`, `layout_hat`
+        (rotors, 2).
         """
         known: dict[str, Any] = {}
-        r = self.rotor_radius
-        if self.rotor_spacing is not None and self.rotors > 1:
+        r, n = self.rotor_radius, self.rotors
+        if self.rotor_spacing is not None and n > 1:
             known["spacing_hat"] = self.rotor_spacing / r
-        if self.diagonal is not None and self.rotors > 1:
+        if self.diagonal is not None and n > 1:
             known["diagonal_hat"] = self.diagonal / r
         if self.rotor_positions is not None:
             known["layout_hat"] = np.asarray(self.rotor_positions) / r
-        elif self.rotors == 1:
+        elif n == 1:
             known["layout_hat"] = np.zeros((1, 2))
         elif self.rotor_spacing is not None:
             # a regular polygon whose side is the adjacent spacing
-            angles = 2 * math.pi * (np.arange(self.rotors) + 0.5) / self.rotors
-            circumradius = known["spacing_hat"] / (2 * math.sin(math.pi / self.rotors))
+            angles = 2 * math.pi * (np.arange(n) + 0.5) / n
+            circumradius = known["spacing_hat"] / (2 * math.sin(math.pi / n))
             known["layout_hat"] = circumradius * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
         return known
 
 
-#: What stands for a record's id in ``[records] files`` where records are cut into trials.
+#: Placeholder of a record's id in ``[records] files`` if records are cut into trials.
 RECORD_MARK = "{record}"
-#: What a distance may be measured from.
+#: Reference planes of a distance.
 DATUMS = ("rotor plane", "airframe", "blade tip", "rotor axis")
 #: Acceleration of free fall, m/s^2, with room for rounding.
 GRAVITY = (9.7, 9.9)
 
 
 class Rig(Section):
-    """How distance is measured, what a trial holds constant, and what is around the vehicle.
+    """Distance datum, held quantity and surroundings of the vehicle.
 
-    `gap` is the distance from ground to ceiling where both are near (`corridor`); `edge` how far,
-    along the vehicle's x, the ground's straight edge is from the middle of its rotors, negative
-    where that is beyond it (`images_edge`).
+    `gap` is the distance from ground to ceiling if both are near (model `corridor`). `edge` is the
+    x of the ground's straight edge from the middle of the rotors (model `images_edge`).
     """
 
     held: Literal["throttle", "voltage", "rpm", "power"]
@@ -166,11 +158,8 @@ class Rig(Section):
 
     @model_validator(mode="after")
     def _known_datums(self) -> Self:
-        for datum in (
-            self.distance_datum.values()
-            if isinstance(self.distance_datum, dict)
-            else (self.distance_datum,)
-        ):
+        given = self.distance_datum
+        for datum in given.values() if isinstance(given, dict) else (given,):
             if datum not in DATUMS:
                 raise ValueError(f"distance_datum {datum!r} is none of {', '.join(DATUMS)}")
         if not GRAVITY[0] <= self.gravity <= GRAVITY[1]:
@@ -190,7 +179,7 @@ class Rig(Section):
         return float(_by_boundary(self.distance_offset, boundary, "rig.distance_offset"))
 
     def datum(self, boundary: Boundary) -> str:
-        """What the distance to that boundary is measured from."""
+        """Reference plane of the distance to that boundary."""
         return str(_by_boundary(self.distance_datum, boundary, "rig.distance_datum"))
 
 
@@ -205,9 +194,10 @@ def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
 
 
 class LoadCell(Section):
-    """The force channel. `tare` is the rotors-stopped head of each record in s, "none", or, of
-    records cut into pieces, the pieces at the lowest level; `record` its planned length in s, tare
-    included.
+    """The force channel.
+
+    `tare` is the rotors-stopped head of each record, s; "none"; or, for records cut into pieces,
+    "level 0", the lowest level. `record` is the planned length, s, tare included.
     """
 
     sample_rate: Rate | None = None
@@ -219,9 +209,7 @@ class LoadCell(Section):
 
 
 class Calibration(Section):
-    """Counts to force: force = gain (count - offset). `gain` is a text such as "0.0098
-    mN/count".
-    """
+    """Counts to force: force = gain (count - offset), with a gain such as "0.0098 mN/count"."""
 
     gain: str
     offset: str
@@ -248,7 +236,7 @@ class Calibration(Section):
 
 
 class ForceChannel(Section):
-    """Where the force stands in a record, and how it becomes newtons of lift."""
+    """The force column of a record, and its conversion to newtons of lift."""
 
     column: str
     unit: str
@@ -257,14 +245,12 @@ class ForceChannel(Section):
 
     @model_validator(mode="after")
     def _convertible(self) -> Self:
-        try:
+        with as_fault():
             self.linear()
-        except ManifestError as refusal:
-            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
         return self
 
     def linear(self) -> tuple[float, float]:
-        """Lift in N is factor * (number - zero): returns (factor, zero), the sign included."""
+        """Factor and zero of lift in N = factor * (number - zero), the sign included."""
         if self.unit == "count":
             if self.calibration is None:
                 raise ManifestError(
@@ -292,7 +278,7 @@ class TimeChannel(Section):
 
 
 class Records(Section):
-    """Which reader reads which files."""
+    """Files of records and their reader."""
 
     reader: str
     files: str | None = None
@@ -302,18 +288,14 @@ class Records(Section):
 
     @property
     def pattern(self) -> str:
-        """The files, with what stands for the id of a trial where it stands for that of a record;
-        empty where there are none.
-        """
+        """The files, with the mark of a trial in place of that of a record; empty without files."""
         return (self.files or "").replace(RECORD_MARK, "{trial}")
 
 
 class Trials(Section):
-    """The schedule: its file, the units of its columns, columns that are the same for every trial,
-    and whether its rows are in run order.
+    """The schedule: its file, order, units of its columns, and columns with one value for all.
 
-    ``order = "unknown"``, as in a published table: nothing is then read into which trial came
-    before which.
+    With ``order = "unknown"``, as in a published table, the order of rows has no meaning.
     """
 
     file: str = "trials.csv"

@@ -1,4 +1,4 @@
-"""[segments] of the manifest: how one record is cut into many trials."""
+"""[segments] of the manifest: cutting of one record into many trials."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from typing import Self
 from pydantic import model_validator
 
 from nearlift import units
-from nearlift.campaign.quantities import Duration, PositiveDuration, Section
+from nearlift.campaign.quantities import Duration, PositiveDuration, Section, as_fault
 from nearlift.campaign.rig import RECORD_MARK, LoadCell, Records
 from nearlift.errors import ManifestError
 
 #: Ways to cut that are no column's name.
 WAYS = ("plateaus", "markers", "windows")
-#: Samples of a trial, at least: aborted runs leave two to four rows behind.
+#: Fewest samples of a trial: aborted runs leave two to four rows.
 FEWEST_SAMPLES = 5
-#: What stands for a number in the line that begins a piece.
+#: Placeholder of a number in the line that begins a piece.
 LEVEL = "{level}"
 
 
 class ColumnOfRecord(Section):
-    """A column of the records and what its numbers mean: `unit`, or, of a command in steps of its
-    own, what it reads at rest (`zero`) and at full throttle (`full`).
+    """A column of the records in `unit`, or a command with readings `zero` at rest and `full` at
+    full throttle.
     """
 
     column: str
@@ -31,12 +31,8 @@ class ColumnOfRecord(Section):
     full: float | None = None
 
     def linear(self, dimension: str, key: str) -> tuple[float, float]:
-        """SI is factor * number + offset; `dimension` is empty for a number that has none.
-
-        Raises
-        ------
-        ManifestError
-            There is no unit where one is needed, or it is of another dimension.
+        """Factor and offset to SI; `ManifestError` if the unit is missing or of another dimension.
+        An empty `dimension` needs no unit.
         """
         if self.full is not None:
             if dimension != "throttle" or self.full == self.zero:
@@ -49,46 +45,26 @@ class ColumnOfRecord(Section):
         if not dimension:
             return 1.0, 0.0
         if self.unit is None:
-            hint = (
-                ', or full = ..., "the number at full throttle"' if dimension == "throttle" else ""
-            )
-            raise ManifestError(
-                f"{key}.unit",
-                "is missing",
-                f"say the unit of {self.column!r}{hint}",
-            )
+            command = dimension == "throttle"
+            hint = ', or full = ..., "the number at full throttle"' if command else ""
+            what = f"say the unit of {self.column!r}{hint}"
+            raise ManifestError(f"{key}.unit", "is missing", what)
         return units.to_si(self.unit, dimension, f"{key}.unit")
 
 
 class Segments(Section):
-    """How a record is cut into pieces, each of which becomes a trial.
+    """Cutting of a record into pieces, each of which becomes a trial.
 
-    Attributes
-    ----------
-    by : str
-        The column whose steps part the pieces; or "plateaus" (levels of the force, or of the
-        column `of`, found by their change), "markers" (lines of text), "windows" (of `length`).
-    settle, shortest : float
-        Dropped after each cut, s; and what must then be left, s: a shorter piece is no trial.
-    unit, zero, full
-        Of the column's numbers, as in `ColumnOfRecord`.
-    maps : str
-        What the level is in the schedule: "throttle", "distance", "reached" or a covariate.
-    hold : float
-        Two samples are one level within this, in the column's own numbers.
-    only : str or number or None
-        Pieces in which the column holds this alone are kept, such as "on".
-    of, step : str or None
-        Of plateaus: the column, and the smallest change that is a step, a force or a number of the
-        column's own.
-    begin, end : str or None
-        Of markers: whole lines between which a piece lies; ``{level}`` stands for a number.
-    length : float or None
-        Of windows; where pieces are cut otherwise, they are cut on into windows, s.
-    covariates : list of str or None
-        Columns whose mean and scatter are kept; None for every column of numbers.
-    columns : dict
-        Columns of the records that are the schedule's own, such as `supply`.
+    `by` names the column whose steps divide the pieces, or is "plateaus" (levels of the force or of
+    the column `of`, separated by changes of at least `step`), "markers" (lines of text `begin` and
+    `end`, in which ``{level}`` is a number) or "windows" of `length`. With another `by`, `length`
+    divides each piece further.
+
+    `settle` is dropped after each cut; a piece with less than `shortest` left is no trial. `unit`,
+    `zero` and `full` belong to the column `by`, which `maps` to a column of the schedule. Samples
+    within `hold` are one level; only pieces at the level `only` are kept. `covariates` are columns
+    whose mean and scatter are kept (default: all numbers). `columns` are those of the schedule's
+    columns that the records hold, such as `supply`. Times are in s.
     """
 
     by: str
@@ -110,20 +86,18 @@ class Segments(Section):
 
     @property
     def column(self) -> str | None:
-        """The column whose steps part the pieces; None where something else does."""
+        """The column whose steps divide the pieces, if one does."""
         return None if self.by in WAYS else self.by
 
     @property
     def has_level(self) -> bool:
-        """Whether a piece's level says what the schedule then need not: that of a stepping column,
-        or a number in the line that begins it.
-        """
+        """Whether a piece's level, of a column or in its first line, is in the schedule."""
         if self.only is not None:
             return False
         return self.column is not None or LEVEL in (self.begin or "")
 
     def level(self) -> ColumnOfRecord:
-        """The level's column and what its numbers mean."""
+        """The level's column with its unit."""
         return ColumnOfRecord(column=self.by, unit=self.unit, zero=self.zero, full=self.full)
 
     def step_N(self) -> float:
@@ -148,33 +122,22 @@ class Segments(Section):
         if self.by == "windows" and self.settle >= (self.length or 0.0):
             raise ValueError("settle takes a whole window: make length the longer")
         if self.step is not None and self.of is None:
-            try:
+            with as_fault("step: "):
                 self.step_N()
-            except ManifestError as refusal:
-                raise ValueError(f"step: {refusal.what}\n{refusal.remedy}") from None
         if self.of is not None and not isinstance(self.step, int | float):
             raise ValueError(f"step is a number, as the column {self.of!r} has them")
         return self
 
 
 def fit_the_rest(cut: Segments | None, records: Records, cell: LoadCell, rate_Hz: float) -> None:
-    """See that what is said of records and load cell goes with their being cut into trials, or not.
-
-    Raises
-    ------
-    ValueError
-        It does not.
-    """
+    """Raise ValueError if records or load cell do not agree with [segments], or its absence."""
+    marked, level_0 = RECORD_MARK in (records.files or ""), cell.tare == "level 0"
     if cut is None:
-        if cell.tare == "level 0" or RECORD_MARK in (records.files or ""):
-            what = (
-                'load_cell.tare = "level 0"'
-                if cell.tare == "level 0"
-                else f"{RECORD_MARK} in files"
-            )
+        if marked or level_0:
+            what = 'load_cell.tare = "level 0"' if level_0 else f"{RECORD_MARK} in files"
             raise ValueError(f"{what} goes with [segments]; without it a record is a trial")
         return
-    if RECORD_MARK not in (records.files or ""):
+    if not marked:
         raise ValueError(
             f"with [segments] a file is a record: write {RECORD_MARK} in [records] files, as in"
             f' "sweeps/{RECORD_MARK}.csv"'
@@ -184,7 +147,7 @@ def fit_the_rest(cut: Segments | None, records: Records, cell: LoadCell, rate_Hz
             "[load_cell] settle and record are of records that are one trial each; [segments] has"
             " settle and shortest for its pieces"
         )
-    if cell.tare == "level 0" and cut.column is None:
+    if level_0 and cut.column is None:
         raise ValueError('tare = "level 0" is the lowest level of a column: [segments] by names it')
     if round(cut.shortest * rate_Hz) < FEWEST_SAMPLES:
         raise ValueError(

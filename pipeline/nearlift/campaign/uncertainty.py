@@ -1,6 +1,4 @@
-"""[[uncertainty]] of the manifest: one component of the budget, a shared unknown per element of its
-scope.
-"""
+"""[[uncertainty]] of the manifest: one component of the budget."""
 
 from __future__ import annotations
 
@@ -10,28 +8,21 @@ from typing import Literal, Self
 from pydantic import model_validator
 
 from nearlift import units
-from nearlift.campaign.quantities import Section
+from nearlift.campaign.quantities import Section, as_fault
 from nearlift.errors import ManifestError
 
-#: Inputs of a lift model that have a unit, and what each kind of component is a size of.
+#: Inputs of a lift model with a unit, and their dimensions.
 INPUTS_WITH_UNIT = {
     "rotor_radius": "length",
     "rotor_spacing": "length",
     "mass": "mass",
     "air_density": "density",
 }
-
-DIMENSIONS = {
-    "height": "length",
-    "force": "force",
-    "gain": "fraction",
-    "exponent": "fraction",
-    **INPUTS_WITH_UNIT,
-}
+DIMENSIONS = {"height": "length", "force": "force", "gain": "fraction", "exponent": "fraction"}
 
 
 class Uncertainty(Section):
-    """One component of the budget, as written."""
+    """A component of the budget: one shared unknown per element of its scope."""
 
     name: str
     on: Literal[
@@ -50,15 +41,13 @@ class Uncertainty(Section):
 
     @model_validator(mode="after")
     def _value_has_the_dimension(self) -> Self:
-        try:
+        with as_fault():
             self.standard()
-        except ManifestError as refusal:
-            raise ValueError(f"{refusal.what}\n{refusal.remedy}") from None
         return self
 
     @property
     def relative(self) -> bool:
-        """Whether the value is a part of the input, such as ``"1 percent"`` of the rotor radius."""
+        """Whether the value is a fraction of the input, such as `"1 percent"` of rotor radius."""
         return self.on in INPUTS_WITH_UNIT and self.value.strip().endswith(
             ("percent", "%", "fraction")
         )
@@ -67,17 +56,18 @@ class Uncertainty(Section):
         """Standard uncertainty in SI: m on height and lengths, N on force, a fraction on gain and
         exponent; a fraction if `relative`.
         """
-        dimension = "fraction" if self.relative else DIMENSIONS[self.on]
-        value = units.quantity(self.value, dimension, f"uncertainty {self.name!r}: value")
+        place = f"uncertainty {self.name!r}: value"
+        dimension = "fraction" if self.relative else (DIMENSIONS | INPUTS_WITH_UNIT)[self.on]
+        value = units.quantity(self.value, dimension, place)
         if value < 0:
             raise ManifestError(
-                f"uncertainty {self.name!r}: value",
+                place,
                 f"{self.value!r} is negative",
                 "an uncertainty is a size, not a correction",
             )
-        if value >= 1 and (self.relative or self.on in ("gain", "exponent")):
+        if value >= 1 and dimension == "fraction":
             raise ManifestError(
-                f"uncertainty {self.name!r}: value",
+                place,
                 f"{self.value!r} is as large as what it is of",
                 'percent? one per cent is "1 percent"',
             )
