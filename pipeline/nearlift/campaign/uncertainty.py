@@ -61,9 +61,7 @@ class Uncertainty(Section):
         value = units.quantity(self.value, dimension, place)
         if value < 0:
             raise ManifestError(
-                place,
-                f"{self.value!r} is negative",
-                "an uncertainty is a size, not a correction",
+                place, f"{self.value!r} is negative", "an uncertainty is a size, not a correction"
             )
         if value >= 1 and dimension == "fraction":
             raise ManifestError(

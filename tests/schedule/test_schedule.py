@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.unit.bench_campaign import write_schedule
+from tests.unit.manifests import UNITS, manifest
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.schedule import Schedule, read_schedule, visits
 
-from .bench_campaign import write_schedule
-from .manifests import UNITS, manifest
+HEAD = "trial,boundary,distance,throttle\n"
 
 
 def read(folder: Path, text: str, **changes: Any) -> Schedule:
@@ -155,7 +156,7 @@ def test_iso_times_count_from_the_first_trial(tmp_path: Path) -> None:
 
 
 def test_free_air_has_no_distance(tmp_path: Path) -> None:
-    got = read(tmp_path, "trial,boundary,distance,throttle\na,none,,25\nb,ground,43,25\n")
+    got = read(tmp_path, HEAD + "a,none,,25\nb,ground,43,25\n")
     assert got.z_hat[0] == np.inf
     assert np.isfinite(got.z_hat[1])
 
@@ -188,257 +189,167 @@ def test_offsets_add_to_the_distance_by_boundary(tmp_path: Path) -> None:
         "distance_datum": {"ground": "airframe", "sidewall": "rotor axis"},
         "distance_offset": {"ground": "24 mm", "sidewall": "-23 mm"},
     }
-    got = read(
-        tmp_path, "trial,boundary,distance,throttle\na,ground,10,25\nb,sidewall,33,25\n", rig=rig
-    )
+    got = read(tmp_path, HEAD + "a,ground,10,25\nb,sidewall,33,25\n", rig=rig)
     np.testing.assert_allclose(got.z_m, [0.034, 0.010])
 
 
-REFUSED: list[tuple[str, str, dict[str, Any], type[Exception], str]] = [
-    (
-        "no unit",
+#: Name, schedule, changes of the manifest, message.
+AGAINST_THE_MANIFEST: dict[str, tuple[str, dict[str, Any], str]] = {
+    "no unit": (
         "trial,boundary,distance,throttle,supply\na,ground,43,25,4\n",
         {},
-        ManifestError,
-        r"column 'supply' has no unit\n.*add supply = ",
+        "column 'supply' has no unit\\n.*add supply = ",
     ),
-    (
-        "no unit of distance",
-        "trial,boundary,distance,throttle\na,ground,43,25\n",
+    "no unit of distance": (
+        HEAD + "a,ground,43,25\n",
         {"trials": {"units": {"throttle": "percent"}}},
-        ManifestError,
         "'distance' has no unit",
     ),
-    (
-        "wrong dimension",
-        "trial,boundary,distance,throttle\na,ground,43,25\n",
-        {"trials": {"units": {**UNITS, "distance": "s"}}},
-        ManifestError,
+    "wrong dimension": (
+        HEAD + "a,ground,43,25\n",
+        {"trials": units(distance="s")},
         "'s' is not a unit of length",
     ),
-    (
-        "unit of nothing",
-        "trial,boundary,distance,throttle\na,ground,43,25\n",
+    "unit of nothing": (
+        HEAD + "a,ground,43,25\n",
         {"trials": units(suply="V")},
-        ManifestError,
         "trials.units.suply: no column has that name\n  did you mean 'supply'",
     ),
-    (
-        "boundary",
-        "trial,boundary,distance,throttle\na,groud,43,25\n",
+    "boundary": (
+        HEAD + "a,groud,43,25\n",
         {},
-        ManifestError,
         "line 2, column 'boundary': 'groud' is not a boundary\n  did you mean 'ground'",
     ),
-    (
-        "duplicate",
-        "trial,boundary,distance,throttle\na,ground,43,25\nb,ground,43,25\na,ground,43,50\n",
+    "duplicate": (
+        HEAD + "a,ground,43,25\nb,ground,43,25\na,ground,43,50\n",
         {},
-        ManifestError,
         "line 4.*'a' stands already in trials.csv, line 2",
     ),
-    (
-        "no id",
-        "trial,boundary,distance,throttle\n,ground,43,25\n",
-        {},
-        ManifestError,
-        "line 2, column 'trial': holds no trial id",
-    ),
-    (
-        "column missing",
+    "no id": (HEAD + ",ground,43,25\n", {}, "line 2, column 'trial': holds no trial id"),
+    "column missing": (
         "trial,boundary,distanze,throttle\na,ground,43,25\n",
         {},
-        ManifestError,
         "no column 'distance'\n  is it 'distanze'",
     ),
-    (
-        "not a number",
-        "trial,boundary,distance,throttle\na,ground,4x3,25\n",
+    "not a number": (
+        HEAD + "a,ground,4x3,25\n",
         {},
-        ManifestError,
         "line 2, column 'distance': '4x3' is not a number",
     ),
-    (
-        "decimal comma",
-        'trial,boundary,distance,throttle\na,ground,"43,5",25\n',
+    "decimal comma": (HEAD + 'a,ground,"43,5",25\n', {}, "write decimals with a point"),
+    "empty distance": (HEAD + "a,ground,,25\n", {}, "line 2, column 'distance': is empty"),
+    "distance nan": (
+        HEAD + "a,ground,nan,25\n",
         {},
-        ManifestError,
-        "write decimals with a point",
-    ),
-    (
-        "empty distance",
-        "trial,boundary,distance,throttle\na,ground,,25\n",
-        {},
-        ManifestError,
-        "line 2, column 'distance': is empty",
-    ),
-    (
-        "distance nan",
-        "trial,boundary,distance,throttle\na,ground,nan,25\n",
-        {},
-        ManifestError,
         "line 2, column 'distance': 'nan' is no value",
     ),
-    (
-        "throttle nan",
-        "trial,boundary,distance,throttle\na,ground,43,NaN\n",
+    "throttle nan": (
+        HEAD + "a,ground,43,NaN\n",
         {},
-        ManifestError,
         "line 2, column 'throttle': 'NaN' is no value",
     ),
-    (
-        "beyond numbers",
-        "trial,boundary,distance,throttle\na,ground,1e400,25\n",
+    "beyond numbers": (
+        HEAD + "a,ground,1e400,25\n",
         {},
-        ManifestError,
         "'distance': 1e400 is beyond what a number can",
     ),
-    (
-        "line end in a cell",
-        'trial,boundary,distance,throttle\na,ground,"3\n0",25\n',
+    "line end in a cell": (
+        HEAD + 'a,ground,"3\n0",25\n',
         {},
-        ManifestError,
-        r"'distance': '3\\n0' is not a number",
+        "'distance': '3\\\\n0' is not a number",
     ),
-    (
-        "distance in free air",
-        "trial,boundary,distance,throttle\na,none,43,25\n",
-        {},
-        ManifestError,
-        "free air .* has no distance",
-    ),
-    (
-        "cells",
-        "trial,boundary,distance,throttle\na,ground,43,5,25\n",
-        {},
-        InputRefused,
-        "line 2: has 5 cells under 4 column names",
-    ),
-    (
-        "twice",
-        "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n",
-        {},
-        InputRefused,
-        "'throttle' stands twice",
-    ),
-    (
-        "nameless",
-        "trial,boundary,distance,throttle,\na,ground,43,25,\n",
-        {},
-        InputRefused,
-        "column 5 has no name",
-    ),
-    (
-        "semicolons",
-        "trial;boundary;distance;throttle\na;ground;43;25\n",
-        {},
-        InputRefused,
-        "not separated by commas",
-    ),
-    ("empty", "", {}, InputRefused, "is empty"),
-    ("no trial", "trial,boundary,distance,throttle\n", {}, InputRefused, "lists no trial"),
-    (
-        "quote",
-        'trial,boundary,distance,throttle\na,"ground,43,25\n',
-        {},
-        InputRefused,
-        "is not CSV",
-    ),
-    (
-        "throttle",
-        "trial,boundary,distance,throttle\na,ground,43,25\n",
-        {"trials": units(throttle="fraction")},
-        InputRefused,
-        "25 fraction is not between 0 and 1\n  percent",
-    ),
-    (
-        "throttle in fractions",
-        "trial,boundary,distance,throttle\na,ground,43,0.4\nb,ground,43,0.6\n",
-        {},
-        InputRefused,
-        (
-            r"line 3, column 'throttle': the largest throttle is 0\.6 percent, at which no rotor"
-            r" lifts anything\n  fraction\?"
-        ),
-    ),
-    (
-        "approach",
+    "distance in free air": (HEAD + "a,none,43,25\n", {}, "free air .* has no distance"),
+    "approach": (
         "trial,boundary,distance,throttle,approach\na,ground,43,25,2\n",
         {},
-        ManifestError,
         "'2' is not a side",
     ),
-    (
-        "time",
+    "time": (
         "trial,boundary,distance,throttle,start\na,ground,43,25,12.5\n",
         {},
-        ManifestError,
         "not ISO 8601 time, and start has no unit",
     ),
-    (
-        "zones",
+    "zones": (
         "trial,boundary,distance,throttle,start\na,ground,43,25,2026-01-01T00:00:00\nb,ground,43,25,2026-01-01T00:00:00+01:00\n",
         {},
-        ManifestError,
         "with and without a time zone",
     ),
-    (
-        "lift beside records",
+    "lift beside records": (
         "trial,boundary,distance,throttle,lift\na,ground,43,25,1\n",
         {"trials": units(lift="N")},
-        ManifestError,
         'belongs to reader = "means"',
     ),
-    (
-        "unseen",
-        "trial,boundary,distance,throttle\na\u202eb,ground,43,25\n",
+    "unseen": (
+        HEAD + "a\u202eb,ground,43,25\n",
         {},
-        ManifestError,
-        r"'a\\u202eb' holds a character that does not show",
+        "'a\\\\u202eb' holds a character that does not show",
     ),
-    (
-        "metres as mm",
-        "trial,boundary,distance,throttle\na,ground,0.02,25\nb,ground,0.3,25\n",
-        {},
-        InputRefused,
-        r"0.3 mm is the farthest .* m\?\n",
-    ),
-    (
-        "no distance",
-        "trial,boundary,distance,throttle\na,ground,1e-300,25\nb,ground,300,25\n",
-        {},
-        InputRefused,
-        "on the ground itself",
-    ),
-    (
-        "result's name",
+    "result's name": (
         "trial,boundary,distance,throttle,z_hat\na,ground,43,25,1\n",
         {},
-        ManifestError,
         "'z_hat' has the name of a result",
     ),
-    (
-        "constant beside column",
-        "trial,boundary,distance,throttle\na,ground,43,25\n",
+    "constant beside column": (
+        HEAD + "a,ground,43,25\n",
         {"trials": {"constants": {"boundary": "ground"}}},
-        ManifestError,
         "stands beside a column",
     ),
-    (
-        "constant's unit",
+    "constant's unit": (
         "trial,distance,throttle\na,43,25\n",
         {"trials": {"constants": {"boundary": "ground", "supply": "4 V"}}},
-        ManifestError,
         "the column has none",
     ),
-]
+}
+
+UNREADABLE: dict[str, tuple[str, dict[str, Any], str]] = {
+    "cells": (HEAD + "a,ground,43,5,25\n", {}, "line 2: has 5 cells under 4 column names"),
+    "twice": (
+        "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n",
+        {},
+        "'throttle' stands twice",
+    ),
+    "nameless": (
+        "trial,boundary,distance,throttle,\na,ground,43,25,\n",
+        {},
+        "column 5 has no name",
+    ),
+    "semicolons": (
+        "trial;boundary;distance;throttle\na;ground;43;25\n",
+        {},
+        "not separated by commas",
+    ),
+    "empty": ("", {}, "is empty"),
+    "no trial": (HEAD + "", {}, "lists no trial"),
+    "quote": (HEAD + 'a,"ground,43,25\n', {}, "is not CSV"),
+    "throttle": (
+        HEAD + "a,ground,43,25\n",
+        {"trials": units(throttle="fraction")},
+        "25 fraction is not between 0 and 1\n  percent",
+    ),
+    "throttle in fractions": (
+        HEAD + "a,ground,43,0.4\nb,ground,43,0.6\n",
+        {},
+        "line 3, column 'throttle': the largest throttle is 0\\.6 percent, at which no rotor lifts anything\\n  fraction\\?",
+    ),
+    "metres as mm": (
+        HEAD + "a,ground,0.02,25\nb,ground,0.3,25\n",
+        {},
+        "0.3 mm is the farthest .* m\\?\\n",
+    ),
+    "no distance": (HEAD + "a,ground,1e-300,25\nb,ground,300,25\n", {}, "on the ground itself"),
+}
 
 
 @pytest.mark.parametrize(
-    ("text", "changes", "kind", "match"), [r[1:] for r in REFUSED], ids=[r[0] for r in REFUSED]
+    ("kind", "text", "changes", "match"),
+    [
+        pytest.param(kind, *case, id=name)
+        for kind, cases in ((ManifestError, AGAINST_THE_MANIFEST), (InputRefused, UNREADABLE))
+        for name, case in cases.items()
+    ],
 )
 def test_refusals(
-    tmp_path: Path, text: str, changes: dict[str, Any], kind: type[Exception], match: str
+    tmp_path: Path, kind: type[Exception], text: str, changes: dict[str, Any], match: str
 ) -> None:
     with pytest.raises(kind, match=match):
         read(tmp_path, text, **changes)
@@ -446,7 +357,7 @@ def test_refusals(
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r", "\n\n", "\n  "])
 def test_a_last_line_without_its_end_is_told_for_it_may_be_cut(tmp_path: Path, end: str) -> None:
-    text = "trial,boundary,distance,throttle\na,ground,43,25\nb,ground,300,25"
+    text = HEAD + "a,ground,43,25\nb,ground,300,25"
     assert read(tmp_path, text + end).notes == ()
     (note,) = read(tmp_path, text[:-4] + ",25").notes
     assert note.startswith(
@@ -471,7 +382,7 @@ def test_a_start_before_the_row_above_is_noted(tmp_path: Path) -> None:
 
 
 def test_the_literal_table_is_refused_with_the_unit_that_fits(tmp_path: Path) -> None:
-    text = "trial,boundary,distance,throttle\na,ceiling,5,25\nb,ceiling,525,25\n"
+    text = HEAD + "a,ceiling,5,25\nb,ceiling,525,25\n"
     with pytest.raises(
         InputRefused, match=r"line 3, column 'distance': 525 cm is outside the 1\.5 m arena; mm\?"
     ):
@@ -481,7 +392,7 @@ def test_the_literal_table_is_refused_with_the_unit_that_fits(tmp_path: Path) ->
 def test_no_unit_is_proposed_where_none_fits(tmp_path: Path) -> None:
     # 0.05 to 4000 can be no unit's: whichever brings 4000 into the room takes 0.05 to nothing
     with pytest.raises(InputRefused, match=r"4000 mm is outside the 1\.5 m arena\n"):
-        read(tmp_path, "trial,boundary,distance,throttle\na,ground,0.05,25\nb,ground,4000,25\n")
+        read(tmp_path, HEAD + "a,ground,0.05,25\nb,ground,4000,25\n")
 
 
 @pytest.mark.parametrize(
@@ -491,7 +402,7 @@ def test_no_unit_is_proposed_where_none_fits(tmp_path: Path) -> None:
 def test_a_blade_in_the_wall_is_refused(
     tmp_path: Path, distance: float, offset: str, fits: bool
 ) -> None:
-    text = f"trial,boundary,distance,throttle\na,sidewall,{distance},25\n"
+    text = HEAD + f"a,sidewall,{distance},25\n"
     rig = (
         {"distance_datum": "rotor axis", "distance_offset": offset}
         if offset != "0 mm"
@@ -506,28 +417,24 @@ def test_a_blade_in_the_wall_is_refused(
 
 def test_the_rotor_axis_wants_minus_one_radius(tmp_path: Path) -> None:
     with pytest.raises(ManifestError, match='sidewall = "-23 mm"'):
-        read(
-            tmp_path,
-            "trial,boundary,distance,throttle\na,sidewall,33,25\n",
-            rig={"distance_datum": "rotor axis"},
-        )
+        read(tmp_path, HEAD + "a,sidewall,33,25\n", rig={"distance_datum": "rotor axis"})
     with pytest.raises(ManifestError, match="no datum for the ground"):
         read(
             tmp_path,
-            "trial,boundary,distance,throttle\na,ground,33,25\n",
+            HEAD + "a,ground,33,25\n",
             rig={"distance_datum": "rotor axis", "distance_offset": "-23 mm"},
         )
 
 
 def test_a_sidewall_from_the_rotor_plane_is_noted(tmp_path: Path) -> None:
-    got = read(tmp_path, "trial,boundary,distance,throttle\na,sidewall,33,25\n")
+    got = read(tmp_path, HEAD + "a,sidewall,33,25\n")
     assert "wall to nearest blade tip" in got.notes[0]
 
 
 def test_a_schedule_outside_the_folder_is_refused(tmp_path: Path) -> None:
     inner = tmp_path / "campaign"
     inner.mkdir()
-    write_schedule(tmp_path, "trial,boundary,distance,throttle\na,ground,43,25\n")
+    write_schedule(tmp_path, HEAD + "a,ground,43,25\n")
     with pytest.raises(InputRefused, match="leads outside the campaign's folder"):
         read_schedule(manifest(trials={"file": "../trials.csv"}), inner)
 
