@@ -16,7 +16,6 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -28,7 +27,7 @@ from tests.unit import manifests, written
 from nearlift import readers
 from nearlift.errors import NearliftError
 from nearlift.products import TRIALS
-from nearlift.readers import child, csv_trial
+from nearlift.readers import csv_trial, guarded
 from nearlift.readers.channel import Malformed, pick
 from nearlift.run import store
 from nearlift.run.job import Job
@@ -102,7 +101,7 @@ def tally(subject: Subject, how: str, folder: Path) -> Counter[str]:
     return count
 
 
-def ours(name: str, column: str, stack: ExitStack, dialect: dict[str, Any] | None = None) -> Read:
+def ours(name: str, column: str, dialect: dict[str, Any] | None = None) -> Read:
     """Nearlift's own reader of that name."""
     if name == "csv":
         from nearlift.readers.csv_trial import parse
@@ -114,12 +113,11 @@ def ours(name: str, column: str, stack: ExitStack, dialect: dict[str, Any] | Non
         return by_csv
     form = readers.reader(name).format
     assert form is not None
-    reading = stack.enter_context(child.source(form))
 
     def by_format(path: Path) -> tuple[Sequence[float], Sequence[str]]:
         if path.stat().st_size == 0:
             return [], ("EMPTY",)
-        found = reading(path, dialect or {}, (column,))
+        found = guarded.contents(form, path, dialect or {}, (column,))
         if not found.channels:
             return [], found.codes
         return list(pick(found.channels, column, "k", "f").values), found.codes
@@ -237,7 +235,7 @@ def product_bytes(checksum: bool) -> bytes:
     return bytes(sink.getvalue().to_pybytes())
 
 
-def subjects(stack: ExitStack) -> list[Subject]:
+def subjects() -> list[Subject]:
     """Every format as nearlift reads it, and as the usual library does."""
     column = {name: column for name, (_, column, _, _) in written.WRITERS.items()}
     titles = {
@@ -256,7 +254,7 @@ def subjects(stack: ExitStack) -> list[Subject]:
             format=titles[name],
             program="nearlift",
             content=written.WRITERS[name][0](FORCE),
-            read=ours(name, column[name], stack),
+            read=ours(name, column[name]),
         )
         for name in titles
     ]
@@ -271,8 +269,8 @@ def subjects(stack: ExitStack) -> list[Subject]:
         for s in found
         if s.format not in ("MATLAB v7", "HDF5")
     ]
-    own_mat = ours("mat", "run.force", stack)
-    own_hdf5 = ours("hdf5", "/daq/force", stack)
+    own_mat = ours("mat", "run.force")
+    own_hdf5 = ours("hdf5", "/daq/force")
     plain, sums = written.mat(FORCE, compressed=False), written.hdf5(FORCE, fletcher=True)
     found += [
         Subject(
@@ -282,7 +280,7 @@ def subjects(stack: ExitStack) -> list[Subject]:
             format="MATLAB v7.3",
             program="nearlift",
             content=written.v73(FORCE),
-            read=ours("mat", "force", stack),
+            read=ours("mat", "force"),
         ),
         Subject(format="HDF5 with fletcher32", program="nearlift", content=sums, read=own_hdf5),
         Subject(
@@ -331,12 +329,11 @@ def subjects(stack: ExitStack) -> list[Subject]:
 
 def table(folder: Path) -> dict[tuple[str, str, str], Counter[str]]:
     """(format, program, how) to outcomes."""
-    with ExitStack() as stack:
-        return {
-            (s.format, s.program, how): tally(s, how, folder)
-            for s in subjects(stack)
-            for how in ("cut", "flip")
-        }
+    return {
+        (s.format, s.program, how): tally(s, how, folder)
+        for s in subjects()
+        for how in ("cut", "flip")
+    }
 
 
 def page(found: dict[tuple[str, str, str], Counter[str]]) -> str:

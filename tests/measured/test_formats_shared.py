@@ -5,8 +5,7 @@ right words.
 from __future__ import annotations
 
 import gzip
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,23 +14,17 @@ import pytest
 
 from nearlift import readers
 from nearlift.errors import InputRefused
-from nearlift.readers import child
+from nearlift.readers import guarded
 from nearlift.readers.channel import Contents, pick
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not here")
 
 
-@pytest.fixture(scope="module")
-def tdms() -> Iterator[Any]:
-    with ExitStack() as stack:
-        yield stack.enter_context(child.source(readers.reader("tdms").format))
-
-
 def read(name: str, path: Path, dialect: Mapping[str, Any] | None = None) -> Contents:
     form = readers.reader(name).format
     assert form is not None
-    return form.contents(path, dialect or {}, None)
+    return guarded.contents(form, path, dialect or {}, None)
 
 
 def unpacked(path: Path, folder: Path) -> Path:
@@ -131,8 +124,8 @@ def test_lvm_with_comments_and_a_false_rate() -> None:
         ),
     ],
 )
-def test_tdms(tdms: Any, name: str, channel: str, n: int, rate: float) -> None:
-    found = tdms(DATA / "daq-format-samples" / name, {}, None)
+def test_tdms(name: str, channel: str, n: int, rate: float) -> None:
+    found = read("tdms", DATA / "daq-format-samples" / name)
     one = pick(found.channels, channel, "k", "f")
     assert len(one.values) == n
     assert one.rate_Hz == pytest.approx(rate)

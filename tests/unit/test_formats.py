@@ -4,13 +4,6 @@ manifest is refused.
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
-import sys
-import threading
-from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +14,8 @@ from hypothesis import strategies as st
 
 from nearlift import readers, units
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import child
-from nearlift.readers.channel import Malformed, fold, pick, split_unit, unit_word
-from nearlift.readers.serve import ReadContents
+from nearlift.readers import guarded
+from nearlift.readers.channel import fold, pick, split_unit, unit_word
 
 from . import written
 from .bench_campaign import write_schedule
@@ -32,24 +24,8 @@ from .manifests import manifest
 NUMBERS = st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=40)
 
 
-@pytest.fixture(scope="module")
-def open_reader() -> Iterator[Any]:
-    """One child process for each format that wants one, for all tests of the module."""
-    with ExitStack() as stack:
-        known: dict[str, Any] = {}
-
-        def reading(name: str) -> Any:
-            if name not in known:
-                known[name] = stack.enter_context(child.source(readers.reader(name).format))
-            return known[name]
-
-        yield reading
-
-
-def contents(
-    open_reader: Any, name: str, path: Path, dialect: Any = None, names: Any = None
-) -> Any:
-    return open_reader(name)(path, dialect or {}, names)
+def contents(name: str, path: Path, dialect: Any = None, names: Any = None) -> Any:
+    return guarded.contents(readers.reader(name).format, path, dialect or {}, names)
 
 
 def records(
@@ -78,9 +54,7 @@ def records(
 
 
 @pytest.mark.parametrize("name", [n for n in written.WRITERS if n != "csv"])
-def test_what_is_written_comes_back(
-    open_reader: Any, tmp_path_factory: pytest.TempPathFactory, name: str
-) -> None:
+def test_what_is_written_comes_back(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
     write, column, _, suffix = written.WRITERS[name]
     folder = tmp_path_factory.mktemp(name)
 
@@ -88,7 +62,7 @@ def test_what_is_written_comes_back(
     @given(force=NUMBERS)
     def turn(force: list[float]) -> None:
         path = written.put(folder, f"a.{suffix}", write(force))
-        found = contents(open_reader, name, path, names=(column,))
+        found = contents(name, path, names=(column,))
         channel = pick(found.channels, column, "records.force.column", "a")
         np.testing.assert_array_equal(channel.values, force)
         assert set(found.codes) <= {"dead_speed"}
@@ -205,10 +179,8 @@ def test_names_are_folded_before_they_are_compared() -> None:
     assert unit_word("furlong") is None
 
 
-def test_a_column_that_is_not_there_or_twice_is_refused(open_reader: Any, tmp_path: Path) -> None:
-    found = contents(
-        open_reader, "rcbenchmark", written.put(tmp_path, "a.csv", written.rcbenchmark([1.0, 2.0]))
-    )
+def test_a_column_that_is_not_there_or_twice_is_refused(tmp_path: Path) -> None:
+    found = contents("rcbenchmark", written.put(tmp_path, "a.csv", written.rcbenchmark([1.0, 2.0])))
     assert pick(found.channels, "thrust", "k", "f").name == "Thrust (gf)"
     with pytest.raises(InputRefused, match=r"has no column 'Trust'\n  k = \"Thrust \(gf\)\""):
         pick(found.channels, "Trust", "k", "f")
@@ -220,43 +192,41 @@ def test_a_column_that_is_not_there_or_twice_is_refused(open_reader: Any, tmp_pa
 # ---- stands
 
 
-def test_rcbenchmark_traps(open_reader: Any, tmp_path: Path) -> None:
+def test_rcbenchmark_traps(tmp_path: Path) -> None:
     """Byte order mark, trailing comma, micro signs, a clock that runs backwards, a speed that reads
     zero while there is lift.
     """
     rows = "0.424,1000,,0.1,0,5.0,4.0,0,0.1,,\n0.378,1000,,0.1,0,6.0,4.0,0,0.1,hello,\n4.318,1000,,0.1,0,7.0,4.0,0,0.1,,\n"
     path = written.put(tmp_path, "a.csv", (written.RC_HEADER + "\n" + rows).encode())
-    found = contents(open_reader, "rcbenchmark", path)
+    found = contents("rcbenchmark", path)
     assert [c.name for c in found.channels][:2] == ["Time (s)", "ESC signal (\u00b5s)"]
     assert "App message" not in [c.name for c in found.channels]
     assert found.codes == ("dead_speed",)
     assert pick(found.channels, "Time", "k", "f").values.tolist() == [0.424, 0.378, 4.318]
     path.write_bytes(path.read_bytes() + b"5,1000,,0.1\n")
     with pytest.raises(InputRefused, match=r"a.csv, line 5: has 4 cells under 10 column names"):
-        contents(open_reader, "rcbenchmark", path)
+        contents("rcbenchmark", path)
 
 
-def test_stands_refuse_each_others_files(open_reader: Any, tmp_path: Path) -> None:
+def test_stands_refuse_each_others_files(tmp_path: Path) -> None:
     for name, content in (
         ("rcbenchmark", written.tyto([1.0])),
         ("flight-stand", written.crazyflie([1.0])),
         ("crazyflie", written.rcbenchmark([1.0])),
     ):
         with pytest.raises(InputRefused, match="line 1: has not the header of"):
-            contents(open_reader, name, written.put(tmp_path, "a.csv", content))
+            contents(name, written.put(tmp_path, "a.csv", content))
 
 
-def test_a_stand_with_a_column_twice_is_refused(open_reader: Any, tmp_path: Path) -> None:
+def test_a_stand_with_a_column_twice_is_refused(tmp_path: Path) -> None:
     path = written.put(tmp_path, "a.csv", b"weight[g],pwm,vbat[V],pwm\n1,2,3,4\n")
     with pytest.raises(InputRefused, match="more than one column 'pwm'"):
-        contents(open_reader, "crazyflie", path)
+        contents("crazyflie", path)
 
 
-def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(
-    open_reader: Any, tmp_path: Path
-) -> None:
+def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(tmp_path: Path) -> None:
     text = "weight[g],pwm,vbat[V],rpm1,rpm2,rpm3,rpm4\n-1.0586,0,3.9,0,0,0,0\n30.5,20000,3.8,9000,0,9100,9050\n"
-    found = contents(open_reader, "crazyflie", written.put(tmp_path, "a.csv", text.encode()))
+    found = contents("crazyflie", written.put(tmp_path, "a.csv", text.encode()))
     assert pick(found.channels, "weight", "k", "f").values.tolist() == [-1.0586, 30.5]
     assert found.codes == ("dead_speed",)
 
@@ -264,22 +234,20 @@ def test_crazyflie_weights_may_be_negative_and_one_dead_rotor_is_seen(
 # ---- LVM
 
 
-def test_lvm_segments_are_joined_and_counted(open_reader: Any, tmp_path: Path) -> None:
+def test_lvm_segments_are_joined_and_counted(tmp_path: Path) -> None:
     path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5, 3.5], segments=2))
-    found = contents(open_reader, "lvm", path)
+    found = contents("lvm", path)
     assert pick(found.channels, "Force", "k", "f").values.tolist() == [1.5, 2.5, 3.5] * 2
     assert found.channels[0].name == "X_Value"
     cut = path.read_bytes().rstrip(b"\n")
     path.write_bytes(cut[: cut.rfind(b"\n") + 1])
-    found = contents(open_reader, "lvm", path)
+    found = contents("lvm", path)
     assert found.codes == ("truncated",), "the last segment has fewer rows than its header promises"
 
 
-def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(
-    open_reader: Any, tmp_path: Path
-) -> None:
+def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(tmp_path: Path) -> None:
     content = written.lvm([1.5, 2.5, 3.5]).replace(b"Delta_X\t0,001\t0,001", b"Delta_X\t1,0\t1,0")
-    found = contents(open_reader, "lvm", written.put(tmp_path, "a.lvm", content))
+    found = contents("lvm", written.put(tmp_path, "a.lvm", content))
     assert found.notes == ("the header says 1 Hz, X_Value 1000 Hz: the column is believed",)
     assert found.channels[1].rate_Hz == pytest.approx(1000)
 
@@ -295,241 +263,22 @@ def test_the_rate_in_an_lvm_header_is_not_believed_beside_a_clock(
     ],
 )
 def test_a_damaged_lvm_is_refused_with_its_line(
-    open_reader: Any, tmp_path: Path, change: tuple[bytes, bytes], match: str
+    tmp_path: Path, change: tuple[bytes, bytes], match: str
 ) -> None:
     path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5, 3.5]).replace(*change))
     with pytest.raises(InputRefused, match=match):
-        contents(open_reader, "lvm", path)
+        contents("lvm", path)
 
 
-def test_no_pickle_beside_an_lvm_is_opened(open_reader: Any, tmp_path: Path) -> None:
+def test_no_pickle_beside_an_lvm_is_opened(tmp_path: Path) -> None:
     path = written.put(tmp_path, "a.lvm", written.lvm([1.5, 2.5]))
     trap = written.put(
         tmp_path,
         "a.lvm.pkl",
         b"cos\nsystem\n(S'touch " + str(tmp_path / "pwned").encode() + b"'\ntR.",
     )
-    contents(open_reader, "lvm", path)
+    contents("lvm", path)
     assert sorted(tmp_path.iterdir()) == [path, trap]
-
-
-# ---- what C libraries parse
-
-
-@pytest.mark.filterwarnings("ignore::pandas.errors.Pandas4Warning")
-@pytest.mark.filterwarnings("ignore:duration_to_mat")
-def test_matlab_of_every_age(open_reader: Any, tmp_path: Path) -> None:
-    import pandas as pd
-    import scipy.io
-    from matio import save_to_mat
-
-    force = [1.0, 2.0, 3.0]
-    for name, content in (("v5", written.mat(force, compressed=False)), ("v7", written.mat(force))):
-        found = contents(open_reader, "mat", written.put(tmp_path, f"{name}.mat", content))
-        assert [(c.name, c.values.tolist()) for c in found.channels] == [("run.force", force)]
-    found = contents(open_reader, "mat", written.put(tmp_path, "v73.mat", written.v73(force)))
-    assert [(c.name, c.values.tolist()) for c in found.channels] == [("force", force)]
-    scipy.io.savemat(tmp_path / "m.mat", {"data": np.arange(6.0).reshape(3, 2), "who": "me"})
-    found = contents(open_reader, "mat", tmp_path / "m.mat", names=("data(:,2)",))
-    assert [(c.name, c.values.tolist()) for c in found.channels] == [("data(:,2)", [1.0, 3.0, 5.0])]
-    table = pd.DataFrame(
-        {"force": force}, index=pd.Index(np.array([0, 1, 2], dtype="timedelta64[ms]"), name="Time")
-    )
-    for version in ("v7", "v7.3"):
-        save_to_mat(str(tmp_path / "tt.mat"), {"tt": table}, version=version)
-        found = contents(open_reader, "mat", tmp_path / "tt.mat")
-        assert [(c.name, c.unit) for c in found.channels] == [("tt.Time", "s"), ("tt.force", "")]
-        np.testing.assert_allclose(found.channels[0].values, [0, 0.001, 0.002])
-
-
-def test_hdf5_follows_no_link_out_of_the_file(open_reader: Any, tmp_path: Path) -> None:
-    import h5py
-
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["secret"] = np.ones(3)
-    layout = h5py.VirtualLayout(shape=(3,), dtype="f8")
-    layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "secret", shape=(3,))
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["force"] = np.arange(3.0)
-        file["out"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/secret")
-        file.create_virtual_dataset("virtual", layout)
-        file.create_dataset(
-            "far", (3,), dtype="f8", external=[(str(tmp_path / "raw.bin"), 0, h5py.h5f.UNLIMITED)]
-        )
-        file["circle"] = file["/"]
-    found = contents(open_reader, "hdf5", tmp_path / "a.h5")
-    assert [c.name for c in found.channels] == ["/force"]
-    assert len(found.notes) == 3
-    assert any("is a link to another file" in n for n in found.notes)
-
-
-def test_a_half_written_tdms_is_flagged_and_its_index_not_believed(
-    open_reader: Any, tmp_path: Path
-) -> None:
-    whole = written.tdms(list(range(500)))
-    path = written.put(tmp_path, "a.tdms", whole[:-100])
-    found = contents(open_reader, "tdms", path)
-    assert found.codes == ("truncated",)
-    assert len(found.channels[0].values) < 500
-    path.write_bytes(whole)
-    written.put(tmp_path, "a.tdms_index", b"TDSh" + b"\xff" * 40)
-    found = contents(open_reader, "tdms", path)
-    assert (found.codes, len(found.channels[0].values), found.channels[0].unit) == ((), 500, "N")
-
-
-def test_a_tdms_cut_within_the_head_of_a_segment_is_flagged(
-    open_reader: Any, tmp_path: Path
-) -> None:
-    """nptdms passes over it in silence: only the segments' own lengths tell."""
-    content = written.tdms(list(range(500)))
-    last = content.rfind(b"TDSm")
-    for at in (last + 2, last + 28, last + 60):
-        found = contents(open_reader, "tdms", written.put(tmp_path, "a.tdms", content[:at]))
-        assert (found.codes, len(found.channels[0].values)) == (("truncated",), 400)
-
-
-@pytest.mark.parametrize(("name", "suffix"), [("hdf5", "h5"), ("mat", "mat"), ("tdms", "tdms")])
-def test_garbage_costs_its_trial_only(tmp_path: Path, name: str, suffix: str) -> None:
-    write, column, unit, _ = written.WRITERS[name]
-    written.put(tmp_path, f"a.{suffix}", b"\x89HDF garbage " * 50)
-    written.put(tmp_path, f"b.{suffix}", write([1.0, 2.0, 3.0]))
-    a, b = records(tmp_path, name, column, unit, f"{{trial}}.{suffix}")
-    assert a.codes == ("MALFORMED",)
-    assert a.fault.startswith(f"a.{suffix}: ")
-    assert len(b.force_N) == 3
-
-
-def test_a_file_that_claims_too_much_memory_is_stopped(tmp_path: Path) -> None:
-    """Zeros compress a thousandfold: 4 GiB of them in 4 MiB."""
-    import h5py
-
-    with h5py.File(tmp_path / "bomb.h5", "w") as file:
-        # chunks never written read as zeros: the file stays small
-        file.create_dataset("force", (1 << 29,), dtype="f8", chunks=(1 << 20,), compression="gzip")
-    with (
-        child.source(readers.reader("hdf5").format) as read,
-        pytest.raises(Malformed, match=r"memory|allocate|crashed"),
-    ):
-        read(tmp_path / "bomb.h5", {}, None)
-
-
-def test_a_reader_that_takes_too_long_is_stopped(tmp_path: Path) -> None:
-    path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
-    with (
-        child.source(readers.reader("hdf5").format, child.Child(time_s=0.01)) as read,
-        pytest.raises(Malformed, match=r"its reader was stopped after 0\.01 s"),
-    ):
-        read(path, {}, None)
-
-
-def test_a_child_asked_beforehand_answers_each_question_by_its_own_file(tmp_path: Path) -> None:
-    """Whether the files are then asked for in turn or not, and whether the child dies or not: a
-    death costs one file at most.
-    """
-    asked = [
-        ReadContents(
-            reader="hdf5", path=str(written.put(tmp_path, f"{k}.h5", written.hdf5([float(k)] * 3)))
-        )
-        for k in range(8)
-    ]
-
-    def number(worker: child.Child, *k: int) -> float:
-        try:
-            [(_, values)] = worker.ask(*(asked[i] for i in k))
-        except Malformed:
-            return -1.0
-        return float(values[0][0])
-
-    with child.Child() as worker:
-        assert [number(worker, *k) for k in ((0, 1, 2), (1, 2, 3), (5, 6, 7), (6, 7))] == [
-            0.0,
-            1.0,
-            5.0,
-            6.0,
-        ]
-    with child.Child() as worker:
-        assert number(worker, 0, 1, 2) == 0.0
-        worker.begin().kill()
-        rest = [number(worker, *range(k, min(k + 3, 8))) for k in range(1, 8)]
-    assert sorted({*range(1, 8)} - {*rest}) == [
-        k + 1 for k, found in enumerate(rest) if found == -1.0
-    ]
-    assert rest.count(-1.0) <= 1
-
-
-def test_children_started_beforehand_are_those_that_read() -> None:
-    child.dismiss()
-    child.start(2)
-    processes = {worker.begin().pid for worker in child._idle}
-    assert len(processes) == 2
-    with child.borrowed() as one, child.borrowed() as other:
-        assert {one.begin().pid, other.begin().pid} == processes
-        assert one.begin().poll() is other.begin().poll() is None
-
-
-COPY = """
-import json, os, sys
-from pathlib import Path
-import nearlift.readers.child as child
-[path] = map(Path, sys.argv[1:])
-with path.open() as held, child.Child(memory=1 << 30, time_s=20.0) as worker:
-    process = worker.begin()
-    request = child.ReadContents(reader="hdf5", path=str(path))
-    [(answer, values)] = worker.ask(request)
-    about = {"kind": type(process).__name__, "session": os.getsid(process.pid) == process.pid}
-    files = [os.readlink(link) for link in Path(f"/proc/{process.pid}/fd").iterdir()]
-    limits = Path(f"/proc/{process.pid}/limits").read_text()
-    for line in ("Max address space 1073741824 1073741824", "Max file size 0 0", "Max core file size 0 0"):
-        assert line in " ".join(limits.split()), line
-    print(json.dumps({**about, "values": values[0].tolist(), "held": str(path) in files, "pwned": os.path.exists("pwned")}))
-"""
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere no process is copied")
-def test_a_copy_of_this_process_has_a_childs_limits_and_none_of_this_ones_files(
-    tmp_path: Path,
-) -> None:
-    """Code stands in the current folder, which is on this one's path."""
-    path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
-    written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
-    environment = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    done = subprocess.run(
-        [sys.executable, "-c", COPY, str(path)],
-        cwd=tmp_path,
-        env=environment,
-        check=True,
-        stdout=subprocess.PIPE,
-    )
-    assert json.loads(done.stdout) == {
-        "kind": "Copy",
-        "session": True,
-        "values": [1.0, 2.0, 3.0],
-        "held": False,
-        "pwned": False,
-    }
-
-
-def test_a_process_with_threads_is_not_copied() -> None:
-    wait = threading.Event()
-    thread = threading.Thread(target=wait.wait)
-    thread.start()
-    try:
-        with child.Child() as worker:
-            assert isinstance(worker.begin(), subprocess.Popen)
-    finally:
-        wait.set()
-        thread.join()
-
-
-def test_a_child_imports_nothing_from_the_folder_of_the_data(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written.put(tmp_path, "h5py.py", b"open('pwned', 'w')\nraise SystemExit\n")
-    path = written.put(tmp_path, "a.h5", written.hdf5([1.0, 2.0, 3.0]))
-    monkeypatch.chdir(tmp_path)
-    with child.source(readers.reader("hdf5").format) as read:
-        assert len(read(path, {}, None).channels[0].values) == 3
-    assert not (tmp_path / "pwned").exists()
 
 
 def test_half_written_trials_are_flagged_and_held_against_the_planned_length(

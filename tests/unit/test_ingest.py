@@ -13,11 +13,11 @@ import pytest
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.products import TRIALS
 from nearlift.readers import csv_trial
-from nearlift.readers import row as rows_of_records
 from nearlift.run import executors
 from nearlift.run.job import Job
 from nearlift.run.store import sha256
 from nearlift.stages import ingest
+from nearlift.stages import rows as rows_module
 from nearlift.stages.rows import Task, reduce_piece
 
 from .bench_campaign import force_mN, run_ingest, small_campaign, write_record, write_schedule
@@ -285,7 +285,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
         calls.append(where)
         raise fault
 
-    monkeypatch.setattr(rows_of_records, "reduce_record", reduced)
+    monkeypatch.setattr(rows_module, "reduce_record", reduced)
     if row:
         assert [r.reduced.codes for r in reduce_piece(task)] == [("MALFORMED",)] * 2
         assert len(calls) == 2

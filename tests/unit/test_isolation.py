@@ -130,10 +130,10 @@ if __name__ == "__main__":
 """
 READER = """
 import sys
-from nearlift.readers.child import Child, ReadContents
-child = Child()
-print(child.begin().pid, flush=True)
-next(child.ask(ReadContents(reader="mat", path=sys.argv[1])))
+from pathlib import Path
+from nearlift.readers import guarded, mat
+print(guarded.run.start().pid, flush=True)
+guarded.run(mat.contents, Path(sys.argv[1]), {}, None)
 """
 
 

@@ -3,32 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nearlift.commands.inspection import inspect
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import BUILT_IN, child, csv_trial, parquet, reader, readers, scanner, table
-from nearlift.readers.channel import Malformed
-from nearlift.readers.seam import Record
+from nearlift.readers import BUILT_IN, csv_trial, reader, readers, scanner, table
 
 from .manifests import manifest
-
-PARQUET: dict[str, Any] = {
-    "records": {
-        "reader": "parquet",
-        "files": "records.parquet",
-        "force": {"column": "force", "unit": "mN", "sign": 1},
-    }
-}
 
 
 def parse(
@@ -324,155 +309,3 @@ def test_an_unknown_reader_gets_the_nearest_name() -> None:
     with pytest.raises(ManifestError, match="did you mean 'parquet'"):
         reader("parket")
     assert [r.name for r in readers()[: len(BUILT_IN)]] == list(BUILT_IN)
-
-
-# ---- Parquet
-
-
-def write_table(folder: Path, columns: dict[str, Any], row_group_size: int = 7) -> None:
-    pq.write_table(pa.table(columns), folder / "records.parquet", row_group_size=row_group_size)
-
-
-def records(folder: Path, trials: list[str], **changes: Any) -> list[Record]:
-    return list(reader("parquet").read(manifest(**{**PARQUET, **changes}), folder, trials))
-
-
-@pytest.mark.parametrize("row_group_size", [1, 3, 7, 100])
-@pytest.mark.parametrize("batch", [2, 1 << 16])
-@pytest.mark.parametrize("kind", ["text", "dictionary", "integer"])
-def test_records_do_not_depend_on_the_files_layout(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, row_group_size: int, batch: int, kind: str
-) -> None:
-    monkeypatch.setattr(parquet, "BATCH", batch)
-    lengths = {"0": 4, "1": 9, "2": 1, "3": 12}
-    names = [t for t, n in lengths.items() for _ in range(n)]
-    trial = {
-        "text": pa.array(names),
-        "dictionary": pa.array(names).dictionary_encode(),
-        "integer": pa.array([int(t) for t in names]),
-    }[kind]
-    force = np.arange(26.0)
-    write_table(tmp_path, {"trial": trial, "force": pa.array(force)}, row_group_size)
-    got = records(tmp_path, ["3", "0", "2"])
-    assert [r.trial for r in got] == ["0", "2", "3"]
-    for record, want in zip(got, (force[:4], force[13:14], force[14:]), strict=True):
-        np.testing.assert_allclose(record.force_N, 1e-3 * want)
-
-
-def test_pieces_are_independent(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(parquet, "ROWS", 5)
-    names = [f"t{i}" for i in range(6) for _ in range(5)]
-    write_table(tmp_path, {"trial": names, "force": np.arange(30)})
-    given = manifest(**PARQUET)
-    plan = reader("parquet").plan(given, tmp_path, [f"t{i}" for i in range(6)])
-    assert len(plan.pieces) > 2
-    backwards = [
-        r
-        for piece in reversed(plan.pieces)
-        for r in reader("parquet").read_piece(given, tmp_path, piece)
-    ]
-    assert {r.trial: r.force_N[0] for r in backwards} == {
-        f"t{i}": pytest.approx(5e-3 * i) for i in range(6)
-    }
-
-
-def test_a_missing_sample_is_nan_and_a_clock_is_read(tmp_path: Path) -> None:
-    write_table(
-        tmp_path, {"trial": ["a"] * 3, "force": pa.array([1, None, 3]), "t": [0.0, 5.0, 10.0]}
-    )
-    given = {"records": {**PARQUET["records"], "time": {"column": "t", "unit": "ms"}}}
-    (record,) = records(tmp_path, ["a"], **given)
-    np.testing.assert_allclose(record.force_N, [1e-3, np.nan, 3e-3])
-    np.testing.assert_allclose(record.time_s, [0, 0.005, 0.01])
-
-
-def test_trials_that_the_schedule_does_not_list_are_noted(tmp_path: Path) -> None:
-    write_table(tmp_path, {"trial": ["a", "b"], "force": [1, 2]})
-    plan = reader("parquet").plan(manifest(**PARQUET), tmp_path, ["a"])
-    assert "1 trials that the schedule does not list, such as 'b'" in plan.notes[0]
-
-
-@pytest.mark.parametrize(
-    ("columns", "match"),
-    [
-        (
-            {"trial": ["a", "b", "a"], "force": [1, 2, 3]},
-            r"trial 'a' stands in two places, at rows 1 and 3",
-        ),
-        ({"trial": ["a", None], "force": [1, 2]}, "row 2 has no trial"),
-        ({"tril": ["a"], "force": [1]}, "no column 'trial'"),
-        ({"trial": ["a"], "forze": [1]}, r"no column 'force'\n  records.force.column = 'forze'\?"),
-        ({"trial": ["a"], "force": ["1"]}, "holds string, not numbers"),
-    ],
-)
-def test_tables_that_cannot_be_meant(tmp_path: Path, columns: dict[str, Any], match: str) -> None:
-    write_table(tmp_path, columns)
-    with pytest.raises(InputRefused, match=match):
-        records(tmp_path, ["a", "b"])
-
-
-def test_damage_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputRefused, match="is missing"):
-        records(tmp_path, ["a"])
-    write_table(tmp_path, {"trial": ["a"] * 100, "force": np.arange(100)})
-    content = (tmp_path / "records.parquet").read_bytes()
-    (tmp_path / "records.parquet").write_bytes(content[: len(content) // 2])
-    with pytest.raises(InputRefused, match="cannot be read as Parquet"):
-        records(tmp_path, ["a"])
-
-
-def test_a_column_whose_name_is_no_text_is_refused_by_its_place(tmp_path: Path) -> None:
-    path = tmp_path / "records.parquet"
-    pq.write_table(
-        pa.table({"trial": ["a"], "force": [1.0], "extra??": [1.0]}), path, store_schema=False
-    )
-    path.write_bytes(path.read_bytes().replace(b"extra??", b"extra\xff\xfe"))
-    with pytest.raises(InputRefused, match="column 3: has a name that is no UTF-8 text"):
-        records(tmp_path, ["a"])
-    with pytest.raises(InputRefused, match="column 3: has a name that is no UTF-8 text"):
-        inspect(path)
-
-
-@pytest.fixture
-def small_child() -> Iterator[child.Child]:
-    child.dismiss()
-    with child.Child(memory=600 << 20) as small:
-        child._idle.append(small)
-        yield small
-        child.dismiss()
-
-
-def test_a_table_of_few_bytes_does_not_fill_the_memory(
-    tmp_path: Path, small_child: child.Child
-) -> None:
-    million = pa.table(
-        {
-            "trial": pa.array(["a"] * 1_000_000).dictionary_encode(),
-            "force": pa.array(np.zeros(1_000_000, dtype=np.int8)),
-        }
-    )
-    with pq.ParquetWriter(tmp_path / "records.parquet", million.schema) as file:
-        for _ in range(60):
-            file.write_table(million)
-    assert (tmp_path / "records.parquet").stat().st_size < 400_000
-    with (
-        child.source(parquet.FORMAT, child.Child(memory=600 << 20)) as read,
-        pytest.raises(Malformed, match="memory"),
-    ):
-        read(tmp_path / "records.parquet", {}, None)
-
-
-def test_a_name_of_many_bytes_is_refused(tmp_path: Path, small_child: child.Child) -> None:
-    pq.write_table(
-        pa.table({"trial": ["a" * (150 << 20)], "force": [1]}),
-        tmp_path / "records.parquet",
-        compression="zstd",
-    )
-    assert (tmp_path / "records.parquet").stat().st_size < 1_000_000
-    with pytest.raises(InputRefused, match="memory"):
-        records(tmp_path, ["a"])
-
-
-def test_a_pattern_is_no_long_table(tmp_path: Path) -> None:
-    with pytest.raises(ManifestError, match="takes one long table"):
-        records(tmp_path, ["a"], records={**PARQUET["records"], "files": "{trial}.parquet"})

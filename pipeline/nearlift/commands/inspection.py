@@ -13,7 +13,7 @@ from nearlift.commands import grids, meaning, tables
 from nearlift.commands.grids import Grid
 from nearlift.commands.tables import Table
 from nearlift.errors import InputRefused
-from nearlift.readers import child, csv_trial
+from nearlift.readers import csv_trial, guarded
 from nearlift.readers.channel import Channel, Contents, Malformed, RecordsDialect
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
@@ -150,8 +150,7 @@ def recognised(head: bytes, name: str) -> Format:
 
 def _contents(form: Format, path: Path, dialect: RecordsDialect) -> Contents:
     try:
-        with child.source(form) as read:
-            contents = read(path, form.checked_dialect(dialect), None)
+        contents = guarded.contents(form, path, form.checked_dialect(dialect), None)
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "copy it anew from the rig") from None
     if not contents.channels:

@@ -21,7 +21,7 @@ import numpy as np
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
-from nearlift.readers import interleaved, packed, scanner, table
+from nearlift.readers import guarded, interleaved, packed, scanner, table
 from nearlift.readers.files import files_per_trial, plan_per_trial, source_of
 from nearlift.readers.seam import ChannelSpec, Piece, Reader, Record
 from nearlift.units import NUMBER
@@ -33,8 +33,10 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
         # without a buffer, which would only be copied
         with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - half the time of the path's own
             content = file.readall()
-        plain = packed.unpacked(content, str(path))
-        force, time, codes = parse(plain, str(path), spec.column, spec.clock)
+        if content.startswith(packed.MAGIC):
+            force, time, codes = guarded.run(_unpacked, path, spec.column, spec.clock)
+        else:
+            force, time, codes = parse(content, str(path), spec.column, spec.clock)
         yield Record(
             trial=trial,
             # the products are the record's own, unlike what was parsed
@@ -44,6 +46,14 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
             codes=codes,
             sha256=functools.partial(_sha256, content),
         )
+
+
+def _unpacked(
+    path: Path, force: str, time: str | None
+) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
+    """The columns and codes of a packed file, as `parse` gives them."""
+    with packed.opened(path) as file:
+        return parse(file.read(), str(path), force, time)
 
 
 def _sha256(content: bytes) -> str:

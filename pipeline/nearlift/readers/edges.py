@@ -15,6 +15,7 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import FEWEST_SAMPLES, LEVEL, Segments
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import guarded
 from nearlift.readers.channel import Contents, RecordsDialect, pick
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import Record
@@ -83,7 +84,7 @@ def _stepping(cut: Segments, opened: Opened) -> tuple[FloatArray, float | None]:
     if isinstance(cut.only, str):
         from nearlift.readers.text import words_of
 
-        words = words_of(path, opened.dialect, cut.by)[:n]
+        words = guarded.call(words_of, path, opened.dialect, cut.by)[:n]
         if cut.only not in words:
             known = ", ".join(map(repr, sorted(set(words))[:8]))
             raise InputRefused(
@@ -133,7 +134,7 @@ def marks_of(
     lines = [line.replace(LEVEL, "*") for line in (cut.begin, cut.end) if line is not None]
     given = said.get("ignore", ())
     dialect = {**said, "ignore": [*(given if isinstance(given, list) else ()), *lines]}
-    return text.marked(path, text.given(dialect), lines), dialect
+    return guarded.call(text.marked, path, text.given(dialect), lines), dialect
 
 
 def _between(

@@ -52,16 +52,18 @@ class _Unpacked(io.RawIOBase):
         super().close()
 
 
+def is_packed(path: Path) -> bool:
+    """Whether a file is packed; False where it cannot be opened."""
+    try:
+        with path.open("rb") as file:
+            return file.read(2) == MAGIC
+    except OSError:
+        return False
+
+
 def opened(path: Path) -> IO[bytes]:
     """The file, or what is inside where it is packed."""
     file = path.open("rb")
     if file.peek(2)[:2] != MAGIC:
         return file
     return io.BufferedReader(_Unpacked(file, str(path)), 1 << 16)
-
-
-def unpacked(content: bytes, where: str) -> bytes:
-    """The bytes, or what is inside where they are packed; raises as reading does."""
-    if not content.startswith(MAGIC):
-        return content
-    return io.BufferedReader(_Unpacked(io.BytesIO(content), where), 1 << 16).read()

@@ -1,24 +1,159 @@
-"""Parquet: one long table with a column `trial` and the force; a child reads it (`long_table`)."""
+"""Parquet: one long table with a column `trial`, in which the rows of a trial follow one another.
+
+The trial column is read first, alone. Samples are then read in stretches of whole trials, so that
+memory does not depend on the size of the file.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+import difflib
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import child, long_table
-from nearlift.readers.channel import Malformed
+from nearlift.readers import guarded
+from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect
 from nearlift.readers.files import inside, source_of
 from nearlift.readers.per_file import Format
 from nearlift.readers.seam import ChannelSpec, Piece, Reader, ReadingPlan, Record
-from nearlift.readers.serve import Answer, ReadRows, ReadSpans
+from nearlift.readers.table import floats
 
-#: Rows of one answer, and of one task at least.
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from nearlift.campaign.manifest import Campaign
+
+
+TRIAL = "trial"
+#: Rows of one batch, and of one piece at least.
 BATCH, ROWS = 1 << 16, 1 << 21
+
+Asked = ParamSpec("Asked")
+Answer = TypeVar("Answer")
+
+
+def _opened(path: Path) -> pq.ParquetFile:
+    """The file, its page checksums verified where the writer left any."""
+    import pyarrow.parquet as pq
+
+    here = TRIAL in pq.read_schema(path).names
+    return pq.ParquetFile(
+        path,
+        read_dictionary=[TRIAL] if here else None,
+        page_checksum_verification=True,
+        buffer_size=1 << 20,
+    )
+
+
+def _batches(file: pq.ParquetFile, names: Sequence[str], groups: Any = None) -> Iterator[Any]:
+    return file.iter_batches(
+        batch_size=BATCH, row_groups=groups, columns=list(names), use_threads=False
+    )
+
+
+def _is_numeric(kind: pa.DataType) -> bool:
+    import pyarrow as pa
+
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind)
+
+
+def spans(path: Path, wanted: Mapping[str, str]) -> dict[str, tuple[int, int]]:
+    """First row and end of every trial, in the table's order.
+
+    Raises
+    ------
+    InputRefused
+        It lacks a wanted column (manifest's key to name), a row has no trial, or the rows of a
+        trial do not follow one another.
+    """
+    rows: dict[str, tuple[int, int]] = {}
+    at, last = 0, None
+    with _opened(path) as file:
+        _check_columns(path, file.schema_arrow, wanted)
+        for batch in _batches(file, [TRIAL]):
+            column = batch.column(0)
+            if column.null_count:
+                first = at + column.is_null().to_pylist().index(True)
+                raise InputRefused(
+                    str(path), f"row {first + 1} has no trial", "every sample belongs to a trial"
+                )
+            column = column.dictionary_encode() if not hasattr(column, "indices") else column
+            codes = np.from_dlpack(column.indices)
+            starts = np.flatnonzero(np.diff(codes, prepend=-1)).tolist()
+            for start, end in zip(starts, [*starts[1:], len(codes)], strict=True):
+                name = str(column[start].as_py())
+                if name in rows and name != last:
+                    raise InputRefused(
+                        str(path),
+                        f"has trial {name!r} in two places, at rows {rows[name][0] + 1} and"
+                        f" {at + start + 1}",
+                        "sort the table by trial, keeping the samples' order",
+                    )
+                rows[name] = (rows[name][0] if name in rows else at + start, at + end)
+                last = name
+            at += batch.num_rows
+    return rows
+
+
+def _check_columns(path: Path, schema: pa.Schema, wanted: Mapping[str, str]) -> None:
+    """Refuse a table without the trial's column, or without a wanted one of numbers."""
+    for key, name in (("", TRIAL), *wanted.items()):
+        if schema.names.count(name) != 1:
+            close = difflib.get_close_matches(name, schema.names, n=1)
+            raise InputRefused(
+                str(path),
+                f"has {'no' if name not in schema.names else 'more than one'} column {name!r}",
+                f"{key} = {close[0]!r}?" if close and key else f"it has {', '.join(schema.names)}",
+            )
+        kind = schema.field(name).type
+        if name != TRIAL and not _is_numeric(kind):
+            raise InputRefused(
+                str(path),
+                f"column {name!r} holds {kind}, not numbers",
+                "write it as integers or floats",
+            )
+
+
+def rows(path: Path, names: Sequence[str], first: int, end: int) -> list[FloatArray]:
+    """The named columns from row `first` up to `end`."""
+    held: list[list[FloatArray]] = [[] for _ in names]
+    with _opened(path) as file:
+        counts = [file.metadata.row_group(i).num_rows for i in range(file.num_row_groups)]
+        ends = np.cumsum(counts)
+        group = int(np.searchsorted(ends, first, side="right"))
+        at = int(ends[group] - counts[group])
+        for batch in _batches(file, names, range(group, file.num_row_groups)):
+            part = slice(max(first - at, 0), min(end - at, batch.num_rows))
+            if part.start < part.stop:
+                for values, name in zip(held, names, strict=True):
+                    values.append(floats(batch.column(name))[part])
+            at += batch.num_rows
+            if at >= end:
+                break
+    return [np.concatenate(values) for values in held]
+
+
+def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+    """The numeric columns of a table, and whether it has the column `trial`."""
+    from nearlift.readers.text import with_rate
+
+    with _opened(path) as file:
+        schema = file.schema_arrow
+        numeric = [f.name for f in schema if _is_numeric(f.type)]
+        wanted = [name for name in numeric if names is None or name in names]
+        table = file.read(columns=wanted, use_threads=False)
+    channels = tuple(
+        Channel(name=name, values=floats(table[name].combine_chunks()))
+        for name in table.column_names
+    )
+    without = 'it has no column "trial", which reader = "parquet" needs'
+    notes = () if TRIAL in schema.names else (without,)
+    return with_rate(Contents(channels=channels, kind="Parquet", notes=notes))
 
 
 def _path(campaign: Campaign, root: Path) -> Path:
@@ -37,55 +172,52 @@ def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
     return [path] if path.is_file() else []
 
 
-def _asked(path: Path, request: ReadSpans | ReadRows) -> Iterator[Answer]:
-    """The child's answers; what it cannot read is refused, since all trials stand in one file."""
+def _asked(
+    function: Callable[Asked, Answer], *arguments: Asked.args, **named: Asked.kwargs
+) -> Answer:
+    """The guarded answer; an unreadable file is refused, since it holds all trials."""
     try:
-        with child.borrowed() as reader:
-            yield from reader.ask(request)
+        return guarded.run(function, *arguments, **named)
     except Malformed as fault:
         raise InputRefused(
-            str(path), str(fault), "copy it anew from the rig, or write it again"
+            str(arguments[0]),
+            f"is no table of Parquet that can be read: {fault}",
+            "copy it anew from the rig, or write it again",
         ) from None
 
 
 def trials(path: Path) -> list[str]:
     """The trials of a long table, in its order; raises `InputRefused` where it is none."""
-    ((answer, _),) = _asked(path, ReadSpans(path=str(path)))
-    return [str(trial) for trial in answer["trials"]]
+    return list(_asked(spans, path, {}))
 
 
 def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
     path, spec = _path(campaign, root), ChannelSpec.from_manifest(campaign)
     if not path.is_file():
         raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
-    columns = [("records.force.column", spec.column)]
-    columns += [("records.time.column", spec.clock)] if spec.clock is not None else []
-    asked = ReadSpans(path=str(path), columns=tuple(columns))
-    ((answer, (starts, stops, ends)),) = _asked(path, asked)
-    rows = zip(starts.astype(int).tolist(), stops.astype(int).tolist(), strict=True)
-    spans = dict(zip(answer["trials"], rows, strict=True))
+    columns = {"records.force.column": spec.column}
+    columns |= {"records.time.column": spec.clock} if spec.clock is not None else {}
+    found = _asked(spans, path, columns)
     wanted = set(trials)
-    unlisted = [name for name in spans if name not in wanted]
+    unlisted = [name for name in found if name not in wanted]
     notes = []
     if unlisted:
         notes.append(
             f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not list,"
             f" such as {unlisted[0]!r}; they were left out"
         )
-    here = {name: span for name, span in spans.items() if name in wanted}
-    return ReadingPlan(pieces=tuple(_pieces(path, here, ends)), notes=tuple(notes))
+    here = {name: span for name, span in found.items() if name in wanted}
+    return ReadingPlan(pieces=tuple(_pieces(path, here)), notes=tuple(notes))
 
 
-def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) -> Iterator[Piece]:
-    """The trials of whole row groups, of as many as make a piece worth a child of its own."""
-    groups = np.searchsorted(ends, [first for first, _ in spans.values()], side="right")
-    size = path.stat().st_size // max(int(ends[-1]), 1) if len(ends) else 0
+def _pieces(path: Path, spans: Mapping[str, tuple[int, int]]) -> Iterator[Piece]:
+    """Stretches of trials, each of at least so many rows."""
     names, rows = tuple(spans), tuple(spans.values())
+    size = path.stat().st_size // max(rows[-1][1] if rows else 1, 1)
     begin = 0
-    for i in range(1, len(names) + 1):
-        at_end = i == len(names)
-        length = (rows[-1][1] if at_end else rows[i][0]) - rows[begin][0]
-        if at_end or (groups[i] != groups[i - 1] and length >= ROWS):
+    for i, (_, end) in enumerate(rows, start=1):
+        length = end - rows[begin][0]
+        if i == len(rows) or length >= ROWS:
             part = slice(begin, i)
             yield Piece(trials=names[part], paths=(path,), rows=rows[part], bytes=size * length)
             begin = i
@@ -94,35 +226,23 @@ def _pieces(path: Path, spans: Mapping[str, tuple[int, int]], ends: FloatArray) 
 def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
     path, spec = piece.paths[0], ChannelSpec.from_manifest(campaign)
     names = (spec.column,) if spec.clock is None else (spec.column, spec.clock)
-    at, trial = piece.rows[0][0], 0
-    request = ReadRows(path=str(path), columns=names, first=at, end=piece.rows[-1][1], size=BATCH)
-    held: list[list[FloatArray]] = [[] for _ in names]
-    for _, arrays in _asked(path, request):
-        end = at + len(arrays[0])
-        while trial < len(piece.trials) and piece.rows[trial][0] < end:
-            start, stop = piece.rows[trial]
-            part = slice(max(start, at) - at, min(stop, end) - at)
-            for parts, values in zip(held, arrays, strict=True):
-                parts.append(values[part])
-            if stop > end:
-                break
-            columns = [np.concatenate(parts) for parts in held]
-            held = [[] for _ in names]
-            yield Record(
-                trial=piece.trials[trial],
-                force_N=spec.lift_N(columns[0]),
-                time_s=None if spec.clock is None else spec.tick * columns[1],
-                source=source_of(root, path),
-            )
-            trial += 1
-        at = end
+    first = piece.rows[0][0]
+    columns = _asked(rows, path, names, first, piece.rows[-1][1])
+    for trial, (start, end) in zip(piece.trials, piece.rows, strict=True):
+        force, *clock = (column[start - first : end - first] for column in columns)
+        yield Record(
+            trial=trial,
+            force_N=spec.lift_N(force),
+            time_s=spec.tick * clock[0] if clock else None,
+            source=source_of(root, path),
+        )
 
 
 FORMAT = Format(
     name="parquet",
     title="one long Parquet table with a column `trial`",
     recognises=lambda head, name: head.startswith(b"PAR1"),
-    contents=long_table.contents,
+    contents=contents,
     child=True,
 )
 READER = Reader(

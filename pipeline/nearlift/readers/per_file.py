@@ -7,7 +7,6 @@ channels carry the trial's id (``files = "all.h5"``, ``column = "/{trial}/force"
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from nearlift import units
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
+from nearlift.readers import guarded
 from nearlift.readers.channel import (
     AS_FORCE,
     UNITS,
@@ -30,8 +30,6 @@ from nearlift.readers.seam import MARK, ChannelSpec, Piece, Reader, ReadingPlan,
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
-    from nearlift.readers.row import Row
-    from nearlift.reduction.conditions import Conditions
 
 RATE_OPTION = {"ignore_rate": bool}
 #: What reads a file: its path, the dialect, and the channels wanted, to the channels.
@@ -55,8 +53,8 @@ class Format:
     options : mapping of str to type
         What ``[records] dialect`` may hold.
     child : bool
-        Whether a library written in C parses the file: it then does so in a process of its own
-        (`readers.child`).
+        Whether a library parses the file, which it then does in a process of its own
+        (`readers.guarded`): `contents` has to be a function of a module.
     """
 
     name: str
@@ -103,37 +101,9 @@ def reader_of(form: Format) -> Reader:
         return ReadingPlan(pieces=tuple(pieces(there)))
 
     def read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-        from nearlift.readers import child
-
         spec = ChannelSpec.from_manifest(campaign)
-        with child.source(form) as contents:
-            for trial, path in zip(piece.trials, piece.paths, strict=True):
-                yield record(contents, spec, trial, path, source_of(root, path))
-
-    def reduce_piece(
-        campaign: Campaign,
-        root: Path,
-        piece: Piece,
-        conditions: Conditions,
-        tare_after_N: Mapping[str, float],
-    ) -> Iterator[Row]:
-        from nearlift.readers import child
-        from nearlift.readers.serve import ReduceRecord
-
-        spec = ChannelSpec.from_manifest(campaign)
-        asked = [
-            ReduceRecord(
-                reader=form.name,
-                path=str(path),
-                spec=spec,
-                conditions=conditions,
-                trial=trial,
-                source=source_of(root, path),
-                tare_after_N=tare_after_N.get(trial, math.nan),
-            )
-            for trial, path in zip(piece.trials, piece.paths, strict=True)
-        ]
-        return child.rows(asked)
+        for trial, path in zip(piece.trials, piece.paths, strict=True):
+            yield record(form, spec, trial, path, source_of(root, path))
 
     return Reader(
         name=form.name,
@@ -141,7 +111,6 @@ def reader_of(form: Format) -> Reader:
         files=files,
         plan=plan,
         read_piece=read_piece,
-        reduce_piece=reduce_piece if form.child else None,
         format=form,
     )
 
@@ -162,13 +131,14 @@ def _one_for_all(campaign: Campaign) -> bool:
     return in_column
 
 
-def record(read: Reading, spec: ChannelSpec, trial: str, path: Path, source: str) -> Record:
+def record(form: Format, spec: ChannelSpec, trial: str, path: Path, source: str) -> Record:
     """The record of one trial from its file."""
     if path.stat().st_size == 0:
         return Record(trial=trial, source=source, codes=("EMPTY",))
     column, tick = spec.of_trial(trial)
     try:
-        contents = read(path, spec.dialect, (column,) if tick is None else (column, tick))
+        names = (column,) if tick is None else (column, tick)
+        contents = guarded.contents(form, path, spec.dialect, names)
     except Malformed as fault:
         return Record(trial=trial, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}")
     return record_of(contents, spec, trial, str(path), source)

@@ -12,6 +12,7 @@ import numpy as np
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
+from nearlift.readers import guarded
 from nearlift.readers.channel import Channel, fold, pick, split_unit
 from nearlift.readers.seam import ChannelSpec, Reader
 from nearlift.readers.segments import format_of
@@ -83,11 +84,9 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
     """What the record of one trial is, where its file tells; `NearliftError` where it cannot be
     read, or its reader knows nothing of a record's other columns.
     """
-    from nearlift.readers import child
-
     form, spec = format_of(reader), ChannelSpec.from_manifest(campaign)
-    with child.source(form) as read:
-        contents = read(path, form.checked_dialect(campaign.records.dialect), None)
+    dialect = form.checked_dialect(campaign.records.dialect)
+    contents = guarded.contents(form, path, dialect, None)
     column, clock = spec.of_trial(trial)
     force = pick(contents.channels, column, "records.force.column", str(path))
     head = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))

@@ -8,7 +8,7 @@ A new format is one file with one `Reader` in it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -22,8 +22,6 @@ from nearlift.readers.channel import RecordsDialect
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
     from nearlift.readers.per_file import Format
-    from nearlift.readers.row import Row
-    from nearlift.reduction.conditions import Conditions
 
 #: What stands for a trial's id in ``[records] files``.
 MARK = "{trial}"
@@ -103,10 +101,6 @@ class Reader:
     read_piece : callable
         ``read_piece(campaign, root, piece)``: the piece's records in the plan's order, one in
         memory at a time.
-    reduce_piece : callable or None
-        ``reduce_piece(campaign, root, piece, conditions, tare_after_N)``: the same records' rows,
-        where another process reads the samples and reduces them as well. Zero readings after a
-        trial, N, by trial.
     series : bool
         False for a format without samples (`means`), which takes its lift from the schedule.
     format : Format or None
@@ -119,9 +113,6 @@ class Reader:
     files: Callable[[Campaign, Path, Sequence[str]], list[Path]]
     plan: Callable[[Campaign, Path, Sequence[str]], ReadingPlan]
     read_piece: Callable[[Campaign, Path, Piece], Iterator[Record]]
-    reduce_piece: (
-        Callable[[Campaign, Path, Piece, Conditions, Mapping[str, float]], Iterator[Row]] | None
-    ) = None
     series: bool = True
     format: Format | None = None
 

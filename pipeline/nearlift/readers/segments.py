@@ -13,6 +13,7 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import Segments
 from nearlift.declare import FloatArray, IntArray
 from nearlift.errors import ManifestError
+from nearlift.readers import guarded
 from nearlift.readers.channel import Channel, Malformed, pick
 from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it
 from nearlift.readers.files import source_of
@@ -102,8 +103,6 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
     """The pieces of one record; `InputRefused` where its file cannot be read as the manifest says,
     or does not fall into pieces.
     """
-    from nearlift.readers import child
-
     form, source = format_of(reader), source_of(root, path)
 
     def without(fault: str, *codes: str) -> Segmented:
@@ -118,8 +117,7 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
     try:
         if campaign.segments.begin is not None:
             marks, dialect = marks_of(form, path, campaign)
-        with child.source(form) as reading:
-            contents = reading(path, dialect, None)
+        contents = guarded.contents(form, path, dialect, None)
     except Malformed as fault:
         return without(f"{source}: {fault}", "MALFORMED")
     if not contents.channels:

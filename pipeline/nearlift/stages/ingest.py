@@ -15,7 +15,7 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.rig import RECORD_MARK
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.products import TRIALS
-from nearlift.readers import ramp
+from nearlift.readers import guarded, ramp
 from nearlift.readers.channel import Malformed
 from nearlift.readers.files import files_per_trial, per_trial, source_of
 from nearlift.readers.seam import MARK, Piece, Reader
@@ -71,12 +71,9 @@ def soon(campaign: Campaign, workers: int) -> None:
     if not reader.series:
         return
     in_child = reader.format is not None and reader.format.child
-    if not in_child or reader.reduce_piece is not None:
-        prepare()
+    prepare()
     if in_child and workers:
-        from nearlift.readers import child
-
-        child.start(workers)
+        guarded.run.start()
         # it begins a thread, after which no copies of this process are made
         store.ready()
 
@@ -189,7 +186,9 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
     rows, done = Rows(len(schedule)), 0
     notes, pieces = plan.notes, deque(plan.pieces)
     size = sum(piece.bytes for piece in pieces)
-    small = reader.reduce_piece is None and size < WORTH_A_THREAD * recorded
+    # a guarded file waits for its process, not for a turn
+    in_child = reader.format is not None and reader.format.child
+    small = not in_child and size < WORTH_A_THREAD * recorded
     refusals: list[InputRefused] = []
     # the plan of what is done is not kept beside what was found
     del plan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
@@ -14,10 +15,9 @@ from nearlift import readers
 from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, NearliftError
 from nearlift.readers.files import source_of
-from nearlift.readers.row import Row, row_of
-from nearlift.readers.seam import Piece
+from nearlift.readers.seam import Piece, Record
 from nearlift.reduction.conditions import Conditions
-from nearlift.reduction.record import Reduced
+from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.run import copies, store
 from nearlift.run.executors import Threads, ordered
 
@@ -28,6 +28,47 @@ WORTH_A_THREAD = 1 << 20
 #: Columns that stand in a `Row` itself; the others stand in its reduction.
 OF_THE_FILE = {"samples", "source_sha256", "source", "fault"}
 Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """A worker's answer for one trial.
+
+    `fault` says what is wrong with a MALFORMED record; `refusal` is there where it cannot be read
+    in the way that the manifest asks for.
+    """
+
+    trial: str
+    reduced: Reduced
+    source_sha256: str = ""
+    source: str = ""
+    samples: int = 0
+    notes: tuple[str, ...] = ()
+    fault: str = ""
+    refusal: InputRefused | None = None
+
+
+def row_of(
+    record: Record, conditions: Conditions, tare_after_N: float = math.nan, source_sha256: str = ""
+) -> Row:
+    """A record reduced; raises as `reduce_record` does."""
+    reduced = reduce_record(
+        record.force_N,
+        conditions,
+        time_s=record.time_s,
+        tare_after_N=tare_after_N,
+        codes=record.codes,
+        where=f"{record.source}, trial {record.trial!r}",
+    )
+    return Row(
+        trial=record.trial,
+        reduced=reduced,
+        source_sha256=source_sha256,
+        source=record.source,
+        samples=len(record.force_N),
+        notes=record.notes,
+        fault=record.fault,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -160,10 +201,6 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
     """The rows of a piece, by the process that reads it; `digests` grows by those of its files."""
     campaign, conditions = task.campaign, conditions_of(task.campaign)
     reader = readers.reader(campaign.records.reader)
-    if reader.reduce_piece is not None:
-        for row in reader.reduce_piece(campaign, task.root, piece, conditions, task.tare_after_N):
-            yield replace(row, source_sha256=digest_of(task, row.source, digests))
-        return
     for record in reader.read_piece(campaign, task.root, piece):
         if record.sha256 and record.source not in digests:
             digests[record.source] = record.sha256()

@@ -16,7 +16,6 @@ from nearlift.errors import InputRefused
 from nearlift.readers import files, segments
 from nearlift.readers.expanded import schedule_of_trials
 from nearlift.readers.files import per_trial, unlisted
-from nearlift.readers.row import Row
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces, Segmented
 from nearlift.reduction.record import Reduced, reduce_record
@@ -24,6 +23,7 @@ from nearlift.run.job import Job
 from nearlift.schedule import Schedule
 from nearlift.stages.rows import (
     WORTH_A_THREAD,
+    Row,
     Rows,
     Task,
     answered,

@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-import contextlib
+import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from nearlift.campaign.piv import Piv, PivCase
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.flow.field import VelocityField, masked, orient
+from nearlift.readers import guarded
 from nearlift.readers.channel import Malformed
-from nearlift.readers.child import Child
 from nearlift.readers.files import inside, source_of
 from nearlift.readers.piv import binary, text
 from nearlift.readers.piv.fields import Dialect, Raw, Setting, settle
-from nearlift.readers.serve import ReadFields
 
 DIALECTS: tuple[Dialect, ...] = (*text.DIALECTS, *binary.DIALECTS)
 HEAD = 1 << 16
+#: Bytes of the fields after which an answer ends.
+ANSWER = 32 << 20
 UNSAID = Setting()
 
 
@@ -63,31 +66,46 @@ def read(
     path: Path,
     setting: Setting = UNSAID,
     format_name: str | None = None,
-    child: Child | None = None,
 ) -> Iterator[VelocityField]:
     """The fields of one file in SI, in the file's own axes; `InputRefused` where it cannot be read,
-    or holds no velocities in known units. `child` is the process that parses what a C library must,
-    else one for this file.
+    or holds no velocities in known units.
     """
     dialect = claimed_by(path) if format_name is None else dialect_of(format_name)
-    for i, raw in enumerate(raws(path, dialect, child)):
+    for i, raw in enumerate(raws(path, dialect)):
         yield settle(raw, setting, str(path) if i == 0 else f"{path}, field {i + 1}")
 
 
-def raws(path: Path, dialect: Dialect, child: Child | None = None) -> Iterator[Raw]:
-    """The fields of one file as they stand there, one in memory at a time, by the `child` of
-    `read`; `InputRefused` as by the dialect's own reader, or where that crashed or came to a limit.
+def raws(path: Path, dialect: Dialect) -> Iterator[Raw]:
+    """The fields of one file as they are in it; `InputRefused` as by the dialect's own reader, or
+    where that crashed or came to a limit.
     """
     if not dialect.child:
         yield from dialect.read(path)
         return
-    request = ReadFields(reader=dialect.name, path=str(path))
-    try:
-        with contextlib.nullcontext(child) if child else Child() as worker:
-            for answer, (x, y, u, v, good) in worker.ask(request):
-                yield Raw(x, y, u, v, good=good != 0, **answer["field"])
-    except Malformed as fault:
-        raise InputRefused(str(path), str(fault), "export it again") from None
+    done, more = 0, True
+    while more:
+        try:
+            fields, more = guarded.run(fields_of, dialect.read, path, done)
+        except Malformed as fault:
+            raise InputRefused(str(path), str(fault), "export it again") from None
+        yield from fields
+        done += len(fields)
+
+
+def fields_of(
+    read: Callable[[Path], Iterator[Raw]], path: Path, first: int
+) -> tuple[list[Raw], bool]:
+    """The fields of a file from number `first` on, as many as one answer may hold, and whether
+    there are more.
+    """
+    fields: list[Raw] = []
+    size = 0
+    for raw in itertools.islice(read(path), first, None):
+        if size > ANSWER:
+            return fields, True
+        fields.append(raw)
+        size += sum(np.asarray(a).nbytes for a in (raw.x, raw.y, raw.u, raw.v, raw.good))
+    return fields, False
 
 
 def files_of(root: Path, case: PivCase) -> list[Path]:
@@ -141,11 +159,9 @@ class Stream:
         lie = {name: said(name) for name in ("thrust", "across")}
         lie |= {"origin_m": said("origin"), "v_sign": said("v_sign", 1)}
         hidden = said("mask", [])
-        # started only if a file needs it
-        with Child() as child:
-            for path in self.files:
-                try:
-                    for field in read(path, setting, said("format"), child):
-                        yield masked(orient(field, **lie), hidden)
-                except InputRefused as refusal:
-                    self.refused.append((source_of(self.root, path), refusal))
+        for path in self.files:
+            try:
+                for field in read(path, setting, said("format")):
+                    yield masked(orient(field, **lie), hidden)
+            except InputRefused as refusal:
+                self.refused.append((source_of(self.root, path), refusal))

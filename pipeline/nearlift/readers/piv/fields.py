@@ -60,7 +60,7 @@ class Dialect:
 
     `recognises` judges a file by its first bytes; no two dialects claim one file.
     `read` gives the fields of a file, one in memory at a time. `child`: a library written in C
-    parses it, which it does in a process of its own (`readers.child`).
+    parses it, which it does in a process of its own (`readers.guarded`).
     """
 
     name: str

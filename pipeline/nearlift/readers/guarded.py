@@ -1,0 +1,306 @@
+"""Files that a library parses are read by another process, whose memory and time are limited.
+
+Foreign bytes can crash a C library, keep it busy for ever, or unpack to any size. All this costs
+the one file that caused it. The process serves file after file, since its start takes about a
+second. It writes no file, imports nothing from the current folder, and ends with its parent. Its
+answers are bounded, and hold nothing but numbers, texts and the package's own types.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import io
+import os
+import pickle
+import signal
+import struct
+import subprocess
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any, ParamSpec, TypeVar
+
+from nearlift import blas, isolation
+from nearlift.errors import NearliftError
+from nearlift.readers import packed
+from nearlift.readers.channel import Contents, Malformed, Names, RecordsDialect
+
+if TYPE_CHECKING:
+    from nearlift.readers.per_file import Format
+
+#: Address space of the process and the longest answer, bytes.
+MEMORY, LONGEST_ANSWER = 1 << 30, 256 << 20
+#: Time for one file, s: of the processor, and by the clock.
+CPU_S, WALL_S = 60, 120.0
+#: Files after which a new process is started: what libraries leak must not add up to the limit.
+FILES = 1000
+LENGTH = struct.Struct("<Q")
+#: The folder that holds nearlift.
+PACKAGE = str(Path(__file__).parents[2])
+#: The functions of numpy that build an array from a pickle.
+ARRAYS = {"_frombuffer", "_reconstruct", "ndarray", "dtype", "scalar"}
+TOO_LARGE = "it needs more memory than its reader is allowed"
+
+Asked = ParamSpec("Asked")
+Answer = TypeVar("Answer")
+
+
+class Guarded:
+    """Calls of functions in a process of their own, one at a time.
+
+    The process starts with the first call, and again after each call that ended it.
+    """
+
+    def __init__(self, memory: int = MEMORY, cpu_s: int = CPU_S, wall_s: float = WALL_S) -> None:
+        self.memory, self.cpu_s, self.wall_s = memory, cpu_s, wall_s
+        self.process: subprocess.Popen[bytes] | None = None
+        self._lock = threading.Lock()
+        self._files = 0
+        #: The end of a pipe that closes when this process ends, however it ends.
+        self._lifeline = -1
+
+    def __call__(
+        self,
+        function: Callable[Asked, Answer],
+        *arguments: Asked.args,
+        **named: Asked.kwargs,
+    ) -> Answer:
+        """The answer of a module's function, or what it raises.
+
+        Raises
+        ------
+        NearliftError, Malformed
+            As the function does.
+        Malformed
+            It raised anything else, crashed, came to a limit, or answered at too great length.
+        """
+        if _serving:
+            return function(*arguments, **named)
+        asked = pickle.dumps((function, arguments, named))
+        with self._lock:
+            error, answer = self._answer(asked)
+        if error is None:
+            found: Answer = answer
+            return found
+        fault = error.__new__(error, *answer[0])
+        fault.__dict__.update(answer[1])
+        raise fault
+
+    def start(self) -> subprocess.Popen[bytes]:
+        """The process, started unless it runs."""
+        if self.process is None:
+            life, self._lifeline = os.pipe()
+            serve = "from nearlift.readers.guarded import serve; serve"
+            # -P: no imports from the current folder; -B: no bytecode is written
+            self.process = subprocess.Popen(
+                [sys.executable, "-P", "-B", "-c", f"{serve}({life}, {self.memory}, {self.cpu_s})"],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                pass_fds=(life,) if os.name == "posix" else (),
+                env={**os.environ, **_environment()},
+                # an interrupt at the terminal is the parent's to handle
+                start_new_session=True,
+            )
+            os.close(life)
+        return self.process
+
+    def _answer(self, asked: bytes) -> tuple[type[Exception] | None, Any]:
+        """The class of what was raised, if anything, and the answer."""
+        if self._files >= FILES:
+            self.close()
+        process = self.start()
+        self._files += 1
+        assert process.stdin is not None
+        assert process.stdout is not None
+        late = threading.Event()
+        clock = threading.Timer(self.wall_s, lambda: (late.set(), process.kill()))
+        clock.daemon = True
+        clock.start()
+        try:
+            _write(process.stdin, asked)
+            content = _read(process.stdout)
+            answer: tuple[type[Exception] | None, Any] = _Unpickler(io.BytesIO(content)).load()
+        except Exception as fault:
+            self.close()
+            raise Malformed(self._ended(process.returncode, late.is_set())) from fault
+        except BaseException:
+            # an interrupt leaves an answer behind, which is not the next file's
+            self.close()
+            raise
+        finally:
+            clock.cancel()
+        return answer
+
+    def _ended(self, code: int | None, late: bool) -> str:
+        """Why the process ended."""
+        if late:
+            return f"its reader was stopped after {self.wall_s:g} s"
+        if code == -getattr(signal, "SIGXCPU", 0):
+            return f"its reader was stopped after {self.cpu_s} s of computing"
+        return (
+            f"its reader crashed (exit code {code}), at most {self.memory >> 20} MiB of memory"
+            " allowed"
+        )
+
+    def close(self) -> None:
+        """End the process."""
+        process, self.process, self._files = self.process, None, 0
+        if process is None:
+            return
+        # what ended by itself keeps its exit code
+        process.kill()
+        process.wait()
+        os.close(self._lifeline)
+        for pipe in (process.stdin, process.stdout):
+            with contextlib.suppress(OSError):
+                pipe.close()  # type: ignore[union-attr]
+
+    def forget(self) -> None:
+        """Leave the process to the one of which this is a copy."""
+        if self.process is not None:
+            os.close(self._lifeline)
+        self.process, self._files, self._lock = None, 0, threading.Lock()
+
+
+#: The process that all files share.
+run = Guarded()
+atexit.register(run.close)
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=run.forget)
+
+
+def contents(form: Format, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+    """The channels of a file by its format's own function, guarded where a library parses it."""
+    return call(form.contents, path, dialect, names, guarded=form.child)
+
+
+def call(
+    function: Callable[..., Answer], path: Path, *arguments: Any, guarded: bool = False
+) -> Answer:
+    """The answer of a function of a file, guarded where asked for or where the file is packed."""
+    if guarded or packed.is_packed(path):
+        return run(function, path, *arguments)
+    return function(path, *arguments)
+
+
+def _environment() -> dict[str, str]:
+    return {
+        isolation.SAFE_PATH: "1",
+        # HDF5 would load filters from wherever this points
+        "HDF5_PLUGIN_PRELOAD": "::",
+        # it reserves no address space ahead
+        "ARROW_DEFAULT_MEMORY_POOL": "system",
+        **dict.fromkeys(blas.VARIABLES, "1"),
+        "PYTHONPATH": os.pathsep.join(p for p in (PACKAGE, os.environ.get("PYTHONPATH", "")) if p),
+    }
+
+
+class _Unpickler(pickle.Unpickler):
+    """Arrays and the package's own types; a process taken over by a file can send nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module in ("nearlift", "numpy") or module.startswith(("nearlift.", "numpy.")):
+            found = super().find_class(module, name)
+            if name in ARRAYS if module.startswith("numpy") else isinstance(found, type):
+                return found
+        raise pickle.UnpicklingError(f"{module}.{name} is no answer")
+
+
+def _write(pipe: IO[bytes], content: bytes) -> None:
+    pipe.write(LENGTH.pack(len(content)))
+    pipe.write(content)
+    pipe.flush()
+
+
+def _read(pipe: IO[bytes], most: int = LONGEST_ANSWER) -> bytes:
+    """One message; raises EOFError where the other end is gone, or sends too much."""
+    head = pipe.read(LENGTH.size)
+    length = LENGTH.unpack(head)[0] if len(head) == LENGTH.size else most + 1
+    content = pipe.read(length) if length <= most else b""
+    if len(content) != length:
+        raise EOFError
+    return content
+
+
+#: Whether this is the process that serves: what is guarded in it already is simply called.
+_serving = False
+
+
+def serve(lifeline: int, memory: int, cpu_s: int) -> None:
+    """Answer calls from standard input until there are no more."""
+    global _serving
+    _serving = True
+    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
+    # libraries that print must not write between the answers
+    os.dup2(2, 1)
+    end_with(lifeline)
+    limit(memory)
+    with contextlib.suppress(EOFError):
+        while True:
+            asked = _read(requests)
+            _limit_cpu(cpu_s)
+            _write(answers, _answer(asked))
+
+
+def _answer(asked: bytes) -> bytes:
+    """The answer to one call, or what it raised: its class, arguments and attributes."""
+    try:
+        function, arguments, named = pickle.loads(asked)
+        content = pickle.dumps((None, function(*arguments, **named)), protocol=5)
+        if len(content) <= LONGEST_ANSWER:
+            return content
+        fault: Exception = Malformed(
+            f"it unpacks to more than {LONGEST_ANSWER >> 20} MB; cut it into shorter files"
+        )
+    except (NearliftError, Malformed) as known:
+        fault = known
+    except MemoryError:
+        fault = Malformed(TOO_LARGE)
+    except Exception as other:
+        # libraries raise anything on damaged bytes
+        what = (str(other).splitlines() or [""])[0] or type(other).__name__
+        fault = Malformed(f"cannot be read: {what}")
+    return pickle.dumps((type(fault), (fault.args, fault.__dict__)), protocol=5)
+
+
+def end_with(lifeline: int) -> None:
+    """End this process when the other end of the pipe closes, even within a call into C."""
+    with contextlib.suppress(ImportError, AttributeError, OSError):
+        import fcntl
+
+        # the system sends SIGIO, which ends a process that does not handle it
+        fcntl.fcntl(lifeline, fcntl.F_SETOWN, os.getpid())
+        fcntl.fcntl(lifeline, fcntl.F_SETFL, os.O_ASYNC | os.O_NONBLOCK)
+        with contextlib.suppress(BlockingIOError):
+            if not os.read(lifeline, 1):
+                # closed before it was watched
+                os._exit(1)
+
+
+def limit(memory: int) -> None:
+    """Bound the memory of this process, and let it write no file, where the system knows how.
+
+    macOS has no limit of address space: only time is bounded there.
+    """
+    with contextlib.suppress(ImportError):
+        import resource
+
+        kinds = {resource.RLIMIT_AS: memory, resource.RLIMIT_FSIZE: 0, resource.RLIMIT_CORE: 0}
+        for kind, most in kinds.items():
+            with contextlib.suppress(ValueError, OSError):
+                resource.setrlimit(kind, (most, most))
+
+
+def _limit_cpu(seconds: int) -> None:
+    """Allow this process so much more computing."""
+    with contextlib.suppress(ImportError):
+        import resource
+
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        most = int(used.ru_utime + used.ru_stime) + 1 + seconds
+        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+        if hard == resource.RLIM_INFINITY or most < hard:
+            resource.setrlimit(resource.RLIMIT_CPU, (most, hard))
