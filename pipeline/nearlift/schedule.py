@@ -38,6 +38,8 @@ BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
 INVISIBLE = ("Cc", "Cf", "Zl", "Zp")
 REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
+#: Unit of distances that are multiples of the rotor radius.
+RADII = "R"
 #: Column of the record's id, in a schedule of records and in trials.parquet.
 RECORD_COLUMN = "record"
 #: Smallest distance over rotor radius.
@@ -666,7 +668,9 @@ def _distances(
         if not blank:
             remedy = "every trial at a boundary needs its distance; free air is boundary none"
             raise column.refusal(i, column.no_value(i), remedy)
-    z_m = np.where(free, np.inf, column.si())
+    in_radii = column.unit == RADII
+    metres = campaign.vehicle.rotor_radius * recorded if in_radii else column.si()
+    z_m = np.where(free, np.inf, metres)
     for side in BOUNDARIES:
         here = np.flatnonzero((boundary == side) & np.isfinite(recorded))
         if len(here):

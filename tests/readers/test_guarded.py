@@ -197,7 +197,7 @@ def gzip_bomb(path: Path) -> None:
 READ = """
 import resource, sys
 from pathlib import Path
-from nearlift.commands.inspection import inspect
+from nearlift.onboarding.inspection import inspect
 from nearlift.errors import InputRefused
 from nearlift.readers import guarded
 guarded.run.start()

@@ -8,13 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit import small_run, sweeps
+from tests.unit.small_run import nearlift
 
-from nearlift.commands.inspection import inspect
+from nearlift.onboarding.inspection import inspect
 from nearlift.products import TRIALS
 from nearlift.readers.ramp import moves
-
-from . import small_run, sweeps
-from .small_run import nearlift
 
 
 def ramp(z_hat: float, rng: np.random.Generator) -> dict[str, np.ndarray]:

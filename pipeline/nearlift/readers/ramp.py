@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
 from nearlift.readers import guarded
-from nearlift.readers.channel import Channel, fold, pick, split_unit
+from nearlift.readers.channel import AS_FORCE, Channel, fold, pick, split_unit
 from nearlift.readers.seam import ChannelSpec, Reader
 from nearlift.readers.segments import format_of
 from nearlift.reduction import cuts
@@ -30,8 +31,13 @@ FEWEST = 100
 FOLLOWS = {False: 0.95, True: 0.7}
 #: Levels that hold for this long, in samples, and so many of them, are steps.
 HOLD, FEWEST_LEVELS = FEWEST_SAMPLES, 3
-#: What a command is called, and what pulses and counts mean where the file has no fraction.
-COMMANDS = ("esc", "throttle", "thr", "pwm", "command", "cmd", "signal", "duty")
+#: Levels of a staircase last so long, s, or so many samples where the rate is not known; shorter
+#: ones are a ramp. Of the levels such a share must be left once cut.
+LASTS_S, LASTS, LEFT = 0.4, 40, 0.5
+#: Words in the names of commands, and of the force's own readings, which follow it as well.
+COMMANDS = {"esc", "throttle", "thr", "pwm", "command", "cmd", "signal", "duty"}
+READINGS = {"raw", "adc", "count", "counts", "thrust", "force", "load", "cell", "weight", "lift"}
+#: What pulses and counts mean where the file has no fraction.
 PULSE_US, COUNTS, PERCENT = (700.0, 2600.0), 65535.0, 100.0
 #: Settling, pieces and windows that are proposed, s: rotors and cells follow within a few tenths.
 SETTLE_S, SHORTEST_S = 0.5, 0.5
@@ -111,30 +117,66 @@ def ramp_of(
         return None
     command = _command(force, [c for c in channels if c.name not in clocks])
     if command is None:
-        scale = float(np.nanmax(np.abs(force.values)))
-        step = f"{0.05 * scale:.2g} {force.unit or 'FILL IN'}"
-        lines = ['by = "plateaus"', f'step = "{step}"   # smallest change that is a step']
-        lines += [_time("settle", SETTLE_S), _time("shortest", 2 * SHORTEST_S)]
-        throttle = '\n[segments.columns]\nthrottle = { column = "FILL IN", unit = "percent" }'
-        return Ramp(levels=0, command="", segments=_text(lines, throttle))
-    held = [b - a for a, b in cuts.by_level(command.values) if b - a >= HOLD]
-    stepping = sum(held) > 0.5 * len(force.values) and len(held) >= FEWEST_LEVELS
+        return Ramp(levels=0, command="", segments=_without_command(force, rate_Hz))
     meaning = _meaning(command)
     name = json.dumps(command.name, ensure_ascii=False)
-    if not stepping:
-        window = _window(force.values, rate_Hz)
-        lines = ['by = "windows"', _time("length", window), _time("settle", 0.0)]
-        lines.append(_time("shortest", window / 2))
-        column = f"\n[segments.columns]\nthrottle = {{ column = {name}, {', '.join(meaning)} }}"
-        curve = '\n\n[levels]\nby = "curve"   # no throttle repeats\nof = ["throttle"]'
-        return Ramp(levels=0, command=command.name, segments=_text(lines, column + curve))
-    settle, shortest = SETTLE_S, SHORTEST_S
+    levels = [(a, b) for a, b in cuts.by_level(command.values) if b - a >= HOLD]
+    times = _times(levels, len(force.values), rate_Hz)
+    if times is None:
+        throttle = f"{{ column = {name}, {', '.join(meaning)} }}"
+        cut = _in_windows(force.values, rate_Hz, throttle)
+        return Ramp(levels=0, command=command.name, segments=cut)
+    return Ramp(
+        levels=len(levels),
+        command=command.name,
+        segments=_text([f"by = {name}", *meaning, *times]),
+    )
+
+
+def _times(levels: Sequence[cuts.Cut], samples: int, rate_Hz: float | None) -> list[str] | None:
+    """`settle` and `shortest` that leave most of these levels, tried on them; None where the
+    command is a ramp: its levels are few, cover too little, or are too short.
+    """
+    held = [b - a for a, b in levels]
+    if len(held) < FEWEST_LEVELS or sum(held) <= 0.5 * samples:
+        return None
+    usual = float(np.median(held))
+    if not rate_Hz:
+        how = f'FILL IN s"   # levels last {usual:.0f} samples'
+        return None if usual < LASTS else [f'settle = "{how}', f'shortest = "{how}']
+    if usual < LASTS_S * rate_Hz:
+        return None
+    settle = min(SETTLE_S, usual / rate_Hz / 3)
+    shortest = max((usual / rate_Hz - settle) / 2, FEWEST_SAMPLES / rate_Hz)
+    lines = [_time("settle", settle), _time("shortest", shortest)]
+    # as they are printed, rounded
+    settled, least = (round(float(line.split('"')[1].split()[0]) * rate_Hz) for line in lines)
+    kept = cuts.settled(levels, settled, max(least, FEWEST_SAMPLES)).pieces
+    return lines if len(kept) >= LEFT * len(levels) else None
+
+
+def _without_command(force: Channel, rate_Hz: float | None) -> str:
+    """Cuts at changes of the force; or, where they leave fewer than two pieces, in windows."""
+    throttle = '{ column = "FILL IN", unit = "percent" }'
+    step = float(f"{0.05 * float(np.nanmax(np.abs(force.values))):.2g}")
     if rate_Hz:
-        usual = float(np.median(held)) / rate_Hz
-        settle = min(SETTLE_S, usual / 3)
-        shortest = max((usual - settle) / 2, FEWEST_SAMPLES / rate_Hz)
-    lines = [f"by = {name}", *meaning, _time("settle", settle), _time("shortest", shortest)]
-    return Ramp(levels=len(held), command=command.name, segments=_text(lines))
+        shortest = max(round(2 * SHORTEST_S * rate_Hz), FEWEST_SAMPLES)
+        edges = cuts.by_change(force.values, step, shortest)
+        if len(cuts.settled(edges, round(SETTLE_S * rate_Hz), shortest).pieces) < 2:
+            return _in_windows(force.values, rate_Hz, throttle)
+    unit = AS_FORCE.get(force.unit, force.unit) or "FILL IN"
+    lines = ['by = "plateaus"', f'step = "{step:g} {unit}"   # smallest change that is a step']
+    lines += [_time("settle", SETTLE_S), _time("shortest", 2 * SHORTEST_S)]
+    return _text(lines, f"\n[segments.columns]\nthrottle = {throttle}")
+
+
+def _in_windows(force: FloatArray, rate_Hz: float | None, throttle: str) -> str:
+    """Cuts of a ramp, with a curve for its levels."""
+    window = _window(force, rate_Hz)
+    lines = ['by = "windows"', _time("length", window), _time("settle", 0.0)]
+    lines.append(_time("shortest", window / 2))
+    curve = '\n\n[levels]\nby = "curve"   # no throttle repeats\nof = ["throttle"]'
+    return _text(lines, f"\n[segments.columns]\nthrottle = {throttle}{curve}")
 
 
 def _window(force: FloatArray, rate_Hz: float | None) -> float:
@@ -169,7 +211,10 @@ def _command(force: Channel, channels: Sequence[Channel]) -> Channel | None:
         if not np.isfinite(means).all() or np.ptp(means) == 0:
             continue
         together = float(np.corrcoef(ranked, rankdata(means))[0, 1])
-        said = any(word in fold(c.name) for word in COMMANDS)
+        words = set(re.findall(r"[^\W\d_]+", fold(c.name)))
+        said = bool(words & COMMANDS)
+        if words & READINGS and not said:
+            continue
         if together > FOLLOWS[said] and (said or _holds(c.values)):
             commands.append((said, together, c))
     return max(commands, key=lambda f: f[:2])[2] if commands else None

@@ -10,12 +10,11 @@ import tomllib
 
 import numpy as np
 import pytest
+from tests.unit import small_run, written
+from tests.unit.small_run import nearlift
 
-from nearlift.commands.inspect import BARS, sparkline
-from nearlift.commands.inspection import inspect
-
-from . import small_run, written
-from .small_run import nearlift
+from nearlift.onboarding.inspection import inspect
+from nearlift.onboarding.shown import BARS, sparkline
 
 FORCE = [float(x) for x in np.round(np.linspace(0.1, 3, 60), 3)]
 
@@ -101,7 +100,7 @@ def test_what_a_refusal_proposes_can_be_said_and_is_in_the_block(tmp_path):
     assert found["records"]["dialect"] == tomllib.loads("x = " + said)["x"]
     assert found["records"]["time"] == {"column": "t", "unit": "ms"}
     assert found["load_cell"]["sample_rate"] == "50 Hz"
-    assert "sign = 1 }   # sign = -1 if lift makes these numbers negative" in answer.stdout
+    assert "sign = 1}   # sign = -1 if lift makes these numbers negative" in answer.stdout
     made = nearlift("new", tmp_path / "c", "--from", path, "--dialect", said.strip("{}"))
     assert made.exit_code == 0, made.stderr
     manifest = tomllib.loads((tmp_path / "c" / "campaign.toml").read_text())
@@ -131,7 +130,7 @@ def test_what_a_file_does_not_say_of_clock_rate_and_numbers_is_said(tmp_path):
     )
     answer = nearlift("inspect", path).stdout
     assert "note: 6 of 60 samples of 'force' hold no number" in answer
-    assert 'time   = { column = "t", unit = "FILL IN" }' in answer
+    assert 'time = {column = "t", unit = "FILL IN"}' in answer
 
 
 def test_json_for_machines(tmp_path):
@@ -168,7 +167,7 @@ def test_4_for_what_is_no_file(tmp_path):
 def test_a_clock_without_a_unit_says_which_rate_seconds_would_make(tmp_path):
     rows = "".join(f"{i / 500:.3f},{0.1 + i % 7 / 100}\n" for i in range(100))
     path = written.put(tmp_path, "a.csv", b"time,force\n" + rows.encode())
-    assert 'unit = "FILL IN" }   # in s the rate is 500 Hz' in nearlift("inspect", path).stdout
+    assert 'unit = "FILL IN"}   # in s the rate is 500 Hz' in nearlift("inspect", path).stdout
 
 
 def test_sparklines():
@@ -193,7 +192,7 @@ def test_new_from_files_writes_what_they_say_and_marks_the_rest(tmp_path):
     assert made["load_cell"]["sample_rate"] == "1000 Hz"
     assert "FILL IN" in made["rig"]["gravity"]
     rows = (tmp_path / "camp\u00e4gne" / "trials.csv").read_text().splitlines()
-    assert rows[1:] == [f"run {i},FILL IN,FILL IN,FILL IN" for i in range(3)]
+    assert rows[1:] == [f"run {i},FILL IN,FILL IN,FILL IN,4" for i in range(3)]
     assert (tmp_path / "camp\u00e4gne" / "trials" / "run 2.lvm").read_bytes() == paths[
         2
     ].read_bytes()

@@ -11,18 +11,17 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from tests.unit import small_run, written
+from tests.unit.small_run import nearlift
 
 from nearlift.campaign import manifest as manifests
 from nearlift.campaign.parsing import validated
 from nearlift.campaign.piv import Piv
-from nearlift.commands import meaning
-from nearlift.commands.inspection import inspect
+from nearlift.onboarding import meaning
+from nearlift.onboarding.inspection import inspect
 from nearlift.products import TRIALS
 from nearlift.readers.channel import Channel
 from nearlift.run import store
-
-from . import small_run, written
-from .small_run import nearlift
 
 
 def channels(*columns: tuple[str, str]) -> list[Channel]:
@@ -279,7 +278,7 @@ def test_one_long_table_of_parquet_makes_a_campaign(tmp_path):
 
 
 def test_compressed_records_keep_both_endings_out_of_the_trials_name():
-    from nearlift.commands.new import trial_of
+    from nearlift.onboarding.new import trial_of
 
     assert [trial_of(name) for name in ("a.csv", "a.1.txt.gz", "a")] == ["a", "a.1", "a"]
 

@@ -1,0 +1,281 @@
+"""The contents of a file: its format, its channels, and which of them may be the force and its
+clock.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from nearlift import readers
+from nearlift.errors import InputRefused
+from nearlift.onboarding import grids, meaning, tables
+from nearlift.onboarding.grids import Grid
+from nearlift.onboarding.tables import Table
+from nearlift.readers import csv_trial, guarded
+from nearlift.readers.channel import Channel, Contents, Malformed, RecordsDialect
+from nearlift.readers.dialect import NoNames
+from nearlift.readers.per_file import Format
+from nearlift.readers.ramp import Ramp, ramp_of
+from nearlift.readers.text import TEXT
+from nearlift.reduction.start import Start, start_of
+from nearlift.reduction.wrap import wrap_of
+
+HEAD = 1 << 16
+#: Covariates of a schedule that a channel of a record may be.
+COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "humidity")
+#: Share of the rest head that is left as margin, and of the records that the margin is for.
+MARGIN, OF_RECORDS = 0.1, 0.95
+
+
+@dataclass(frozen=True, kw_only=True)
+class Inspection:
+    """One file's contents, the reader that reads it, and what may be the force and its clock.
+
+    `columns` are the names given to those of a text that has none; `grid` is there for a velocity
+    grid, `table` for a list of trials.
+    """
+
+    path: Path
+    contents: Contents
+    bytes: int
+    reader: str = ""
+    force: Channel | None = None
+    clock: Channel | None = None
+    columns: tuple[str, ...] = ()
+    dialect: RecordsDialect = field(default_factory=dict)
+    grid: Grid | None = None
+    table: Table | None = None
+
+    @functools.cached_property
+    def ramp(self) -> Ramp | None:
+        """The sweep of a record of many lifts; None of one trial, or of no record."""
+        # where the rate is doubtful, rows are means already
+        if self.force is None or self.reader in ("", "parquet") or self.doubt or self.wraps:
+            return None
+        clocks = [c.name for c in self.contents.channels if meaning.is_clock(c.name)]
+        return ramp_of(self.force, self.contents.channels, clocks, self.force.rate_Hz)
+
+    @property
+    def doubt(self) -> str:
+        """The reason why the rate of the force is doubtful; empty where it is not, or unknown."""
+        rate = None if self.force is None else self.force.rate_Hz
+        return meaning.doubtful_rate(rate, self.clock) if rate else ""
+
+    @functools.cached_property
+    def wraps(self) -> float | None:
+        """The jump of a force that may be a counter that wraps; None where there is none."""
+        return None if self.force is None else wrap_of(self.force.values)
+
+    @functools.cached_property
+    def start(self) -> Start | None:
+        """The start of the rotors, in samples; None where it cannot be seen."""
+        if self.force is None or not self.force.rate_Hz or self.ramp is not None:
+            return None
+        return start_of(self.force.values, self.force.rate_Hz)
+
+    @functools.cached_property
+    def further(self) -> Mapping[str, tuple[Channel, str]]:
+        """Channels that are covariates of a schedule, with their unit, by its columns' names."""
+        found: dict[str, tuple[Channel, str]] = {}
+        for c in self.contents.channels:
+            stated = f"{meaning.named(c.name)[0]} ({c.unit})" if c.unit else c.name
+            name, unit = meaning.schedule_column(stated)
+            if name in COVARIATES and unit and np.isfinite(c.values).all() and name not in found:
+                found[name] = c, unit
+        return found
+
+    @property
+    def means(self) -> Mapping[str, float]:
+        """The mean of each of these channels, once the lift is steady."""
+        n = 0 if self.force is None else len(self.force.values)
+        first = 0 if self.start is None else self.start.steady_from
+        return {
+            name: float(np.mean(c.values[first:] if len(c.values) == n else c.values))
+            for name, (c, _) in self.further.items()
+        }
+
+
+class Head(NamedTuple):
+    """The rest head of the records: a tare and settling that leave a margin, and their reasons."""
+
+    tare_s: float
+    settle_s: float
+    words: str
+    steady: str
+
+
+def usual_head(inspected: Sequence[Inspection]) -> Head | None:
+    """The rest head of records of one lift, measured; None where half of them show none."""
+    starts = [(f.start, f.force.rate_Hz) for f in inspected if f.start and f.force]
+    if 2 * len(starts) <= len(inspected):
+        return None
+    begins = sorted(s.rest_ends / rate for s, rate in starts if rate)
+    steady = sorted(s.steady_from / rate for s, rate in starts if rate)
+    last = len(begins) - 1
+    early = begins[math.ceil((1 - OF_RECORDS) * last)]
+    late = steady[math.floor(OF_RECORDS * last)]
+    tare = _two_digits(early * (1 - MARGIN), math.floor)
+    settle = _two_digits(late - tare + MARGIN * early, math.ceil)
+    span = f"{begins[0]:.3g}" if begins[0] == begins[-1] else f"{begins[0]:.3g} to {begins[-1]:.3g}"
+    records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
+    return Head(
+        tare_s=tare,
+        settle_s=settle,
+        words=f"rotors at rest: they start at {span} s ({records})",
+        steady=f"left out after the tare: the lift is steady from {late:.3g} s on",
+    )
+
+
+def _two_digits(value: float, rounded: object) -> float:
+    digits = 1 - math.floor(math.log10(value))
+    assert callable(rounded)
+    return float(rounded(value * 10**digits) / 10**digits)
+
+
+def inspect(
+    path: Path, dialect: RecordsDialect | None = None, *, record: bool = False
+) -> Inspection:
+    """The contents of a file; `dialect` as ``[records] dialect`` takes it; `record`: it is no
+    velocity grid.
+
+    Raises
+    ------
+    InputRefused
+        It is no regular file, is empty, damaged, or of no format known.
+    ManifestError
+        The dialect has a key that the file's format does not know.
+    """
+    said = dict(dialect or {})
+    length = _regular(path)
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    if not (said or record) and (grid := grids.grid_of(path)) is not None:
+        return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
+    form = recognised(head, path.name)
+    columns: tuple[str, ...] = ()
+    try:
+        contents = _contents(form, path, said)
+    except NoNames as refusal:
+        if (fault := tables.several(path, said)) is not None:
+            raise fault from None
+        # numbers without names get some, and the file is read by them
+        columns = tuple(f"column {i + 1}" for i in range(refusal.columns))
+        contents = _contents(form, path, {**said, "columns": list(columns)})
+    except InputRefused as refusal:
+        raise (tables.several(path, said) if form is TEXT else None) or refusal from None
+    channels = tuple(
+        c if c.unit else replace(c, unit=meaning.named(c.name)[1]) for c in contents.channels
+    )
+    force = meaning.likely_force(channels)
+    clock = meaning.likely_clock(channels, force)
+    if all(c.rate_Hz is None for c in channels):
+        rate = meaning.clock_rate(clock)
+        channels = tuple(replace(c, rate_Hz=rate) for c in channels)
+        force = None if force is None else next(c for c in channels if c.name == force.name)
+    contents = replace(
+        contents, channels=channels, notes=(*contents.notes, *_notes(channels, clock))
+    )
+    plain = form is TEXT and not (said or columns) and _plain_csv(path, force or channels[0], clock)
+    table = tables.table_of(path, said) if form is TEXT and not columns else None
+    return Inspection(
+        path=path,
+        reader=csv_trial.READER.name if plain else form.name,
+        contents=contents,
+        force=force,
+        clock=clock,
+        bytes=length,
+        columns=columns,
+        dialect=said,
+        table=table if table is not None and table.lists_trials else None,
+    )
+
+
+def _regular(path: Path) -> int:
+    """The length of a plain file with content, bytes; any other is refused."""
+    if not path.exists():
+        raise InputRefused(str(path), "is missing", "name a file that an instrument wrote")
+    if not path.is_file():
+        raise InputRefused(
+            str(path),
+            "is not a regular file",
+            "name a file in it; `nearlift new DIR --from FOLDER` takes them all"
+            if path.is_dir()
+            else "a record is a plain file, no folder, pipe or device",
+        )
+    length = path.stat().st_size
+    if length == 0:
+        raise InputRefused(str(path), "is empty", "it was never written, or the disk was full")
+    return length
+
+
+def _notes(channels: Sequence[Channel], clock: Channel | None) -> list[str]:
+    """A note on a clock with several rows to each stamp: rows of several sensors."""
+    if clock is None or (rows := rows_per_stamp(clock)) < 2:
+        return []
+    same = [
+        c.name
+        for c in channels
+        if c.name != clock.name
+        and len(c.values) == len(clock.values)
+        and len(set(c.values[: 4 * rows].tolist())) == rows
+        and (c.values[rows:] == c.values[:-rows]).all()
+    ]
+    by = f"{same[0]!r} numbers them" if same else "no column numbers them"
+    note = (
+        f"each time of {clock.name!r} has {rows} rows: {rows} sensors in one file, and {by}; keep"
+        " the rows of one sensor, as a file of its own"
+    )
+    return [note]
+
+
+def rows_per_stamp(clock: Channel) -> int:
+    """The number of rows that share each time of a clock; 1 where each has its own."""
+    times = clock.values[np.isfinite(clock.values)]
+    stands = int(np.argmax(times != times[0])) if len(times) and (times != times[0]).any() else 1
+    rows = len(times) // max(stands, 1)
+    if stands < 2 or rows < 2:
+        return 1
+    groups = times[: rows * stands].reshape(rows, stands)
+    return stands if (groups == groups[:, :1]).mean() > 0.9 else 1
+
+
+def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
+    """Whether the stricter and faster reader of plain CSV reads the same numbers."""
+    beside = clock if clock is not None and clock.name != force.name else None
+    try:
+        values, times, _ = csv_trial.parse(
+            path.read_bytes(), str(path), force.name, beside.name if beside else None
+        )
+    except InputRefused:
+        return False
+    return np.array_equal(values, force.values, equal_nan=True) and (
+        beside is None
+        or (times is not None and np.array_equal(times, beside.values, equal_nan=True))
+    )
+
+
+def recognised(head: bytes, name: str) -> Format:
+    """The format of a file; text where no other claims it."""
+    for reader in readers.readers():
+        if reader.format is not None and reader.format.recognises(head, name.casefold()):
+            return reader.format
+    return TEXT
+
+
+def _contents(form: Format, path: Path, dialect: RecordsDialect) -> Contents:
+    try:
+        contents = guarded.contents(form, path, form.checked_dialect(dialect), None)
+    except Malformed as fault:
+        raise InputRefused(str(path), str(fault), "copy it again from the rig") from None
+    if not contents.channels:
+        raise InputRefused(
+            str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
+        )
+    return contents

@@ -1,0 +1,216 @@
+"""The meaning of a channel of a record, or of a column of a table, from its name and unit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from nearlift import units
+from nearlift.errors import ManifestError
+from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, fold, rate_of, split_unit
+from nearlift.schedule import BY_NAME, KNOWN, RADII
+
+
+def _pairs(text: str) -> dict[str, str]:
+    """A mapping from ``key:value`` pairs."""
+    return {key: value for key, _, value in (pair.partition(":") for pair in text.split())}
+
+
+#: Words in names of force channels, the most certain first.
+FORCE_WORDS = (
+    *("thrust", "force fz", "lift", "load cell", "loadcell", "weight", "force", "kraft"),
+    *("schub", "cell", "fz"),
+)
+#: Words of a command or of a motor: no measured force, whatever the unit.
+COMMAND_WORDS = {
+    *("cmd", "command", "commanded", "setpoint", "target", "desired", "ref", "reference"),
+    "throttle",
+}
+MOTOR_WORDS = {"u", "m", "motor", "pwm", "esc", "servo", "acc", "vibration", "efficiency"}
+#: Words of a statistic that is no mean.
+SCATTER_WORDS = {
+    *("sd", "std", "stdev", "stddev", "sigma", "dev", "deviation", "scatter", "rms", "noise"),
+    *("std.", "σ", "±"),
+}
+OTHER_STATISTICS = {
+    *("min", "max", "peak", "minimum", "maximum", "median", "u", "se", "sem", "err", "error"),
+    *("uncertainty", "efficiency", "tare", "zero", "offset", "mass", "raw", "theory", "model"),
+}
+MEAN_WORDS = {"mean", "avg", "average", "mittel", "mittelwert"}
+CLOCKS = ("t", "time", "timestamp", "x_value", "zeit", "millis", "micros", "date", "datetime")
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+#: Sample rates of load cells, Hz. A lower one is of means of steps, a higher one of another unit.
+USUAL_RATES_HZ = (1.0, 2e6)
+#: Headings of distances in rotor radii.
+AS_RADII = {"h/r", "z/r", "h/d", "z/d", "z_hat", "zhat", "d/r", "y/r"}
+#: Units behind the last underscore of a name.
+_SUFFIXES = {
+    unit: unit
+    for unit in (
+        *("s", "ms", "us", "V", "mV", "A", "mA", "W", "N", "mN", "kN", "g", "gf", "kg", "kgf"),
+        *("lbf", "m", "mm", "cm", "um", "Hz", "kHz", "Pa", "hPa", "kPa", "degC", "deg", "rad"),
+        *("percent", "rpm"),
+    )
+} | _pairs(
+    "v:V a:A w:W hz:Hz sec:s pct:percent pc:percent C:degC lbs:lbf lb:lbf oz:ozf volts:V amps:A"
+)
+#: Units that instruments write and `readers.channel` does not know, folded.
+_WRITTEN = _pairs(
+    "lbs:lb pounds:lb ounces:oz grams-force:gf gram-force:gf g-f:gf p:gf kp:kgf 1/min:rpm volts:V"
+    " pct:percent"
+)
+#: Other names of a schedule's columns: folded, without units, blanks for `_`.
+SYNONYMS = {
+    "trial": ("id", "run", "file", "record", "test", "name", "nr", "no", "filename", "file name"),
+    "boundary": ("surface", "effect", "wall"),
+    "distance": ("dist", "height", "h", "z", "gap", "clearance", "altitude"),
+    "throttle": ("thr", "duty", "pwm", "esc", "esc signal", "signal", "command", "cmd", "gas"),
+    "start": ("started", "start time", "date", "time of day", "timestamp"),
+    "session": ("battery number", "series", "block", "day", "battery no", "pack"),
+    "supply": ("voltage", "vbat", "battery", "v bat", "supply voltage", "battery voltage", "v"),
+    "current": ("i", "amps"),
+    "rpm": ("speed", "rpm mean", "rpm avg", "rotor speed"),
+    "power": ("p", "electrical power"),
+    "temperature": ("temp", "air temperature", "t air"),
+    "pressure": ("p", "air pressure"),
+    "humidity": ("relative humidity", "rh"),
+    "lift": ("thrust", "force", "fz", "weight", "mean lift", "mean thrust", "mean force"),
+    "lift_sd": ("sd", "std", "lift std", "thrust sd", "thrust std", "fz sd", "fz std", "force sd"),
+    "n": ("samples", "count"),
+}
+
+
+def named(name: str) -> tuple[str, str]:
+    """Name and unit (empty: none) of ``Thrust (gf)``, ``weight[g]`` or ``h_mm``."""
+    bare, unit = split_unit(name)
+    if unit:
+        return bare, _WRITTEN.get(fold(unit), unit)
+    head, _, suffix = name.strip().rpartition("_")
+    if head and suffix in _SUFFIXES:
+        return head, _SUFFIXES[suffix]
+    # a lower-case n is newtons in the name of a force, else a count
+    if suffix == "n" and any(word in fold(head) for word in FORCE_WORDS):
+        return head, "N"
+    return name, {"millis": "ms", "micros": "us"}.get(fold(name), "")
+
+
+def words(name: str) -> set[str]:
+    """The words of a name, folded, its unit left out."""
+    return set(re.findall(r"[^\W\d_]+|±", fold(named(name)[0])))
+
+
+def likely_force(channels: Sequence[Channel]) -> Channel | None:
+    """The one channel that may be the load cell: called a force, or in a unit of force; None where
+    there is none, or several are equally likely.
+    """
+    ranks = [_rank(channel) for channel in channels]
+    best = max(ranks, default=0)
+    if best and ranks.count(best) == 1:
+        return channels[ranks.index(best)]
+    only = [c for c in channels if not is_clock(c.name)]
+    other = COMMAND_WORDS | MOTOR_WORDS
+    return only[0] if len(only) == 1 and not best and not words(only[0].name) & other else None
+
+
+def _rank(channel: Channel) -> int:
+    plain = fold(named(channel.name)[0])
+    said = next((len(FORCE_WORDS) - i for i, w in enumerate(FORCE_WORDS) if w in plain), 0)
+    if words(channel.name) & COMMAND_WORDS or (words(channel.name) & MOTOR_WORDS and not said):
+        return 0
+    if channel.unit in FORCE_UNITS:
+        return 100 + said
+    # a gram is a force only in a channel that is called one
+    named_unit = said and channel.unit in AS_FORCE
+    return said + 50 * bool(named_unit) if channel.unit in ("", "count", *AS_FORCE) else 0
+
+
+def is_raw_force(channel: Channel) -> bool:
+    """Whether a channel is called a force, or the counts of one: no command of the rotors."""
+    plain = fold(named(channel.name)[0]).replace("_", " ")
+    force = any(word in plain for word in FORCE_WORDS) or {"adc", "hx711"} & words(channel.name)
+    return bool(force) and not words(channel.name) & COMMAND_WORDS
+
+
+def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel | None:
+    """The channel that may be the clock of the force."""
+    group = force.name.rpartition(".")[0] if force is not None and "." in force.name else ""
+    clocks = [c for c in channels if c.unit in ("", *SECONDS) and is_clock(c.name)]
+    in_group = [c for c in clocks if c.name.rpartition(".")[0] == group]
+    return next(iter(in_group or clocks), None)
+
+
+def is_clock(name: str) -> bool:
+    """Whether a column of that name is a clock."""
+    bare, unit = named(name)
+    return fold(bare.rsplit(".", 1)[-1]) in CLOCKS and unit in ("", *SECONDS)
+
+
+def clock_rate(clock: Channel | None) -> float | None:
+    """The rate of a clock with a unit, Hz."""
+    if clock is None or clock.unit not in SECONDS or len(clock.values) < 3:
+        return None
+    return rate_of(SECONDS[clock.unit] * clock.values)
+
+
+def doubtful_rate(rate_Hz: float, clock: Channel | None) -> str:
+    """The reason why a rate cannot be that of a load cell's samples; empty where it can."""
+    low, high = USUAL_RATES_HZ
+    if low <= rate_Hz <= high:
+        return ""
+    said = f"the file says {rate_Hz:.6g} Hz, which no load cell has"
+    step = None if clock is None or clock.unit not in SECONDS else rate_Hz * SECONDS[clock.unit]
+    other = [] if step is None else [u for u, s in SECONDS.items() if 10 <= step / s <= 1e5]
+    ways = ["these are means of steps"] if rate_Hz < low else []
+    if step is not None and other:
+        ways.append(f"its clock is in {other[0]} ({step / SECONDS[other[0]]:.6g} Hz)")
+    return f"{said}: {' or '.join(ways)}" if ways else said
+
+
+def schedule_column(name: str) -> tuple[str, str]:
+    """The schedule's column that a column is by its name, and its unit; each may be empty."""
+    bare, unit = named(name)
+    plain = fold(bare).replace("_", " ")
+    if fold(name).replace(" ", "") in AS_RADII or unit == RADII or fold(unit) in AS_RADII:
+        half = "/d" in fold(name).replace(" ", "")
+        return ("", "") if half else ("distance", RADII)
+    may = [
+        known
+        for known in KNOWN
+        if plain == known.name.replace("_", " ") or plain in SYNONYMS.get(known.name, ())
+    ]
+    for known in may:
+        if known.kind != "quantity":
+            if not unit:
+                return known.name, ""
+            continue
+        if written := _unit_of(known.name, unit):
+            return known.name, written
+    # a unit of another dimension makes it another quantity
+    return (may[0].name, "") if may and not unit else _by_words(name, unit)
+
+
+def _unit_of(known: str, unit: str) -> str:
+    """The unit as the manifest has it; empty where it is missing or of another dimension."""
+    column = BY_NAME[known]
+    written = AS_FORCE.get(unit, unit) if column.dimension == "force" else unit
+    try:
+        units.to_si(written or column.own_unit, column.dimension, "")
+    except ManifestError:
+        return ""
+    return written or column.own_unit
+
+
+def _by_words(name: str, unit: str) -> tuple[str, str]:
+    """A distance, a throttle or a supply by one word of its name, as in ``Height above floor``."""
+    said = words(name)
+    for known, of_it in (
+        ("distance", {"distance", "height", "gap", "clearance", "altitude"}),
+        ("throttle", {"throttle", "duty", "pwm", "esc", "signal"}),
+        ("supply", {"voltage", "vbat", "battery"}),
+    ):
+        if said & of_it and not said & (OTHER_STATISTICS | SCATTER_WORDS):
+            if not unit and known != "supply":
+                return known, ""
+            if unit and (written := _unit_of(known, unit)):
+                return known, written
+    return "", ""

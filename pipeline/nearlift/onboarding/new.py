@@ -1,0 +1,310 @@
+"""A campaign folder to fill in: a commented manifest and a schedule, empty or from files."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+import unicodedata
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+from nearlift.errors import InputRefused, UsageError
+from nearlift.onboarding import manifest
+from nearlift.onboarding.inspection import COVARIATES, Inspection, inspect
+from nearlift.onboarding.tables import Schedule, Table, table_of
+from nearlift.readers import csv_trial, parquet
+from nearlift.readers.channel import RecordsDialect
+from nearlift.readers.text import TEXT
+from nearlift.run import store
+from nearlift.schedule import csv_text
+
+COLUMNS = ("trial", "boundary", "distance", "throttle")
+BLANK = "FILL IN"
+#: Suffixes and first letters of files in a folder that are no records.
+NO_RECORDS, NO_RECORD = (".md", ".pdf", ".png", ".jpg", ".docx", ".py", ".m", ".toml"), "readme"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Made:
+    """The files written, what is left to fill in, and remarks."""
+
+    written: tuple[Path, ...]
+    fill_in: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+
+def write_template(folder: Path) -> Made:
+    """Write campaign.toml, trials.csv and an empty trials/ into a new folder."""
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(
+            str(folder),
+            "is not empty" if folder.is_dir() else "is a file",
+            "name a new folder; nothing is ever overwritten",
+        )
+    (folder / "trials").mkdir(parents=True)
+    schedule = Schedule(text=",".join(COLUMNS), units={"distance": "", "throttle": ""})
+    records = manifest.CELL + "\n" + manifest.RECORDS
+    written, left = _write(folder, records, schedule)
+    left.append("trials.csv: a line for each trial")
+    return Made(written=(*written, folder / "trials"), fill_in=tuple(left))
+
+
+def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | None = None) -> Made:
+    """Write a campaign for files that are there: the manifest with what they say, a schedule with a
+    line for each trial.
+
+    `files` are records, one for each trial, and perhaps the schedule: a table of which a column
+    holds their names; or one long table of Parquet; or one table of means. A folder among them
+    stands for all plain files in it, hidden ones aside. `dialect` is how to read them, as
+    ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied
+    into it.
+
+    Raises
+    ------
+    UsageError
+        The folder has a manifest or a schedule already, a folder of records is empty, or two files
+        would be one trial.
+    InputRefused
+        A file cannot be read, or the files are not of one kind.
+    """
+    if (folder / "campaign.toml").exists():
+        raise _exists(folder / "campaign.toml")
+    notes: list[str] = []
+    files = [f for path in files for f in (_within(path, notes) if path.is_dir() else (path,))]
+    listing = folder / "trials.csv"
+    has_listing = listing.exists() and listing not in files
+    records, table = _parted([*files, listing] if has_listing else files, dialect or {})
+    if has_listing and listing in records:
+        raise _exists(listing)
+    inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(records)]
+    first = inspected[0]
+    if first.grid is not None:
+        raise UsageError(
+            str(first.path),
+            f"is a {first.contents.kind}, and no record of force",
+            f"`nearlift inspect {shlex.quote(str(first.path))}` prints its [piv] section, for the"
+            " manifest of a campaign of forces",
+        )
+    if len(inspected) == 1 and first.table is not None and first.table.means:
+        made = first.table.schedule(first.table.row_ids(), means=True)
+        written, left = _write(folder, manifest.MEANS, made)
+        left += first.table.wanted(means=True)
+        return Made(written=tuple(written), fill_in=tuple(left), notes=tuple(notes))
+    if listing in records:
+        raise UsageError(
+            str(listing),
+            "lists trials, and neither lifts nor the names of the files next to it",
+            "name the records, or the folder that they are in: nearlift new DIR --from FILES",
+        )
+    _of_one_kind(inspected)
+    block, trials, copies = _records(folder, inspected)
+    schedule, more = _schedule(inspected, trials, table)
+    written, left = _write(folder, block, schedule)
+    for copy, path in copies.items():
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, copy)
+    notes += _remarks(inspected, schedule)
+    return Made(
+        written=(*written, *copies),
+        fill_in=(*left, *more, manifest.ASKED),
+        notes=tuple(notes),
+    )
+
+
+def _write(folder: Path, records: str, schedule: Schedule) -> tuple[list[Path], list[str]]:
+    """Write the manifest, and the schedule unless it is there (another one is refused); returns the
+    files written and what is left to fill in.
+    """
+    made = schedule.text.rstrip("\n") + "\n"
+    path = folder / "trials.csv"
+    if path.exists():
+        header = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()[:1]
+        if sorted(",".join(header).split(",")) != sorted(made.splitlines()[0].split(",")):
+            raise _exists(path)
+    text = manifest.document(slug(folder), records, manifest.trials_table(schedule))
+    written = [folder / "campaign.toml"]
+    if not path.exists():
+        store.write_bytes(path, made.encode())
+        written.append(path)
+    # last: a folder with a manifest is a campaign
+    store.write_bytes(written[0], text.encode())
+    return written, [f"campaign.toml, {line}" for line in manifest.blanks(text)]
+
+
+def slug(folder: Path) -> str:
+    """A campaign's name from its folder's."""
+    name = unicodedata.normalize("NFKD", folder.resolve().name.lower())
+    plain = name.encode("ascii", "ignore").decode()
+    return "".join(c if c.isalnum() else "-" for c in plain).strip("-") or "campaign"
+
+
+def _exists(path: Path) -> UsageError:
+    return UsageError(
+        str(path), "is there already", "name a new folder; nothing is ever overwritten"
+    )
+
+
+def _within(folder: Path, notes: list[str]) -> list[Path]:
+    """The plain files of a folder, those that are no records aside, which are noted."""
+    files = sorted(
+        path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")
+    )
+    other = [
+        f.name
+        for f in files
+        if f.suffix.lower() in NO_RECORDS or f.name.lower().startswith(NO_RECORD)
+    ]
+    if other:
+        notes.append(f"not taken as records: {', '.join(other)}")
+    taken = [f for f in files if f.name not in other]
+    if not taken:
+        raise UsageError(
+            str(folder), "holds no files", "name the folder that the records are in, or the records"
+        )
+    return taken
+
+
+def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path], Table | None]:
+    """The records, and the table that lists them where one of the files is that."""
+    for path in files:
+        others = [other for other in files if other is not path]
+        table = table_of(path, dialect) if others and path.is_file() else None
+        if table is not None and table.ids({trial_of(other.name) for other in others}):
+            return others, table
+    return list(files), None
+
+
+def _schedule(
+    inspected: Sequence[Inspection], trials: Sequence[str], table: Table | None
+) -> tuple[Schedule, list[str]]:
+    """The schedule of these records, and what else it wants."""
+    swept = inspected[0].ramp is not None
+    if table is not None:
+        schedule = table.schedule(table.ids(trials) or list(trials), means=False, of_records=swept)
+        more = table.wanted(means=False)
+    else:
+        header = ["record", *COLUMNS[1:3]] if swept else list(COLUMNS)
+        rows = [[trial, *[BLANK] * (len(header) - 1)] for trial in trials]
+        schedule = Schedule(
+            text=csv_text(header, rows), units=dict.fromkeys(header[2:], ""), lacking=()
+        )
+        what = "boundary and distance" if swept else "boundary, distance and throttle"
+        more = [f"trials.csv: {what} of {len(trials)} {'records' if swept else 'trials'}"]
+    return (schedule if swept else _with_means(schedule, inspected, trials)), more
+
+
+def _with_means(
+    schedule: Schedule, inspected: Sequence[Inspection], trials: Sequence[str]
+) -> Schedule:
+    """The schedule with the means of the records' further channels, where it has no such column."""
+    means = dict(zip(trials, (f.means for f in inspected), strict=False))
+    names = [
+        name
+        for name in COVARIATES
+        if name not in schedule.units and len(means) == len(inspected) == len(trials)
+        if all(name in of_record for of_record in means.values())
+    ]
+    if not names:
+        return schedule
+    header, *lines = schedule.text.rstrip("\n").splitlines()
+    ids = [line.split(",")[0].strip('"') for line in lines]
+    rows = [
+        ",".join([line, *(f"{means[i][n]:.6g}" if i in means else "" for n in names)])
+        for i, line in zip(ids, lines, strict=True)
+    ]
+    text = "\n".join([",".join([header, *names]), *rows]) + "\n"
+    units = {**schedule.units, **{n: inspected[0].further[n][1] for n in names}}
+    return replace(schedule, text=text, units=units)
+
+
+def _remarks(inspected: Sequence[Inspection], schedule: Schedule) -> list[str]:
+    """Notes on channels taken along, and on records with a counter that wraps."""
+    header = schedule.text.splitlines()[0].split(",")
+    taken = [
+        f"{name}, the mean of {channel.name!r}"
+        for name, (channel, _) in inspected[0].further.items()
+        if name in header and inspected[0].ramp is None
+    ]
+    notes = [f"trials.csv has from each record: {'; '.join(taken)}"] if taken else []
+    wrapped = [f.path.name for f in inspected if f.wraps]
+    if wrapped:
+        notes.append(
+            f"{', '.join(wrapped[:5])}{' ...' * (len(wrapped) > 5)}: the force jumps from one"
+            " sample to the next and stays there, as a converter's counter does that wraps; correct"
+            " the counts, or leave the trial out"
+        )
+    return notes
+
+
+def _of_one_kind(inspected: list[Inspection]) -> None:
+    """See that one reader reads all, with the same channels."""
+    if {f.reader for f in inspected} == {csv_trial.READER.name, TEXT.name}:
+        # the one that reads plain CSV as well
+        inspected[:] = [replace(f, reader=TEXT.name) for f in inspected]
+    for other in inspected[1:]:
+        if other.reader != inspected[0].reader or {c.name for c in other.contents.channels} != {
+            c.name for c in inspected[0].contents.channels
+        }:
+            raise InputRefused(
+                str(other.path),
+                f"is {other.contents.kind} with other channels than {inspected[0].path.name}",
+                "take files of one kind, and one table that lists them in a column",
+            )
+    if inspected[0].reader == parquet.READER.name and len(inspected) > 1:
+        raise UsageError(
+            "--from", f"names {len(inspected)} tables", "a campaign takes one long table of Parquet"
+        )
+
+
+def _records(
+    folder: Path, inspected: Sequence[Inspection]
+) -> tuple[str, list[str], Mapping[Path, Path]]:
+    """The manifest's tables of the records, their trials, and the copies to make."""
+    root = folder.resolve()
+    paths = [f.path for f in inspected]
+    inside = all(path.resolve().is_relative_to(root) for path in paths)
+    long = inspected[0].reader == parquet.READER.name
+    swept = all(f.ramp is not None for f in inspected)
+    targets = [
+        path.resolve().relative_to(root).as_posix()
+        if inside
+        else path.name
+        if long
+        else f"trials/{path.name}"
+        for path in paths
+    ]
+    if len({t.casefold() for t in targets}) != len(targets):
+        raise UsageError(
+            "--from", "two files have one name, or differ only in case", "rename one of them"
+        )
+    if long:
+        files, trials = targets[0], parquet.trials(paths[0])
+    else:
+        before, after = _around(targets)
+        files = f"{before}{{{'record' if swept else 'trial'}}}{after}"
+        trials = [target[len(before) : len(target) - len(after)] for target in targets]
+    block = manifest.records_tables(inspected, files)
+    copies = {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)}
+    return block, trials, copies
+
+
+def _around(targets: Sequence[str]) -> tuple[str, str]:
+    """The parts of every name before and behind the trial's id: a folder, and a suffix."""
+    name = PurePosixPath(targets[0]).name
+    before, after = targets[0].removesuffix(name), name.removeprefix(trial_of(name))
+    if all(
+        t.startswith(before) and t.endswith(after) and "/" not in t[len(before) :] for t in targets
+    ):
+        return before, after
+    raise UsageError(
+        "--from",
+        "the files lie in different folders, or have different suffixes",
+        "put them into one folder",
+    )
+
+
+def trial_of(name: str) -> str:
+    """A file's name without its suffix, and without that of its compression."""
+    plain = name.removesuffix(".gz")
+    return plain.removesuffix(PurePosixPath(plain).suffix)

@@ -1,0 +1,280 @@
+"""A table as a schedule: the columns that are those of trials.csv, with their units."""
+
+from __future__ import annotations
+
+import csv
+import itertools
+import math
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from nearlift.errors import InputRefused
+from nearlift.onboarding import meaning
+from nearlift.readers import text
+from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, RecordsDialect
+from nearlift.readers.dialect import sniff
+from nearlift.schedule import BY_NAME, MEANS, REQUIRED, csv_text
+from nearlift.units import NUMBER
+
+#: Largest table that is taken for a schedule, bytes.
+MOST_BYTES = 4 << 20
+#: Rows in a row at one setting, on average, beyond which a table is a record in steps.
+MOST_REPEATS = 50
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A text table: names, cells with decimal points, and the place and unit of each column of a
+    schedule.
+    """
+
+    names: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    meant: Mapping[str, tuple[int, str]]
+
+    @property
+    def lists_trials(self) -> bool:
+        """Whether it may be a schedule: it has a distance and another setting, and no clock."""
+        other = {"trial", "boundary", "throttle", "lift"} & self.meant.keys()
+        clocked = any(map(meaning.is_clock, self.names)) and "trial" not in self.meant
+        return "distance" in self.meant and bool(other) and not clocked and self._changes()
+
+    @property
+    def means(self) -> bool:
+        """Whether it may be a table of mean lifts: lifts by distance."""
+        return self.lists_trials and "lift" in self.meant
+
+    def cells(self, name: str) -> list[str]:
+        """The cells of one of the schedule's columns; blank where there is none."""
+        return [row[self.meant[name][0]] if name in self.meant else "" for row in self.rows]
+
+    def _changes(self) -> bool:
+        """Whether rows are trials: in a record one setting lasts for many samples."""
+        settings = zip(*(self.cells(n) for n in ("boundary", "distance", "throttle")), strict=True)
+        return len(self.rows) <= MOST_REPEATS * sum(1 for _ in itertools.groupby(settings))
+
+    def ids(self, wanted: Collection[str]) -> list[str] | None:
+        """The trial of every row, from the column with all these ids or files' names; else None."""
+        for cells in zip(*self.rows, strict=True):
+            ids = [Path(cell).stem if Path(cell).suffix else cell for cell in cells]
+            for candidate in (list(cells), ids):
+                if set(wanted) <= set(candidate):
+                    return candidate
+        return None
+
+    def row_ids(self) -> list[str]:
+        """The trial of every row, from the column of that name, else counted."""
+        cells = self.cells("trial")
+        if len(set(cells)) == len(cells) and all(cells):
+            return cells
+        return [str(i) for i in range(1, len(self.rows) + 1)]
+
+    def wanted(self, means: bool) -> list[str]:
+        """What a diagnosis needs besides, where the trials near some boundary are few."""
+        from nearlift.loop.admission import LEAST_TRIALS
+
+        sides = Counter(self.cells("boundary")).items()
+        fewest = min(n for side, n in sides if side != "none" or n == len(self.rows))
+        enough = LEAST_TRIALS + len(set(self.cells("throttle"))) + 1
+        if fewest >= enough or (means and "lift_sd" in self.meant):
+            return []
+        return [
+            f"trials.csv: lift_sd, if it is known: {fewest} rows without it give no diagnosis"
+            if means
+            else f"trials.csv: more trials, if there are any: {fewest} near a boundary give a"
+            f" coefficient, {enough} a diagnosis as well"
+        ]
+
+    def schedule(self, ids: list[str], means: bool, of_records: bool = False) -> Schedule:
+        """The table as a schedule; `means`: with mean lifts; `of_records`: a row is a record, whose
+        pieces bring their throttle.
+        """
+        left_out: tuple[str, ...] = () if means else MEANS
+        lacking = [n for n in REQUIRED[1:] if n not in self.meant]
+        if of_records:
+            left_out, lacking = (*left_out, "throttle"), [n for n in lacking if n != "throttle"]
+        names = {
+            place: name
+            for name, (place, _) in self.meant.items()
+            if name != "trial" and name not in left_out
+        }
+        places = sorted(names) + [
+            i for i, name in enumerate(self.names) if i not in names and name not in BY_NAME
+        ]
+        header = [
+            "record" if of_records else "trial",
+            *(names.get(i, self.names[i]) for i in places),
+        ]
+        pairs = zip(ids, self.rows, strict=True)
+        return Schedule(
+            text=csv_text(header, ([trial, *(row[i] for i in places)] for trial, row in pairs)),
+            units={
+                n: u
+                for n, (_, u) in self.meant.items()
+                if n in names.values() and BY_NAME[n].kind == "quantity"
+            },
+            lacking=tuple(lacking),
+            ordered=not means or "start" in self.meant,
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Schedule:
+    """A trials.csv and what the manifest says of it: `units` of its columns (empty: unknown), the
+    columns that it is `lacking`, and whether its rows are in run order.
+    """
+
+    text: str
+    units: Mapping[str, str]
+    lacking: tuple[str, ...] = ()
+    ordered: bool = True
+
+
+def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
+    """A file as such a table; None where it is none, or is too large for one."""
+    if path.stat().st_size > MOST_BYTES:
+        return None
+    content = path.read_bytes()
+    try:
+        layout = sniff(content, str(path), text.given(dialect))
+        lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
+        width, cells = len(layout.names), layout.cells
+        rows = tuple(
+            tuple(
+                c.replace(",", ".") if cells.decimal == "," else c
+                for c in cells.split(line)[: width if cells.trailing else None]
+            )
+            for line in lines
+            if not cells.skips(line)
+        )
+    except (InputRefused, UnicodeDecodeError, csv.Error):
+        return None
+    if not rows or any(len(row) != width for row in rows):
+        return None
+    names = [
+        f"{name} ({unit})" if unit and not meaning.named(name)[1] else name
+        for name, unit in zip(layout.names, layout.units, strict=True)
+    ]
+    return Table(names=layout.names, rows=rows, meant=columns_meant(names, rows))
+
+
+def columns_meant(
+    names: Collection[str], rows: Collection[tuple[str, ...]]
+) -> dict[str, tuple[int, str]]:
+    """The place and unit of each of the schedule's columns: by its name, else by the table's shape
+    (the only length, the only force).
+    """
+    meant: dict[str, tuple[int, str]] = {}
+    columns = list(zip(*rows, strict=True))
+    for place, name in enumerate(names):
+        known, unit = meaning.schedule_column(name)
+        if known == "start" and not NUMBER.fullmatch(columns[place][0]):
+            # a time of day has no unit
+            unit = "s"
+        if known and known not in meant:
+            meant[known] = (place, unit)
+    taken = {place for place, _ in meant.values()}
+    numeric = {
+        place: name
+        for place, name in enumerate(names)
+        if place not in taken and all(map(_is_number, columns[place]))
+    }
+    for known, of_unit in (("distance", ("mm", "cm", "m", "in", "um")), ("throttle", ("percent",))):
+        fitting = [
+            (p, meaning.named(n)[1]) for p, n in numeric.items() if meaning.named(n)[1] in of_unit
+        ]
+        if known not in meant and len(fitting) == 1:
+            meant[known] = fitting[0]
+            del numeric[fitting[0][0]]
+    if "lift" not in meant and {"distance", "throttle"} <= meant.keys():
+        _add_lift(meant, numeric)
+    if "lift" in meant and "lift_sd" not in meant:
+        scatter = [
+            (place, unit)
+            for place, name in numeric.items()
+            if meaning.words(name) & meaning.SCATTER_WORDS
+            and (unit := _force_unit(name)) in ("", *FORCE_UNITS)
+        ]
+        if len(scatter) == 1:
+            meant["lift_sd"] = scatter[0]
+    return meant
+
+
+def _add_lift(meant: dict[str, tuple[int, str]], numeric: Mapping[int, str]) -> None:
+    """Add the lift of a table of means: the one column in a unit of force, or called one, that is
+    no other statistic.
+    """
+    other = meaning.OTHER_STATISTICS | meaning.SCATTER_WORDS | meaning.COMMAND_WORDS
+    forces = [
+        place
+        for place, name in numeric.items()
+        if not meaning.words(name) & other
+        and (
+            _force_unit(name) in FORCE_UNITS
+            or (not _force_unit(name) and meaning.words(name) & {"thrust", "lift", "force", "fz"})
+        )
+    ]
+    called_mean = [p for p in forces if meaning.words(numeric[p]) & meaning.MEAN_WORDS]
+    with_unit = [p for p in forces if _force_unit(numeric[p])]
+    chosen = next((c for c in (forces, called_mean, with_unit) if len(c) == 1), None)
+    if chosen is not None:
+        meant["lift"] = chosen[0], _force_unit(numeric[chosen[0]])
+
+
+def _force_unit(name: str) -> str:
+    unit = meaning.named(name)[1]
+    return AS_FORCE.get(unit, unit)
+
+
+def _is_number(cell: str) -> bool:
+    return not cell or (NUMBER.fullmatch(cell) is not None and math.isfinite(float(cell)))
+
+
+def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
+    """The refusal of a text with more than one table, below or next to each other; None of one."""
+    if path.stat().st_size > MOST_BYTES:
+        return None
+    lines = path.read_bytes().decode(str(dialect.get("encoding", "utf-8")), "replace").splitlines()
+    found: list[tuple[int, int]] = []
+    for at, line in enumerate(lines):
+        cells = _cells(line)
+        if not _is_row(cells):
+            continue
+        if found and found[-1][1] == at - 1:
+            found[-1] = found[-1][0], at
+        elif at and _is_header(_cells(lines[at - 1]), len(cells)):
+            found.append((at, at))
+    whole = [(a, b) for a, b in found if b > a]
+    if len(whole) > 1:
+        where = ", ".join(f"lines {a} to {b + 1}" for a, b in whole[:4])
+        return InputRefused(
+            str(path), f"holds {len(whole)} tables: {where}", "save each as a file of its own"
+        )
+    heads = _cells(lines[whole[0][0] - 1]) if whole else []
+    names = [c for c in heads if c not in ("", "-")]
+    if len(names) < len(heads) - 1 or len(set(names)) < len(names):
+        return InputRefused(
+            f"{path}, line {whole[0][0]}",
+            "has two tables side by side: its columns' names repeat, or leave gaps",
+            "save each as a file of its own",
+        )
+    return None
+
+
+def _cells(line: str) -> list[str]:
+    """The cells of a line, by the separator that cuts it into most."""
+    return max((line.split(sign) for sign in (";", "\t", "|", ",")), key=len)
+
+
+def _is_row(cells: Sequence[str]) -> bool:
+    """Whether cells are numbers, some of them blank."""
+    filled = [c.strip() for c in cells if c.strip() not in ("", "-")]
+    return len(filled) > 1 and all(NUMBER.fullmatch(c.replace(",", ".")) for c in filled)
+
+
+def _is_header(cells: Sequence[str], width: int) -> bool:
+    """Whether cells may be names of so many columns."""
+    filled = [c.strip() for c in cells if c.strip()]
+    return len(cells) == width and len(filled) > 1 and not any(map(NUMBER.fullmatch, filled))

@@ -1,0 +1,64 @@
+"""The start of the rotors in a record: where the rest head ends, and where the lift is steady."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+from nearlift.reduction.stretch import SD_PER_MAD, median
+
+#: Fewest samples of a record, and of a rest head; samples of the running median, which single
+#: readings do not move.
+FEWEST, FEWEST_HEAD, WIDTH = 20, 5, 5
+#: Share of the lift by which rest and steady lift may be left, and the standard deviations of the
+#: running median for noisy records.
+BAND, DEVIATIONS = 0.1, 5.0
+#: Smallest lift, in standard deviations of a sample, whose start can be seen.
+SEEN = 6.0
+#: Time that a state must last, s.
+LASTS_S = 0.03
+
+
+class Start(NamedTuple):
+    """The first sample after the rest head, and the first of steady lift."""
+
+    rest_ends: int
+    steady_from: int
+
+
+def start_of(force: FloatArray, rate_Hz: float) -> Start | None:
+    """The start of the rotors in a record of one lift with its rest head; None where there is no
+    head, or it cannot be seen.
+
+    Rest is the level of the first samples, lift that of the second half.
+    """
+    known = force[np.isfinite(force)]
+    n = len(known)
+    if n < FEWEST or n < 0.9 * len(force):
+        return None
+    smooth = np.median(
+        np.lib.stride_tricks.sliding_window_view(np.pad(known, WIDTH // 2, "edge"), WIDTH), axis=1
+    )
+    rest, lift = median(smooth[: max(FEWEST_HEAD, n // 50)]), median(smooth[n // 2 :])
+    scatter = SD_PER_MAD * median(np.abs(np.diff(known))) / 2**0.5
+    if abs(lift - rest) <= SEEN * scatter:
+        return None
+    way = (smooth - rest) / (lift - rest)
+    # the running median has about half of the scatter of a sample
+    band = max(BAND, DEVIATIONS * 0.55 * scatter / abs(lift - rest))
+    lasts = max(WIDTH, round(LASTS_S * rate_Hz))
+    begins = _first_that_lasts(way > band, 0, lasts)
+    if begins is None or begins < FEWEST_HEAD:
+        return None
+    steady = _first_that_lasts(np.abs(way - 1) <= band, begins, lasts)
+    return None if steady is None else Start(begins, steady)
+
+
+def _first_that_lasts(
+    mask: np.ndarray[tuple[int], np.dtype[np.bool_]], at: int, lasts: int
+) -> int | None:
+    """The first index from `at` on from which the mask holds for so many samples."""
+    whole = np.convolve(mask[at:], np.ones(lasts, dtype=int), "valid") == lasts
+    return at + int(np.argmax(whole)) if whole.any() else None
