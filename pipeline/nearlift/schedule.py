@@ -136,16 +136,12 @@ class Column:
                 values[i] = float(value)
                 if math.isinf(values[i]):
                     what = f"{brief(value)} is beyond what a number can hold"
-                    raise self.refusal(i, what, "mend it; the largest is 1.8e308")
+                    raise self.refusal(i, what, "correct it; the largest is 1.8e308")
             elif value.lower() not in BLANK:
                 comma = re.fullmatch(r"[-+]?\d+,\d+", value)
-                raise self.refusal(
-                    i,
-                    f"{brief(repr(text))} is not a number",
-                    "write decimals with a point"
-                    if comma
-                    else "write a number; leave the cell empty where it is not known",
-                )
+                blank_it = "write a number; leave the cell empty where it is not known"
+                remedy = "write decimals with a point" if comma else blank_it
+                raise self.refusal(i, f"{brief(repr(text))} is not a number", remedy)
             elif not blank:
                 raise self.refusal(i, self.no_value(i), "every trial needs this number")
         return values
@@ -215,12 +211,8 @@ def schedule_file(campaign: Campaign, root: Path) -> Path:
 def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     """Read and check the schedule of a campaign.
 
-    Raises
-    ------
-    InputRefused
-        The file is missing or no CSV text, or a distance is impossible.
-    ManifestError
-        A column is missing, without a unit, or holds a wrong cell; or two trials share an id.
+    Raises `InputRefused` for a missing or damaged file and for impossible distances, and
+    `ManifestError` for a wrong column, unit or cell and for two trials with one id.
     """
     path = schedule_file(campaign, root)
     text = text_of(path)
@@ -270,7 +262,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Column]:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as fault:
         raise InputRefused(
-            f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "mend that line"
+            f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "correct that line"
         ) from None
     if not rows:
         raise InputRefused(
@@ -286,7 +278,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Column]:
             raise InputRefused(
                 f"{path}, line {line}",
                 f"has {len(row)} cells under {len(header)} column names",
-                "mend that line (a decimal comma makes two cells of one)",
+                "correct that line (a decimal comma makes two cells of one)",
             )
     lines = [line for line, _ in rows]
     unit = campaign.trials.units
@@ -298,7 +290,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Column]:
         if name in columns:
             raise ManifestError(
                 f"trials.constants.{name}",
-                f"stands beside a column {name!r} of {path.name}",
+                f"is also a column of {path.name}",
                 "keep one of them",
             )
         constant = _constant(name, value, unit.get(name))
@@ -334,7 +326,7 @@ def _header(path: Path, line: int, row: Sequence[str]) -> list[str]:
     if twice := sorted(n for n, k in Counter(header).items() if k > 1):
         raise InputRefused(
             f"{path}, line {line}",
-            f"the column {twice[0]!r} stands twice",
+            f"the column {twice[0]!r} is there twice",
             "rename or drop one of them",
         )
     if "" in header:
@@ -386,7 +378,7 @@ def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
             hint = did_you_mean(name, BRINGABLE) or f"known are {', '.join(BRINGABLE)}"
             raise ManifestError(key, "is no column of a schedule that a record may have", hint)
         if name in columns:
-            raise ManifestError(key, "is what the level says already", "take one of them away")
+            raise ManifestError(key, "is given by the level already", "take one of them away")
         columns[name] = column, key
         if name in BESIDE:
             columns[f"u_{name}"] = column, key  # from the same samples
@@ -417,7 +409,7 @@ def rename_records(
         if name in columns:
             raise ManifestError(
                 str(path),
-                f"the column {name!r} says what every piece of a record brings by [segments]",
+                f"the column {name!r} is also brought by the pieces of records, by [segments]",
                 "take the column away, or the key under [segments] (maps, columns)",
             )
     return {"trial" if n == RECORD_COLUMN else n: column for n, column in columns.items()}, bring
@@ -465,8 +457,8 @@ def of_columns(
         reached = reached + [0.0 if b == "none" else campaign.rig.offset(b) for b in boundary]
     if "sidewall" in boundary and campaign.rig.datum("sidewall") == "rotor plane":
         notes.append(
-            "sidewall distances are taken as wall to nearest blade tip; say so with distance_datum"
-            ' = { sidewall = "blade tip" }'
+            "sidewall distances are taken as wall to nearest blade tip; declare it with"
+            ' distance_datum = { sidewall = "blade tip" }'
         )
     return Schedule(
         trial=trial,
@@ -533,7 +525,7 @@ def _ids(column: Column) -> NDArray[Any]:
         what = f"{name!a} holds a character that does not show" if name else "holds no trial id"
         if name in first:
             place = column.at(first[name]).split(", column")[0]
-            what = f"trial {name!r} stands already in {place}"
+            what = f"trial {name!r} is already in {place}"
         if not name or invisible or name in first:
             raise column.refusal(i, what, "give every trial an id of its own")
         first[name] = i
@@ -580,15 +572,11 @@ def _plain(column: Column) -> FloatArray:
     for i in np.flatnonzero(np.isfinite(values)).tolist():
         value, cell = values[i], repr(column.texts[i].strip())
         if column.name == "approach" and value not in (-1.0, 0.0, 1.0):
-            raise column.refusal(
-                i,
-                f"{cell} is not a side",
-                "approach is +1 when the last move was away from the boundary, -1 towards it",
-            )
+            remedy = "approach is +1 when the last move was away from the boundary, -1 towards it"
+            raise column.refusal(i, f"{cell} is not a side", remedy)
         if column.name == "n" and not (value >= 1 and value == int(value)):
-            raise column.refusal(
-                i, f"{cell} is not a number of samples", "n is a whole number from 1"
-            )
+            what = f"{cell} is not a number of samples"
+            raise column.refusal(i, what, "n is a whole number from 1")
     return values
 
 
@@ -646,7 +634,7 @@ def _check_share(column: Column, values: FloatArray) -> None:
         raise column.refusal(
             i,
             f"the largest {name} is {column.texts[i].strip()} {unit}, {too_little}",
-            f"fraction? then mend {name} under [trials.units]",
+            f"fraction? then correct {name} under [trials.units]",
             InputRefused,
         )
 
@@ -689,7 +677,7 @@ def _offset(campaign: Campaign, side: Boundary) -> float:
     if side != "sidewall":
         raise ManifestError(
             "rig.distance_datum",
-            f"the rotor axis is no datum for the {side}: it stands at right angles to it",
+            f"the rotor axis is no datum for the {side}: it is at right angles to it",
             'give each boundary its own, such as { ground = "rotor plane", sidewall = "rotor'
             ' axis" }',
         )
@@ -720,33 +708,24 @@ def _check_arena(
     arena, r, unit = campaign.rig.arena, campaign.vehicle.rotor_radius, column.unit
     farthest, nearest = (int(here[place(z_m[here])]) for place in (np.argmax, np.argmin))
     far, near = (f"{column.texts[i].strip()} {unit}" for i in (farthest, nearest))
+    where, remedy = farthest, "correct distance under [trials.units], or the schedule"
     if arena is not None and z_m[farthest] > arena:
         ends = recorded[here].min(), recorded[here].max()
-        other = _other_units(ends, r / 50 - offset, arena - offset, unit)
-        raise column.refusal(
-            farthest,
-            f"{far} is outside the {arena:g} m arena{other}",
-            "mend distance under [trials.units], the schedule, or [rig] arena",
-            InputRefused,
-        )
-    if z_m[nearest] <= NEAREST * r:
+        what = f"{far} is outside the {arena:g} m arena"
+        what += _other_units(ends, r / 50 - offset, arena - offset, unit)
+        remedy = "correct distance under [trials.units], the schedule, or [rig] arena"
+    elif z_m[nearest] <= NEAREST * r:
         into = f"{-1e3 * z_m[nearest]:.3g} mm into the {side}"
         place = into if z_m[nearest] < 0 else f"on the {side} itself"
-        raise column.refusal(
-            nearest,
-            f"{near} with an offset of {1e3 * offset:g} mm puts the rotor {place}",
-            "mend [rig] distance_datum and distance_offset, or the schedule",
-            InputRefused,
-        )
-    if z_m[farthest] < r / 50:
-        other = _other_units(recorded[[farthest]], r, arena or 100 * r, unit)
-        raise column.refusal(
-            farthest,
-            f"{far} is the farthest from the {side}, {z_m[farthest] / r:.2g} of a rotor's radius"
-            + other,
-            "mend distance under [trials.units], or the schedule",
-            InputRefused,
-        )
+        what = f"{near} with an offset of {1e3 * offset:g} mm puts the rotor {place}"
+        where, remedy = nearest, "correct [rig] distance_datum and distance_offset, or the schedule"
+    elif z_m[farthest] < r / 50:
+        ratio = z_m[farthest] / r
+        what = f"{far} is the farthest from the {side}, {ratio:.2g} of a rotor's radius"
+        what += _other_units(recorded[[farthest]], r, arena or 100 * r, unit)
+    else:
+        return
+    raise column.refusal(where, what, remedy, InputRefused)
 
 
 def _other_units(values: Iterable[float], low: float, high: float, unit: str) -> str:
@@ -797,6 +776,6 @@ def _backwards(column: Column, start_s: FloatArray, session: NDArray[Any] | None
     others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
     note = (
         f"{column.at(row)}: {column.texts[row].strip()} lies before the row above{others}: rows"
-        " stand in the order in which they were run"
+        " must be in the order in which they were run"
     )
     return [note]

@@ -122,7 +122,7 @@ def test_offset_and_datum_by_boundary():
     assert rig.datum("ground") == "airframe"
     with pytest.raises(
         ManifestError,
-        match=r"rig.distance_offset: says nothing about the ceiling\n  add ceiling = ",
+        match=r"rig.distance_offset: has no entry for the ceiling\n  add ceiling = ",
     ):
         rig.offset("ceiling")
     assert good().rig.offset("ceiling") == 0.0
@@ -216,7 +216,7 @@ def test_load_reads_the_folder(tmp_path):
     ("content", "told"),
     [
         (None, r"holds no campaign.toml\n  `nearlift new DIR` writes one to fill in"),
-        (b"name = ", r"campaign.toml: is not valid TOML: .*\n  mend that line"),
+        (b"name = ", r"campaign.toml: is not valid TOML: .*\n  correct that line"),
         (
             b'name = "caf\xe9"',
             r"campaign.toml: is not UTF-8 text \(.* at byte 11\)\n  save it as UTF-8",

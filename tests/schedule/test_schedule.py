@@ -223,7 +223,7 @@ AGAINST_THE_MANIFEST: dict[str, tuple[str, dict[str, Any], str]] = {
     "duplicate": (
         HEAD + "a,ground,43,25\nb,ground,43,25\na,ground,43,50\n",
         {},
-        "line 4.*'a' stands already in trials.csv, line 2",
+        "line 4.*'a' is already in trials.csv, line 2",
     ),
     "no id": (HEAD + ",ground,43,25\n", {}, "line 2, column 'trial': holds no trial id"),
     "column missing": (
@@ -292,7 +292,7 @@ AGAINST_THE_MANIFEST: dict[str, tuple[str, dict[str, Any], str]] = {
     "constant beside column": (
         HEAD + "a,ground,43,25\n",
         {"trials": {"constants": {"boundary": "ground"}}},
-        "stands beside a column",
+        "is also a column",
     ),
     "constant's unit": (
         "trial,distance,throttle\na,43,25\n",
@@ -306,7 +306,7 @@ UNREADABLE: dict[str, tuple[str, dict[str, Any], str]] = {
     "twice": (
         "trial,boundary,distance,throttle,throttle\na,ground,43,25,25\n",
         {},
-        "'throttle' stands twice",
+        "'throttle' is there twice",
     ),
     "nameless": (
         "trial,boundary,distance,throttle,\na,ground,43,25,\n",
@@ -376,7 +376,7 @@ def test_a_start_before_the_row_above_is_noted(tmp_path: Path) -> None:
     ).notes
     assert (
         note
-        == "trials.csv, line 4, column 'start': 20 lies before the row above: rows stand in the"
+        == "trials.csv, line 4, column 'start': 20 lies before the row above: rows must be in the"
         " order in which they were run"
     )
 

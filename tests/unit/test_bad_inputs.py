@@ -519,7 +519,7 @@ STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
         "18 one id, two trials",
         schedule("t02,", "t01,"),
         2,
-        "trial 't01' stands already in trials.csv, line 3",
+        "trial 't01' is already in trials.csv, line 3",
     ),
     (
         "20 a wrong rate",

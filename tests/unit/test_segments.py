@@ -380,7 +380,7 @@ def test_marks_of_records_go_with_segments() -> None:
     ("cut", "schedule", "match"),
     [
         ({"by": "thrattle"}, "", "has no column 'thrattle'"),
-        ({"unit": None}, "", "say the unit of 'throttle', or full"),
+        ({"unit": None}, "", "give the unit of 'throttle', or full"),
         ({"unit": "fraction"}, "", "is not between 0 and 1"),
         ({"unit": "mm"}, "", "mm"),
         ({"shortest": "3.5 s"}, "", 'shortest = "3 s" under [segments] would keep half'),
@@ -388,8 +388,12 @@ def test_marks_of_records_go_with_segments() -> None:
         ({"only": "on"}, "record,boundary,distance,throttle\nr0,ground,23,5\n", "has no 'on' in"),
         ({"columns": {"suply": {"column": "supply", "unit": "V"}}}, "", "did you mean 'supply'?"),
         ({"columns": {"supply": {"column": "supply"}}}, "", "unit: is missing"),
-        ({"columns": {"throttle": {"column": "throttle"}}}, "", "what the level says already"),
-        ({}, "record,boundary,distance,throttle\nr0,ground,23,5\n", "brings by [segments]"),
+        ({"columns": {"throttle": {"column": "throttle"}}}, "", "given by the level already"),
+        (
+            {},
+            "record,boundary,distance,throttle\nr0,ground,23,5\n",
+            "also brought by the pieces of records",
+        ),
         ({}, "trial,boundary,distance\nr0,ground,23\n", "call the column of its ids record"),
         ({}, "record,boundary,distance\nx,ground,23\n", "none of the 1 records"),
         ({}, "record,boundary,distance\nr0,ground,2300\n", "outside the 1.5 m arena"),

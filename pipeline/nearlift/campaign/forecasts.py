@@ -68,7 +68,7 @@ class Planned(Section):
                 f"lift lists {len(self.lift)} values for {len(self.throttles)} throttles"
             )
         if len(set(self.throttles)) != len(self.throttles):
-            raise ValueError("a throttle stands twice")
+            raise ValueError("a throttle is listed twice")
         if not self.distances or not all(self.distances.values()):
             raise ValueError('distances lists no station; write { ground = ["30 mm", "40 mm"] }')
         return self

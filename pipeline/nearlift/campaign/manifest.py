@@ -113,7 +113,7 @@ class Campaign(Section):
         if cell.tare is None:
             raise ValueError(
                 '[load_cell] needs tare: "2 s" for a rotors-stopped head, "0 s" if the records are'
-                ' already tared, "none" if nobody knows (an offset then enters the budget)'
+                ' already tared, "none" if unknown (an offset then enters the budget)'
             )
         fit_the_rest(self.segments, self.records, cell, cell.sample_rate)
         return self

@@ -55,7 +55,7 @@ def loads(content: bytes, where: str) -> dict[str, Any]:
             where, f"is not UTF-8 text ({fault.reason} at byte {fault.start})", "save it as UTF-8"
         ) from None
     except tomllib.TOMLDecodeError as fault:
-        raise ManifestError(where, f"is not valid TOML: {fault}", "mend that line") from None
+        raise ManifestError(where, f"is not valid TOML: {fault}", "correct that line") from None
 
 
 def _check_bounds(text: str, where: str) -> None:
@@ -79,7 +79,7 @@ def _check_bounds(text: str, where: str) -> None:
             raise ManifestError(place, what, "no key of a manifest is")
         if len(token) > MOST_DIGITS and token.lstrip("+-")[:1].isdigit():
             what = f"holds a number of {len(token)} digits"
-            raise ManifestError(place, what, "17 digits say all that there is to say")
+            raise ManifestError(place, what, "17 digits are exact in double precision")
         line += token.count("\n")
 
 
@@ -94,7 +94,7 @@ def validated(kind: type[Kind], raw: dict[str, object], where: str) -> Kind:
         shown = dict.fromkeys(_explain(error, kind) for error in errors[:MOST_FAULTS])
         lines = first_of(shown, len(errors))
         if any(error["type"] == "missing" for error in errors):
-            lines.append("`nearlift new DIR` writes a manifest that says what each key is")
+            lines.append("`nearlift new DIR` writes a manifest that explains each key")
         raise ManifestError(where, "\n  ".join(lines)) from None
 
 
@@ -122,7 +122,7 @@ def _explain(error: Any, kind: type[BaseModel]) -> str:
     if error["type"] == "literal_error" and key == "schema":
         return (
             f"schema: is {error['input']!r}, and this nearlift reads {error['ctx']['expected']}:"
-            " mend it, or take the version that wrote it"
+            " correct it, or take the version that wrote it"
         )
     message, value = error["msg"].removeprefix("Value error, ").replace("\n", "; "), error["input"]
     known_value = isinstance(value, dict | list) or str(value) in message

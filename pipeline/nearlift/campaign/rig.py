@@ -90,7 +90,7 @@ class Vehicle(Section):
         if spacing is not None and spacing > WIDEST * r:
             raise ValueError(
                 f"rotor_spacing {spacing:g} m is {spacing / r:.3g} radii of {r:g} m; no vehicle is"
-                " so wide: mend one of them, or its unit"
+                " so wide: correct one of them, or its unit"
             )
         if diagonal is not None and spacing is not None and diagonal < spacing:
             raise ValueError(
@@ -188,7 +188,7 @@ def _by_boundary(value: Any, boundary: Boundary, key: str) -> Any:
         return value
     if boundary not in value:
         raise ManifestError(
-            key, f"says nothing about the {boundary}", f"add {boundary} = ... to the table"
+            key, f"has no entry for the {boundary}", f"add {boundary} = ... to the table"
         )
     return value[boundary]
 
@@ -263,7 +263,7 @@ class ForceChannel(Section):
         if self.calibration is not None:
             raise ManifestError(
                 "records.force",
-                f"a calibration beside unit = {self.unit!r}",
+                f"a calibration with unit = {self.unit!r}",
                 'a calibration goes with unit = "count"',
             )
         factor, _ = units.to_si(self.unit, "force", "records.force.unit")

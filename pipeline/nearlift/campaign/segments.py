@@ -47,7 +47,7 @@ class ColumnOfRecord(Section):
         if self.unit is None:
             command = dimension == "throttle"
             hint = ', or full = ..., "the number at full throttle"' if command else ""
-            what = f"say the unit of {self.column!r}{hint}"
+            what = f"give the unit of {self.column!r}{hint}"
             raise ManifestError(f"{key}.unit", "is missing", what)
         return units.to_si(self.unit, dimension, f"{key}.unit")
 
