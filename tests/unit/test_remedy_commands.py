@@ -173,6 +173,7 @@ ELSEWHERE = {
     "nearlift next",
     "nearlift next --for",
     "nearlift inspect --cuts CAMPAIGN",
+    "nearlift run --watch",
 }
 
 

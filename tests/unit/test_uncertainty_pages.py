@@ -127,7 +127,7 @@ def test_profiles_are_drawn_with_their_intervals(evidence):
         "Curves of chi² against the coefficient in 4 panels"
     )
     files = render(draw_profiles.draw, rows, Style())
-    assert set(files) == {"pdf", "png", "page"}
+    assert set(files) == {"pdf", "png"}
 
 
 @pytest.mark.parametrize(
