@@ -29,6 +29,8 @@ from nearlift.declare import BOUNDARIES, Boundary, FloatArray, IntArray
 from nearlift.errors import InputRefused, ManifestError, NearliftError, brief, did_you_mean
 from nearlift.nomenclature import CARRIED
 from nearlift.products import TRIALS
+from nearlift.readers import guarded, packed
+from nearlift.readers.channel import Malformed
 from nearlift.readers.files import inside
 from nearlift.units import NUMBER
 
@@ -228,7 +230,7 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
 
 
 def text_of(path: Path) -> str:
-    """The file as text; refuses one that is missing or not UTF-8."""
+    """The file, or its first sheet, as text; refuses one that is missing or not UTF-8."""
     if not path.is_file():
         raise InputRefused(
             str(path),
@@ -236,7 +238,9 @@ def text_of(path: Path) -> str:
             "the schedule lists every trial; name it under [trials] file = ...",
         )
     try:
-        return path.read_bytes().decode("utf-8-sig")
+        return guarded.call(packed.content, path).decode("utf-8-sig")
+    except Malformed as fault:
+        raise InputRefused(str(path), str(fault), "save the schedule as CSV") from None
     except UnicodeDecodeError as fault:
         raise InputRefused(
             str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8"

@@ -18,7 +18,7 @@ from nearlift.errors import InputRefused
 from nearlift.onboarding import grids, meaning, tables
 from nearlift.onboarding.grids import Grid
 from nearlift.onboarding.tables import Table
-from nearlift.readers import csv_trial, guarded
+from nearlift.readers import csv_trial, guarded, sheet
 from nearlift.readers.channel import Channel, Contents, Malformed, RecordsDialect
 from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
@@ -183,7 +183,8 @@ def inspect(
         contents, channels=channels, notes=(*contents.notes, *_notes(channels, clock))
     )
     plain = form is TEXT and not (said or columns) and _plain_csv(path, force or channels[0], clock)
-    table = tables.table_of(path, said) if form is TEXT and not columns else None
+    listed = form is TEXT or form is sheet.FORMAT
+    table = tables.table_of(path, said) if listed and not columns else None
     return Inspection(
         path=path,
         reader=csv_trial.READER.name if plain else form.name,

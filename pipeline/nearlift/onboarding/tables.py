@@ -12,8 +12,8 @@ from pathlib import Path
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import meaning
-from nearlift.readers import text
-from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, RecordsDialect
+from nearlift.readers import guarded, packed, text
+from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Malformed, RecordsDialect
 from nearlift.readers.dialect import sniff
 from nearlift.schedule import BY_NAME, MEANS, REQUIRED, csv_text
 from nearlift.units import NUMBER
@@ -136,8 +136,8 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
     """A file as such a table; None where it is none, or is too large for one."""
     if path.stat().st_size > MOST_BYTES:
         return None
-    content = path.read_bytes()
     try:
+        content = guarded.call(packed.content, path)
         layout = sniff(content, str(path), text.given(dialect))
         lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
         width, cells = len(layout.names), layout.cells
@@ -149,7 +149,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
             for line in lines
             if not cells.skips(line)
         )
-    except (InputRefused, UnicodeDecodeError, csv.Error):
+    except (InputRefused, Malformed, UnicodeDecodeError, csv.Error):
         return None
     if not rows or any(len(row) != width for row in rows):
         return None

@@ -20,6 +20,7 @@ BUILT_IN = {
     "rcbenchmark": "rcbenchmark",
     "flight-stand": "flight_stand",
     "crazyflie": "crazyflie",
+    "sheet": "sheet",
     "lvm": "lvm",
     "tdms": "tdms",
     "mat": "mat",

@@ -33,7 +33,7 @@ def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record
         # without a buffer, which would only be copied
         with open(path, "rb", buffering=0) as file:  # noqa: PTH123 - half the time of the path's own
             content = file.readall()
-        if content.startswith(packed.MAGIC):
+        if content.startswith(packed.GZIP) or packed.is_sheet(content[:4], path.name):
             force, time, codes = guarded.run(_unpacked, path, spec.column, spec.clock)
         else:
             force, time, codes = parse(content, str(path), spec.column, spec.clock)
@@ -52,8 +52,7 @@ def _unpacked(
     path: Path, force: str, time: str | None
 ) -> tuple[FloatArray, FloatArray | None, tuple[str, ...]]:
     """The columns and codes of a packed file, as `parse` gives them."""
-    with packed.opened(path) as file:
-        return parse(file.read(), str(path), force, time)
+    return parse(packed.content(path), str(path), force, time)
 
 
 def _sha256(content: bytes) -> str:

@@ -2,8 +2,7 @@
 one for each column.
 
 Unit and rate come from the attributes `unit` or `units`, and `sample_rate`, `rate`, `fs` or `dt`.
-What refers to other files (external links, virtual and external storage) is not followed. Read in a
-child process.
+What refers to other files (external links, virtual and external storage) is not followed.
 """
 
 from __future__ import annotations

@@ -1,5 +1,4 @@
-"""MATLAB: v4, v5 and v7 by scipy, v7.3 by h5py, tables and timetables by mat-io; read in a child
-process.
+"""MATLAB: v4, v5 and v7 by scipy, v7.3 by h5py, tables and timetables by mat-io.
 
 A channel is called by its variable, with the path through structs: ``run.force``. Of a matrix with
 several columns, ``data(:,2)`` is the second. A timetable gives its columns and its time, in s:

@@ -1,4 +1,4 @@
-"""TDMS of National Instruments, by nptdms; read in a child process.
+"""TDMS of National Instruments, by nptdms.
 
 A channel is called ``group/channel``. Unit from `unit_string` or `NI_UnitDescription`, rate from
 `wf_increment`. A file whose last segment is incomplete, or whose segments' lengths do not add up to

@@ -1,0 +1,175 @@
+"""Spreadsheets: their first sheet serves as a record, a schedule and a table of means."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+from tests.unit.manifests import manifest
+
+from nearlift.errors import InputRefused
+from nearlift.onboarding.inspection import inspect
+from nearlift.onboarding.new import write_from
+from nearlift.readers import packed, reader
+from nearlift.schedule import text_of
+
+Rows = Sequence[Sequence[object]]
+MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+PACKAGE = "http://schemas.openxmlformats.org/package/2006"
+ODF = "urn:oasis:names:tc:opendocument:xmlns"
+
+
+def xlsx(path: Path, *sheets: Rows) -> Path:
+    """A workbook of the least that a spreadsheet program opens."""
+
+    def cell(value: object) -> str:
+        if isinstance(value, str):
+            return f'<c t="inlineStr"><is><t>{value}</t></is></c>'
+        return f"<c><v>{value}</v></c>"
+
+    numbers = range(1, len(sheets) + 1)
+    kind = "application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr(
+            "[Content_Types].xml",
+            f'<Types xmlns="{PACKAGE}/content-types"><Override PartName="/xl/workbook.xml"'
+            f' ContentType="{kind}"/></Types>',
+        )
+        file.writestr(
+            "_rels/.rels",
+            f'<Relationships xmlns="{PACKAGE}/relationships"><Relationship Id="r0"'
+            f' Type="{OFFICE}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
+        )
+        listed = "".join(f'<sheet name="S{i}" sheetId="{i}" r:id="r{i}"/>' for i in numbers)
+        file.writestr(
+            "xl/workbook.xml",
+            f'<workbook xmlns="{MAIN}" xmlns:r="{OFFICE}"><sheets>{listed}</sheets></workbook>',
+        )
+        links = "".join(
+            f'<Relationship Id="r{i}" Type="{OFFICE}/worksheet" Target="worksheets/s{i}.xml"/>'
+            for i in numbers
+        )
+        file.writestr(
+            "xl/_rels/workbook.xml.rels",
+            f'<Relationships xmlns="{PACKAGE}/relationships">{links}</Relationships>',
+        )
+        for i, rows in zip(numbers, sheets, strict=True):
+            body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+            file.writestr(
+                f"xl/worksheets/s{i}.xml",
+                f'<worksheet xmlns="{MAIN}"><sheetData>{body}</sheetData></worksheet>',
+            )
+    return path
+
+
+def ods(path: Path, *sheets: Rows) -> Path:
+    """An OpenDocument spreadsheet."""
+
+    def cell(value: object) -> str:
+        kind = "string" if isinstance(value, str) else "float"
+        stated = "" if kind == "string" else f' office:value="{value}"'
+        return (
+            f'<table:table-cell office:value-type="{kind}"{stated}><text:p>{value}</text:p>'
+            "</table:table-cell>"
+        )
+
+    def table(i: int, rows: Rows) -> str:
+        lines = (f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows)
+        return f'<table:table table:name="S{i}">{"".join(lines)}</table:table>'
+
+    names = " ".join(f'xmlns:{n}="{ODF}:{n}:1.0"' for n in ("office", "table", "text"))
+    body = "".join(table(i, rows) for i, rows in enumerate(sheets, 1))
+    with zipfile.ZipFile(path, "w") as file:
+        kind = "application/vnd.oasis.opendocument.spreadsheet"
+        file.writestr("mimetype", kind)
+        entry = f'<manifest:file-entry manifest:full-path="/" manifest:media-type="{kind}"/>'
+        file.writestr(
+            "META-INF/manifest.xml",
+            f'<manifest:manifest xmlns:manifest="{ODF}:manifest:1.0">{entry}</manifest:manifest>',
+        )
+        file.writestr(
+            "content.xml",
+            f"<office:document-content {names}><office:body><office:spreadsheet>{body}"
+            "</office:spreadsheet></office:body></office:document-content>",
+        )
+    return path
+
+
+WRITERS = pytest.mark.parametrize("write", [xlsx, ods], ids=["xlsx", "ods"])
+RECORD: Rows = [["time (s)", "force (N)"], *([i / 100, 0.5 + i % 2] for i in range(50))]
+MEANS: Rows = [
+    ["trial", "boundary", "distance (mm)", "throttle (percent)", "lift (N)"],
+    *([i, "ground", 20.0 + 10 * i, 50, 1.25 / (1 + i)] for i in range(1, 9)),
+]
+
+
+@WRITERS
+def test_the_first_sheet_is_a_record(write: object, tmp_path: Path) -> None:
+    path = write(tmp_path / f"a.{write.__name__}", RECORD, MEANS)  # type: ignore[operator, attr-defined]
+    found = inspect(path)
+    assert (found.reader, found.contents.kind) == (
+        "sheet",
+        "spreadsheet, sheet 'S1'; 1 more left out",
+    )
+    assert found.force is not None
+    assert (found.force.unit, found.force.rate_Hz) == ("N", pytest.approx(100))
+    given = manifest(
+        records={
+            "reader": "sheet",
+            "files": f"{{trial}}{path.suffix}",
+            "force": {"column": "force", "unit": "N", "sign": -1},
+            "time": {"column": "time", "unit": "s"},
+        },
+        load_cell={"sample_rate": "100 Hz"},
+    )
+    (record,) = reader("sheet").read(given, tmp_path, ["a"])
+    assert record.force_N.tolist() == [-0.5 - i % 2 for i in range(50)]
+    assert record.time_s is not None
+    assert record.time_s.tolist() == [i / 100 for i in range(50)]
+
+
+@WRITERS
+def test_a_sheet_of_means_makes_a_campaign(write: object, tmp_path: Path) -> None:
+    path = write(tmp_path / f"means.{write.__name__}", MEANS)  # type: ignore[operator, attr-defined]
+    folder = tmp_path / "campaign"
+    write_from(folder, [path])
+    assert 'reader = "means"' in (folder / "campaign.toml").read_text()
+    first, second, *_ = (folder / "trials.csv").read_text().splitlines()
+    assert first == "trial,boundary,distance,throttle,lift"
+    assert second == "1,ground,30,50,0.625"
+
+
+@WRITERS
+def test_a_schedule_may_be_a_sheet(write: object, tmp_path: Path) -> None:
+    path = write(
+        tmp_path / f"trials.{write.__name__}", [["trial", "note"], ["a", 'say "x", y'], [7, 1.5]]
+    )  # type: ignore[operator, attr-defined]
+    assert text_of(path) == 'trial,note\na,"say ""x"", y"\n7,1.5\n'
+
+
+def test_a_damaged_sheet_is_refused(tmp_path: Path) -> None:
+    path = xlsx(tmp_path / "a.xlsx", RECORD)
+    path.write_bytes(path.read_bytes()[:600])
+    for read in (inspect, text_of):
+        with pytest.raises(InputRefused, match="cannot be read as a spreadsheet"):
+            read(path)
+
+
+def test_times_and_truths_are_written_as_text() -> None:
+    import datetime
+
+    stamp = datetime.datetime(2026, 3, 1, 14, 5)
+    cells = [stamp, stamp.time(), datetime.timedelta(seconds=1.5), True, 3.0, 0.1, "a\nb", ""]
+    assert [packed._text(cell) for cell in cells] == [
+        "2026-03-01T14:05:00",
+        "14:05:00",
+        "0:00:01.500000",
+        "TRUE",
+        "3",
+        "0.1",
+        "a b",
+        "",
+    ]
