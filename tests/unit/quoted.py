@@ -105,14 +105,10 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
             _coefficient(own["coefficients"][name], e)
             doubts = {}
             if effects:
-                doubts[f"{effects[0]} is all, exactly in its declared form"] = _pair(
-                    e, "conditional"
-                )
+                doubts[f"{effects[0]} alone, exactly in its stated form"] = _pair(e, "conditional")
             if verdict != "adequate":
-                doubts["the base model lacks nothing"] = blocks.get("before", {}).get(name)
-            doubts["every effect too small to be seen acts at its plausible size"] = _pair(
-                e, "constrained"
-            )
+                doubts["base model without any effect"] = blocks.get("before", {}).get(name)
+            doubts["every undetected effect at its plausible size"] = _pair(e, "constrained")
             own["coefficients"][name]["doubts"] = [
                 {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}}
                 | ({"explanation": effects[0]} if "is all" in condition else {})

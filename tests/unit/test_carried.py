@@ -95,7 +95,7 @@ def test_an_outcome_is_no_condition_of_lift(ran: tuple[Path, Path]) -> None:
 def test_the_page_draws_them_and_says_that_nothing_is_fitted(ran: tuple[Path, Path]) -> None:
     reports = ran[1] / "reports" / "wall"
     page = (reports / "index.html").read_text()
-    assert "Moments and forces measured beside lift" in page
+    assert "Other measured forces and moments" in page
     assert "no model is fitted to them" in page
     for suffix in ("png", "pdf", "csv"):
         assert (reports / f"carried.{suffix}").is_file()

@@ -892,7 +892,7 @@ def test_gains_that_differ_by_session_are_no_single_step_in_time(gains, single_s
 
 
 def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
-    """A drift of zero many times the noise: its declared form is nearly straight, and pays for
+    """A zero drift many times the noise: its declared form is nearly straight, and pays for
     being uncertain.
     """
     data = campaign(22, visits=10)

@@ -10,8 +10,9 @@ import pytest
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
-from nearlift.report.documents import brief, methods, summary
-from nearlift.report.findings import coverage, listed
+from nearlift.report import words
+from nearlift.report.documents import methods, summary
+from nearlift.report.words import coverage, listed
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import report
 
@@ -33,15 +34,15 @@ def quoted(evidence):
 
 #: What the sentence of each verdict has, and no other's.
 SAID = {
-    "adequate": "describes the data: nothing is left beyond the noise",
-    "effect": "the rest is explained by supply voltage",
-    "unexplained": "leaves structure along",
+    "adequate": "fits; no residual structure detected",
+    "effect": "alone does not fit. Supply sag explains the residuals: lift scales as voltage^",
+    "unexplained": "does not fit: residuals vary with",
     "not_diagnosed": "Not diagnosed: ",
 }
 
 
-def test_the_verdict_is_one_sentence_without_identifiers(evidence, quoted):
-    text = brief.verdict(evidence, "ground")
+def test_the_verdict_is_said_without_identifiers(evidence, quoted):
+    text = words.verdict(evidence, "ground")
     assert [v for v, said in SAID.items() if said in text] == [quoted.verdict]
     assert text.endswith(".")
     assert "sanchez_cuevas" not in text
@@ -57,25 +58,25 @@ def test_the_screen_has_the_numbers_of_the_products(evidence, quoted):
     assert f"K_b {plus_minus(c.value, c.u).replace('±', '+/-')} (" in text
     assert f"90 %: {like(c.lo90, c.u)} to {like(c.hi90, c.u)}" in text
     error = quoted.error
-    assert (" error " in text) == (error is not None)
+    assert (" Error: " in text) == (error is not None)
     if error is not None:
-        assert f"error {100 * error.before:.2f} % of lift" in text
+        assert f"Error: {100 * error.before:.2f} % of lift" in text
         assert (f"{100 * error.after:.2f} % with the effect" in text) == (
             quoted.verdict == "effect"
         )
-    for source, u in brief.leads(c):
+    for source, u in words.leads(c):
         [line] = [b for b in c.budget if b.source == source]
         assert u == line.u_without < 0.95 * c.u
     for one in (c.influence.trial, c.influence.visit):
-        assert one is None or re.search(rf"by \S+ without (trial|visit) {one.id}\b", text)
+        assert one is None or re.search(rf"(trial|visit) {one.id} \((K_b )?[+−]", text)
 
 
 def test_a_source_that_is_all_there_is_is_no_lead(quoted):
     own = quoted.coefficients["K_b"]
     sole = dataclasses.replace(own.budget[0], u=own.u, u_without=0.0, dof=50.0)
-    assert brief.leads(dataclasses.replace(own, budget=(sole,))) == []
+    assert words.leads(dataclasses.replace(own, budget=(sole,))) == []
     half = dataclasses.replace(sole, u_without=own.u / 2)
-    assert brief.leads(dataclasses.replace(own, budget=(half,))) == [(sole.source, own.u / 2)]
+    assert words.leads(dataclasses.replace(own, budget=(half,))) == [(sole.source, own.u / 2)]
 
 
 def test_no_coefficient_k_is_confused_with_the_coverage_factor():
@@ -97,11 +98,11 @@ def test_what_could_part_rivals_is_what_to_measure_next(evidence, quoted):
     told = {**content, "boundaries": {"ground": {**block, "next_experiment": asked}}}
     other = dataclasses.replace(evidence, documents={**evidence.documents, DIAGNOSIS.file: told})
     if quoted.verdict == "not_diagnosed":
-        assert "height scale" not in brief.briefs(other)[0].next
+        assert "height scale" not in words.briefs(other)[0].next
     else:
-        said, _, logged = brief.briefs(other)[0].next.partition("; ")
-        assert said == "height scale against tilt at 3 distances"
-        assert logged.startswith("log ") == (quoted.verdict == "unexplained")
+        said, _, logged = words.briefs(other)[0].next.partition(". ")
+        assert said.removesuffix(".") == "Height scale against tilt at 3 distances"
+        assert logged.startswith("Log ") == (quoted.verdict == "unexplained")
 
 
 @pytest.mark.parametrize("declared", [False, True])
@@ -111,7 +112,7 @@ def test_what_could_move_the_number_unseen_is_looked_for_first(
     if quoted.verdict != "adequate":
         return
     if declared:
-        monkeypatch.setattr(brief, "undeclared", lambda *_: [])
+        monkeypatch.setattr(words, "undeclared", lambda *_: [])
     content = evidence.document(DIAGNOSIS)
     block = content["boundaries"]["ground"]
     silent = [
@@ -135,20 +136,19 @@ def test_what_could_move_the_number_unseen_is_looked_for_first(
         hidden = {**block, "silent": [{**silent[0], "effect": effect}]}
         told = {**content, "boundaries": {"ground": hidden}}
         documents = {**evidence.documents, DIAGNOSIS.file: told}
-        [own] = brief.briefs(dataclasses.replace(evidence, documents=documents))
-        assert "though too small to be seen, could move K_b by" in own.doubts[0]
+        [own] = words.briefs(dataclasses.replace(evidence, documents=documents))
+        assert own.doubts[0].startswith("Not in the interval: undetected ")
+        assert " could shift K_b by up to " in own.doubts[0]
         return own.next
 
-    said = "to see recirculation in the room: longer pauses, an open door, or one long run; "
+    said = "To detect room recirculation: longer pauses, an open door, or one long run. "
     assert after("room_recirculation").startswith(said)
     # what would tell of it was logged
-    assert "to see" not in after("supply_sag")
+    assert "o detect" not in after("supply_sag")
 
 
 def test_titles_stand_within_a_sentence():
-    assert titled("reynolds, supply_sag and tilted") == (
-        "Reynolds number, supply voltage and tilted"
-    )
+    assert titled("reynolds, supply_sag and tilted") == ("Reynolds number, supply sag and tilted")
 
 
 def percent(x):
@@ -175,13 +175,13 @@ def expected(evidence, quoted):
     yield (f"Of {len(z)} trials, 1 was left out: the load cell was at the end of its range (1).",)
     yield (
         "fitted to the logarithm of the lift of single trials",
-        f"near the ground, Sanchez-Cuevas [@sanchezcuevas2017], beside {len(fitted['boundaries']['ground']) - 1} rivals [",
+        f"near the ground, Sanchez-Cuevas [@sanchezcuevas2017], with {len(fitted['boundaries']['ground']) - 1} rivals [",
         f"to {entry['n_trials']} trials.",
     )
     yield (
         "Least squares (trust region [@lmfit]) used the full covariance of the "
         + fitted["noise"]["ground"]["source"].partition(" (")[0],
-        "declared components that no repeat shows: distance datum (shared by boundary).",
+        "the stated uncertainties: distance datum (shared by boundary).",
     )
     yield ("Uncertainties are standard ones, by the GUM [@gum2008].",)
     own = entry["posterior"]
@@ -197,14 +197,22 @@ def expected(evidence, quoted):
         error = block["error"]
         after = f" to {percent(error['after']['held_out_rmse'])}" * (quoted.verdict == "effect")
         yield (
-            f"at a chance of {100 * content['false_alarm_rate']:g} % for any claim",
-            "(of " + listed([titled(u["effect"]) for u in block["untestable"]]),
+            "Residuals of the base models were tested against run order",
+            "library of effects.",
+        )
+        yield (f"The false-alarm rate is {100 * content['false_alarm_rate']:g} % per boundary.",)
+        yield (
+            "Untestable with what was logged: "
+            + listed([titled(u["effect"]) for u in block["untestable"]]),
+        )
+        yield (
             {
-                "adequate": "near the ground, nothing was left beyond the noise floor (",
-                "effect": "near the ground, what was left is accounted for by supply voltage [@supply_sag] (",
-                "unexplained": "near the ground, structure was left that no declared effect accounts for (",
+                "adequate": "Near the ground, no residual structure was detected (",
+                "effect": "Near the ground, the residuals are explained by supply sag [@supply_sag] (",
+                "unexplained": "Near the ground, no candidate effect explains the residual structure (",
             }[quoted.verdict],
-            f"choosing: {percent(error['before']['held_out_rmse'])}{after} of lift;",
+            *(f"voltage^{s.value:.2f} (90 %: {s.lo90:.2f}" for s in quoted.sizes),
+            f"over visits: {percent(error['before']['held_out_rmse'])}{after} of lift;",
             f"noise floor {percent(error['noise_floor'])}).",
         )
     ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"

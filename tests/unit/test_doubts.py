@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from nearlift.products import TRIALS
+from nearlift.report import words
 from nearlift.report.chapters import doubts, verdict
 from nearlift.stages import report
 
@@ -25,14 +26,14 @@ def said(evidence, change=None):
     content = copy.deepcopy(DIAGNOSED)
     if change is not None:
         change(content["boundaries"]["ground"])
-    return doubts.doubts(quoted.known(evidence, content))
+    return words.doubts(quoted.known(evidence, content))
 
 
 def test_rivals_unseen_effects_and_what_was_not_logged_are_held_against_the_headline(evidence):
     told = said(evidence)
     texts = [d.text for d in told if "ground" in d.boundaries]
-    assert "this design cannot tell supply_sag (K_b = 2) from session_gain" in texts
-    assert any(t.endswith("tell of air density") for t in texts)
+    assert "This design cannot distinguish supply sag (K_b = 2) from session gain." in texts
+    assert any(t == "Untestable with what was logged: air density." for t in texts)
 
 
 def test_other_answers_stand_with_what_it_takes_to_believe_them(evidence):
@@ -44,32 +45,29 @@ def test_other_answers_stand_with_what_it_takes_to_believe_them(evidence):
         if c["boundary"] == "ground"
     }
     assert told == {
-        "supply_sag is all, exactly in its declared form": ("K_b", 1.9, 2.1),
-        "the base model lacks nothing": ("K_b", 1.1, 1.3),
-        "every effect too small to be seen acts at its plausible size": ("K_b", 1.5, 2.5),
+        "supply_sag alone, exactly in its stated form": ("K_b", 1.9, 2.1),
+        "base model without any effect": ("K_b", 1.1, 1.3),
+        "every undetected effect at its plausible size": ("K_b", 1.5, 2.5),
     }
     assert (card["headline"].value.text, card["headline"].u.text) == ("2.00", "0.12")
 
 
 def test_structure_without_a_name_is_said(evidence):
     told = said(evidence, lambda f: f.update(verdict="unexplained", effects=[]))
-    assert any(
-        d.text.startswith("what the base model leaves along the supply voltage is unexplained")
-        for d in told
-    )
+    assert any(d.text.startswith("Residuals vary with supply voltage, unexplained") for d in told)
 
 
 def test_structure_along_several_covariates_is_said_to_be(evidence):
-    def words(*covariates):
+    def phrase(*covariates):
         tests = [{"covariate": c, "p_value": 1e-9, "significant": True} for c in covariates]
         unnamed = {"verdict": "unexplained", "effects": [], "structure": tests}
         texts = [d.text for d in said(evidence, lambda f: f.update(unnamed))]
-        (told,) = (t for t in texts if t.startswith("what the base model leaves"))
-        return told.removeprefix("what the base model leaves along ").partition(" is ")[0]
+        (told,) = (t for t in texts if t.startswith("Residuals vary with"))
+        return told.removeprefix("Residuals vary with ").partition(", unexplained")[0]
 
-    assert words("supply") == "the supply voltage"
-    assert words("supply", "tilt") == "the supply voltage and tilt"
-    assert words("supply", "tilt", "session") == "the supply voltage, tilt and others"
+    assert phrase("supply") == "supply voltage"
+    assert phrase("supply", "tilt") == "supply voltage and tilt"
+    assert phrase("supply", "tilt", "session") == "supply voltage, tilt and others"
 
 
 @pytest.mark.parametrize(("bias", "grave"), [(3.0, True), (0.5, False)])
@@ -77,14 +75,14 @@ def test_the_effect_that_hides_best_is_a_doubt_where_it_could_do_more_than_u(evi
     hidden = {"effect": "tilt", "absorbed_by": "K_b", "bias_at_detection_limit": bias, "u": 0.2}
     lesser = hidden | {"effect": "reynolds", "bias_at_detection_limit": 0.8 * bias}
     texts = [d.text for d in said(evidence, lambda f: f.update(silent=[lesser, hidden]))]
-    told = [t for t in texts if "though too small to be seen" in t]
-    assert told == ["tilt, though too small to be seen, could move K_b by 0.6"] * grave
+    told = [t for t in texts if "undetected tilt" in t]
+    assert told == ["Not in the interval: undetected tilt could shift K_b by up to 0.6."] * grave
 
 
 def test_a_campaign_that_grows_is_said(evidence):
     told = said(evidence, lambda f: f.update(look={"text": "a look at 240 of 480 trials"}))
     assert any(
-        d.text == "the campaign is still growing: a look at 240 of 480 trials"
+        d.text == "The campaign is still growing: a look at 240 of 480 trials."
         and d.boundaries == ("ground",)
         for d in told
     )
@@ -94,12 +92,12 @@ def test_rejected_trials_are_counted_and_silent_where_there_are_none(evidence):
     trials = evidence.table(TRIALS)
     assert any(
         d.text.startswith(f"1 of {len(trials['trial'])} trials were left out")
-        for d in doubts.doubts(evidence)
+        for d in words.doubts(evidence)
     )
     clean = {**trials, "quality": np.full(len(trials["trial"]), "", dtype=object)}
     assert not any(
         "rejected" in d.text
-        for d in doubts.doubts(
+        for d in words.doubts(
             dataclasses.replace(evidence, tables={**evidence.tables, TRIALS.file: clean})
         )
     )
@@ -109,5 +107,5 @@ def test_a_manifest_without_shared_errors_is_a_doubt(evidence):
     bare = dataclasses.replace(
         evidence, campaign=evidence.campaign.model_copy(update={"uncertainty": ()})
     )
-    assert any("declares no error that repeats share" in d.text for d in doubts.doubts(bare))
-    assert not any("declares no error" in d.text for d in doubts.doubts(evidence))
+    assert any("states no uncertainty shared by trials" in d.text for d in words.doubts(bare))
+    assert not any("states no uncertainty" in d.text for d in words.doubts(evidence))

@@ -380,4 +380,4 @@ def test_a_visit_holds_one_distance_always_and_that_is_no_finding(foresight):
     first = data.take(np.isin(data.visit, np.unique(data.visit)[:15]))
     few, _, _ = planned(first, GROUND, (), NOISE, Options(), np.array([2.0]))
     texts = [f.text for f in unidentifiable_coefficients(few.stage, few.stage.base_fit)]
-    assert any("A gain of its own for every visit" in t for t in texts)
+    assert any("and a gain for every visit" in t for t in texts)

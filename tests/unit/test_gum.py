@@ -140,10 +140,10 @@ def errors(name, rng, data, model, theta, draws):
     truth = np.log(data.lift_N)
     return {
         "noise within a record": lambda: np.log1p(own * data.u_lift_N / np.exp(truth)),
-        "scatter in proportion to lift": lambda: own * SCATTER.relative,
-        "scatter of force": lambda: np.log1p(own * SCATTER.force_N / np.exp(truth)),
-        "height of a stop": lambda: log_ratio(by(data.visit) * SCATTER.height_m) - log_ratio(0.0),
-        "common to a visit": lambda: by(data.visit) * SCATTER.common,
+        "proportional scatter": lambda: own * SCATTER.relative,
+        "force scatter": lambda: np.log1p(own * SCATTER.force_N / np.exp(truth)),
+        "height scatter": lambda: log_ratio(by(data.visit) * SCATTER.height_m) - log_ratio(0.0),
+        "visit-to-visit scatter": lambda: by(data.visit) * SCATTER.common,
         "slow drift": lambda: wander(1.5) * SCATTER.drift[0] + wander(24.0) * SCATTER.drift[2],
         "height by boundary": lambda: log_ratio(common * 1e-4) - log_ratio(0.0),
         "height by distance": lambda: log_ratio(by(data.z_hat) * 5e-5) - log_ratio(0.0),
@@ -316,7 +316,7 @@ def test_a_coefficient_beside_a_free_exponent_is_that_of_a_fit_of_both():
     found = fit(catalogue.model("sanchez_cuevas"), data, (), scatter)
     (condition, value, u), _ = Estimator.from_fit(found)._exponents()
     both = fit(MODEL, data, (), scatter).estimates["K_b"]
-    assert condition == "the exponent of the ratio is free"
+    assert condition == "free exponent of the lift ratio"
     assert value == pytest.approx(both.value, rel=1e-4)
     assert u == pytest.approx(both.u, rel=1e-3)
     # which is far from what is known where the exponent is 1

@@ -18,7 +18,7 @@ from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
-from nearlift.report.chapters import doubts
+from nearlift.report import words
 from nearlift.results import Noise
 from nearlift.results.outlook import SilentEffect
 
@@ -153,15 +153,16 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         )
 
     both = known(radius / 4.4, "rotor_spacing", "rotor_radius")
-    assert [(e.in_u, e.on) for e in doubts.undeclared(both, "ground")] == [
+    assert [(e.in_u, e.on) for e in words.undeclared(both, "ground")] == [
         (pytest.approx(4.4), "rotor_radius"),
         (pytest.approx(4.4 * spacing / radius), "rotor_spacing"),
     ]
-    [own] = doubts._hidden(both, "ground")
+    own = words._inputs(both, "ground")
     assert own.startswith(
-        f"errors that are not declared could move K_b: 1 % in rotor radius by {radius:.2g}"
+        f"A 1 % error in rotor radius would shift K_b by {radius:.2g}, in rotor spacing by"
     )
-    assert doubts._hidden(known(10 * radius, "rotor_radius"), "ground") == []
+    assert own.endswith("; the manifest states neither.")
+    assert words._inputs(known(10 * radius, "rotor_radius"), "ground") == ""
 
     # an offset that the diagnosis would have seen is not held against the number
     u = height / 40
@@ -179,7 +180,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         return SimpleNamespace(verdict=verdict, untestable={}, silent=(silent,) if hidden else ())
 
     def worst(found):
-        [error] = doubts.undeclared(known(u, "height", found=found), "ground")
+        [error] = words.undeclared(known(u, "height", found=found), "ground")
         return error.size / listed["height"].size, error.in_u, error.at_most
 
     limit = {"bias_at_detection_limit": 10.0, "hidden": False}
@@ -194,9 +195,9 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
     # 0.12 of a millimetre, and not 0.125, which the last digit of u would round
     limit["bias_at_detection_limit"] = 9.6
     seen = known(u, "height", found=diagnosed("adequate", **limit))
-    [own] = doubts._hidden(seen, "ground")
-    assert "0.12 mm in distance datum" in own
-    assert own.endswith(" (more would show)")
+    own = words._inputs(seen, "ground")
+    assert own.startswith("A 0.12 mm error in distance datum would shift K_b by")
+    assert "(a larger one would be detected)" in own
 
 
 def parsed(**line):

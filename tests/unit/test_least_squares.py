@@ -222,18 +222,18 @@ def test_degeneracies_are_named():
     """
     fixed, free = fit(MODEL, campaign(3)), fit(FREE, campaign(3))
     text = pairs(fixed)["K_b", "exponent n"]
-    assert text.startswith("K_b and an unknown exponent n would trade places: r = −0.9")
+    assert text.startswith("K_b and an unknown exponent n are confounded: r = −0.9")
     grown = next(d.u_if_free for d in fixed.degeneracies if d.pair == ("K_b", "exponent n"))
     # and what it costs is what a fit with the exponent free pays
     assert grown == pytest.approx(free.estimates["K_b"].u, rel=0.1)
-    assert pairs(free)["K_b", "n"].startswith("K_b and n trade places: r = −0.9")
+    assert pairs(free)["K_b", "n"].startswith("K_b and n are confounded: r = −0.9")
     assert ("K_b", "exponent n") not in pairs(free)
     near = pairs(fit(MODEL, campaign(3, stations=(2.0, 2.5, 3.0, 4.0, 5.0, 7.0))))
-    assert "with the height offset free, u(K_b) would grow from" in near["K_b", "height offset"]
+    assert "With a free height offset, u(K_b) would be " in near["K_b", "height offset"]
     assert near["K_b", "height offset"].endswith("mm")
     slow = pairs(fit(catalogue.model("power_law"), campaign(3, stations=(1.5, 2.0, 3.0, 5.0))))
     assert slow["p", "L_inf at 75%"].startswith(
-        "p and L_inf at 75% throttle trade places: r = +0.9"
+        "p and L_inf at 75% throttle are confounded: r = +0.9"
     )
 
 

@@ -388,8 +388,8 @@ def test_accepted_candidates_are_filled_and_rejected_hollow(table):
     assert [t.get_text() for t in ax.get_yticklabels()] == [
         "supply voltage",
         "warm-up",
-        "gain of the session",
-        "drift of gain",
+        "session gain",
+        "gain drift",
         "Reynolds number",
     ]
     low, high = ax.get_xlim()
@@ -449,9 +449,9 @@ def test_coefficient_intervals_are_the_products(table):
     before = FOUND["ground"]["coefficients"]["before"]["K_b"]
     assert spans == {
         "": (after["lo90"], after["hi90"]),
-        "supply_sag is all, exactly in its declared form": tuple(after["conditional"]),
-        "the base model lacks nothing": (before["lo90"], before["hi90"]),
-        "every effect too small to be seen acts at its plausible size": tuple(after["constrained"]),
+        "supply_sag alone, exactly in its stated form": tuple(after["conditional"]),
+        "base model without any effect": (before["lo90"], before["hi90"]),
+        "every undetected effect at its plausible size": tuple(after["constrained"]),
     }
     assert own["kind"].tolist()[0] == "quoted"
     reference = pick(table, panel="ceiling", kind="reference")
@@ -610,10 +610,7 @@ def test_caption_and_alternative_text_agree_with_the_picture(evidence, table):
         "Ground: supply_sag (or warm_up); held-out error 2 % to 0.45 %, noise floor 0.4 %; if (1)"
         " supply_sag is all" in caption
     )
-    assert (
-        "K_b, if every effect too small to be seen acts at its plausible size: 1.95, 90 % 0.975 to"
-        " 3.12." in alt
-    )
+    assert "K_b, if every undetected effect at its plausible size: 1.95, 90 % 0.975 to 3.12." in alt
     assert "Bin means before stray" in alt
 
 

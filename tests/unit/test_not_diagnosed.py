@@ -13,7 +13,8 @@ import pytest
 import nearlift
 from nearlift.commands import compare
 from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED
-from nearlift.report.chapters import diagnosis, doubts, verdict
+from nearlift.report import words
+from nearlift.report.chapters import diagnosis, verdict
 from nearlift.report.documents import methods
 from nearlift.stages import report
 
@@ -53,11 +54,11 @@ def test_the_card_and_the_chapter_say_it(evidence: report.Evidence):
     assert (card["brief"].verdict, card["brief"].next) == (
         f"Not diagnosed: {what}.",
         (
-            f"for a diagnosis, {wanted}, in new visits, one far from the boundary (z_hat = 12"
-            " or more) for lift in free air"
+            f"For a diagnosis, {wanted}, in new visits, one at z_hat = 12 or more for lift in free"
+            " air."
         ),
     )
-    assert any(doubt.text.startswith("not diagnosed") for doubt in doubts.doubts(evidence))
+    assert any(doubt.text.startswith("Not diagnosed") for doubt in words.doubts(evidence))
     assert diagnosis.facts(evidence)["not_diagnosed"] == {"ground": REASON}
 
 
@@ -70,11 +71,11 @@ def test_what_moves_the_headline_stands_before_what_might(evidence: report.Evide
     fits = copy.deepcopy(evidence.document(FIT))
     fits["influence"]["ground"]["suspects"] = [{**s, "without": None} for s in suspects]
     found = dataclasses.replace(evidence, documents={**evidence.documents, FIT.file: fits})
-    told = [text.split(",")[0] for text in doubts.reservations(found, "ground")]
-    assert told[0].startswith("it rests on visit 0 (")
-    assert told[1:4] == ["most", "much", "not diagnosed"]
-    assert told.count("most") == 1
-    assert "a little" in told[4:]
+    told = [re.split("[.:]", text)[0] for text in words._reservations(found, "ground")]
+    assert told[0].startswith("The answer depends on visit 0 (")
+    assert told[1:4] == ["Most", "Much", "Not diagnosed"]
+    assert told.count("Most") == 1
+    assert "A little" in told[4:]
 
 
 def test_every_file_that_the_page_links_is_there(out: Path):

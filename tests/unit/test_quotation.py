@@ -156,17 +156,17 @@ def test_u_and_the_interval_are_one_statement(quoted):
 def test_doubts_say_what_each_verdict_leaves_open(job, quoted):
     verdict, made, _ = job
     doubts = {d.condition: d for d in quoted.coefficients["K_b"].doubts}
-    assert "the exponent of the ratio is free" in doubts
-    assert ("the base model lacks nothing" in doubts) == (verdict in ("effect", "unexplained"))
-    unseen = doubts.get("every effect too small to be seen acts at its plausible size")
+    assert "free exponent of the lift ratio" in doubts
+    assert ("base model without any effect" in doubts) == (verdict in ("effect", "unexplained"))
+    unseen = doubts.get("every undetected effect at its plausible size")
     assert (unseen is not None) == (verdict != "not_diagnosed")
     if verdict != "not_diagnosed":
         loop = made.read_json(DIAGNOSIS)["boundaries"]["ground"]["coefficients"]
         assert [unseen.lo90, unseen.hi90] == pytest.approx(loop["after"]["K_b"]["constrained"])
-        if (nothing := doubts.get("the base model lacks nothing")) is not None:
+        if (nothing := doubts.get("base model without any effect")) is not None:
             assert nothing.value == loop["before"]["K_b"]["value"]
     if verdict == "effect":
-        assert "supply_sag is all, exactly in its declared form" in doubts
+        assert "supply_sag alone, exactly in its stated form" in doubts
     assert all(d.lo90 <= d.value <= d.hi90 for d in doubts.values())
 
 

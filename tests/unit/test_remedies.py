@@ -45,8 +45,11 @@ def test_the_datum_that_would_halve_u_does():
     one = next(r for r in knowledge if r.quantity == "distance datum")
     assert one.r > remedies.TRADES
     assert one.unit == "mm"
-    assert f"K_b and the distance datum trade places: r = {signed(one.r, 2)}" in one.text
-    assert f"knowing it independently to {plain(one.needed, 2)} mm would halve u(K_b)" in one.text
+    assert f"K_b is confounded with the distance datum (r = {signed(one.r, 2)})." in one.text
+    assert (
+        f"Knowing the distance datum independently to {plain(one.needed, 2)} mm would halve u(K_b)"
+        in one.text
+    )
     # the same trials with that measurement added to the declared datum
     better = (1e-3**-2 + (one.needed / 1000) ** -2) ** -0.5
     again = fit(
@@ -69,10 +72,10 @@ def test_what_cannot_halve_it_says_how_far_it_would_go():
     ]
     assert np.isnan(one.needed)
     assert (
-        f"knowing it exactly would bring u(K_b) from {one.u:.2g} to {one.u_best:.2g}, no lower"
+        f"With exact distance datum, u(K_b) would be {one.u_best:.2g} instead of {one.u:.2g}"
         in one.text
     )
-    assert "K_b leans on the distance datum" in one.text
+    assert "K_b correlates with the distance datum" in one.text
 
 
 def test_a_coefficient_known_from_elsewhere():
@@ -134,7 +137,7 @@ def test_no_number_of_repeats_undoes_a_bent_line():
     found = fitted(parts=(line, gain), visits=30)
     repeats = remedies.halvings(found)["K_b"].repeats
     assert repeats.times == np.inf
-    assert "no number of repeats would halve u(K_b)" in repeats.text
+    assert "No number of repeats would halve u(K_b)" in repeats.text
     assert found.estimates["K_b"].u / 2 < repeats.u_limit <= found.estimates["K_b"].u
 
 

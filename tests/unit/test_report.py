@@ -375,20 +375,17 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     text = (job.reports / "index.html").read_text()
     words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text))
     assert (
-        "Sanchez-Cuevas alone does not describe the data: the rest is explained by supply voltage;"
-        " this design cannot tell it from gain of the session. See it" in words
+        "Sanchez-Cuevas alone does not fit. Supply sag explains the residuals."
+        " This design cannot distinguish it from session gain. See it" in words
     )
     assert "Kb = 2.00 ± 0.12 (k = 1)" in words
     assert "90 % interval 1.80 to 2.20. Allows" in words
     told = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
-    assert (
-        "every effect too small to be seen acts at its plausible size K b = 2.0 1.5 to 2.5" in told
-    )
+    assert "every undetected effect at its plausible size K b = 2.0 1.5 to 2.5" in told
     assert "noise alone 0.41&nbsp;%" in words
     assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
     assert (
-        "Next: both directions, which would part height offset and saturation near the boundary."
-        in words
+        "Next: both directions, which would part height offset and near-wall saturation." in words
     )
     for attributes, _ in Elements(text).numbers:
         file, _, pointer = attributes["data-source"].partition("#")
@@ -420,17 +417,17 @@ def said(make_job, change=None):
 
 def test_the_story_of_an_effect_in_words(make_job):
     words, chapter = said(make_job)
-    assert "most of it along the supply voltage (p < 10⁻¹²)." in words
+    assert "The residuals of the base model follow supply voltage (p < 10⁻¹²)." in words
     assert (
-        "Supply voltage; p = 2.10 (90 %: 1.90 to 2.30). This design cannot tell it from gain of"
-        " the session" in words
+        "Supply sag; p = 2.10 (90 %: 1.90 to 2.30). This design cannot distinguish it from session"
+        " gain" in words
     )
     assert (
         "the error falls from 1.22 % of lift (90 %: 1.17 to 1.28) to 0.43 % (0.41 to 0.45); noise"
         " floor 0.41 %. What remains is noise." in words
     )
     assert "1.20" not in words
-    assert "Not testable here: air density. Log next time: temperature." in words
+    assert "Untestable here: air density. Log next time: temperature." in words
     assert "<summary>Effects that the coefficients can absorb unseen (1)</summary>" in chapter
     assert "height scale" not in words.lower()
 
@@ -441,10 +438,10 @@ def test_the_story_of_an_effect_in_words(make_job):
         ((0.0043, 0.0041, 0.0045), "falls from 1.22 %"),
         (
             (0.0120, 0.0115, 0.0126),
-            "(1.15 to 1.26); noise floor 0.41 %. These visits cannot tell the change from none: what is gained is small",
+            "(1.15 to 1.26); noise floor 0.41 %. This change is not significant",
         ),
-        ((0.0200, 0.0190, 0.0210), "The answer makes predictions worse"),
-        ((0.0080, 0.0078, 0.0082), "It stays above the floor"),
+        ((0.0200, 0.0190, 0.0210), "The correction makes predictions worse"),
+        ((0.0080, 0.0078, 0.0082), "It stays above the noise floor"),
     ],
 )
 def test_words_on_the_error_follow_the_numbers(make_job, after, words):
@@ -461,21 +458,21 @@ def test_a_small_change_is_told_from_none_visit_by_visit(make_job):
 
     words = said(make_job, change)[0]
     assert "falls from 1.22 % of lift" in words
-    assert "Compared visit by visit, that is \u22121.6 % (90 %: \u22122.1 to \u22121.2)." in words
-    assert "cannot tell the change" not in words
+    assert "Visit by visit, the change is \u22121.6 % (90 %: \u22122.1 to \u22121.2)." in words
+    assert "change is not significant" not in words
 
 
 def test_the_chance_of_the_largest_test_is_said(make_job):
     assert (
-        "would be as large in 43 % of campaigns"
+        "p = 0.43 for the largest of all tests"
         in said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))[0]
     )
     assert (
-        "would be as large with a chance of 3 × 10⁻⁵."
+        "p = 3 × 10⁻⁵ for the largest of all tests."
         in said(make_job, lambda f: f.update(p_value=3e-5))[0]
     )
     assert (
-        "would be as large with a chance < 10⁻¹²."
+        "p < 10⁻¹² for the largest of all tests."
         in said(make_job, lambda f: f.update(p_value=1e-90))[0]
     )
 
@@ -490,13 +487,13 @@ def test_a_look_before_the_end_is_said(make_job):
     words = said(
         make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43, look=look)
     )[0]
-    assert "A look at 240 of 480 trials; claims need p < 7e-05. By chance alone" in words
+    assert "A look at 240 of 480 trials; claims need p < 7e-05. p = 0.43 for" in words
 
 
 def test_an_adequate_model_is_left_alone_in_words_too(make_job):
     words, _ = said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))
-    assert "Nothing was added to the model." in words
-    assert "leaves structure" not in words
+    assert "No effect was added to the model." in words
+    assert "follow " not in words
     assert "falls" not in words
 
 
@@ -508,13 +505,10 @@ def test_the_unexplained_names_covariate_and_shares_but_no_effect(make_job):
         found["structure"] = [{"covariate": "start", "p_value": 3.7e-5, "significant": True}]
 
     words, _ = said(make_job, change)
-    assert "most of it along time (p = 3.7 × 10⁻⁵)" in words
-    assert (
-        "In part it could be drift of gain (31 % of what exceeds the noise); none of these is the"
-        " answer." in words
-    )
-    assert "cannot tell it from" not in words
-    assert "allows for structure" not in words
+    assert "The residuals of the base model follow time (p = 3.7 × 10⁻⁵)" in words
+    assert "Partial explanations: gain drift (31 % of what exceeds the noise)." in words
+    assert "cannot distinguish it from" not in words
+    assert "include an unexplained" not in words
 
 
 def test_the_unexplained_says_along_what_it_is_carried(make_job):
@@ -523,7 +517,7 @@ def test_the_unexplained_says_along_what_it_is_carried(make_job):
         found["coefficients"]["carried"] = ["distance", "start"]
 
     words, _ = said(make_job, change)
-    assert "the interval of its coefficients allows for structure along distance and time" in words
+    assert "their intervals include an unexplained dependence on distance and time" in words
 
 
 def test_drift_within_records_is_said_with_its_chance(make_job):
@@ -535,11 +529,11 @@ def test_drift_within_records_is_said_with_its_chance(make_job):
     }
     words, _ = said(make_job, lambda f: f.update(within_trial=own))
     assert (
-        "Within a record, lift changes by −1.2 % (90 %: −1.4 to −1), more than chance allows (p = 2"
-        " × 10⁻⁵): heating within a trial." in words
+        "Within a record, lift changes by −1.2 % (90 %: −1.4 to −1) significantly (p = 2"
+        " × 10⁻⁵): motor heating." in words
     )
     calm = {**own, "significant": False, "candidates": []}
-    assert "no drift worth naming" in said(make_job, lambda f: f.update(within_trial=calm))[0]
+    assert ": not significant." in said(make_job, lambda f: f.update(within_trial=calm))[0]
 
 
 def test_two_effects_that_are_likelier_but_not_plainly_are_told(make_job):
@@ -549,12 +543,12 @@ def test_two_effects_that_are_likelier_but_not_plainly_are_told(make_job):
         found["error"]["chosen_in_folds"] = ["supply_sag", "unexplained", "supply_sag"]
 
     words, _ = said(make_job, change)
-    assert "This design cannot tell it from gain of the session; it is named because" in words
+    assert "This design cannot distinguish it from session gain. It is identified because" in words
     assert (
-        "Two effects are likelier, if not so plainly that a second one would be named: supply"
-        " voltage + tilt. The coefficient’s interval holds" in words
+        "Two effects together are slightly likelier: supply sag + tilt. The coefficient’s interval"
+        " covers them" in words
     )
-    assert "in 2 of 3 folds; the error after is that of what each fold chose." in words
+    assert "in 2 of 3 folds. The error after is that of each fold's own choice." in words
 
 
 def test_many_numbers_of_one_effect_are_told_by_their_range(make_job):
@@ -567,8 +561,8 @@ def test_many_numbers_of_one_effect_are_told_by_their_range(make_job):
         found["effects"] = [{"name": "session_gain", "rivals": [], "parameters": gains}]
 
     words, chapter = said(make_job, change)
-    assert "Gain of the session; 6 numbers, from −0.020 to 0.030." in words
-    assert "Gain of the session: all 6 numbers" in chapter
+    assert "Session gain; 6 values, from −0.020 to 0.030." in words
+    assert "Session gain: all 6 numbers" in chapter
 
 
 def test_a_size_at_its_bound_speaks_against_an_effect(make_job):
@@ -583,7 +577,7 @@ def test_a_size_at_its_bound_speaks_against_an_effect(make_job):
 
     words, _ = said(make_job, change)
     assert "at its bound" in words
-    assert "which speaks against it" in words
+    assert "which makes it doubtful" in words
 
     def inside(found):
         change(found)
@@ -621,12 +615,9 @@ def test_candidates_folds_and_proposals_are_told(make_job):
         )
 
     words, chapter = said(make_job, change)
-    assert "Every other candidate leaves structure, or explains too little." in words
-    assert "came to the same answer in 2 of 3 folds" in words
-    assert (
-        "(160 trials, from which 2 ln B of 25 is to be expected). Instead: more visits (3.1)."
-        in words
-    )
+    assert "Every other candidate leaves residual structure or explains too little." in words
+    assert "gave the same answer in 2 of 3 folds" in words
+    assert "(160 trials, expected 2 ln B = 25). Instead: more visits (3.1)." in words
     rows = Elements(chapter).numbers
     assert any(
         a["data-source"].endswith("/rounds/0/candidates/1/log_evidence") and t == "50"

@@ -180,7 +180,7 @@ def test_card_chapter_methods_and_python_say_what_could_have_been_seen(out: Path
     assert "≥" in words
     evidence = report.gather(small_run.job(out / "raw", out))
     [card] = verdict.facts(evidence)["cards"]
-    assert "nothing is left beyond the noise that 24 trials could show" in card["brief"].verdict
+    assert "no residual structure detected in 24 trials" in card["brief"].verdict
     chapter = unescape(small_run.chapter(evidence, "diagnosis"))
     assert f"could have seen {titled(words)}" in chapter.replace("\N{NO-BREAK SPACE}", " ")
     assert f"24 trials could have seen {titled(words)}" in methods.markdown(evidence).decode()

@@ -29,6 +29,7 @@ from nearlift.loop.stability import (
     with_decisive_visits,
 )
 from nearlift.loop.structure import Null
+from nearlift.report.words import dependence
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import RestsOn, Shift
 
@@ -105,17 +106,15 @@ def test_an_answer_rests_on_a_trial_that_moves_it_by_u_or_changes_the_verdict(
     assert found.coefficients["K_b"].influence.trial.id == trial
     assert found.coefficients["K_b"].influence.trial.shift == pytest.approx(by * headline.u)
     assert (found.rests_on is not None) is rests
-    assert bool(found.leaning) is rests
-    added = [
-        d for d in found.coefficients["K_b"].doubts if d.condition == f"trial {trial} is left out"
-    ]
+    assert bool(dependence(found)) is rests
+    added = [d for d in found.coefficients["K_b"].doubts if d.condition == f"without trial {trial}"]
     assert [(d.value, d.lo90, d.hi90) for d in added] == (
         [(value, value - 1.0, value + 1.0)] if rests else []
     )
     if rests:
-        assert trial in found.leaning
-        near = "the verdict is a near thing: without trial"
-        assert found.leaning.startswith(near) is (verdict == "effect")
+        assert trial in dependence(found)
+        near = "The verdict depends on trial"
+        assert dependence(found).startswith(near) is (verdict == "effect")
 
 
 def test_where_no_trial_matters_nothing_is_made_again(quoted):
@@ -140,7 +139,9 @@ def test_an_answer_may_rest_on_a_trial_that_pulls_at_the_name_alone(quoted):
 
     found = with_decisive_trial(quoted, without, (Shift(id="t9", shift=0.0, z_hat=1.5),))
     assert found.rests_on.trial == "t9"
-    assert found.leaning.startswith("it rests on trial t9 (z_hat = 1.5): without it the verdict is")
+    assert dependence(found).startswith(
+        "The answer depends on trial t9 (z_hat = 1.5): without it the verdict is"
+    )
     assert with_decisive_trial(quoted, without).rests_on is None
     # without which the others cannot be diagnosed
     assert with_decisive_trial(quoted, lambda trial: None) is quoted
@@ -305,10 +306,12 @@ def test_a_visit_that_moves_the_answer_by_more_than_u_is_told_before_a_trial(quo
         visit = Shift(id="7", shift=shift * headline.u, z_hat=1.25)
         influence = replace(headline.influence, visit=visit)
         moved = {**quoted.coefficients, "K_b": replace(headline, influence=influence)}
-        return replace(quoted, coefficients=moved).leaning
+        return dependence(replace(quoted, coefficients=moved))
 
     assert leaning(0.9) == leaning(-0.9) == ""
-    assert leaning(-1.1).startswith("it rests on visit 7 (z_hat = 1.2): without it K_b moves by −")
+    assert leaning(-1.1).startswith(
+        "The answer depends on visit 7 (z_hat = 1.2): without it K_b is "
+    )
 
 
 def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
@@ -328,19 +331,19 @@ def test_a_verdict_that_turns_without_a_visit_is_told(quoted):
     found = with_decisive_visits(quoted, without, visits)
     assert found.rests_on_visit.visit == "2"
     assert found.rests_on_visit.effects == ("tilt",)
-    assert found.leaning == (
-        "the verdict is a near thing: without visit 2 (z_hat = 3.5) it is effect (tilt)"
+    assert dependence(found) == (
+        "The verdict depends on visit 2 (z_hat = 3.5): without it, it is effect (tilt)."
     )
     new = [d.condition for d in found.coefficients["K_b"].doubts if d not in headline.doubts]
     assert new == [
-        "visit 1 (z_hat = 2.5) is left out",
-        "visit 2 (z_hat = 3.5) is left out",
+        "without visit 1 (z_hat = 2.5)",
+        "without visit 2 (z_hat = 3.5)",
     ]
     # beside a trial that moves the headline the verdict without the visit is told, too
     trial = RestsOn(trial="t9", shift=1.5 * headline.u, verdict=quoted.verdict)
-    both = replace(found, rests_on=trial).leaning
-    assert both.startswith("it rests on trial ")
-    assert both.endswith("; without visit 2 (z_hat = 3.5) the verdict is effect (tilt)")
+    both = dependence(replace(found, rests_on=trial))
+    assert both.startswith("The answer depends on trial ")
+    assert both.endswith(" Without visit 2 (z_hat = 3.5) the verdict is effect (tilt).")
 
 
 def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move_the_answer(

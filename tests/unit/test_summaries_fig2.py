@@ -336,7 +336,7 @@ def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_
         )[0]
         - 1
     )
-    assert f"stands at {there:.2f} %" in text
+    assert f"the fit is {there:.2f} %" in text
 
 
 def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):

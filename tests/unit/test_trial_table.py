@@ -126,6 +126,6 @@ def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(mak
     in_u = table.put_back["ground"].left_out["t0050"].change_in_u
     assert in_u == pytest.approx(suspect["shift"] / parameter["u"])
     text = page(report.gather(job), []).decode()
-    told = "t0050 stands beyond what noise allows: without it the base fit’s K_b is "
+    told = "t0050 is an outlier: without it the base fit’s K_b is "
     assert told in re.sub(r"<i>(\w)</i><sub>(\w)</sub>", r"\1_\2", text)
     assert "t0050 left out" in text

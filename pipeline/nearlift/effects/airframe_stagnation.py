@@ -37,7 +37,7 @@ def evaluate(ratio: Any, /, *, z_hat: Any, stagnation: Any, stagnation_power: An
 
 EFFECT = Effect(
     name="airframe_stagnation",
-    title="Pressure beneath the airframe",
+    title="Airframe pressure",
     formula=r"\frac{L}{L_\infty} \to \frac{L}{L_\infty} + c \, \hat{z}^{-m}",
     # the larger of z and HELD_BELOW, in functions that C has in `float` too
     evaluate=evaluate,

@@ -34,7 +34,7 @@ def evaluate(lift: Any, /, *, previous_lift_N: Any, rest_s: Any, creep: Any, cre
 
 EFFECT = Effect(
     name="cell_creep",
-    title="Creep of the cell",
+    title="Cell creep",
     formula=r"L \to L + c \, L_\mathrm{previous} \, e^{-t_\mathrm{rest} / \tau_c}",
     evaluate=evaluate,
     acts_on="force",

@@ -34,7 +34,7 @@ def evaluate(lift: Any, /, *, turn_rad: Any, crosstalk_along: Any, crosstalk_acr
 
 EFFECT = Effect(
     name="cell_crosstalk",
-    title="Cross-talk of the cell",
+    title="Cell cross-talk",
     formula=r"L \to L \, (1 + c_1 \cos \psi + c_2 \sin \psi)",
     evaluate=evaluate,
     acts_on="force",

@@ -29,7 +29,7 @@ def evaluate(lift: Any, /, *, nonlinearity_per_N: Any) -> Any:
 
 EFFECT = Effect(
     name="cell_nonlinearity",
-    title="Nonlinearity of the cell",
+    title="Cell nonlinearity",
     formula=r"L \to L + q L^2",
     evaluate=evaluate,
     acts_on="force",

@@ -42,7 +42,7 @@ def evaluate(
 
 EFFECT = Effect(
     name="fountain_shape",
-    title="Fountain of its own length",
+    title="Fountain length",
     formula=(
         r"\frac{L}{L_\infty} \to \frac{L}{L_\infty} + c \, \exp\left[-\frac{1}{2 w^2} \ln^2"
         r" \frac{\hat{z}}{\eta \hat{d}}\right]"

@@ -43,7 +43,7 @@ def evaluate(
 
 EFFECT = Effect(
     name="fountain_state",
-    title="State of the fountain",
+    title="Fountain state",
     formula=(
         r"\frac{1}{1 - s} \to \left[1 - s - \frac{2 k \sigma \hat{z}}{(\hat{b}^2 + 4"
         r" \hat{z}^2)^{3/2}}\right]^{-1}"

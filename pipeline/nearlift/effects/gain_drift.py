@@ -28,7 +28,7 @@ def evaluate(lift: Any, /, *, elapsed_hat: Any, drift: Any) -> Any:
 
 EFFECT = Effect(
     name="gain_drift",
-    title="Drift of gain",
+    title="Gain drift",
     formula=r"L \to L \, (1 + d \, \hat{t}), \quad \hat{t} \in [-1, 1]",
     evaluate=evaluate,
     acts_on="force",

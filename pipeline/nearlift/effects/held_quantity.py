@@ -35,7 +35,7 @@ def evaluate(ratio: Any, /, *, held_exponent: Any) -> Any:
 
 EFFECT = Effect(
     name="held_quantity",
-    title="What a trial holds constant",
+    title="Held quantity",
     formula=r"\frac{L}{L_\infty} \to \left(\frac{L}{L_\infty}\right)^{n}",
     evaluate=evaluate,
     acts_on="ratio",

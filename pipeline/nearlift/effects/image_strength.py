@@ -37,7 +37,7 @@ def evaluate(ratio: Any, /, *, strength: Any) -> Any:
 
 EFFECT = Effect(
     name="image_strength",
-    title="Strength of the images",
+    title="Image strength",
     formula=r"\frac{1}{1 - s} \to \frac{1}{1 - \kappa s}",
     evaluate=evaluate,
     acts_on="ratio",

@@ -31,7 +31,7 @@ def evaluate(lift: Any, /, *, drift_hat: Any, heating: Any) -> Any:
 
 EFFECT = Effect(
     name="motor_heating",
-    title="Heating within a trial",
+    title="Motor heating",
     formula=r"L \to L \left(1 + \frac{h}{2} \frac{\dot{L} \, t_\mathrm{record}}{L}\right)",
     evaluate=evaluate,
     acts_on="force",

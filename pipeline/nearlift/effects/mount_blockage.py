@@ -29,7 +29,7 @@ def evaluate(lift: Any, /, *, inverted: Any, blockage: Any) -> Any:
 
 EFFECT = Effect(
     name="mount_blockage",
-    title="Mount in the wake",
+    title="Mount blockage",
     formula=r"L \to L \, (1 - k \cdot \mathrm{inverted})",
     evaluate=evaluate,
     acts_on="force",

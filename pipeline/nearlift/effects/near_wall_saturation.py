@@ -37,7 +37,7 @@ def evaluate(ratio: Any, /, *, z_hat: Any, gap_hat2: Any, saturation_power: Any)
 
 EFFECT = Effect(
     name="near_wall_saturation",
-    title="Saturation near the boundary",
+    title="Near-wall saturation",
     formula=(
         r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 + \hat{z}_v^2 /"
         r" \hat{z}^2\right)^{-q}"

@@ -38,7 +38,7 @@ def evaluate(ratio: Any, /, *, z_hat: Any, edge_share: Any, edge_width_hat: Any)
 
 EFFECT = Effect(
     name="plate_edge",
-    title="Edge of the plate",
+    title="Plate edge",
     formula=(
         r"\frac{L}{L_\infty} \to 1 + \left(\frac{L}{L_\infty} - 1\right) \left(1 - s \,"
         r" e^{-\hat{W}^2 / \hat{z}^2}\right)"

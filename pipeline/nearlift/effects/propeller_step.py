@@ -29,7 +29,7 @@ def evaluate(lift: Any, /, *, other_propeller: Any, propeller_gain: Any) -> Any:
 
 EFFECT = Effect(
     name="propeller_step",
-    title="Other propellers",
+    title="Propeller change",
     formula=r"L \to L \, (1 + g \cdot \mathrm{other})",
     evaluate=evaluate,
     acts_on="force",

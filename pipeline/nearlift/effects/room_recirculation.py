@@ -43,7 +43,7 @@ def evaluate(
 
 EFFECT = Effect(
     name="room_recirculation",
-    title="Recirculation in the room",
+    title="Room recirculation",
     formula=(
         r"L \to L \left[1 - a \frac{\tau}{\tau_0} \left(1 - e^{-\hat{z} / \hat{h}}\right)\right]"
     ),

@@ -28,7 +28,7 @@ def evaluate(lift: Any, /, *, session: Any, gain: Any) -> Any:
 
 EFFECT = Effect(
     name="session_gain",
-    title="Gain of the session",
+    title="Session gain",
     formula=r"L \to L \, (1 + g_\mathrm{session})",
     evaluate=evaluate,
     acts_on="force",

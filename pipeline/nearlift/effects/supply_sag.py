@@ -29,7 +29,7 @@ def evaluate(lift: Any, /, *, supply_V: Any, supply_ref_V: Any, sag_exponent: An
 
 EFFECT = Effect(
     name="supply_sag",
-    title="Supply voltage",
+    title="Supply sag",
     formula=r"L \to L \, (U / U_0)^{p}",
     # in time, not in height: at its reference the supply changes nothing
     evaluate=evaluate,

@@ -32,7 +32,7 @@ def evaluate(lift: Any, /, *, z_hat: Any, radius_m: Any, stiffness_N_per_m: Any)
 
 EFFECT = Effect(
     name="tether_stiffness",
-    title="Stiffness of the tether",
+    title="Tether stiffness",
     formula=r"L \to L + k_c \, r \hat{z}",
     evaluate=evaluate,
     acts_on="force",

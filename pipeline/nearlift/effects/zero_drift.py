@@ -31,7 +31,7 @@ def evaluate(
 
 EFFECT = Effect(
     name="zero_drift",
-    title="Drift of zero",
+    title="Zero drift",
     formula=r"L \to L + F_1 \left(1 - e^{-t_\mathrm{session} / \tau_0}\right)",
     evaluate=evaluate,
     acts_on="force",

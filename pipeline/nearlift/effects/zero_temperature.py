@@ -28,7 +28,7 @@ def evaluate(lift: Any, /, *, temperature_K: Any, temperature_ref_K: Any, zero_N
 
 EFFECT = Effect(
     name="zero_temperature",
-    title="Zero against temperature",
+    title="Thermal zero drift",
     formula=r"L \to L + F_T \, (T - T_0)",
     evaluate=evaluate,
     acts_on="force",

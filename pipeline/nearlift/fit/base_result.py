@@ -15,7 +15,7 @@ from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult, Correlation, Doubt
 
 #: `reason` until `diagnose` has run.
-NOT_LOOKED_AT = "the residuals were not looked at: `nearlift diagnose` does"
+NOT_LOOKED_AT = "`nearlift diagnose` has not run"
 #: Intervals agree where their ends differ by at most this many standard uncertainties.
 SAME_END = 0.25
 
@@ -26,8 +26,8 @@ def base_result(
     """A boundary's result before or without the loop; `entry` is the model's in fit.json."""
     estimator = Estimator.from_fit(fit)
     noise = fit.noise.source.partition(" (")[0]
-    declared = budget.and_declared((*fit.parts, *fit.plan.shared))
-    holds = f"Allows for the {noise}{declared}, not for effects that nobody looked for"
+    errors = " and ".join([f"the {noise}", *budget.stated((*fit.parts, *fit.plan.shared))])
+    holds = f"Includes {errors}, but no effect: the residuals were not diagnosed"
     doubts, shapes = estimator.doubts(), shape_doubts(entry)
     scale = np.sqrt(np.diag(fit.covariance))
     safe = np.where(scale > 0, scale, 1.0)
@@ -68,13 +68,11 @@ def shape_doubts(entry: ModelFit) -> dict[str, list[Doubt]]:
                 low if math.isnan(profile.lo90) else profile.lo90,
                 high if math.isnan(profile.hi90) else profile.hi90,
             )
-            others.append(
-                ("the likelihood is followed to where it falls off (profile)", e.value, *ends)
-            )
+            others.append(("interval from the profile likelihood", e.value, *ends))
         if drawn:
             others.append(
                 (
-                    "the declared prior is believed as well (posterior)",
+                    "posterior, with the declared prior",
                     drawn.median,
                     drawn.lo90,
                     drawn.hi90,

@@ -111,9 +111,8 @@ def _words(throttles: int, collapse: ThrottleCollapse) -> str:
     ]
     if quiet:
         parts.append(
-            f"Not tested: {'; '.join(quiet)}. Trials are more even than their noise would let them"
-            " be: the noise is overestimated, or shared by trials in a way that it does not"
-            " represent. That is no evidence of a collapse."
+            f"Not tested: {'; '.join(quiet)}. Trials scatter less than their noise: it is"
+            " overestimated or shared by trials. That is no evidence of a collapse."
         )
     bounds = [
         f"{percent(d.bound95)} % in {what} (between {100 * d.between[0]:.3g} and"
@@ -124,10 +123,7 @@ def _words(throttles: int, collapse: ThrottleCollapse) -> str:
         if d is not None and np.isfinite(d.bound95)
     ]
     if bounds:
-        parts.append(
-            "With 95 % confidence no two throttles differ by more than"
-            f" {', nor by more than '.join(bounds)}."
-        )
+        parts.append(f"95 % upper limits of the difference between throttles: {', '.join(bounds)}.")
     return " ".join(parts)
 
 

@@ -30,7 +30,7 @@ def degeneracies(
         Degeneracy(
             pair=(a, "anything"),
             r=1.0,
-            text=f"{letter(a)} is not determined by these trials at all",
+            text=f"{letter(a)} is not identifiable from these trials",
         )
         for a, known in zip(problem.names, determined, strict=True)
         if not known
@@ -59,7 +59,7 @@ def degeneracies(
         Degeneracy(
             pair=(a, b),
             r=float(r),
-            text=f"{letter(a)} and {called} trade places: r = {signed(r, 3)}",
+            text=f"{letter(a)} and {called} are confounded: r = {signed(r, 3)}",
         )
         for a, b, called, r in correlated
         if abs(r) > DEGENERATE
@@ -78,7 +78,7 @@ def degeneracies(
             continue
         size = np.sqrt(np.outer(np.diag(information), np.diag(information)))
         if np.linalg.cond(information / size) > 1e12:
-            text = f"{letter(names[0])} and the {name} cannot be told apart at all by these trials"
+            text = f"{letter(names[0])} and the {name} are not distinguishable in these trials"
             pairs.append(Degeneracy(pair=(names[0], name), r=1.0, text=text))
             continue
         joint = np.linalg.inv(information)
@@ -88,9 +88,9 @@ def degeneracies(
                 u = float(np.sqrt(joint[i, i]))
                 sd_free = f"{plain(float(np.sqrt(joint[-1, -1])), 2)} {unit}".strip()
                 text = (
-                    f"{letter(a)} and an unknown {name} would trade places: r = {signed(r, 3)};"
-                    f" with the {name} free, u({letter(a)}) would grow from {plain(sd[i], 2)} to"
-                    f" {plain(u, 2)}, and the {name} would be known to {sd_free}"
+                    f"{letter(a)} and an unknown {name} are confounded: r = {signed(r, 3)}. With"
+                    f" a free {name}, u({letter(a)}) would be {plain(u, 2)} instead of"
+                    f" {plain(sd[i], 2)}, and u({name}) = {sd_free}"
                 )
                 pairs.append(
                     Degeneracy(pair=(a, name), r=float(r), text=text, u_if_free=u, known_to=sd_free)

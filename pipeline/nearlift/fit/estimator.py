@@ -204,7 +204,7 @@ class Estimator:
         }
 
     def doubts(self) -> list[list[Doubt]]:
-        """Each coefficient at other exponents, and with undeclared inputs taken as uncertain."""
+        """Each coefficient at other exponents, and with uncertain inputs that are not stated."""
         listed: list[list[Doubt]] = [[] for _ in self.theta]
         if not len(self.theta):
             return listed
@@ -216,8 +216,8 @@ class Estimator:
                 if np.isfinite(self.u[i]) and abs(shift) > WORTH_TELLING * self.u[i]:
                     name, scale, unit = INPUTS[missing.on]
                     condition = (
-                        f"the {name}, of which nothing is declared, is known to"
-                        f" {scale * missing.size:g} {unit}"
+                        f"{scale * missing.size:g} {unit} uncertainty of the {name},"
+                        " which the manifest does not state"
                     )
                     listed[i].append(
                         self.doubt(
@@ -237,13 +237,13 @@ class Estimator:
             if len(refits) == 3:
                 turn = (refits[2].value - refits[0].value) / (2 * EXPONENT_STEP)
                 yield (
-                    "the exponent of the ratio is free",
+                    "free exponent of the lift ratio",
                     refits[1].value,
                     float(np.hypot(refits[1].u, turn * u_n)),
                 )
         for power in held_quantity.at_exponents(problem, self.theta, [held_quantity.POWER]):
             yield (
-                "lift goes as the ratio to the power 2/3, as at constant power",
+                "constant power instead of constant throttle (exponent 2/3)",
                 power.value,
                 power.u,
             )

@@ -298,9 +298,9 @@ def effective_dof(budget: Sequence[Line], scatter: Noise, p: int) -> FloatArray:
 RECORD_NOISE = "noise within a record"
 #: Lines of the components of `Noise`.
 NAMES = {
-    "relative": "scatter in proportion to lift",
-    "force_N": "scatter of force",
-    "height_m": "height of a stop",
-    "common": "common to a visit",
+    "relative": "proportional scatter",
+    "force_N": "force scatter",
+    "height_m": "height scatter",
+    "common": "visit-to-visit scatter",
     "drift": "slow drift",
 }

@@ -53,18 +53,13 @@ NOT_HELD = 0.01
 LEAST_LEFT = 0.1
 #: Fewest visits, in one session, for a response.
 ENOUGH = 8
-FOLLOWS = "the exponent n of the ratio depends on what else stays constant."
+FOLLOWS = "The exponent n of the lift ratio depends on what else is constant."
 #: What the manifest's `held` means for the exponent.
 DECLARED = {
-    "throttle": f"A trial holds the throttle, which fixes neither speed nor power; {FOLLOWS}",
-    "voltage": (
-        f"A trial is said to hold the voltage, which fixes neither speed nor power; {FOLLOWS}"
-    ),
-    "rpm": (
-        "A trial is said to hold the rotor speed: blade-element theory then wants n between"
-        " 0.60 and 0.82."
-    ),
-    "power": "A trial is said to hold the power: momentum theory then wants n = 2/3.",
+    "throttle": f"Constant throttle fixes neither rotor speed nor power. {FOLLOWS}",
+    "voltage": f"Constant voltage fixes neither rotor speed nor power. {FOLLOWS}",
+    "rpm": "At constant rotor speed blade-element theory predicts n between 0.60 and 0.82.",
+    "power": "At constant power momentum theory predicts n = 2/3.",
 }
 NAMES = {"speed_Hz": "rotor speed", "power_W": "power", "supply_V": "supply voltage"}
 
@@ -161,29 +156,27 @@ def _words(held: HeldQuantity, unanswered: Sequence[str]) -> str:
         parts.append(f"Over the plausible exponents the base fit’s {name} runs from {ends}.")
     if held.exponent_from_lift:
         n = plus_minus(held.exponent_from_lift.value, held.exponent_from_lift.u)
-        parts.append(f"Lift alone, the form taken for true, gives n = {n}.")
+        parts.append(f"Lift alone gives n = {n}, if the form is true.")
         excluded = [
             f"{x.n:.2g} ({chance(x.p_value)})" for x in held.plausible if x.p_value < REJECTS
         ]
         if excluded:
             parts.append(
-                f"Under this form it is against n = {', '.join(excluded)}; a wrong form does that"
-                " too."
+                f"Under this form it rejects n = {', '.join(excluded)}, as a wrong form would."
             )
     else:
-        parts.append(f"Lift alone cannot tell the exponent from {name}.")
+        parts.append(f"From lift alone the exponent and {name} are confounded.")
     parts += [_answer(r) for r in held.logged]
     if unanswered:
         parts.append(
-            f"The {' and the '.join(unanswered)} was logged, but at too few visits within a session"
-            " to infer the exponent from it."
+            f"Too few visits in a session have {' and '.join(unanswered)} to infer the exponent."
         )
     elif not held.supported_exponents:
-        parts.append("Log rpm, or power, and the exponent can be inferred.")
+        parts.append("Logged rpm or power would determine the exponent.")
     elif held.range:
         low, high = held.supported_exponents
         parts.append(
-            f"By theory the logs leave {low:.2f} < n < {high:.2f}, so {name} from"
+            f"By theory the logs allow {low:.2f} < n < {high:.2f}: {name} from"
             f" {held.range.low:.3g} to {held.range.high:.3g}."
         )
     return " ".join(parts)
@@ -198,7 +191,7 @@ def _answer(r: LoggedResponse) -> str:
     if r.held:
         return f"The {what} logged does not follow the boundary (response {answer}); {spread}."
     return (
-        f"The {what} logged was not held: it follows the change of lift with a power of"
+        f"The {what} logged was not constant: it scales as lift to the power"
         f" {r.response.value:+.2g} ± {r.response.u:.1g} ({chance(r.p_value)}); {spread}."
     )
 

@@ -144,23 +144,18 @@ def _remedy(
     known_to = float(np.sqrt(np.diag(within).mean())) * unit_scale
     who = letter(coefficient)
     what, each = (
-        (letter(name) if rows[0] < coefficients else f"the {name}", "it")
+        (letter(name) if rows[0] < coefficients else f"the {name}", name)
         if single
-        else (f"every {name} together", "each")
+        else (f"the {name} values", name)
     )
     if np.isfinite(needed):
         size = plain(needed, 2) + ("" if unit == "1" else f" {unit}")
-        words = f"knowing {each} independently to {size} would halve u({who})"
+        words = f"Knowing {what} independently to {size} would halve u({who})"
     else:
-        words = (
-            f"knowing {each} exactly would bring u({who}) from {plain(u, 2)} to {plain(u_best, 2)},"
-            " no lower"
-        )
-    verb = "and {} trade places" if single and abs(r) > TRADES else "leans on {}"
-    text = (
-        f"{who} {verb.format(what)}:"
-        f" {f'r = {signed(r, 2)}' if single else f'multiple r = {r:.2f}'}; {words}"
-    )
+        words = f"With exact {each}, u({who}) would be {plain(u_best, 2)} instead of {plain(u, 2)}"
+    verb = "is confounded with" if single and abs(r) > TRADES else "correlates with"
+    correlation = f"r = {signed(r, 2)}" if single else f"multiple r = {r:.2f}"
+    text = f"{who} {verb} {what} ({correlation}). {words}"
     return Remedy(
         quantity=name,
         r=r,
@@ -180,8 +175,8 @@ def _repeats(coefficient: str, i: int, unknowns: _Unknowns, scale: float) -> Rep
     who = letter(coefficient)
     if limit >= whole / 4:
         text = (
-            f"no number of repeats would halve u({who}): it falls from {plain(u, 2)} to"
-            f" {plain(u_limit, 2)} at best, the rest is shared by all trials"
+            f"No number of repeats would halve u({who}): shared errors keep it at"
+            f" {plain(u_limit, 2)} or more, from {plain(u, 2)}"
         )
         return Repeats(times=float("inf"), u_limit=u_limit, text=text)
     low, high = 0.0, float(np.log(1e8))

@@ -212,18 +212,18 @@ def _words(C_L: FloatArray, u: FloatArray, law: Trend, exact_map: bool) -> str:
     """C_L, its trend, and the paper's constant."""
     low, high = C_L.min(), C_L.max()
     text = f"C_L is {low:.3g} to {high:.3g}" if len(C_L) > 1 else f"C_L is {low:.3g} ± {u[0]:.1g}"
-    text += f" ({100 * (law.mean / PAPER - 1):+.0f} % against the {PAPER:g} that the paper takes)."
+    text += f" ({100 * (law.mean / PAPER - 1):+.0f} % from the paper's {PAPER:g})."
     if law.p_constant is not None and law.p_trend is not None:
         verdict = "is rejected" if law.p_constant < REJECTS else "is not rejected"
         text += (
-            f" One C_L for all throttles {verdict} ({chance(law.p_constant)}); it goes as speed,"
-            " and so as the Reynolds number, to the power "
+            f" A constant C_L {verdict} ({chance(law.p_constant)}). C_L scales as speed (Reynolds"
+            " number) to the power "
         )
         text += f"{plus_minus(law.exponent, law.u_exponent)} ({chance(law.p_trend)} for none)."
         if law.excess > 1:
             text += (
-                f" About that power law C_L scatters {law.excess:.2g} times as much as its"
-                " uncertainties say, which has widened the interval."
+                f" C_L scatters about that law by {law.excess:.2g} times its uncertainty. The"
+                " interval is widened by that."
             )
     return text + (" The speeds of the map are taken as exact." if exact_map else "")
 

@@ -31,15 +31,14 @@ STAGNANT = 0.1
 WARNINGS = {
     "meets_boundary": "the cut meets the boundary",
     "deflection_zone": (
-        "the cut stands less than one rotor diameter above the boundary, where the jet turns: it is"
-        " not the inflow at the disk"
+        "the cut is within one rotor diameter of the boundary, where the jet turns: it is not the"
+        " inflow at the disk"
     ),
     "stagnation_zone": (
         "the cut passes through the stagnation zone: it is not the inflow at the disk"
     ),
     "wake": (
-        "the cut stands in the wake: below a ceiling its speed does not follow the inflow at the"
-        " disk"
+        "the cut is in the wake: below a ceiling its speed does not follow the inflow at the disk"
     ),
     "partly_covered": "a tenth or more of the cut has no vectors",
     "no_scatter": "one field and no uncertainty in it: noise is unknown",

@@ -75,12 +75,10 @@ class Component:
         return np.full(data.n, self.standard)
 
 
-def and_declared(parts: Iterable[Component]) -> str:
-    """The errors among `parts` that the manifest declares, by name: " and the declared errors (a,
-    b)"; empty where it declares none.
-    """
+def stated(parts: Iterable[Component]) -> list[str]:
+    """The phrase "the stated uncertainties (a, b)"; nothing where the manifest states none."""
     names = list(dict.fromkeys(part.name for part in parts if not part.is_measured))
-    return f" and the declared errors ({', '.join(names)})" if names else ""
+    return [f"the stated uncertainties ({', '.join(names)})"] if names else []
 
 
 def components(campaign: Campaign) -> tuple[Component, ...]:

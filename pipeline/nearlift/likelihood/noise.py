@@ -33,7 +33,9 @@ from nearlift.likelihood.variance_components import (
 )
 from nearlift.results import IntArray, Noise, Observations
 
-#: What the source of noise says that repeats tell.
+#: Degrees of freedom from which they are printed as infinite.
+ENDLESS = 1e6
+#: Source of a noise that was estimated from repeats.
 REPEATS = "scatter of repeats"
 #: What a family of structure may amount to, as a fraction of lift; where trials scatter more about
 #: the model, as much as that.
@@ -191,7 +193,7 @@ def estimate(
     noise = Noise(
         **{name: float(size) for name, size in sizes.items() if not name.startswith("drift")},
         drift=tuple(float(size) for name, size in sizes.items() if name.startswith("drift")),
-        source=f"{source} ({dof:.0f} degrees of freedom)",
+        source=f"{source} ({f'{dof:.0f}' if dof < ENDLESS else 'infinite'} degrees of freedom)",
         dof=dof,
         sizes=tuple(model.priors),
         log_covariance=tuple(tuple(float(v) for v in row) for row in spread),

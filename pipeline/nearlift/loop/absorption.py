@@ -52,9 +52,9 @@ def shifts(
                 moved, name = f"moves by {signed(after - before, 2)}", letter(parameter.name)
                 fate = "changes its sign" if before * after < 0 else moved
                 text = (
-                    f"With {effect.name} in the model {name} {fate}: over these trials"
-                    f" {effect.name} and distance go together (correlation {signed(r, 2)}), so a"
-                    f" fit without {effect.name} charges it to {name}."
+                    f"With {effect.name} in the model {name} {fate}. Over these trials"
+                    f" {effect.name} and distance are correlated ({signed(r, 2)}), so a fit without"
+                    f" {effect.name} biases {name}."
                 )
             absorbing.append(
                 CoefficientShift(
@@ -90,8 +90,8 @@ def unidentifiable_coefficients(stage: SearchProblem, best: Fitted) -> tuple[Coe
         share, where = float(energy[most] / energy.sum()), float(places[most])
         if share >= SINGLE_VISIT_SHARE and len(np.unique(stage.data.visit[station == most])) == 1:
             text = (
-                f"{parameter.name} rests on a single visit, at z_hat = {where:.3g}:"
-                f" {100 * share:.0f} % of what is known of it."
+                f"{parameter.name} depends on a single visit at z_hat = {where:.3g}, which has"
+                f" {100 * share:.0f} % of the information."
             )
             absorbing.append(
                 CoefficientLimit(
@@ -111,9 +111,8 @@ def unidentifiable_coefficients(stage: SearchProblem, best: Fitted) -> tuple[Coe
             share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
             if share < ABSORBED and len(np.unique(values)) > 1:
                 text = (
-                    f"A gain of its own for every {label} ({gain}) would absorb"
-                    f" {parameter.name} altogether: these trials cannot tell the two apart, since"
-                    f" no {label} holds more than one distance."
+                    f"{parameter.name} and a gain for every {label} ({gain}) are not"
+                    f" distinguishable: no {label} has more than one distance."
                 )
                 absorbing.append(
                     CoefficientLimit(

@@ -1,5 +1,5 @@
-"""What is to be quoted after the loop: the coefficients over all answers that may be right, with
-budget, influence and doubts.
+"""Result to quote after the loop: the coefficients over all accepted answers, with budget,
+influence, doubts, and the sizes of the identified effects.
 """
 
 from __future__ import annotations
@@ -17,16 +17,44 @@ from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.coefficients import Answers, Pair, joint
+from nearlift.loop.findings import named_effects
 from nearlift.loop.search import Answer
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import LoopError
-from nearlift.results.quotation import BoundaryResult, Correlation, Doubt, HeldOutError
+from nearlift.results.quotation import BoundaryResult, Correlation, Doubt, EffectSize, HeldOutError
 
 VISITS = "visits left out in turn"
+#: Factor and unit of the size that is quoted, where the declared parameter has none of its own.
+SIZES = {
+    "z_scale": (1.0, "fraction of distance"),
+    "gap_hat2": (1.0, "square rotor radii"),
+    "held_exponent": (1.0, "exponent of the lift ratio"),
+    "stagnation": (1.0, "fraction of lift, at one radius"),
+    "fountain": (1.0, "fraction of lift, at its strongest"),
+    "strength": (1.0, "fraction of the model's images"),
+    "edge_share": (1.0, "fraction of gain"),
+    "tilt_lean": (1.0, "fraction of the cosine's loss"),
+    "reynolds_slope": (1.0, "fraction of gain, per unit of ln throttle"),
+    "recirculation": (1.0, "fraction of lift, in free air"),
+    "gain": (1.0, "fraction of lift"),
+    "drift": (2.0, "fraction of lift, first to last trial"),
+    "warming": (1.0, "fraction of lift, at the start of a session"),
+    "speed_exponent": (1.0, "exponent of rotor speed"),
+    "sag_exponent": (1.0, "exponent of supply voltage"),
+    "density_exponent": (1.0, "exponent of air density"),
+    "creep": (1.0, "fraction of the previous load"),
+    "heating": (1.0, "fraction of the fall within a record"),
+    "blockage": (1.0, "fraction of lift"),
+    "crosstalk_along": (1.0, "fraction of lift"),
+    "crosstalk_across": (1.0, "fraction of lift"),
+    "propeller_gain": (1.0, "fraction of lift"),
+    "state_gap": (1.0, "half the difference of K_b"),
+}
 
 
 def result(answer: Answer, answers: Answers, error: LoopError | None) -> BoundaryResult:
-    """The boundary's part of results.json; `answers` is what the coefficients are under
-    every answer, `error` that on visits left out.
+    """The boundary's part of results.json; `answers` holds the coefficients under every answer,
+    `error` the cross-validated error.
     """
     stage, estimator = answer.stage, _estimator(answer, answers)
     named = answer.accepted[0].effects if answer.accepted else ()
@@ -78,12 +106,41 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
         )
         if error is not None
         else None,
+        sizes=sizes(stage, answer),
         correlation=_correlation(answer.best.candidate, covariance),
     )
 
 
+def sizes(stage: SearchProblem, answer: Answer) -> tuple[EffectSize, ...]:
+    """Sizes of the identified effects, without the parameters of their form."""
+    if not answer.accepted:
+        return ()
+    fitted, listed = answer.accepted[0].fitted, []
+    forms = {s.parameter.name for s in fitted.candidate.slots if s.parameter.grid}
+    for effect, named in zip(fitted.candidate.effects, named_effects(stage, answer), strict=True):
+        lift = np.exp(fitted.candidate.contribution(fitted.vector, effect))
+        percent = 100 * float(lift.max() - lift.min())
+        for name, e in named.parameters.items():
+            plain = name.partition("[")[0]
+            if plain in forms:
+                continue
+            scale, unit = SIZES.get(plain, (1.0, e.unit or "1"))
+            listed.append(
+                EffectSize(
+                    effect=effect.name,
+                    parameter=name,
+                    value=scale * e.value,
+                    lo90=scale * e.lo90,
+                    hi90=scale * e.hi90,
+                    unit=unit,
+                    lift_percent=percent,
+                )
+            )
+    return tuple(listed)
+
+
 def _correlation(candidate: Candidate, covariance: FloatArray) -> Correlation:
-    """Without what differs by session; what does not vary goes with nothing."""
+    """Correlation of the parameters that all sessions share; zero where one does not vary."""
     places = {s.parameter.name: s.start for s in candidate.slots if s.stop - s.start == 1}
     entries = list(places.values())
     covariance = covariance[np.ix_(entries, entries)]
@@ -95,38 +152,33 @@ def _correlation(candidate: Candidate, covariance: FloatArray) -> Correlation:
 
 
 def _holds(answer: Answer, answers: Answers) -> str:
-    """What an interval allows for."""
+    """Sentence on the errors that an interval includes."""
     stage = answer.stage
     errors = (
-        "the scatter of whole visits"
+        ["the scatter of whole visits"]
         if stage.independent
-        else f"the noise of trials{budget.and_declared(stage.parts)}"
+        else ["trial noise", *budget.stated(stage.parts)]
     )
     if answers.carried:
-        return (
-            f"Allows for {errors}, and for what is unexplained along"
-            f" {' and along '.join(answers.carried)}"
-        )
-    if not answer.accepted:
-        none = (
-            "nothing else was found"
-            if stage.options.pairs
-            else "nothing else was found that so few trials could show"
-        )
-        missing = (
-            ", not for what is unexplained" if answer.verdict == "unexplained" else f"; {none}"
-        )
-        return f"Allows for {errors}{missing}"
-    named = " and ".join(answer.accepted[0].effects)
-    alike = ", and what this design cannot tell from it" if len(answer.accepted) > 1 else ""
-    if stage.independent:
-        return f"Allows for {errors} with {named} in the model{alike}"
-    also = "; also for what this design cannot tell from it" if alike else ""
-    return f"Allows for {errors}, and for an inexact formula of {named}, which is taken out{also}"
+        errors.append(f"the unexplained dependence on {' and '.join(answers.carried)}")
+    named = answer.accepted[0].effects if answer.accepted else ()
+    if named and not stage.independent:
+        corrections = " and ".join(named)
+        errors.append(f"the uncertainty of the {corrections} correction")
+    if len(answer.accepted) > 1:
+        errors.append("the choice between rivals")
+    included = f"Includes {', '.join(errors[:-1])}{' and ' if errors[1:] else ''}{errors[-1]}"
+    if answers.carried or (named and not stage.independent):
+        return included
+    if named:
+        return f"{included}, with {' and '.join(named)} in the model"
+    if answer.verdict == "unexplained":
+        return f"{included}, not the unexplained structure"
+    return included
 
 
 def _doubts(estimator: Estimator, answer: Answer, answers: Answers, i: int) -> list[Doubt]:
-    """The coefficient by each answer alone, and with what was not seen."""
+    """The coefficient under each answer alone, and with undetected effects."""
 
     def at(condition: str, pair: Pair, explanation: str | None = None) -> Doubt:
         doubt = estimator.doubt(i, condition, float(pair[0][i]), float(pair[1][i]))
@@ -135,15 +187,13 @@ def _doubts(estimator: Estimator, answer: Answer, answers: Answers, i: int) -> l
     listed = []
     if answer.accepted:
         best = answer.accepted[0].name
-        listed.append(at(f"{best} is all, exactly in its declared form", answers.conditional, best))
+        listed.append(at(f"{best} alone, exactly in its stated form", answers.conditional, best))
         listed += [
-            at(f"it is {name} in place of {best}", pair, name) for name, pair in answers.members[1:]
+            at(f"{name} instead of {best}", pair, name) for name, pair in answers.members[1:]
         ]
     if answer.verdict != "adequate":
-        listed.append(at("the base model lacks nothing", answers.before))
-    listed.append(
-        at("every effect too small to be seen acts at its plausible size", answers.constrained)
-    )
+        listed.append(at("base model without any effect", answers.before))
+    listed.append(at("every undetected effect at its plausible size", answers.constrained))
     return listed
 
 
@@ -201,7 +251,7 @@ def _with_unknowns(answer: Answer, answers: Answers) -> tuple[Problem, dict[str,
     if answer.accepted and not stage.independent:
         further |= answer.accepted[0].nuisances
     if answers.carried:
-        further[f"what has no name along {' and '.join(answers.carried)}"] = answers.unnamed
+        further[f"unexplained structure along {' and '.join(answers.carried)}"] = answers.unnamed
     shared, unknowns = space.covariance.shared, {}
     for name, columns in further.items():
         if columns.shape[1]:

@@ -213,7 +213,7 @@ def with_decisive_trial(
     result = replace(quoted, coefficients=coefficients)
     if abs(shift) <= headline.u and again.verdict == quoted.verdict:
         return result
-    doubt = Doubt(condition=f"trial {most.id} is left out", value=value, lo90=low, hi90=high)
+    doubt = Doubt(condition=f"without trial {most.id}", value=value, lo90=low, hi90=high)
     rests = RestsOn(trial=most.id, shift=shift, verdict=again.verdict, effects=again.effects)
     return replace(result, rests_on=rests).doubting({name: (doubt,)})
 
@@ -254,7 +254,7 @@ def with_decisive_visits(
         effects=again.effects,
     )
     doubts = [
-        Doubt(condition=f"visit {visit.place} is left out", value=value, lo90=low, hi90=high)
+        Doubt(condition=f"without visit {visit.place}", value=value, lo90=low, hi90=high)
         for visit, again in turned
         for value, low, high in [again.intervals[name]]
     ]

@@ -78,7 +78,7 @@ class Curve:
     sampled: bool
 
     def parts(self, span: float) -> bool:
-        """Whether least squares can be told from `middle` in a panel whose data span so much; a
+        """Whether least squares differs visibly from `middle` in a panel whose data span so much; a
         prior, a curve that bends, or structure that is carried parts them.
         """
         return bool(
@@ -113,12 +113,12 @@ def posterior_quantiles(
 
 
 def stood(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatArray) -> FloatArray:
-    """Where the rotor stood at recorded distances, by the height error that the fit found."""
+    """Recorded distances corrected by the fitted height error."""
     return z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
 
 
 def fitted(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatArray) -> FloatArray:
-    """L / L_inf at recorded distances by least squares, taken where the rotor stood."""
+    """L / L_inf at recorded distances by least squares, at the corrected distances."""
     model = catalogue.model(fit.model)
     arguments = {**evidence.known(boundary, model), **fit.values}
     return ratio(model, stood(evidence, boundary, fit, z_hat), arguments)
@@ -126,7 +126,7 @@ def fitted(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatAr
 
 def band(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
     """The base model's curve at recorded distances as believed, with its 90 % band, and as least
-    squares has it, both taken where the rotor stood.
+    squares has it, both at the corrected distances.
     """
     model, fit = evidence.base(boundary)
     plain = fitted(evidence, boundary, fit, z_hat) - 1
@@ -151,9 +151,7 @@ def endless(fit: ModelFit) -> bool:
 
 
 def height_found_m(fit: ModelFit) -> float:
-    """What a fit adds to every recorded distance, m; 0 where it found no height error that all
-    trials share.
-    """
+    """Height error of a fit, m, to add to every recorded distance; 0 where it found none."""
     return fit.height_error.value if fit.height_error else 0.0
 
 

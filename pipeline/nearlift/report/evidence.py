@@ -1,4 +1,4 @@
-"""What summaries and pages read: the products of one campaign, already in memory."""
+"""Evidence of one campaign in memory: its products, as summaries and pages read them."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class Evidence:
 
     @cached_property
     def diagnosis(self) -> Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]:
-        """What diagnosis.json says of each boundary; nothing where nobody asked."""
+        """Findings of diagnosis.json by boundary; empty without one."""
         if not self.has(DIAGNOSIS):
             return {}
         return decode(DiagnosisResults, self.document(DIAGNOSIS), DIAGNOSIS.file).boundaries
@@ -123,7 +123,7 @@ class Evidence:
         return catalogue.model(fit.model), fit
 
     def quoted(self, boundary: Boundary) -> BoundaryResult:
-        """What is to be quoted of a boundary."""
+        """Result to quote of a boundary."""
         return self.results.boundaries[boundary]
 
     def diagnosed(self, boundary: Boundary) -> BoundaryDiagnosis | None:
@@ -135,17 +135,15 @@ class Evidence:
 
     @property
     def left_out(self) -> str:
-        """What is left out together to judge a prediction: visits, but trials where nobody knows
-        which of them one visit held.
-        """
+        """Unit of cross-validation: visits, or trials where the order of run is unknown."""
         return "visits" if self.campaign.trials.order == "run" else "trials"
 
     def not_diagnosed(self, boundary: Boundary) -> str:
-        """Why a boundary could not be diagnosed; empty where it was, or where nobody tried."""
+        """Why a boundary could not be diagnosed; empty where it was, or where it was not tried."""
         return self.diagnosis[boundary].reason if boundary in self.diagnosis else ""
 
     def known(self, boundary: Boundary, model: LiftModel) -> dict[str, Any]:
-        """What `model` needs besides its parameters, one value for a whole curve: geometry, else
+        """Inputs of `model` besides its parameters, one value for a whole curve: geometry, else
         the covariate's median.
         """
         geometry = self.campaign.geometry()
@@ -172,7 +170,7 @@ def levels_N(fit: ModelFit, drawn: bool = False) -> dict[float, float]:
 
 
 def lift_inf_N(fit: ModelFit, data: Observations, drawn: bool = False) -> FloatArray:
-    """The same of each trial; nan at a throttle of which the fit took no trial."""
+    """L_inf in N of each trial; nan at a throttle of which the fit took no trial."""
     if data.curve is not None and fit.levels is not None:
         return data.lift_inf_N(np.array(fit.levels.coefficients))
     known = levels_N(fit, drawn)
@@ -184,7 +182,7 @@ def stack(parts: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> Co
     """Parts of a table, one below the other; its columns in that order, else as the first part has
     them.
 
-    A single value stands in every row of its part. What a part lacks is empty there: nan among
+    A single value fills every row of its part. What a part lacks is empty there: nan among
     numbers, no text among texts.
     """
     sizes = [max((len(v) for v in part.values() if np.ndim(v)), default=1) for part in parts]

@@ -11,9 +11,9 @@ from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.products import RESULTS, Product
 from nearlift.report.evidence import Evidence
+from nearlift.report.words import LEAST_P
 from nearlift.rounding import fixed, like, plain
 
-LEAST_CHANCE = 1e-12
 #: Fewer degrees of freedom than this are printed with a decimal.
 FEW = 9.95
 RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
@@ -33,7 +33,7 @@ class Number:
         Product and key: ``fit.json#/boundaries/ground/...`` is a JSON pointer, ``trials.parquet`` a
         table.
     how : str
-        What was done to what stands there; empty if nothing but rounding.
+        Operation on that number; empty if nothing but rounding.
     """
 
     text: str
@@ -96,7 +96,7 @@ class Place:
 
     @property
     def content(self) -> Any:
-        """What stands there; None where there is nothing."""
+        """Content of the place; None where there is nothing."""
         content: Any = self.evidence.document(self.product)
         for key in self.path:
             if isinstance(content, Mapping):
@@ -177,7 +177,7 @@ class Place:
     def chance(self, *path: str | int) -> Number:
         """A p-value; below what any test here can mean, only its bound."""
         p = self.number(*path, digits=2)
-        if p.value < LEAST_CHANCE:
+        if p.value < LEAST_P:
             return replace(p, text="< 10⁻¹²")
         digits, _, exponent = p.text.partition("e")
         raised = f"{digits} × 10{str(int(exponent)).translate(RAISED)}" if exponent else digits
@@ -209,5 +209,5 @@ def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
 
 
 def quotation(evidence: Evidence, boundary: Boundary, name: str) -> Place:
-    """Where results.json quotes a coefficient."""
+    """Place at which results.json quotes a coefficient."""
     return Place(evidence, RESULTS, ("boundaries", boundary, "coefficients", name))

@@ -45,7 +45,7 @@ from nearlift.run.stage import Stage
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chapter:
-    """One chapter. It stands on the page when every product in `needs` exists.
+    """One chapter. It is on the page when every product in `needs` exists.
 
     Attributes
     ----------
@@ -75,12 +75,12 @@ class Chapter:
 
 
 def _figures(*names: str) -> tuple[FigureSpec, ...]:
-    """What these modules of `figures` declare."""
+    """Figures that these modules declare."""
     return tuple(importlib.import_module(f"nearlift.report.figures.{n}").FIGURE for n in names)
 
 
 def declared(stages: Iterable[Stage]) -> tuple[Chapter, ...]:
-    """The chapters that stages declare; each stands on the page when all that its stage writes
+    """The chapters that stages declare; each is on the page when all that its stage writes
     exists.
     """
     chapters = []
@@ -124,7 +124,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         name="diagnosis",
-        title="What the residuals say",
+        title="Diagnosis",
         part="why",
         facts=diagnosis.facts,
         needs=(DIAGNOSIS,),
@@ -133,7 +133,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         name="doubts",
-        title="What is doubtful, and what it would be if",
+        title="Doubts, and coefficients under other assumptions",
         part="number",
         facts=doubts.facts,
     ),
@@ -147,14 +147,14 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         name="limits",
-        title="What the data cannot say",
+        title="Degeneracies",
         part="number",
         facts=uncertainty.limits,
         figures=_figures("profiles"),
     ),
     Chapter(
         name="posterior",
-        title="What is believed after the data",
+        title="Posterior",
         part="number",
         facts=posterior.facts,
         needs=(FIT, POSTERIOR),
@@ -181,14 +181,14 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         name="carried",
-        title="Moments and forces measured beside lift",
+        title="Other measured forces and moments",
         part="data",
         needs=(LIFT,),
         figures=_figures("carried"),
     ),
     Chapter(
         name="noise",
-        title="Noise and declared uncertainty",
+        title="Noise and stated uncertainty",
         part="data",
         facts=models.noise,
     ),
@@ -208,7 +208,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         name="assumptions",
-        title="What the ratio takes for granted",
+        title="Assumptions behind Delta L",
         part="data",
         facts=assumptions.facts,
     ),
@@ -261,7 +261,7 @@ CHAPTERS: tuple[Chapter, ...] = (
     ),
     Chapter(
         name="provenance",
-        title="What made this page",
+        title="Provenance",
         part="origin",
         facts=records.provenance,
         needs=(),

@@ -1,6 +1,6 @@
-"""Lift over the fitted L_inf, cell by cell, beside the line of the model that is quoted.
+"""Lift over the fitted L_inf, cell by cell, with the line of the model that is quoted.
 
-Where the loop named an effect, a trial stands off the line by the residual that the whole model
+Where the loop named an effect, a trial deviates from the line by the residual that the whole model
 leaves, which is its lift with the effect at that trial's covariates taken out: the points that
 belong to a line of distance alone. Without one it is the lift itself.
 """
@@ -110,8 +110,8 @@ def _band(
 
 
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
-    """Every cell's lift over the fitted L_inf, or over that of the farthest station, of which
-    nobody knows how good it is.
+    """Every cell's lift over the fitted L_inf, or over that of the farthest station, of unknown
+    uncertainty.
     """
     if not by_fit(evidence):
         table = where(evidence.table(LIFT), boundary=boundary)
@@ -166,7 +166,7 @@ def _u_of_levels(
     z_hat: FloatArray,
     variance: FloatArray,
 ) -> float:
-    """Least squares over the cells for every throttle's log L_inf beside the coefficients."""
+    """Least squares over the cells for every throttle's log L_inf and the coefficients."""
     model, fit = evidence.base(boundary)
     levels, level = np.unique(throttle, return_inverse=True)
     known = {**evidence.known(boundary, model), **fit.values}

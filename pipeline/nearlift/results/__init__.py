@@ -1,4 +1,4 @@
-"""What the cores compute, typed once: computed, saved as JSON, loaded and shown as it is."""
+"""Results of the cores, typed once: computed, saved as JSON, loaded and shown."""
 
 from nearlift.declare import IntArray
 from nearlift.results.estimate import Estimate, Noise

@@ -111,9 +111,7 @@ class ExponentRange:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldQuantity:
-    """What the exponent of the ratio, which depends on what a trial held, does to the headline
-    coefficient.
-    """
+    """Dependence of the headline coefficient on the exponent of the ratio (the held quantity)."""
 
     declared: str
     declared_text: str

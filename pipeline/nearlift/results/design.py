@@ -15,7 +15,7 @@ from nearlift.results.serial import optional
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExpectedCoefficient:
-    """A coefficient, and its standard uncertainty without and with all that could act unseen."""
+    """A coefficient, and its standard uncertainty without and with all undetected effects."""
 
     expected: float
     u: float
@@ -24,7 +24,7 @@ class ExpectedCoefficient:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExpectedNoise:
-    """What a plan takes for the scatter of its visits; see `Noise`."""
+    """Scatter of visits that a plan assumes; see `Noise`."""
 
     relative: float
     force_N: float
@@ -34,7 +34,7 @@ class ExpectedNoise:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeOption:
-    """What a change to the plan does for one pair: the `evidence` that its trials add, and how many
+    """Gain of a change to the plan for one pair: the `evidence` that its trials add, and how many
     of them part the two; 0 where none are needed, and then no evidence is per trial.
     """
 
@@ -91,7 +91,7 @@ class CheckedChange(RankedChange):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanChanges:
-    """What parts the confounded pairs, and the changes that serve most of them."""
+    """Changes that distinguish the confounded pairs."""
 
     pairs: tuple[ConfoundedPair, ...]
     best: tuple[CheckedChange | RankedChange, ...]
@@ -102,7 +102,7 @@ class BoundaryOutlook:
     """A plan's outlook at one boundary.
 
     `noise` is the floor that the loop would find where trials scatter as expected; `groups` are
-    effects that are not told apart.
+    effects that are confounded.
     """
 
     base_model: str
@@ -136,7 +136,7 @@ class DrawnSchedule:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DesignOutlook:
-    """What `design` answers; `notes` say what could not be weighed, `files` what was written."""
+    """Answer of `design`; `notes` say what could not be weighed, `files` what was written."""
 
     campaign: str
     plan: str

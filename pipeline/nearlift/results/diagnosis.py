@@ -51,7 +51,7 @@ class LoopEstimate:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NamedEffect:
-    """An effect that the residuals demanded, and those that this design cannot tell from it."""
+    """An effect that the residuals demanded, and its rivals in this design."""
 
     name: str
     rivals: tuple[str, ...]
@@ -118,7 +118,7 @@ class LoopRound:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class InterimClaim:
-    """What a claim needs at a look at a campaign that still grows."""
+    """Threshold of a claim at an interim analysis."""
 
     trials: int
     scheduled: int
@@ -170,8 +170,8 @@ class LoopCoefficients:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoefficientShift:
-    """What became of a coefficient with an effect in the model, and how the two go together over
-    these trials; `text` where that is much.
+    """Shift of a coefficient with an effect in the model, and their correlation over these trials;
+    `text` where that is large.
     """
 
     effect: str
@@ -191,7 +191,7 @@ class Station:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoefficientLimit:
-    """Why a coefficient cannot be known from these trials: it rests on one visit, or levels of
+    """Why a coefficient cannot be known from these trials: it depends on one visit, or levels of
     their own absorb it; `share` of what is known of it.
     """
 
@@ -220,17 +220,9 @@ class FarLift:
     u: float
 
 
-def wandering(wander: float) -> str:
-    """What is to be said of a gain that wanders by this fraction of lift."""
-    return (
-        f"the gain wanders by {100 * wander:.2g} % of lift in the course of the campaign, along"
-        " nothing that was logged"
-    )
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryDiagnosis:
-    """What the loop found at one boundary.
+    """Findings of the loop at one boundary.
 
     Attributes
     ----------
@@ -239,13 +231,13 @@ class BoundaryDiagnosis:
     effects : tuple of NamedEffect
         Empty unless the verdict is ``effect``.
     explanations : tuple of tuple of str
-        What this design cannot tell apart, the best first.
+        Rival explanations, the best first.
     partial : tuple of PartialEffect
         Of structure that is not explained.
     contradicted : tuple of str
         What speaks against a model that no test of structure rejects.
     wander : float
-        Root mean square, as a fraction of lift, of what the gain wanders beside the answer, along
+        Root mean square, as a fraction of lift, of the gain's random walk besides the answer, along
         nothing that was logged.
     p_value, threshold_log10_p : float
         Of the largest of all tests, and what it needs.
@@ -292,9 +284,7 @@ class BoundaryDiagnosis:
         return ""
 
     def stand_ins(self, effect: NamedEffect) -> list[str]:
-        """What this design cannot tell from a named effect: single effects in its place, then two
-        where one was named, as "a + b".
-        """
+        """Rivals of an identified effect: single effects, then pairs as "a + b"."""
         together = [e for e in self.explanations or () if len(e) > len(self.effects)]
         alone = {n for e in self.explanations or () if e not in together for n in e}
         return [r for r in effect.rivals if r in alone or not together] + [
@@ -320,12 +310,12 @@ class BoundaryDiagnosis:
 
     @property
     def held_out_after(self) -> float:
-        """The same with the named effects."""
+        """Cross-validated error with the identified effects."""
         return self.error.after.held_out_rmse if self.error else float("nan")
 
     @property
     def noise_floor(self) -> float:
-        """What that error cannot fall below."""
+        """Noise floor of that error."""
         return self.error.noise_floor if self.error else float("nan")
 
     @property
@@ -335,7 +325,7 @@ class BoundaryDiagnosis:
 
     @property
     def content(self) -> Json:
-        """As it is written."""
+        """Content of the file."""
         return encode(self)
 
 

@@ -22,7 +22,7 @@ class UncertainValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate(UncertainValue):
-    """A parameter of a model, and whether it stands at the end of its range."""
+    """A parameter of a model, and whether it is at the end of its range."""
 
     at_bound: bool = False
 

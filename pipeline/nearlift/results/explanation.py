@@ -1,4 +1,4 @@
-"""What one effect is in one campaign: the answer of `diagnose --explain`."""
+"""One effect in one campaign: the answer of `diagnose --explain`."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Power:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectSource:
-    """Where an effect's formula came from."""
+    """Source of an effect's formula."""
 
     citation: str
     equation: str
@@ -100,7 +100,7 @@ class Confusion:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnnoticedShift:
-    """A coefficient, and its shift by an effect that nobody noticed, also in its own `u`."""
+    """A coefficient, and its shift by an undetected effect, also in its own `u`."""
 
     value: float
     shift: float
@@ -140,7 +140,7 @@ class EffectSize:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectTrial:
-    """What came of an effect that the loop tried."""
+    """Outcome for an effect that the loop tried."""
 
     gain: float
     p_value: float
@@ -150,8 +150,8 @@ class EffectTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectVerdict:
-    """What the loop made of an effect in this campaign; `rival_of` are the named effects that it
-    cannot be told from.
+    """Result of the loop on an effect in this campaign; `rival_of`: the identified effects that
+    it is a rival of.
     """
 
     verdict: Verdict
@@ -190,14 +190,14 @@ class CandidateEffect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectWithinTrial(CandidateEffect):
-    """The same of one that acts within a record; None where records are unknown."""
+    """Visibility of an effect within a record; None where records are unknown."""
 
     within_trial: WithinTrialPower | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectBetweenTrials(CandidateEffect):
-    """The same of one that shows in the means of trials."""
+    """Visibility of an effect in the means of trials."""
 
     share_visible: float
     sizes: tuple[EffectSize, ...]

@@ -42,7 +42,7 @@ class ParameterCovariance:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Degeneracy:
-    """Two quantities that trade places. `u_if_free` is the coefficient's uncertainty if the second
+    """Two confounded quantities. `u_if_free` is the coefficient's uncertainty if the second
     were unknown, `known_to` what the trials would then say of the second, in words.
     """
 
@@ -84,8 +84,7 @@ class ProfileIntervals:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Remedy:
-    """What independent knowledge of one quantity (or of several of a kind, each) would do for a
-    coefficient.
+    """Gain of a coefficient from independent knowledge of one quantity, or of each of a kind.
 
     Attributes
     ----------
@@ -123,7 +122,7 @@ class Repeats:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Halving:
-    """What would halve a coefficient's uncertainty: what to know, or how often to repeat."""
+    """Remedies that would halve a coefficient's uncertainty: knowledge or repeats."""
 
     knowledge: tuple[Remedy, ...]
     repeats: Repeats
@@ -131,7 +130,7 @@ class Halving:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UndeclaredInput:
-    """An input whose uncertainty nobody declared: the `shift` of each coefficient by an error of
+    """An input without a stated uncertainty: the `shift` of each coefficient by an error of
     the plausible `size`, in `unit`.
     """
 
@@ -143,7 +142,7 @@ class UndeclaredInput:
 
 @dataclass(frozen=True, slots=True)
 class HeightError:
-    """What all trials share of height, m, by the integral over it."""
+    """Height error that all trials share, m, by the integral over it."""
 
     value: float
     u: float
@@ -161,7 +160,7 @@ class HeightTreatment:
     ratio : float
         Second order over first order in that coefficient.
     shift : float
-        Second order in that coefficient over its standard uncertainty: what the decision goes by;
+        Second order in that coefficient over its standard uncertainty: the criterion;
         inf where an error of this size reaches a height at which the model has no value.
     treatment : str
         ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"``
@@ -242,7 +241,7 @@ class ModelFit:
 
     @property
     def content(self) -> Json:
-        """As it is written."""
+        """Content of the file."""
         return encode(self)
 
     @property
@@ -268,7 +267,7 @@ class Suspect:
     shift : float
         That less the headline (a visit's: less the headline without the trials named).
     text : str
-        The same in words.
+        Sentence on it.
     """
 
     kind: Literal["trial", "visit"]
@@ -282,7 +281,7 @@ class Suspect:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Influence:
-    """What single trials and visits are worth to one fit.
+    """Influence of single trials and visits on one fit.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ class LevelCurve:
     low, high, typical : tuple of float
         Range over the trials, and median, of each.
     shown : tuple of float
-        Throttles at which L_inf is told, the others of `of` at their median.
+        Throttles at which L_inf is given, the others of `of` at their median.
     """
 
     of: tuple[str, ...]
@@ -40,7 +40,7 @@ class LevelCurve:
 
     @property
     def terms(self) -> tuple[tuple[int, ...], ...]:
-        """What each column is a product of, as indices into `of`; the first of nothing."""
+        """Factors of each column, as indices into `of`; none for the first."""
         return tuple(
             term
             for d in range(self.degree + 1)
@@ -60,7 +60,7 @@ class LevelCurve:
         return typical
 
     def nearest(self, throttle: FloatArray) -> NDArray[np.int64]:
-        """Which of `shown` is nearest to each throttle."""
+        """Index of the nearest of `shown` to each throttle."""
         distance = np.abs(np.subtract.outer(throttle, np.array(self.shown)))
         return np.asarray(np.argmin(distance, axis=1), dtype=np.int64)
 
@@ -76,7 +76,7 @@ class LevelFit:
     covariance : tuple of tuple of float
         Theirs, the lift model's coefficients free.
     held_out : mapping of int to float
-        By degree: root mean square of log lift in visits left out, beside free curves of distance.
+        By degree: root mean square of log lift in visits left out, with free curves of distance.
     """
 
     curve: LevelCurve

@@ -1,4 +1,4 @@
-"""The visits that a campaign had best make next, what they would bring, and what they give up."""
+"""The next visits of a campaign, their gain and their cost."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ class NextVisits:
     Attributes
     ----------
     aim : tuple of str
-        The coefficient, or the two explanations to be told apart.
+        The coefficient, or the two explanations to distinguish.
     now, after : float
         What is known of it with the trials there are, and with these visits: the coefficient's
         standard uncertainty, or the expected evidence (non-centrality) that parts the two.
     wanted : float or None
         Where to stop, in the same unit.
     visits_wanted : int or None
-        Visits until then by this plan, planned anew every batch; None where none are enough.
+        Visits until then by this plan, planned again every batch; None where none are enough.
     visits_evenly : int or None
         The same where all stations are visited equally often.
     best : float
@@ -70,13 +70,13 @@ class NextVisits:
 
     @property
     def parts(self) -> bool:
-        """Whether two explanations are to be told apart."""
+        """Whether two explanations are to be distinguished."""
         return len(self.aim) > 1
 
     @property
     def lines(self) -> list[str]:
-        """What the visits bring, where to stop, and what is given up."""
-        return [self._gain, *([self.stop] if self.wanted is not None else []), self._given_up]
+        """Gain of the visits, where to stop, and their cost."""
+        return [self._gain, *([self.stop] if self.wanted is not None else []), self._cost]
 
     @property
     def brief(self) -> list[str]:
@@ -106,7 +106,7 @@ class NextVisits:
         """The line that says where to stop."""
         assert self.wanted is not None
         what = (
-            f"{self._name} told apart (expected evidence {plain(self.wanted, 2)})"
+            f"{self._name} distinguished (expected evidence {plain(self.wanted, 2)})"
             if self.parts
             else f"{self._name} = {plain(self.wanted, 2)}"
         )
@@ -120,7 +120,7 @@ class NextVisits:
             why = (
                 "the unknown forms of the two"
                 if self.parts
-                else "the declared errors that all trials share"
+                else "the stated uncertainties that all trials share"
             )
             if self._out_of_reach:
                 return f"{what}: out of reach of these stations; {why} leave {plain(self.best, 2)}"
@@ -142,17 +142,16 @@ class NextVisits:
         return f"{self.throttles * visits:,}".replace(",", " ")
 
     @property
-    def _given_up(self) -> str:
+    def _cost(self) -> str:
         if not math.isfinite(self.sees):
-            return "all stations equally often would not answer this at all"
+            return "no number of even visits to all stations would answer this"
         return (
-            "given up: a structure in distance that all stations equally often would see with a"
-            f" chance of {100 * self.sees_evenly:.0f} % by the time they know as much, these visits"
-            f" see with {100 * self.sees:.0f} %"
+            "cost: an unmodelled dependence on distance is found with"
+            f" {100 * self.sees:.0f} % probability instead of {100 * self.sees_evenly:.0f} %"
         )
 
     @property
     def content(self) -> dict[str, Any]:
-        """As JSON."""
+        """Content as JSON."""
         content: dict[str, Any] = encode(self)
         return content | {"text": self.lines}

@@ -43,7 +43,7 @@ class Observations:
     u_zero_N : array or None
         Then the standard error of the record's zero, which its trials share; `u_lift_N` is without.
     ordered : bool
-        Whether the trials stand in the order in which they were run; a published table may not say.
+        Whether the trials are in the order in which they were run; a published table may not say.
     curve : LevelCurve or None
         What log L_inf is a polynomial of; None: free for every throttle.
     """
@@ -72,7 +72,7 @@ class Observations:
 
     @property
     def levels(self) -> FloatArray:
-        """The throttles at which L_inf is told, ascending: every distinct one; of a curve, those
+        """The throttles at which L_inf is given, ascending: every distinct one; of a curve, those
         that it shows.
         """
         if self.curve is None:
@@ -89,9 +89,7 @@ class Observations:
 
     @property
     def level_columns(self) -> FloatArray:
-        """What log L_inf of each trial is linear in, (n, K): an indicator for each throttle, or
-        the curve's powers.
-        """
+        """Design of log L_inf, (n, K): an indicator for each throttle, or the curve's powers."""
         if self.curve is None:
             return np.eye(len(self.levels))[self.level]
         return self.curve.columns(self.of_levels)

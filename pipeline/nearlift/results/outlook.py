@@ -1,5 +1,5 @@
-"""What trials could not show, or could not if they were run as planned, and what to measure next:
-blocks of diagnosis.json and of a design's outlook.
+"""Limits of existing or planned trials, and the next experiments: blocks of diagnosis.json and of
+a design's outlook.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class DetectionLimit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensitivity:
-    """What a diagnosis of few trials could have seen, each limit with that `chance`;
+    """Detection limits of a diagnosis of few trials, each with that probability (`chance`);
     `declared_share` of a trial's variance came with it.
     """
 
@@ -46,18 +46,16 @@ class Sensitivity:
         seen = [row.text for row in self.limits if row.size is not None]
         unseen = list(dict.fromkeys(row.effect for row in self.limits if row.size is None))
         if not seen:
-            return "could have seen no effect at any size that is possible"
-        words = (
-            f"could have seen {', '.join(seen)} (each with a chance of {100 * self.chance:.0f} %)"
-        )
+            return "could not have detected any effect of a possible size"
+        words = f"could have detected {', '.join(seen)} ({100 * self.chance:.0f} % power each)"
         if unseen:
-            words += f"; not, at any size that is possible, {', '.join(unseen)}"
+            words += f"; no possible size of {', '.join(unseen)}"
         return words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SilentEffect:
-    """An effect that coefficients and L_inf absorb, and the bias that it may do unseen, in standard
+    """An effect that coefficients and L_inf absorb, and its bias while undetected, in standard
     uncertainties `u` of the headline coefficient.
     """
 
@@ -72,13 +70,13 @@ class SilentEffect:
 
     @property
     def shift(self) -> float:
-        """That bias in the coefficient's own unit."""
+        """Bias in the coefficient's unit."""
         return self.bias_at_detection_limit * self.u
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenBias:
-    """How far an effect that goes unseen shifts a coefficient; `in_u` in its standard
+    """Shift of a coefficient by an undetected effect; `in_u` in its standard
     uncertainties.
     """
 
@@ -88,7 +86,7 @@ class UnseenBias:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EffectOutlook:
-    """What trials show of one effect of its plausible size, its likelier rivals with their chance,
+    """Visibility of one effect of plausible size, its likelier rivals with their probability,
     and the bias of the coefficients by the size that it `hides_up_to`.
 
     `detection_limit` is None where no size is seen.
@@ -117,13 +115,13 @@ class EffectOutlook:
 
     @property
     def hidden(self) -> bool:
-        """Whether it would go unseen."""
+        """Whether it would be undetected."""
         return self.verdict in ("silent", "too small to see")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Alternative:
-    """Another session that would part two explanations."""
+    """Another session that would distinguish two explanations."""
 
     measure: str
     expected_evidence: float
@@ -131,7 +129,7 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextExperiment:
-    """What to measure to part two explanations."""
+    """Experiment that distinguishes two explanations."""
 
     separates: tuple[str, ...]
     measure: str
@@ -139,7 +137,7 @@ class NextExperiment:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NextSession(NextExperiment):
-    """The same with the evidence that it is expected to bring."""
+    """Experiment with its expected evidence."""
 
     trials: int
     expected_evidence: float

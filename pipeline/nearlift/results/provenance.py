@@ -11,7 +11,7 @@ from nearlift.results.serial import optional
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RunOptions:
-    """What was asked on the command line that decides numbers."""
+    """Options of the command line that decide numbers."""
 
     seed: int
 
@@ -40,7 +40,7 @@ class StageMaterial:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageRecord:
     """One stage that is done; `outputs` by ``processed/...`` or ``reports/...``, `rejected` trials
-    with the reason, `overrides` what stood on the command line in place of the manifest.
+    with the reason, `overrides` options of the command line that override the manifest.
     """
 
     material: StageMaterial

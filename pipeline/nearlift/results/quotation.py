@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary
-from nearlift.nomenclature import letter, noun
+from nearlift.nomenclature import letter
 from nearlift.results.serial import Unbounded, keyed, optional
 from nearlift.rounding import like, plain, plus_minus
 
@@ -72,7 +72,7 @@ class BudgetLine:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shift:
-    """A trial or visit, where it stood on average (None in free air), and the coefficient without
+    """A trial or visit, its mean distance (None in free air), and the coefficient without
     it less what it is.
     """
 
@@ -82,12 +82,12 @@ class Shift:
 
     @classmethod
     def at(cls, z_hat: float, name: str, shift: float) -> Shift:
-        """That of a trial or visit at a distance, infinite in free air."""
+        """Shift by a trial or visit at a distance, infinite in free air."""
         return cls(id=name, shift=shift, z_hat=z_hat if math.isfinite(z_hat) else None)
 
     @property
     def place(self) -> str:
-        """Which one it is, in words."""
+        """Trial or visit in words."""
         return self.id if self.z_hat is None else f"{self.id} (z_hat = {plain(self.z_hat, 2)})"
 
 
@@ -103,8 +103,8 @@ class LargestShifts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Doubt:
-    """What the coefficient would be under another `condition` (``if`` in the file), which is what
-    it takes to believe it. `explanation`: the effects, "a + b", that the condition takes to act.
+    """Coefficient under another `condition` (``if`` in the file); `explanation`: the effects that
+    it assumes, as "a + b".
     """
 
     condition: str = keyed("if")
@@ -130,7 +130,7 @@ class CoefficientResult:
     holds : str
         What the interval allows for, in a sentence.
     answers : int
-        How many explanations that the design cannot tell apart the interval is over.
+        How many explanations that the interval covers.
     """
 
     value: float
@@ -152,7 +152,7 @@ class CoefficientResult:
 
     @property
     def even(self) -> bool:
-        """Whether ``± u`` says what the interval says: it is one answer's, and its ends stand
+        """Whether ``± u`` says what the interval says: it is one answer's, and its ends are
         equally far from the value.
         """
         below, above = self.value - self.lo90, self.hi90 - self.value
@@ -177,7 +177,7 @@ class RestsOn:
     Attributes
     ----------
     trial, visit : str or None
-        Which of the two it is; `z_hat` is where a visit stood, None in free air.
+        Which of the two it is; `z_hat` is distance of a visit, None in free air.
     shift : float
         The headline coefficient without it less what it is.
     effects : tuple of str
@@ -198,14 +198,14 @@ class RestsOn:
 
     @property
     def moved(self) -> Shift:
-        """Which one it is, and how far the headline moves without it."""
+        """Shift of the headline without it."""
         return Shift(id=self.visit or self.trial or "", shift=self.shift, z_hat=self.z_hat)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeldOutError:
     """Root mean square error of predicting visits that took no part in choosing, before and after
-    the loop, beside the noise floor.
+    the loop, and the noise floor.
     """
 
     unit: str = "fraction of lift"
@@ -225,9 +225,28 @@ class Correlation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class EffectSize:
+    """One size of an identified effect, with its 90 % interval.
+
+    Attributes
+    ----------
+    lift_percent : float
+        Range of the effect's contribution to lift over the trials, in percent of lift.
+    """
+
+    effect: str
+    parameter: str
+    value: float
+    lo90: float
+    hi90: float
+    unit: str
+    lift_percent: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class BoundaryResult:
-    """What is to be quoted of one boundary; `rivals` are what this design cannot tell from the
-    named `effects`.
+    """The result to quote of one boundary; this design cannot distinguish the `rivals` from the
+    identified `effects`, whose `sizes` are given.
 
     `wanted` is what a diagnosis would take where there is none. `rests_on` is set where leaving a
     single trial out changes the verdict, or moves the headline by more than its standard
@@ -241,6 +260,7 @@ class BoundaryResult:
     effects: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
     coefficients: Mapping[str, CoefficientResult]
+    sizes: tuple[EffectSize, ...] = ()
     error: HeldOutError | None = None
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None
@@ -269,8 +289,8 @@ class BoundaryResult:
 
     @property
     def hinge(self) -> tuple[Literal["visit", "trial"], Shift] | None:
-        """The single visit or trial that the answer rests on, whichever moves it more; None where
-        it rests on none.
+        """The single visit or trial that the answer depends on, whichever moves it more; None where
+        it depends on none.
         """
         c, on = self.coefficients.get(self.headline), self.rests_on
         visit, trial = (c.influence.visit, c.influence.trial) if c else (None, None)
@@ -281,35 +301,8 @@ class BoundaryResult:
             return "trial", replace(trial, shift=on.shift)
         return ("visit", self.rests_on_visit.moved) if c and self.rests_on_visit else None
 
-    @property
-    def leaning(self) -> str:
-        """What the answer rests on in words; empty where it rests on nothing single."""
-        if self.hinge is None:
-            return ""
-        kind, moved = self.hinge
-        headline = self.coefficients[self.headline]
-        trial = headline.influence.trial
-        turns = {}
-        for name, on in (("trial", self.rests_on), ("visit", self.rests_on_visit)):
-            if on and on.verdict != self.verdict:
-                stood = trial if trial and trial.id == on.trial else on.moved
-                turns[name, on.moved.id] = stood.place, on.claim
-        _, turned = turns.pop((kind, moved.id), ("", ""))
-        also = "".join(
-            f"; without {name} {place} the verdict is {claim}"
-            for (name, _), (place, claim) in turns.items()
-        )
-        if abs(moved.shift) <= headline.u:
-            now = turned or self.verdict
-            return f"the verdict is a near thing: without {kind} {moved.place} it is {now}{also}"
-        sign = "+" if moved.shift > 0 else ""
-        moves = f"{noun(self.headline)} moves by {sign}{plain(moved.shift, 2)}"
-        other = f"the verdict is {turned} and " if turned else ""
-        to = like(headline.value + moved.shift, headline.u)
-        return f"it rests on {kind} {moved.place}: without it {other}{moves}, to {to}{also}"
-
     def doubting(self, more: Mapping[str, Sequence[Doubt]]) -> BoundaryResult:
-        """The same with further doubts, by coefficient."""
+        """Result with further doubts, by coefficient."""
         known = {
             n: replace(c, doubts=(*c.doubts, *more.get(n, ())))
             for n, c in self.coefficients.items()

@@ -1,7 +1,7 @@
 """Results as JSON and back: the fields of a frozen dataclass are the keys of its object, in order.
 
 A field may have a key that is no Python name (`keyed`), be left out where it says nothing
-(`optional`), or be the key under which its object stands in the object above (`named_by_key`). JSON
+(`optional`), or be the key of its object in the object above (`named_by_key`). JSON
 has neither infinity nor nan: both are written as null, and read as what the field's type says
 (`Unbounded`, `Below`, `Above`), nan where it says nothing. A type that keeps itself (`record`,
 `recorded`) is asked.

@@ -14,6 +14,7 @@ import pandas as pd
 from nearlift.errors import NearliftError
 from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.reduction import quality
+from nearlift.report import words
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis
 from nearlift.results.quotation import Results
 from nearlift.rounding import plus_minus
@@ -66,7 +67,7 @@ def verdicts(place: CampaignFolder) -> list[Verdict]:
                 coefficients=tuple(result.stated(name) for name in result.coefficients),
                 claim=f"effect: {result.claim}" if result.effects else result.claim,
                 tone=TONES[result.verdict],
-                notes=tuple(filter(None, (rivals, interim, result.leaning))),
+                notes=tuple(filter(None, (rivals, interim, words.dependence(result)))),
             )
         )
     return cards

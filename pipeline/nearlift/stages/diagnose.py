@@ -17,12 +17,12 @@ from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
+from nearlift.report import words
 from nearlift.results.diagnosis import (
     NOTHING,
     BoundaryDiagnosis,
     DiagnosisResults,
     NotDiagnosed,
-    wandering,
 )
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
@@ -90,8 +90,8 @@ def run(job: Job) -> Outcome:
             f"{boundary}: {remark}"
             for remark in (
                 *(diagnosis.findings.contradicted or ()),
-                wandering(diagnosis.findings.wander) if diagnosis.findings.wander else "",
-                diagnosis.quoted.leaning,
+                words.random_walk(diagnosis.findings.wander) if diagnosis.findings.wander else "",
+                words.dependence(diagnosis.quoted),
             )
             if remark
         ]

@@ -65,7 +65,10 @@ def run(job: Job) -> Outcome:
         },
     )
     notes = [f"{c.name}: {file} left out: {why}" for c in ordered for file, why in c.refused]
-    notes += [f"{c.name}: {downwash.WARNINGS[w]}" for c in ordered for w in c.cuts["all"].warnings]
+    for code, meaning in downwash.WARNINGS.items():
+        cases = [c.name for c in ordered if code in c.cuts["all"].warnings]
+        if cases:
+            notes.append(f"{meaning} ({len(cases)} of {len(ordered)} cases: {', '.join(cases)})")
     return Outcome(notes=tuple(notes))
 
 

@@ -64,14 +64,14 @@ def _said(fitted: LeastSquaresFit, influence: Influence, s: Suspect) -> str:
         else ""
     )
     if s.outlying:
-        without = f"{what} stands beyond what noise allows: without it"
+        without = f"{what} is an outlier: without it"
     elif s.kind == "visit" or abs(s.shift) > influential.MOVES * min(headline.u, s.without.u):
         without = f"without {what}"
     else:
-        without = f"{what} moves {name} with others that stand out: without it"
+        without = f"{what} moves {name} together with outliers: without it"
     moved = f"{like(abs(s.shift), s.without.u)} {'higher' if s.shift > 0 else 'lower'}"
     known = (
-        f", and its u {plain(s.without.u, 2)} in place of {plain(headline.u, 2)}"
+        f", and its u {plain(s.without.u, 2)} instead of {plain(headline.u, 2)}"
         if abs(math.log(s.without.u / headline.u)) > ANOTHER_U
         else ""
     )
@@ -82,10 +82,7 @@ def notes(boundary: str, entry: Influence) -> Iterable[str]:
     """What the console says of them, with the remedy."""
     for suspect in entry.suspects:
         ids = ", ".join(f'"{t}"' for t in suspect.trials)
-        yield (
-            f"{boundary}: {suspect.text}; it stays in unless [quality] exclude = [{ids}] leaves"
-            " it out"
-        )
+        yield (f"{boundary}: {suspect.text}; to leave it out, set [quality] exclude = [{ids}]")
     if both := entry.without_all:
         yield (
             f"{boundary}: without all the trials named the base fit has"

@@ -1,4 +1,4 @@
-"""What the ratio takes for granted: throttle, held quantity, rotor coefficient."""
+"""Assumptions behind Delta L: throttle, held quantity, rotor coefficient."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TESTS = {
 
 
 def facts(evidence: Evidence) -> dict[str, object]:
-    """The three questions, each with the boundaries of which it was asked."""
+    """Results on each assumption, for the boundaries that have one."""
     questions = {
         "collapse": "throttle_collapse",
         "held": "held_quantity",

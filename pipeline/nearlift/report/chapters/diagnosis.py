@@ -1,6 +1,4 @@
-"""The closed loop's findings, as diagnosis.json has them: what each boundary's section of the
-chapter says.
-"""
+"""Findings of the closed loop: the facts of each boundary's section."""
 
 from __future__ import annotations
 
@@ -9,18 +7,16 @@ import math
 
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES, Boundary, Effect
-from nearlift.products import DIAGNOSIS
-from nearlift.report.documents import brief
+from nearlift.products import DIAGNOSIS, RESULTS
+from nearlift.report import words
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import RankedCandidate, ranked, to_log
+from nearlift.report.findings import RankedCandidate, ranked
 from nearlift.report.number import Number, Place, Quoted
 from nearlift.results.diagnosis import BoundaryDiagnosis, LoopError
 from nearlift.rounding import plain
 
 #: So many lines of structure, and of silent effects, are shown.
 LINES = 12
-#: Chances below this are not told in percent.
-RARE = 1e-3
 #: More parameters than this (a gain for every session) are told by their range.
 PARAMETERS = 3
 #: Nearer to a bound than this part of the allowed range, a parameter is at it.
@@ -38,7 +34,6 @@ def facts(evidence: Evidence) -> dict[str, object]:
         ],
         "not_diagnosed": {b: reason for b in BOUNDARIES if (reason := evidence.not_diagnosed(b))},
         "rate": None if rate.content is None else rate.percent(digits=3),
-        "rare": RARE,
     }
 
 
@@ -54,8 +49,8 @@ def _section(
         "boundary": boundary,
         "place": place,
         "diagnosis": diagnosis,
-        "verdict": brief.verdict(evidence, boundary),
-        "effects": _effects(place, diagnosis),
+        "verdict": words.verdict(evidence, boundary),
+        "effects": _effects(evidence, boundary, place, diagnosis),
         "not_confirmed": [" + ".join(names) for names in diagnosis.not_confirmed or ()],
         "structure": structure,
         "along": [(s, p) for s, p in structure if s.significant] or structure[:1],
@@ -71,20 +66,35 @@ def _section(
             *(s.text for s in diagnosis.shifts if s.text is not None),
             *(limit.text for limit in diagnosis.limits),
         ],
-        "log": to_log(diagnosis),
-        "silent": [(s, place.at("silent", i)) for i, s in enumerate(diagnosis.silent[:LINES])],
+        "log": words.to_log(diagnosis),
+        "silent": [
+            (s, place.at("silent", i))
+            for i, s in enumerate(diagnosis.silent[:LINES])
+            if not words.is_the_coefficient(s)
+        ],
     }
 
 
-def _effects(place: Place, diagnosis: BoundaryDiagnosis) -> list[dict[str, object]]:
-    """The named effects with parameters and rivals."""
+def _effects(
+    evidence: Evidence, boundary: Boundary, place: Place, diagnosis: BoundaryDiagnosis
+) -> list[dict[str, object]]:
+    """Identified effects with parameters and rivals; a size as results.json quotes it."""
     known = {e.name: e for e in catalogue.effects()}
+    here = Place(evidence, RESULTS, ("boundaries", boundary, "sizes"))
+    quotes = {
+        (s.effect, s.parameter): here.quote(i, name=s.parameter)
+        for i, s in enumerate(evidence.quoted(boundary).sizes)
+    }
     listed: list[dict[str, object]] = []
     for i, effect in enumerate(diagnosis.effects):
         declared = known.get(effect.name)
         sizes = {p.name for p in declared.parameters if not p.grid} if declared else set()
         quoted = [
-            _marked(place.quote("effects", i, "parameters", name), declared)
+            _marked(
+                place.quote("effects", i, "parameters", name),
+                declared,
+                quotes.get((effect.name, name)),
+            )
             for name in effect.parameters
         ]
         others = diagnosis.stand_ins(effect)
@@ -104,15 +114,15 @@ def _effects(place: Place, diagnosis: BoundaryDiagnosis) -> list[dict[str, objec
     return listed
 
 
-def _marked(quoted: Quoted, effect: Effect | None) -> Quoted:
-    """With the mark of a parameter that the fit left at an end of its allowed range."""
+def _marked(quoted: Quoted, effect: Effect | None, size: Quoted | None) -> Quoted:
+    """The size if there is one, else the parameter; marked where the fit ended at a bound."""
     for p in effect.parameters if effect is not None else ():
         low, high = p.bounds
         if p.name == quoted.name.partition("[")[0] and min(
             quoted.value.value - low, high - quoted.value.value
         ) < AT_BOUND * (high - low):
-            return dataclasses.replace(quoted, at_bound=True)
-    return quoted
+            return dataclasses.replace(size or quoted, at_bound=True)
+    return size or quoted
 
 
 def outcome(error: LoopError | None) -> dict[str, object]:

@@ -1,4 +1,4 @@
-"""The flow beside the lift: downwash measured, what each model implies, convergence, topology."""
+"""Flow and lift: downwash measured, what each model implies, convergence, topology."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CLAIMS = (
     (
         "6 % less near the ground (ẑ = 3.4)",
         (
-            "The cut one diameter below the rotor stands 1.4 radii above the floor, where the jet"
+            "The cut one diameter below the rotor is 1.4 radii above the floor, where the jet"
             " is being turned: it is not the inflow at the disk."
         ),
     ),
@@ -99,7 +99,7 @@ def _measured(evidence: Evidence, name: str) -> dict[str, object]:
 
 
 def _implied(evidence: Evidence, boundary: Boundary) -> dict[str, object] | None:
-    """What each model that declares a downwash implies at the untilted cases."""
+    """Downwash that each model implies at the untilted cases."""
     cases = sorted(
         (c for c in manifest(evidence).case if c.boundary == boundary and abs(c.tilt) < 1e-4),
         key=lambda c: -(c.z_hat or 0),

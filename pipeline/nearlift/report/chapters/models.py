@@ -11,9 +11,9 @@ from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
 from nearlift.products import FIT
 from nearlift.report.chapters.doubts import reduced
-from nearlift.report.chapters.uncertainty import badly_known
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, Quoted, headline
+from nearlift.report.words import badly_known
 from nearlift.results.fit import CoefficientEstimate, Degeneracy
 from nearlift.results.levels import LevelFit
 from nearlift.rounding import plain, signed
@@ -69,8 +69,8 @@ def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) 
 def grouped(
     degeneracies: Sequence[Degeneracy], parameters: Mapping[str, CoefficientEstimate]
 ) -> list[str]:
-    """Degeneracies in words, one sentence for all coefficients that trade places with the same
-    thing.
+    """Degeneracies in words, one sentence for all coefficients that are confounded with the same
+    quantity.
     """
     together: dict[str, list[Degeneracy]] = {}
     for d in degeneracies:
@@ -97,7 +97,7 @@ def _sentence(
             f"{letter(name)} ({_range([d.r for d in pairs])})" for name, pairs in each.items()
         )
         return (
-            f"{named} {'trade' if len(each) > 1 else 'trades'} places with L_inf at"
+            f"{named} {'are' if len(each) > 1 else 'is'} confounded with L_inf at"
             f" {', '.join(throttles)} throttle"
         )
     named = " and ".join(
@@ -105,10 +105,7 @@ def _sentence(
         f" {plain(pairs[0].u_if_free or math.nan, 2)})"
         for name, pairs in each.items()
     )
-    return (
-        f"{named} would trade places with an unknown {second}, which would itself be known to"
-        f" {group[0].known_to}"
-    )
+    return f"{named} would be confounded with an unknown {second} (u = {group[0].known_to})"
 
 
 def _range(r: list[float]) -> str:
@@ -136,7 +133,7 @@ def levels(evidence: Evidence) -> dict[str, object]:
 
 
 def _curve(fit: LevelFit) -> str:
-    """What L_inf is a curve of, its degree, and how well each degree foretells visits left out."""
+    """Sentence on the curve of L_inf: its variables, degree and cross-validated error."""
     curve = fit.curve
     # columns of trials end with their unit
     parts = [(name, *name.rpartition("_")[::2]) for name in curve.of]
@@ -150,8 +147,8 @@ def _curve(fit: LevelFit) -> str:
     at = f" The table is at {' and '.join(rest)}, the median." if rest else ""
     return (
         f"log L∞ is a polynomial of degree {curve.degree} in the logarithms of"
-        f" {' and '.join(names)}. Beside any smooth curve of distance, visits left out are foretold"
-        f" to {errors}; beyond the range of the trials it is not told.{at}"
+        f" {' and '.join(names)}. Cross-validated error over visits, with any smooth curve of"
+        f" distance: {errors}. Not valid beyond the range of the trials.{at}"
     )
 
 

@@ -1,6 +1,4 @@
-"""What is believed after the data: each model's posterior, how it was sampled, and what it does not
-say.
-"""
+"""Posterior of each model, and how it was sampled."""
 
 from __future__ import annotations
 
@@ -45,7 +43,7 @@ def how(drawn: PosteriorSummary | None) -> str:
         sampling = (
             f"emcee took {drawn.steps} steps of {drawn.chains} walkers (differential"
             f" evolution and snooker moves, {100 * drawn.acceptance:.0f} % accepted, τ ="
-            f" {plain(drawn.tau or 0.0, 3)}); {n} draws are kept, worth {drawn.ess or 0.0:.0f}"
+            f" {plain(drawn.tau or 0.0, 3)}); {n} draws are kept, equal to {drawn.ess or 0.0:.0f}"
             " independent ones"
         )
     else:

@@ -45,7 +45,7 @@ def _cells(table: Columns, side: str) -> list[dict[str, object]]:
 
 
 def cases(table: Columns, mine: NDArray[np.bool_]) -> list[tuple[str, float, float]]:
-    """What weight and supply are known to, in words, with both as fractions: best known, and each
+    """Uncertainties of weight and supply, in words, with both as fractions: best known, and each
     alone at its worst.
     """
     payloads, voltages = (

@@ -1,5 +1,5 @@
 """The chapter on safety: crash rates by the paper's models and by the fitted ones, risk against
-energy, roll beside a wall.
+energy, roll near a wall.
 """
 
 from __future__ import annotations

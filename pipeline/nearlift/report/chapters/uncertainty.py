@@ -1,4 +1,4 @@
-"""The budget of each coefficient, what the data cannot say, and which model foretells best."""
+"""The budget of each coefficient, degeneracies, and prediction by each model."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import Place, headline, quotation
+from nearlift.report.words import SCALES, badly_known
 from nearlift.results.fit import ModelComparison, ModelScore
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain
@@ -19,8 +20,6 @@ from nearlift.rounding import fixed, plain
 #: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told
 #: by number only; a declared one has its line.
 LEAST = 0.0005
-#: A size estimated with fewer degrees of freedom than this is no finding.
-TELLING = 2.0
 #: A difference of predictive scores below so many units is none, whatever its interval: there the
 #: standard error is no guide.
 LEAST_SCORE = 4.0
@@ -30,8 +29,6 @@ AIC_APART = 10.0
 EXCLUDES = " The 95 % interval of the score difference over visits excludes zero."
 #: What is done to a criterion before it is printed.
 LESS = "less the base model's"
-#: Inputs in the units that a bench talks in.
-SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
 TREATMENTS = {
     "slope": "enters to first order, as the error times the slope of the curve",
     "exact": (
@@ -82,11 +79,6 @@ def _budget(
     }
 
 
-def badly_known(coefficient: CoefficientResult) -> list[str]:
-    """The sources of a coefficient's uncertainty of which repeats tell next to nothing."""
-    return [line.source for line in coefficient.budget if line.dof < TELLING]
-
-
 def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     model, fit = evidence.base(boundary)
     place = Place(evidence, FIT, ("boundaries", boundary, model.name))
@@ -102,7 +94,7 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
 
 
 def limits(evidence: Evidence) -> dict[str, object]:
-    """What would halve each uncertainty, and coefficients at a bound."""
+    """Remedies that would halve each uncertainty, and coefficients at a bound."""
     sections = []
     for boundary in evidence.boundaries:
         halves = [
@@ -116,7 +108,7 @@ def limits(evidence: Evidence) -> dict[str, object]:
 
 
 def held_out(evidence: Evidence) -> dict[str, object]:
-    """Each boundary's models by what they foretell of a visit left out, beside the criteria that
+    """Each boundary's models by their prediction of visits left out, with the criteria that
     count parameters, and R².
     """
     comparisons = evidence.fits.comparison
@@ -183,9 +175,7 @@ def _difference(score: ModelScore) -> str:
 
 
 def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, str]) -> list[str]:
-    """Which models foretell worse than the base, which as well, which better; and what R² would
-    have said.
-    """
+    """Sentences on the models that predict better, as well and worse than the base."""
     worse: list[str] = []
     same: list[str] = []
     better: list[str] = []
@@ -222,7 +212,7 @@ def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, s
             " shared error is well declared, believe AIC; where it is not, neither decides."
         )
     if not better and not same and worse:
-        words.append("No other model foretells as well as the base.")
+        words.append("No other model predicts as well as the base.")
     known = {n: m.r2 for n, m in models.items() if math.isfinite(m.r2)}
     fooled = [n for n in worse if n in known and known[n] > 0.9]
     if fooled:

@@ -17,19 +17,18 @@ from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
 from nearlift.products import DIAGNOSIS, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
-from nearlift.report.chapters.uncertainty import SCALES, badly_known
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.documents.tables import escape
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import coverage, listed, others
 from nearlift.report.number import Place
+from nearlift.report.words import SCALES, badly_known, coverage, listed, rivals_of, sizes
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain
 
 VERDICTS = {
-    "adequate": "nothing was left beyond the noise floor",
-    "unexplained": "structure was left that no declared effect accounts for",
+    "adequate": "no residual structure was detected",
+    "unexplained": "no candidate effect explains the residual structure",
 }
 #: A part of the scatter with less of the headline's variance goes unmentioned.
 LEAST_SHARE = 0.01
@@ -154,8 +153,7 @@ def _fits(evidence: Evidence) -> str:
         model, fit = evidence.base(boundary)
         rivals = [catalogue.model(n) for n in fits.boundaries[boundary] if n != model.name]
         beside = (
-            f", beside {_plural(len(rivals), 'rival')}"
-            f" {_cite(*(k for r in rivals for k in keys(r)))}"
+            f", with {_plural(len(rivals), 'rival')} {_cite(*(k for r in rivals for k in keys(r)))}"
             if rivals
             else ""
         )
@@ -168,9 +166,7 @@ def _fits(evidence: Evidence) -> str:
         for c in budget.components(evidence.campaign)
         if not c.is_measured
     ]
-    shared = (
-        f", and of declared components that no repeat shows: {listed(declared)}" if declared else ""
-    )
+    shared = f", and of the stated uncertainties: {listed(declared)}" if declared else ""
     curve = evidence.campaign.levels
     levels = (
         "free for every throttle"
@@ -232,9 +228,10 @@ def _loop(evidence: Evidence) -> str:
                 for e in diagnosis.effects
                 if e.name in known
             ]
-            rivals = others(diagnosis, "and")
-            said = f"what was left is accounted for by {listed(named)}" + (
-                f", which the design cannot tell from {rivals}" if rivals else ""
+            rivals = rivals_of(diagnosis, "and")
+            size = f" ({sizes(quoted)})" if (quoted := evidence.quoted(boundary)).sizes else ""
+            said = f"the residuals are explained by {listed(named)}{size}" + (
+                f", which the design cannot distinguish from {rivals}" if rivals else ""
             )
         if diagnosis.look:
             said += f" ({diagnosis.look.text})"
@@ -249,8 +246,8 @@ def _loop(evidence: Evidence) -> str:
             )
             then = f" to {after}" if diagnosis.verdict == "effect" else ""
             said += (
-                f" (error on {evidence.left_out} that took no part in choosing: {before}{then} of"
-                f" lift; noise floor {floor})"
+                f" (cross-validated error over {evidence.left_out}: {before}{then} of lift; noise"
+                f" floor {floor})"
             )
         if could := diagnosis.sensitivity:
             said += f"; {could.trials} trials {titled(str(could))}"
@@ -258,19 +255,20 @@ def _loop(evidence: Evidence) -> str:
     if not parts:
         return " ".join(silent)
     rate = Place(evidence, DIAGNOSIS, ("false_alarm_rate",)).percent(digits=2).text
-    unseen = dict.fromkeys(
+    untested = dict.fromkeys(
         titled(name)
         for diagnosis in map(evidence.diagnosed, evidence.boundaries)
         if diagnosis
         for name in diagnosis.untestable
     )
-    unlogged = f" (of {listed([*unseen])} nothing logged can tell)" if unseen else ""
+    unlogged = f" Untestable with what was logged: {listed([*untested])}." if untested else ""
     tested = (
-        "Residuals of the base models were tested against run order, distance, throttle and what"
-        f" was logged, and against nearlift's library of declared effects{unlogged}, at a chance of"
-        f" {rate} % for any claim at a boundary where nothing is missing: {'; '.join(parts)}."
+        "Residuals of the base models were tested against run order, distance, throttle, logged"
+        f" quantities and nearlift's library of effects. The false-alarm rate is {rate} % per"
+        f" boundary.{unlogged}"
     )
-    return " ".join([tested, *silent])
+    found = [f"{part[0].upper()}{part[1:]}." for part in parts]
+    return " ".join([tested, *found, *silent])
 
 
 def _results(evidence: Evidence) -> str:
@@ -290,8 +288,8 @@ def _results(evidence: Evidence) -> str:
 
 
 def _scatter(headline: CoefficientResult) -> str:
-    """What the trials scatter by: each part with at least a hundredth of the headline's variance,
-    the largest first; those of which repeats tell nothing by name.
+    """Sources of scatter with at least a hundredth of the headline's variance, the largest first;
+    poorly determined ones by name.
     """
     lines = [
         line
@@ -307,7 +305,7 @@ def _scatter(headline: CoefficientResult) -> str:
     ]
     parts = [listed(sized)] if sized else []
     if unknown := [line.source for line in lines if line.source in few]:
-        parts.append(f"of sizes that repeats hardly tell, {listed(unknown)}")
+        parts.append(f"poorly determined, {listed(unknown)}")
     return f" Its type A sources are {', and, '.join(parts)}." if parts else ""
 
 

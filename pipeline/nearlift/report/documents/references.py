@@ -1,6 +1,4 @@
-"""What a campaign's report rests on, as BibTeX: the sources of its models, and the programs that
-its numbers went through.
-"""
+"""References of a report as BibTeX: the sources of its models and effects, and the programs."""
 
 from __future__ import annotations
 
@@ -13,7 +11,7 @@ from nearlift.declare import Declaration
 
 
 def keys(declared: Declaration) -> tuple[str, ...]:
-    """The entries that a model or an effect rests on; its own name where its source gives none."""
+    """Entries that a model or an effect cites; its own name where its source gives none."""
     return declared.source.bibtex or (declared.name,)
 
 
@@ -42,7 +40,9 @@ def _declared(declaration: Declaration) -> str:
     )
     lines = [
         f"@misc{{{declaration.name}",
+        "  author = {{nearlift developers}}",
         f"  title = {{{{{declaration.title}}}}}",
+        "  howpublished = {nearlift, library of models and effects}",
         f"  note = {{{citation}}}",
         *([f"  doi = {{{declaration.source.doi}}}"] if declaration.source.doi else []),
     ]

@@ -7,41 +7,39 @@ import textwrap
 import nearlift
 from nearlift.nomenclature import letter
 from nearlift.products import TRIALS
-from nearlift.reduction.quality import rejected
-from nearlift.report.documents.brief import Brief, briefs
+from nearlift.report import words
 from nearlift.report.evidence import Evidence
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain
 
 WIDTH = 80
-INDENT = " " * 11
+INDENT = " " * 6
 #: A space at which no line ends.
 FIRM = "\u00a0"
 
 
 def summary(evidence: Evidence) -> bytes:
-    """A block for each boundary, beneath a line that says what ± and the columns mean."""
-    out = rejected(evidence.table(TRIALS)["quality"])
-    count = f"{len(out)} trials, {int(out.sum()) or 'none'} left out"
+    """A block for each boundary, below the counts and the meaning of ±."""
+    trials = len(evidence.table(TRIALS)["quality"])
+    count = f"{trials} trials, {words.removed(evidence)}"
     simulated = " (simulated records)" if evidence.campaign.simulated else ""
     lines = [
         *_wrapped(f"{evidence.campaign.name}{simulated}: {count}; nearlift {nearlift.__version__}"),
         *_wrapped(
-            "+/- is one standard uncertainty u (k = 1); a visit is the trials of one stop at a"
-            " distance"
+            "+/-: one standard uncertainty u (k = 1); visit: the trials of one stop at a distance"
         ),
     ]
-    for brief in briefs(evidence):
+    for brief in words.briefs(evidence):
         lines += ["", *_block(brief)]
     return ("\n".join(lines) + "\n").encode()
 
 
-def _block(brief: Brief) -> list[str]:
+def _block(brief: words.Brief) -> list[str]:
     coefficients = brief.quoted.coefficients
     names = {name: letter(name) for name in coefficients}
     lines = _wrapped(f"[[{brief.boundary.capitalize()}]] {brief.verdict}", "    ")
     if not brief.quoted.coefficients:
-        lines.append("    its model has no coefficient that is free")
+        lines.append("    no free coefficient")
     values = {name: _value(c) for name, c in coefficients.items()}
     width = max((len(v) for v in values.values()), default=0)
     wide = max(6, *map(len, names.values())) if names else 6
@@ -51,15 +49,15 @@ def _block(brief: Brief) -> list[str]:
             f"    {names[name]:<{wide}} {values[name]:<{width}}   90 %: {c.interval}{bound}"
         )
     for label, text in (
-        ("omits", brief.omits),
-        ("error", brief.error),
-        ("budget", brief.sources),
-        ("doubt", brief.doubts[0] if brief.doubts else ""),
-        ("moves", brief.influence),
-        ("next", brief.next),
+        ("", brief.omits),
+        ("Error: ", brief.error),
+        ("", brief.sources),
+        ("Doubt: ", brief.doubts[0] if brief.doubts else ""),
+        ("", brief.influence),
+        ("Next: ", brief.next),
     ):
         if text:
-            lines += _wrapped(f"    {label:<6} {text}", INDENT)
+            lines += _wrapped(f"    {label}{text}", INDENT)
     return [line.rstrip() for line in lines]
 
 

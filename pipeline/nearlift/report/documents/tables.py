@@ -11,10 +11,11 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.nomenclature import VERDICTS, mathematics
 from nearlift.products import FIT, RESULTS
-from nearlift.report.chapters.uncertainty import LEAST, badly_known
+from nearlift.report.chapters.uncertainty import LEAST
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import FEW
+from nearlift.report.words import badly_known
 from nearlift.results.fit import ModelScore
 from nearlift.results.quotation import BudgetLine, CoefficientResult
 from nearlift.rounding import decimals, like, siunitx
@@ -80,7 +81,7 @@ def coefficients(evidence: Evidence) -> Columns:
 
 
 def coefficients_table(evidence: Evidence) -> str:
-    r"""The same as a LaTeX table; needs ``\usepackage{booktabs,siunitx}``."""
+    r"""LaTeX table of them; needs ``\usepackage{booktabs,siunitx}``."""
     lines = []
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
@@ -123,7 +124,7 @@ def budget(evidence: Evidence) -> Columns:
 
 
 def comparison(evidence: Evidence) -> Columns:
-    """Every model's scores, a row each; `held_out_rmse` in log lift, of visits foretold from all
+    """Every model's scores, a row each; `held_out_rmse` in log lift, of visits predicted from all
     others.
     """
     fits = evidence.fits
@@ -268,7 +269,7 @@ def _equal(name: str) -> str:
 
 
 def _value(c: CoefficientResult) -> str:
-    """With its uncertainty, where that says the interval."""
+    """Value with its uncertainty, where ± describes the interval."""
     return siunitx(c.value, c.u) if c.even else like(c.value, c.u).replace("−", "-")
 
 

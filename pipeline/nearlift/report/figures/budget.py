@@ -1,4 +1,4 @@
-"""What each source of error holds: the fall of each coefficient's uncertainty if that source were
+"""Sources of error: the fall of each coefficient's uncertainty if that source were
 known exactly; a panel per coefficient, a bar per source.
 """
 
@@ -79,7 +79,7 @@ def fall(line: BudgetLine, u: float) -> float:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What is drawn, and the largest source of each coefficient."""
+    """Caption, with the largest source of each coefficient."""
     words = []
     for panel, name in distinct(table["panel"], table["parameter"]):
         mine = where(table, panel=panel, parameter=name)
@@ -95,7 +95,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """The same for who cannot see it."""
+    """Description for screen readers."""
     n = len(distinct(table["panel"], table["parameter"]))
     return (
         f"Horizontal bars in {n} panel{'s' if n != 1 else ''}. "

@@ -1,4 +1,4 @@
-"""What was measured beside lift, against distance: moments, and the force of a wall."""
+"""Other measured quantities against distance: moments, and the force of a wall."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ NO_MODEL = "no model is fitted to them"
 
 def summarise(evidence: Evidence) -> Columns:
     """A row for each cell: `panel` (boundary), `quantity`, `throttle`, `z_hat`, `value` and
-    `u_value` in SI; nothing where nothing was measured beside lift.
+    `u_value` in SI; nothing where only lift was measured.
     """
     cells = evidence.table(LIFT)
     parts = []
@@ -34,7 +34,7 @@ def summarise(evidence: Evidence) -> Columns:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What is drawn, and that no more is done with it."""
+    """Caption."""
     words = [symbol(name).meaning for name in distinct(table["quantity"])]
     known = int(np.isfinite(table["u_value"]).sum())
     bars = (
@@ -103,7 +103,7 @@ def asked(campaign: Campaign) -> bool:
 
 FIGURE = FigureSpec(
     name="carried",
-    title="Measured beside lift",
+    title="Measured with lift",
     needs=(LIFT,),
     summarise=summarise,
     draw=draw,

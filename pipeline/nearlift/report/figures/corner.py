@@ -112,7 +112,7 @@ def _region(first: tuple[str, FloatArray], second: tuple[str, FloatArray]) -> di
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What the reader must know to read the figure, numbers included."""
+    """Caption, numbers included."""
     shown = (
         "Posterior of each base model: histograms of the draws and, for each pair, the regions of"
         " highest density that hold 50, 90 and 99 %."
@@ -151,7 +151,7 @@ def _word(name: str) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Description for screen readers."""
     parts = [
         f"{b.capitalize()}: {', '.join(_word(name) for name in draws(evidence, b))}."
         for b in evidence.boundaries

@@ -27,7 +27,7 @@ SHOWN = {"m": ("mm", 1e3), "N": ("mN", 1e3), "N/K": ("mN/K", 1e3), "N/m": ("mN/m
 LOOKS = {
     "named": SERIES[2],
     "seen, seldom named": SERIES[4],
-    "seen, not told apart": SERIES[0],
+    "detectable, confounded": SERIES[0],
     "too small to see": SERIES[1],
     "silent": ("0.5", "x"),
 }
@@ -128,7 +128,7 @@ def _boundary(at: BoundaryOutlook) -> list[str]:
         lines += wrap(f"Bias of {first} by what this plan would not see: {biases}.")
     lines += [line for unknown in at.limits for line in wrap(unknown.text)]
     for group in at.groups:
-        lines += wrap(f"Not told apart: {', '.join(group)}.")
+        lines += wrap(f"Confounded: {', '.join(group)}.")
     for lacking in at.untestable:
         if lacking.log_next_time:
             lines += wrap(f"Untestable: {lacking.effect}; log {', '.join(lacking.log_next_time)}.")

@@ -71,7 +71,7 @@ def _median(estimate: dict[str, float]) -> dict[str, float]:
 
 
 def case(payload: float, voltage: float) -> str:
-    """What weight and supply voltage are known to (standard uncertainties, fractions), in words."""
+    """Standard uncertainties of weight and supply voltage (fractions), in words."""
     known = [
         f"{name} ±{plain(100 * u, 2)} %"
         for name, u in (("weight", payload), ("supply voltage", voltage))
@@ -81,7 +81,7 @@ def case(payload: float, voltage: float) -> str:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What is drawn, at which rates and with which sensor."""
+    """Caption, with rates and sensor."""
     content = evidence.document(PROXIMITY)
     across = "; shaded across: the manifest's readings" if "reading" in table["row"] else ""
     drawn = (
@@ -114,7 +114,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Description for screen readers."""
     rows = evidence.table(DETECTION)
     parts = []
     for side in distinct(rows["boundary"]):

@@ -149,7 +149,7 @@ def _boundary(at: EffectAtBoundary) -> list[str]:
 
 
 def _here(verdict: EffectVerdict | None) -> str:
-    """What the loop made of the effect in this campaign."""
+    """Result of the loop on the effect in this campaign."""
     if verdict is None:
         return (
             "The loop has not run on this campaign (`nearlift diagnose CAMPAIGN`); the noise is"
@@ -160,7 +160,7 @@ def _here(verdict: EffectVerdict | None) -> str:
         beside = f"with the rivals {rivals}" if rivals else "without a rival"
         return f"The loop named it here, {beside}."
     if rival_of:
-        return f"The loop lists it here among what this design cannot tell from {rival_of}."
+        return f"The loop lists it here as a rival of {rival_of}."
     said, tried = "had no need of it here", verdict.tried
     if tried and not tried.accepted:
         covariate = tried.left_in

@@ -61,7 +61,7 @@ def summarise(evidence: Evidence) -> Columns:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What the reader must know, numbers included."""
+    """Caption, numbers included."""
     piv, r = manifest(evidence), evidence.campaign.vehicle.rotor_radius
     cases = columns(piv)
     first = cut(evidence, piv.control)
@@ -83,7 +83,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Description for screen readers."""
     named = [
         f"{c.name}, downwash {plain(cut(evidence, c.name)['downwash_m_s'], 3)} m/s"
         for c in columns(manifest(evidence))

@@ -88,7 +88,7 @@ def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What is drawn, and which of it may be believed."""
+    """Caption, with the limits of validity."""
     presets = evidence.safety.presets
     flights = {flown.flights for p in presets.values() for flown in p.boundaries.values()}
     counts = " or ".join(str(f) for f in sorted(flights))
@@ -117,7 +117,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Description for screen readers."""
     parts = []
     for name, preset in evidence.safety.presets.items():
         for side, flown in preset.boundaries.items():

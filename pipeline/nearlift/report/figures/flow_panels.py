@@ -43,7 +43,7 @@ def manifest(evidence: Evidence) -> Piv:
 
 
 def title(case: PivCase, tilted: bool = False) -> str:
-    """What stands above a panel."""
+    """Title of a panel."""
     if tilted:
         return f"$\\theta = {math.degrees(case.tilt):+.1f}^\\circ$"
     return "control" if case.z_hat is None else f"{case.boundary}, $\\hat{{z}} = {case.z_hat:g}$"
@@ -123,9 +123,7 @@ def reduction_text(row: dict[str, Any]) -> str:
 
 
 def origin(evidence: Evidence, shown: Iterable[str]) -> str:
-    """What the fields of the cases shown are, for captions: simulated or measured, how many, which
-    mirrored.
-    """
+    """Origin of the fields for captions: simulated or measured, their number, mirrored ones."""
     every = evidence.document(FLOW)["cases"]
     facts = {name: every[name] for name in shown}
     counts = sorted({int(f["fields"]) for f in facts.values()})

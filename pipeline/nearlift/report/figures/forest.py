@@ -69,7 +69,7 @@ def interval(rows: Columns, i: int) -> str:
 
 
 def caption(table: Columns) -> str:
-    """What is drawn, with counts."""
+    """Caption, with counts."""
     campaigns = where(table, kind="campaign")
     n = len(distinct(campaigns["label"]))
     parts = [f"Headline coefficients of {n} campaign{'s' if n != 1 else ''}, with 90 % intervals."]
@@ -83,7 +83,7 @@ def caption(table: Columns) -> str:
 
 
 def alt(table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Description for screen readers."""
     parts = []
     for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
         rows = where(table, panel=boundary, coefficient=coefficient)
@@ -135,7 +135,7 @@ def _panel(ax: Axes, rows: Rows) -> None:
 
 def _symbol(verdict: str) -> tuple[str, str]:
     """Marker and its inside: what the loop said of the campaign decides, and only an open symbol
-    has structure that nobody could name.
+    has unexplained structure.
     """
     inside = "white" if verdict == "unexplained" else SERIES[0][0]
     return MARKERS.get(verdict, "o"), inside

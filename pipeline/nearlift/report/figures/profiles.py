@@ -54,7 +54,7 @@ def summarise(evidence: Evidence) -> Columns:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What is drawn, and where the parabola misleads."""
+    """Caption, with the cases where the parabola misleads."""
     lopsided, straight, open_ends = [], [], []
     for boundary in evidence.boundaries:
         for name, profile in evidence.base(boundary)[1].profiles.items():
@@ -81,7 +81,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """The same for who cannot see it."""
+    """Description for screen readers."""
     n = len(distinct(table["panel"], table["parameter"]))
     return (
         f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each beside a"

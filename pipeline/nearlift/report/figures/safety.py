@@ -58,7 +58,7 @@ def summarise(evidence: Evidence) -> Columns:
 
 
 def _best(rates: Columns, reading: str = "form") -> Columns:
-    """What is flown with the fitted coefficients and one `reading` of lift nearer than measured."""
+    """Rows of the fitted coefficients with one `reading` of lift nearer than measured."""
     return where(rates, member=-1, below_nearest=reading)
 
 
@@ -114,7 +114,7 @@ def _band(rates: Columns) -> tuple[Any, Any]:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What is drawn, by boundary."""
+    """Caption, by boundary."""
     text = (
         "The fitted models in flight, with the paper's controller and gusts carried over to this"
         " vehicle (same dimensionless groups) unless the manifest gives its own. Above: crash rate"
@@ -146,7 +146,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Description for screen readers."""
     parts = [
         f"{side}, touched at z_hat {fit.contact_z_hat:.2f}: a risk of {e.risk:g} at z_hat"
         f" {e.value:.2f}"

@@ -1,4 +1,4 @@
-"""What a figure of the report is: its products, table, caption and drawing."""
+"""Figure of the report: its products, table, caption and drawing."""
 
 from __future__ import annotations
 

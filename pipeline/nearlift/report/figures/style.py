@@ -19,7 +19,7 @@ from nearlift import nomenclature
 from nearlift.campaign.manifest import Campaign
 from nearlift.catalogue import titled
 from nearlift.errors import UsageError
-from nearlift.report.findings import along
+from nearlift.report.words import along
 
 #: Metres per inch.
 INCH_M = 0.0254
@@ -222,7 +222,7 @@ def plain_text(text: str) -> str:
 
 
 def effects(name: str) -> str:
-    """What a candidate is called: its effects by their titles, two of them beneath one another."""
+    """Label of a candidate: its effects by their titles, one a line."""
     return plain_text(titled(name)).replace(" + ", "\n+ ")
 
 

@@ -86,8 +86,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chart:
-    """What stands on the screen for the figure of the same name, whose description serves as its
-    own.
+    """Interactive form of the figure of the same name, with its description.
 
     Attributes
     ----------
@@ -166,7 +165,7 @@ def shade(i: int, n: int) -> str:
 
 
 def tooltip(fields: Iterable[tuple[str, str]]) -> list[Spec]:
-    """What a mark says when it is pointed at: fields by their titles."""
+    """Tooltip of a mark: fields by their titles."""
     return [{"field": name, "type": "nominal", "title": title} for name, title in fields]
 
 

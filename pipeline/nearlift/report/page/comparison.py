@@ -1,4 +1,4 @@
-"""The page of several campaigns: one coefficient beside another, in one file that fetches
+"""The page of several campaigns: coefficient by coefficient, in one file that fetches
 nothing.
 """
 
@@ -18,7 +18,7 @@ TITLE = "Campaigns compared"
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForestLine:
     """A line of a table: a campaign, the population's mean or the next campaign; `linked` where its
-    own report stands beside this one.
+    own report is next to this one.
     """
 
     label: str
@@ -36,7 +36,7 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
     table : Columns
         Of `figures.forest`.
     reports : collection of str
-        Campaigns whose own report stands beside this one, to be linked.
+        Campaigns whose own report is next to this one, to be linked.
     remarks : collection of str
         What to hold against the groups.
     """

@@ -17,9 +17,9 @@ from markupsafe import Markup, escape
 from nearlift import catalogue
 from nearlift.nomenclature import INDEXED, letter
 from nearlift.report.evidence import Evidence
-from nearlift.report.findings import along
 from nearlift.report.page.chart import Chart, embedded
 from nearlift.report.registry import CHAPTERS, PARTS, Chapter
+from nearlift.report.words import along
 
 #: The part that stands open.
 FIRST = "verdict"
@@ -65,7 +65,7 @@ def spoken(text: str) -> str:
 
 
 def typeset(text: str) -> Markup:
-    """The same as HTML, letters with their index as symbols."""
+    """Spoken text as HTML, letters with their index as symbols."""
     return Markup(INDEXED.sub(r"<i>\1</i><sub>\2</sub>", str(escape(spoken(text)))))
 
 
@@ -90,9 +90,7 @@ def templates() -> jinja2.Environment:
 
 
 def policy(allowed: Sequence[str]) -> str:
-    """What a browser may do with the page: these very scripts, pictures and styles within it, and
-    nothing from anywhere else.
-    """
+    """Content policy of the page: its own scripts, pictures and styles, nothing else."""
     digests = " ".join(
         f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'"
         for s in allowed

@@ -1,4 +1,4 @@
-"""What a residual is drawn against: the covariate that betrays it, as numbers in drawing units,
+"""Abscissa of the residuals: the covariate of the largest test, in drawing units,
 with means over bins.
 
 L_inf is free at every throttle, so nothing can show against throttle alone: such structure is drawn
@@ -80,9 +80,7 @@ def chosen(diagnosis: BoundaryDiagnosis) -> list[str]:
 
 
 def axis(word: str, data: Observations) -> Axis:
-    """Where residuals with that covariate are drawn; run order where it is not among the trials'
-    own.
-    """
+    """Abscissa of that covariate; run order where the trials do not have it."""
     wanted = AXES.get(word, Axis(column=word))
     return wanted if np.isfinite(column(wanted.column, data)).any() else AXES["start"]
 

@@ -9,51 +9,45 @@ from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
 from nearlift.rounding import plain
 
 MEANINGS = {
-    "adequate": "nothing beyond the noise, so nothing is added",
-    "unexplained": (
-        "structure that no candidate may take the credit for; the curve follows it and names"
-        " nothing"
-    ),
+    "adequate": "no residual structure, so no effect is added",
+    "unexplained": ("structure that no candidate explains; the curve only follows it"),
 }
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What each panel shows; letters as in the picture."""
+    """Caption of each panel; letters as in the picture."""
     after = "after" in table["when"]
     drawn = where(table, kind="reach")
     second = len(distinct(drawn["panel"], drawn["covariate"])) > len(distinct(drawn["panel"]))
-    also = ", and against that of the other effect" if second else ""
+    also = ", and of the other effect" if second else ""
     beyond = int(np.count_nonzero(table["kind"] == "beyond"))
     ticks = f", of which {beyond} beyond the axis are ticks at its edge" if beyond else ""
     residuals = (
         f"Relative residuals ({_letters(table, 'residual')}) against the covariate of the largest"
-        f" test{also}. Dots: trials{ticks}; symbols: means with their standard error; shade: ±"
+        f" test{also}. Dots: trials{ticks}. Symbols: means with their standard error. Shade: ±"
         " the noise floor."
     )
     parts = [residuals]
     if after:
         parts.append(
-            "After: the effect added in its declared form, from which the true one may depart by"
-            f" {100 * FORM_SD:.0f} %."
+            f"After: the effect added in its stated form, uncertain by {100 * FORM_SD:.0f} %."
         )
     if "session" in table["kind"]:
-        parts.append("Dashed uprights: a new session.")
+        parts.append("Dashed vertical lines: a new session.")
     if "candidate" in table["part"]:
         reference = "best accepted" if after else "best"
         parts.append(
-            f"Candidates ({_letters(table, 'candidate')}): twice the log of the Bayes factor B of"
-            f" the {reference} one over each; hollow: rejected; shade: within {RIVAL_MAX_2LNB:g},"
-            " where this design cannot tell them apart."
+            f"Candidates ({_letters(table, 'candidate')}): 2 ln B of the {reference} over each."
+            f" Hollow: rejected. Shade: within {RIVAL_MAX_2LNB:g}, not distinguishable."
         )
     if "error" in table["part"]:
         parts.append(
-            f"Held-out error ({_letters(table, 'error')}): {evidence.left_out} left out of"
-            " the search, 90 %; dashed: noise floor."
+            f"Cross-validated error ({_letters(table, 'error')}), 90 %. Dashed: noise floor."
         )
     if "coefficient" in table["part"]:
         parts.append(
-            f"Coefficients ({_letters(table, 'coefficient')}): bold, as quoted, 90 %; numbered, on"
-            " a condition (arrows and figures where it leaves the axis)."
+            f"Coefficients ({_letters(table, 'coefficient')}), 90 %: bold as quoted, numbered"
+            " under another assumption."
         )
     return " ".join([*parts, *(_boundary(table, b) for b in distinct(table["panel"]))])
 
@@ -67,14 +61,12 @@ def alt(evidence: Evidence, table: Columns) -> str:
         for when in distinct(means["when"]):
             most = float(np.abs(where(means, when=when)["value"]).max())
             name = str(means["covariate"][0]).replace("_", " ")
-            parts.append(
-                f"Bin means {when} stray up to {plain(most, 2)} % from zero against {name}."
-            )
+            parts.append(f"Bin means {when} deviate by up to {plain(most, 2)} % against {name}.")
         listed = where(table, panel=boundary, part="coefficient")
         listed = select(listed, listed["kind"] != "reference")
         columns = (listed[name] for name in ("label", "note", "value", "lo90", "hi90"))
         for name, note, value, low, high in zip(*columns, strict=True):
-            condition = f", if {note}" if note else ""
+            condition = f", {note}" if note else ""
             interval = f"{plain(value, 3)}, 90 % {plain(low, 3)} to {plain(high, 3)}"
             parts.append(f"{name}{condition}: {interval}.")
     return " ".join(parts)
@@ -89,10 +81,10 @@ def _boundary(table: Columns, boundary: str) -> str:
     if rmse:
         values = " to ".join(f"{plain(v, 3)} %" for v in rmse)
         floor = float(where(mine, part="error", kind="floor")["value"][0])
-        text += f"; held-out error {values}, noise floor {plain(floor, 3)} %"
+        text += f"; cross-validated error {values}, noise floor {plain(floor, 3)} %"
     conditions = distinct(where(mine, kind="doubt")["note"])
     listed = "; ".join(f"({i}) {c}" for i, c in enumerate(conditions, 1))
-    return text + (f"; if {listed}" if listed else "") + "."
+    return text + "." + (f" Assumptions: {listed}." if listed else "")
 
 
 def _letters(table: Columns, part: str) -> str:

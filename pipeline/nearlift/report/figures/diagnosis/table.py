@@ -23,7 +23,8 @@ from nearlift.report.evidence import Columns, Evidence, distinct, lift_inf_N, st
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.residuals.table import means
-from nearlift.report.findings import RankedCandidate, along, ranked
+from nearlift.report.findings import RankedCandidate, ranked
+from nearlift.report.words import along
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 

@@ -11,7 +11,7 @@ from nearlift.products import POSTERIOR
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, distinct, where
 from nearlift.report.figures.fig2 import table as fig2
-from nearlift.report.findings import coverage
+from nearlift.report.words import coverage, listed
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import fixed, plain
@@ -26,17 +26,17 @@ PQUAD_RANGE = (2.5, 4.0)
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What the reader must know to read the figure, numbers included."""
+    """Caption of the figure, numbers included."""
     symbols = (
-        "Symbols: cell means over the fit's L∞; bars: ± 1 standard uncertainty from the scatter of"
-        " trials and visits, without L∞'s own (shade about zero), which moves a throttle's symbols"
-        " together."
+        "Symbols: cell means over the fitted L∞. Bars: 1 standard uncertainty from scatter."
+        " Blue band: uncertainty of L∞, common to all points of a throttle."
         if relative_lift.by_fit(evidence)
-        else "Symbols: cell means; bars: ± 1 standard uncertainty from the scatter of trials, which"
-        " a throttle's cells share through L∞."
+        else "Symbols: cell means. Bars: 1 standard uncertainty from scatter, correlated at a"
+        " throttle through L∞."
     )
     parts = [
-        "Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius.",
+        "Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius."
+        + (" Simulated records, not measured." if evidence.campaign.simulated else ""),
         symbols,
         _line_note(evidence, table),
     ]
@@ -48,10 +48,10 @@ def caption(evidence: Evidence, table: Columns) -> str:
         ratios = [float(curves.ratio(model, near, fig2.pquad(d))[0]) for d in PQUAD_RANGE]
         ends = [f"{100 * (ratio - 1):.1f} %" for ratio in ratios]
         parts.append(
-            "S-C (PQuad): Sanchez-Cuevas et al. with r = 120 mm and K_b = 2; its rotor spacing is"
-            f" not published, drawn for adjacent axes {fig2.PQUAD_SPACING_HAT:g} r ="
-            f" {fig2.PQUAD_SPACING_HAT * 120:.0f} mm apart (assumed; from {PQUAD_RANGE[0]:g} r to"
-            f" {PQUAD_RANGE[1]:g} r the curve at ẑ = 1 goes from {ends[0]} to {ends[1]})."
+            "S-C (PQuad): Sanchez-Cuevas et al. with r = 120 mm and K_b = 2. Its unpublished rotor"
+            f" spacing is taken as {fig2.PQUAD_SPACING_HAT:g} r ="
+            f" {fig2.PQUAD_SPACING_HAT * 120:.0f} mm. From {PQUAD_RANGE[0]:g} r to"
+            f" {PQUAD_RANGE[1]:g} r the curve at ẑ = 1 runs from {ends[0]} to {ends[1]}."
         )
     if "H-C (theory)" in drawn:
         parts.append("H-C: Hsiao and Chirarattananon with α = 0.125.")
@@ -61,69 +61,60 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def _line_note(evidence: Evidence, table: Columns) -> str:
-    """What line and shade are, and where least squares would be another line."""
+    """Note on line and shade, and on where least squares differs."""
     if not evidence.has(POSTERIOR):
         return (
-            "Solid line and shade: base model by least squares, with the pointwise 90 % band that"
-            " the covariance of its parameters implies."
+            "Solid line and shade: base model by least squares, with the pointwise 90 % band of"
+            " its parameters."
         )
     apart = distinct(where(table, kind=fig2.LEAST_SQUARES)["panel"])
-    beside = (
-        f"thin line: least squares, which parts from it visibly ({', '.join(apart)}), as where a"
-        " prior still has a say or structure stays unexplained"
+    also = (
+        f" Thin line ({', '.join(apart)}): least squares, which differs visibly."
         if apart
-        else "least squares falls on the same line"
+        else " Least squares gives the same line."
     )
     if plainly := [b for b in evidence.boundaries if relative_lift.as_quoted(evidence, b)]:
-        coefficients = "the quoted coefficients', with the band of their uncertainties"
-        beside += f"; {', '.join(plainly)}: {coefficients}"
-    said = (
-        "Solid line and shade: base model, its posterior's pointwise median and central 90 %;"
-        f" {beside}."
-    )
+        also += f" {listed(plainly).capitalize()}: the quoted coefficients and their 90 % band."
+    said = f"Solid line and shade: pointwise median and central 90 % of the posterior.{also}"
     if endless := [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]:
-        said += f" No band ({', '.join(endless)}): the intervals of the coefficients have no end."
+        said += f" No band ({', '.join(endless)}): the coefficients have unbounded intervals."
     return said
 
 
 def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
-    """What the line is of, what was taken out of the symbols, and how well L_inf is known."""
+    """Note on a panel: model, coefficients, corrections and u(L_inf)."""
     model, entry = evidence.base(boundary)
     coefficients = _coefficients(evidence.quoted(boundary))
     quoted = f" ({coefficients})" if coefficients else ""
     effects = relative_lift.named(evidence, boundary)
     out, moved = "", _moved(entry)
     if effects:
-        names, moved = " and ".join(effects), ""
-        out = (
-            f"; line and symbols are without {names}, whose part at each trial is taken out of its"
-            " lift"
-        )
+        out, moved = f" Points and line are corrected for {' and '.join(effects)}.", ""
     u = 100 * relative_lift.relative_lift(evidence, boundary).u_L_inf
     return (
-        f"{boundary.capitalize()}: {model.title}{quoted}{out}; L∞ is known to {plain(u, 2)} %, by"
-        f" the scatter.{moved}{_influence_note(evidence, boundary)}"
+        f"{boundary.capitalize()}: {model.title}{quoted}.{out} u(L∞) = {plain(u, 2)} % from"
+        f" scatter.{moved}{_influence_note(evidence, boundary)}"
     )
 
 
 def _moved(fit: ModelFit) -> str:
-    """That the line is drawn where the fit finds the rotor, if not where it was recorded."""
+    """Note on a line that is drawn at the fitted height."""
     offset_m = curves.height_found_m(fit)
     if not offset_m:
         return ""
     side = f"{abs(1e3 * offset_m):.2g} mm {'farther' if offset_m > 0 else 'nearer'}"
-    return f" The fit finds the rotor {side} than recorded; its line is drawn for there."
+    return f" The line is drawn at the fitted height, {side} than recorded."
 
 
 def _coefficients(quoted: BoundaryResult) -> str:
-    """Those to be quoted, and what ± means where it stands."""
+    """Quoted coefficients, and the meaning of ±."""
     parts = [quoted.stated(n) for n in quoted.coefficients]
     parts += [coverage(quoted.headline)] if any("±" in t for t in parts) else []
     return ", ".join(parts)
 
 
 def _influence_note(evidence: Evidence, boundary: Boundary) -> str:
-    """What a ring is about, or that no single trial or visit deserves one."""
+    """Note on rings, or on the largest influence where there is none."""
     shifts = fig2.influential(evidence, boundary)
     marked = [
         f"{kind} {which} ({letter(name)} by {fixed(shift, 1)} u)"
@@ -144,7 +135,7 @@ def _reference_note(evidence: Evidence, boundary: Boundary) -> str:
     coefficients = _coefficients(quoted)
     if coefficients and quoted.effects:
         effects = " and ".join(quoted.effects)
-        coefficients += f", with {effects} in the model, which the line is without"
+        coefficients += f", corrected for {effects}; the line is not"
     bracket = f" ({coefficients})" if coefficients else ""
     over = relative_lift.relative_lift(evidence, boundary)
     known = np.isfinite(over.delta_L)
@@ -157,16 +148,16 @@ def _reference_note(evidence: Evidence, boundary: Boundary) -> str:
     lacking = ", ".join(f"{100 * t:.3g} %" for t in np.unique(over.throttle[~known]))
     without = f" No trial far away at {lacking} throttle, hence no ΔL." if lacking else ""
     there = float(curves.band(evidence, boundary, np.array([far])).middle[0])
-    apart = ", so the data stand off the curve by about as much" if abs(there) > VISIBLE else ""
+    apart = " The data are offset from the curve by that." if abs(there) > VISIBLE else ""
     return (
-        f"{head} the data take L∞ from their farthest station, ẑ = {plain(far, 3)}, where ΔL is 0"
-        f" by construction and the fit stands at {fixed(100 * there, 2)} %{apart}."
+        f"{head} L∞ of the data from the farthest station, ẑ = {plain(far, 3)}. There ΔL is 0 by"
+        f" construction, and the fit is {fixed(100 * there, 2)} %.{apart}"
         f"{_shared_far(evidence, boundary)}{without}{_moved(entry)}"
     )
 
 
 def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
-    """That the symbols hang on a few visits of one station, where they do."""
+    """Note on throttles that share few visits of the far station."""
     data = evidence.observations[boundary]
     far = data.z_hat == data.z_hat.max()
     visits = len(np.unique(data.visit[far]))
@@ -178,13 +169,12 @@ def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
         return ""
     return (
         f" All throttles share {'one visit' if visits == 1 else f'the {visits} visits'} of that"
-        " station: what one visit has and others have not moves all symbols of the panel together,"
-        " and they stand off the curve as one."
+        " station, whose error is common to all symbols of the panel."
     )
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it."""
+    """Description of the picture for screen readers."""
     parts = []
     for boundary in distinct(table["panel"]):
         mine = where(table, panel=boundary, kind="data")
@@ -202,6 +192,5 @@ def alt(evidence: Evidence, table: Columns) -> str:
     lines = distinct(table["label"][beside])
     panels = f"{len(parts)} panel{'s' if len(parts) != 1 else ''}"
     return (
-        f"Lift change against distance, {panels}. {' '.join(parts)} Drawn beside the data:"
-        f" {'; '.join(lines)}."
+        f"Lift change against distance, {panels}. {' '.join(parts)} Also drawn: {'; '.join(lines)}."
     )

@@ -1,4 +1,4 @@
-"""Figure 2 to be pointed at: every cell with what stands behind it; throttles, models, bands,
+"""Figure 2 to be pointed at: every cell with its trials; throttles, models, bands,
 quantity and axis to be switched.
 """
 
@@ -188,7 +188,7 @@ def _models(
 
 
 def _source(evidence: Evidence, boundary: Boundary, curve: curves.Curve, apart: bool) -> str:
-    """What the line is from; `apart` says that it can be told from least squares."""
+    """Label of the line; `apart`: it differs visibly from least squares."""
     if effects := relative_lift.named(evidence, boundary):
         return f"as quoted, beside {' and '.join(map(titled, effects))}"
     if relative_lift.as_quoted(evidence, boundary):

@@ -1,4 +1,4 @@
-"""What the chart of Figure 2 draws, from back to front, in Vega-Lite."""
+"""Layers of the chart of Figure 2, from back to front, in Vega-Lite."""
 
 from __future__ import annotations
 

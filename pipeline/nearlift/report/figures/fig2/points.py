@@ -1,6 +1,4 @@
-"""What stands behind each point of Figure 2: its trials, how many, their uncertainty and their
-quality.
-"""
+"""Trials of each point of Figure 2: their number, uncertainty and quality."""
 
 from __future__ import annotations
 

@@ -127,9 +127,7 @@ def _view(
 
 
 def _axis(name: str, x: Any) -> dict[str, object]:
-    """What the abscissa looks like; one that does not vary here has a place for the words that say
-    so.
-    """
+    """Abscissa; one that does not vary here has a place for a note."""
     linear: dict[str, object] = {"x_scale": "linear", "x_zero": False, "x_title": word(name)}
     if x is None:
         return {**linear, "x_domain": [0, 1]}

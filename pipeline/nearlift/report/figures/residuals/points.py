@@ -1,6 +1,4 @@
-"""What stands behind each dot and each mean of the residuals: the trial, its counts, its
-uncertainty, its quality; sums from which means follow.
-"""
+"""Trial of each dot of the residuals, with its counts, uncertainty and quality; sums of means."""
 
 from __future__ import annotations
 
@@ -38,7 +36,7 @@ def word(covariate: str) -> str:
 
 
 def every_covariate(evidence: Evidence) -> list[str]:
-    """Those that vary near some boundary, in the order of the figure."""
+    """Covariates that vary near some boundary, in the order of the figure."""
     varying = (covariates(residuals(evidence, b)[0]) for b in evidence.boundaries)
     return ordered(dict.fromkeys(name for names in varying for name in names))
 

@@ -84,7 +84,7 @@ def residuals(
 
 
 def covariates(data: Observations) -> dict[str, FloatArray]:
-    """What residuals are drawn against, in drawing units; what does not vary is left out."""
+    """Abscissas of the residuals in drawing units, without those that do not vary."""
     every = recorded(data)
     varying = [name for name, x in every.items() if len(np.unique(x[np.isfinite(x)])) > 1]
     return {name: every[name] for name in ordered(varying)}
@@ -130,8 +130,8 @@ def _panel(
 def means(
     x: FloatArray, y: FloatArray, label: NDArray[Any]
 ) -> tuple[NDArray[np.int64], FloatArray, FloatArray, FloatArray]:
-    """Of each bin how many there are, the means of `x` and `y`, and the standard error of the
-    latter; nan where there is but one.
+    """Count of each bin, the means of `x` and `y`, and the standard error of the latter; nan for
+    one.
     """
     count = np.bincount(label)
     mean = np.bincount(label, y) / count
@@ -174,7 +174,7 @@ def _clusters(x: FloatArray) -> list[NDArray[np.int64]]:
 
 
 def caption(evidence: Evidence, table: Columns) -> str:
-    """What is drawn, and what is not, with counts."""
+    """Caption, with counts."""
     text = (
         "Relative residuals of the base model, log lift − log model − log L∞, in percent. Dots:"
         " accepted trials; circles: means over bins with their standard error (trials taken as"
@@ -195,9 +195,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
 
 
 def alt(evidence: Evidence, table: Columns) -> str:
-    """What the picture shows, for those who do not see it: where bin means stray farthest from
-    zero.
-    """
+    """Description for screen readers: the largest deviation of bin means."""
     parts = []
     for boundary in evidence.boundaries:
         binned = where(table, panel=boundary, kind="bin")

@@ -1,0 +1,792 @@
+"""Sentences of a report: verdict, sizes of effects, omitted errors, doubts and next steps.
+
+Page, summary, methods, captions and messages take their sentences from here.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from nearlift import catalogue
+from nearlift.catalogue import titled
+from nearlift.declare import Boundary, Effect
+from nearlift.likelihood.budget import components
+from nearlift.likelihood.noise import REPEATS
+from nearlift.nomenclature import letter, noun
+from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, TRIALS
+from nearlift.reduction.quality import rejected
+from nearlift.report.evidence import Evidence
+from nearlift.results import Observations
+from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
+from nearlift.results.outlook import NextExperiment, NextSession, SilentEffect
+from nearlift.results.quotation import BoundaryResult, CoefficientResult, EffectSize
+from nearlift.rounding import decimals, fixed, like, plain, signed
+from nearlift.schedule import BY_NAME
+
+#: A base model whose chi2 has a smaller p-value than this is rejected.
+REJECTED_P = 1e-3
+#: P-values below this are printed as a bound.
+LEAST_P = 1e-12
+#: Stations nearer than `NEAR_HAT` rotor radii leave lift in free air undetermined; from `FAR_HAT`
+#: on they do not (docs/planning.md).
+NEAR_HAT, FAR_HAT = 6.0, 12.0
+#: Least relative fall of u for which a source is listed, and most sources listed.
+LEAST_FALL, MOST_SOURCES = 0.05, 3
+#: A source with fewer degrees of freedom than this is poorly determined.
+LEAST_DOF = 2.0
+#: Part of its signal above which an effect differs from the coefficient that absorbs it.
+LEAST_VISIBLE = 1e-3
+#: Effects with more sizes than this are printed as a range.
+MOST_SIZES = 3
+INPUT_WORDS = {
+    "rotor_radius": "rotor radius",
+    "rotor_spacing": "rotor spacing",
+    "height": "distance datum",
+}
+#: Inputs of the load cell in `[[uncertainty]] on`.
+CELL = {"force", "gain", "linearity"}
+#: Factor and unit in which an SI quantity is printed.
+SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
+#: Covariates whose name is not the word for them.
+ALONG = {
+    "start": "time",
+    "approach": "direction of approach",
+    "supply": "supply voltage",
+    "previous_lift_N": "previous lift",
+    "previous_throttle": "previous throttle",
+    "previous_distance": "previous distance",
+    "order_in_visit": "order within a visit",
+}
+#: What an effect's size says of lift, by parameter; `{}` is the number.
+SIZE_WORDS = {
+    "sag_exponent": "lift scales as voltage^{}",
+    "speed_exponent": "lift scales as rotor speed^{}",
+    "density_exponent": "lift scales as air density^{}",
+    "held_exponent": "the lift ratio has the exponent {}",
+}
+STATION = re.compile(r"stations below z_hat = ([\d.]+)(?: and beyond ([\d.]+))?")
+BEYOND = re.compile(r"stations beyond z_hat = ([\d.]+)")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Brief:
+    """Sentences about one boundary, each empty where there is nothing to say.
+
+    Attributes
+    ----------
+    verdict : str
+    quoted : BoundaryResult
+    omits : str
+        Inputs whose error is in no interval.
+    error, sources, influence : str
+        Of the headline coefficient.
+    doubts : tuple of str
+        The most serious first.
+    next : str
+        What to measure next.
+    """
+
+    boundary: Boundary
+    verdict: str
+    quoted: BoundaryResult
+    omits: str
+    error: str
+    sources: str
+    doubts: tuple[str, ...]
+    influence: str
+    next: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reservation:
+    """A reason to doubt headlines, and their boundaries: none where it concerns the campaign."""
+
+    boundaries: tuple[str, ...]
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlausibleError:
+    """The `shift` of the headline, also `in_u`, by a plausible error of an input without a stated
+    uncertainty, in `unit`. `at_most`: a larger error would have been detected.
+    """
+
+    on: str
+    size: float
+    unit: str
+    shift: float
+    in_u: float
+    at_most: bool
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+
+
+def sentence(text: str) -> str:
+    """Text with titles for names, a capital and a full stop."""
+    text = titled(text)
+    if re.match(r"[a-z]{2}", text):
+        text = text[0].upper() + text[1:]
+    return text if not text or text.endswith(".") else f"{text}."
+
+
+def along(covariate: str) -> str:
+    """A covariate in words."""
+    return ALONG.get(covariate, covariate.replace("_", " "))
+
+
+def structure_along(diagnosis: BoundaryDiagnosis) -> str:
+    """Covariates of significant structure, the first two by name; else the first of all."""
+    shown = [s for s in diagnosis.structure if s.significant] or diagnosis.structure[:1]
+    every = [along(s.covariate) for s in shown]
+    return listed(every if len(every) < 3 else [*every[:2], "others"])
+
+
+def coverage(coefficient: str) -> str:
+    """Meaning of ± after a coefficient, which may itself be called k."""
+    return "one standard uncertainty" if coefficient == "k" else "k = 1"
+
+
+def chance(p: float) -> str:
+    """``p = 0.02``, or ``p < 10⁻¹²``."""
+    return f"p = {plain(p, 1)}" if p > LEAST_P else "p < 10⁻¹²"
+
+
+def to_log(diagnosis: BoundaryDiagnosis | None) -> list[str]:
+    """Quantities to record next time, once each."""
+    every = diagnosis.untestable.values() if diagnosis else ()
+    return list(dict.fromkeys(word for words in every for word in words))
+
+
+def rivals_of(diagnosis: BoundaryDiagnosis | None, last: str = "or") -> str:
+    """Rivals of the identified effects, by title; empty where there are none."""
+    rivals = [r for e in diagnosis.effects for r in diagnosis.stand_ins(e)] if diagnosis else []
+    return listed([*dict.fromkeys(titled(r.replace(" + ", " with ")) for r in rivals)], last)
+
+
+def briefs(evidence: Evidence) -> list[Brief]:
+    """Sentences about every boundary."""
+    # doubts about one boundary come before those shared by several
+    every = sorted(doubts(evidence), key=lambda d: len(d.boundaries) != 1)
+    return [
+        Brief(
+            boundary=b,
+            verdict=verdict(evidence, b),
+            quoted=(quoted := evidence.quoted(b)),
+            omits=_omits(evidence, b),
+            error=_error(quoted, evidence.left_out),
+            sources=_sources(quoted),
+            doubts=tuple(
+                d.text
+                for d in every
+                # `omits` says the same with the number
+                if (b in d.boundaries or not d.boundaries) and d.text != _inputs(evidence, b)
+            ),
+            influence=influence(quoted),
+            next=_next(evidence, b, quoted),
+        )
+        for b in evidence.boundaries
+    ]
+
+
+def removed(evidence: Evidence) -> str:
+    """Numbers of trials and readings left out: ``none left out``, ``2 left out; 12 impossible
+    readings in 3 trials were left out``.
+    """
+    table = evidence.table(TRIALS)
+    out = int(rejected(table["quality"]).sum())
+    said = f"{out or 'none'} left out"
+    if "n_removed" in table:
+        readings = [int(n) for n in table["n_removed"].tolist() if n == n and n > 0]
+        if readings:
+            n, trials = sum(readings), len(readings)
+            reading = "readings" if n != 1 else "reading"
+            said += (
+                f"; {n} impossible {reading} in {trials} {'trials' if trials != 1 else 'trial'}"
+                f" {'were' if n != 1 else 'was'} left out"
+            )
+    return said
+
+
+# verdict
+
+
+def verdict(evidence: Evidence, boundary: Boundary) -> str:
+    """Verdict of a boundary, with the identified effect's size."""
+    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    model = catalogue.model(quoted.base_model).title
+    if quoted.verdict == "adequate":
+        few = diagnosis.sensitivity if diagnosis else None
+        within = f" in {few.trials} trials" if few else ""
+        return f"{model} fits; no residual structure detected{within}."
+    if quoted.verdict == "effect":
+        named = sentence(listed([titled(e) for e in quoted.effects])).removesuffix(".")
+        verb = "explain" if len(quoted.effects) > 1 else "explains"
+        size = sizes(quoted)
+        # a rival has a size of its own
+        colon = f": {size}" if size and len(quoted.effects) == 1 else ""
+        also = f" {sentence(size)}" if size and not colon else ""
+        return (
+            f"{model} alone does not fit. {named} {verb} the residuals{colon}.{also}"
+            f"{_not_distinguished(quoted, diagnosis)}"
+        )
+    if quoted.verdict == "unexplained":
+        where = structure_along(diagnosis) if diagnosis else ""
+        text = f"{model} does not fit: residuals vary with {where}." if where else ""
+        text = text or f"{model} does not fit."
+        fits = (
+            [titled(" with ".join(p)) for p in (diagnosis.not_confirmed or ())] if diagnosis else []
+        )
+        if not fits:
+            return f"{text} No effect testable here explains them."
+        names = listed(fits, "or") if len(fits) < 3 else f"{fits[0]} or {len(fits) - 1} others"
+        but = f"but without better predictions of {evidence.left_out} left out"
+        return f"{text} {sentence(f'{names} would fit, {but}')}"
+    return f"Not diagnosed: {quoted.reason.removesuffix(f'; {quoted.wanted}')}."
+
+
+def _not_distinguished(quoted: BoundaryResult, diagnosis: BoundaryDiagnosis | None) -> str:
+    """The sentence on rivals, empty where there are none."""
+    rivals = [r for e in diagnosis.effects for r in diagnosis.stand_ins(e)] if diagnosis else []
+    further = {n for r in rivals for n in r.split(" + ")} - {*quoted.effects}
+    if rivals and further and all(" + " in r for r in rivals):
+        pairs = listed([titled(n) for n in sorted(further)], "or")
+        return f" It may act alone or with {pairs}; this design cannot distinguish these."
+    return f" This design cannot distinguish it from {rivals_of(diagnosis)}." if rivals else ""
+
+
+def sizes(quoted: BoundaryResult) -> str:
+    """Sizes of the identified effects: ``lift scales as voltage^2.03 (90 %: 1.95 to 2.10); 4.9 % of
+    lift``; effects by title where there are several.
+    """
+    parts = []
+    for effect in dict.fromkeys(s.effect for s in quoted.sizes):
+        mine = [s for s in quoted.sizes if s.effect == effect]
+        if len(mine) > MOST_SIZES:
+            ends = [
+                _amount(v, mine[0])
+                for v in (min(s.value for s in mine), max(s.value for s in mine))
+            ]
+            text = f"{len(mine)} values from {ends[0]} to {ends[1]} {_unit(mine[0])}".rstrip()
+        else:
+            text = ", ".join(map(_size, mine))
+        text += f"; {plain(mine[0].lift_percent, 2)} % of lift over the trials"
+        parts.append(f"{titled(effect)}: {text}" if len(quoted.effects) > 1 else text)
+    return ". ".join(parts)
+
+
+def _size(size: EffectSize) -> str:
+    """One size with its unit and 90 % interval."""
+    low, high = (_amount(v, size) for v in (size.lo90, size.hi90))
+    value, unit = _amount(size.value, size), _unit(size)
+    words = SIZE_WORDS.get(size.parameter)
+    if words:
+        return f"{words.format(value)} (90 %: {low} to {high})"
+    name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
+    head, comma, tail = unit.partition(", ")
+    return f"{name} {value} {head}".rstrip() + f" (90 %: {low} to {high}){comma}{tail}"
+
+
+def _amount(value: float, size: EffectSize) -> str:
+    scale = _scale(size)[0]
+    return like(scale * value, scale * (size.hi90 - size.lo90) / 3.3)
+
+
+def _unit(size: EffectSize) -> str:
+    return _scale(size)[1]
+
+
+def _scale(size: EffectSize) -> tuple[float, str]:
+    """Factor and unit in which a size is printed: millimetres, millinewtons, per cent of lift."""
+    head, comma, tail = size.unit.partition(", ")
+    if head.startswith("fraction of "):
+        return 100.0, f"% of {head.removeprefix('fraction of ')}{comma}{tail}"
+    if head in ("m", "N"):
+        return SCALES[head]
+    return 1.0, "" if size.unit == "1" else size.unit
+
+
+# the number
+
+
+def _omits(evidence: Evidence, boundary: Boundary) -> str:
+    """Inputs without a stated uncertainty, each with the shift by a plausible error."""
+    name = noun(evidence.quoted(boundary).headline)
+    errors = undeclared(evidence, boundary)
+    words = []
+    for i, e in enumerate(errors):
+        shift = f": {plain(e.shift, 2)}" if i else f" shifts {name} by {plain(e.shift, 2)}"
+        largest = "largest; " if not i and len(errors) > 1 else ""
+        words.append(f"{INPUT_WORDS[e.on]} ({largest}{_error_size(e)}{shift})")
+    if words and not {part.on for part in components(evidence.campaign)} & CELL:
+        words.append("load cell")
+    them = "them" if len(words) > 1 else "it"
+    return f"Not included: {listed(words)}; no uncertainty is stated for {them}." if words else ""
+
+
+def _error(quoted: BoundaryResult, left_out: str) -> str:
+    """Cross-validated error before and after, in percent of lift."""
+    error = quoted.error
+    if error is None:
+        return ""
+    places = max(decimals(100 * error.noise_floor) + 1, 1) if error.noise_floor > 0 else 2
+    before, after, floor = (
+        fixed(100 * e, places) for e in (error.before, error.after, error.noise_floor)
+    )
+    then = f", {after} % with the effect" if quoted.verdict == "effect" else ""
+    return f"{before} % of lift on {left_out} left out of the fit{then}; noise floor {floor} %"
+
+
+def _sources(quoted: BoundaryResult) -> str:
+    """The headline's u, and u without each source that matters."""
+    if not quoted.headline:
+        return ""
+    c = quoted.coefficients[quoted.headline]
+    sources = leads(c)
+    if not sources:
+        return ""
+    (first, u), *rest = sources
+    mostly = "mostly" if u < c.u / 2 else "from"
+    whole = f"u({letter(quoted.headline)}) = {plain(c.u, 2)}"
+    text = f"{whole}, {mostly} {titled(first)} ({plain(u, 2)} without it)"
+    return text + "".join(f", {titled(name)} ({plain(u, 2)})" for name, u in rest) + "."
+
+
+def leads(c: CoefficientResult) -> list[tuple[str, float]]:
+    """The largest sources of a coefficient's uncertainty and u without each; poorly determined
+    sources and a sole source are left out.
+    """
+    sources = [
+        (line.source, line.u_without)
+        for line in sorted(c.budget, key=lambda line: line.u_without)
+        if line.u_without > 0
+        and 1 - line.u_without / c.u >= LEAST_FALL
+        and line.source not in badly_known(c)
+    ]
+    return sources[:MOST_SOURCES]
+
+
+def badly_known(coefficient: CoefficientResult) -> list[str]:
+    """Sources of a coefficient's uncertainty with under `LEAST_DOF` degrees of freedom."""
+    return [line.source for line in coefficient.budget if line.dof < LEAST_DOF]
+
+
+def influence(quoted: BoundaryResult) -> str:
+    """The trial and the visit that move the headline most."""
+    name = quoted.headline
+    if not name:
+        return ""
+    c = quoted.coefficients[name]
+    if not 0 < c.u < math.inf:
+        return ""
+    moves = [
+        (f"{kind} {one.id}", signed(one.shift, decimals(c.u) + 1))
+        for kind, one in (("trial", c.influence.trial), ("visit", c.influence.visit))
+        if one is not None
+    ]
+    if not moves:
+        return ""
+    (first, shift), *rest = moves
+    return (
+        f"Most influential: {first} ({letter(name)} {shift} without it)"
+        + "".join(f", {other} ({moved})" for other, moved in rest)
+        + "."
+    )
+
+
+def dependence(quoted: BoundaryResult) -> str:
+    """The single visit or trial that verdict or headline depend on; empty where there is none."""
+    if quoted.hinge is None:
+        return ""
+    kind, moved = quoted.hinge
+    headline = quoted.coefficients[quoted.headline]
+    trial = headline.influence.trial
+    turns = {}
+    for name, on in (("trial", quoted.rests_on), ("visit", quoted.rests_on_visit)):
+        if on and on.verdict != quoted.verdict:
+            shown = trial if trial and trial.id == on.trial else on.moved
+            turns[name, on.moved.id] = shown.place, on.claim
+    _, turned = turns.pop((kind, moved.id), ("", ""))
+    also = "".join(
+        f" Without {name} {place} the verdict is {claim}."
+        for (name, _), (place, claim) in turns.items()
+    )
+    where = f"{kind} {moved.place}"
+    if abs(moved.shift) <= headline.u:
+        return (
+            f"The verdict depends on {where}: without it, it is {turned or quoted.verdict}.{also}"
+        )
+    to = like(headline.value + moved.shift, headline.u)
+    value = f"{noun(quoted.headline)} is {to} ({_signed(moved.shift)})"
+    other = f"the verdict is {turned} and " if turned else ""
+    return f"The answer depends on {where}: without it {other}{value}.{also}"
+
+
+def _signed(shift: float) -> str:
+    """A shift with its sign, to two digits."""
+    return ("+" if shift > 0 else "") + plain(shift, 2)
+
+
+def random_walk(size: float) -> str:
+    """The sentence on a gain that drifts by this fraction of lift along no logged quantity."""
+    return (
+        f"the gain drifts irregularly by {100 * size:.2g} % of lift over the campaign,"
+        " along nothing that was logged"
+    )
+
+
+# doubts
+
+
+def doubts(evidence: Evidence) -> list[Reservation]:
+    """Doubts about the numbers, the most serious first, from the products alone."""
+    # a doubt shared by several boundaries is printed once
+    merged: dict[str, tuple[str, ...]] = {}
+    for boundary in evidence.boundaries:
+        for text in _reservations(evidence, boundary):
+            merged[text] = (*merged.get(text, ()), boundary)
+    every = [Reservation(boundaries=of, text=text) for text, of in merged.items()]
+    out = int(rejected(evidence.table(TRIALS)["quality"]).sum()) if evidence.has(TRIALS) else 0
+    if out:
+        trials = len(evidence.table(TRIALS)["quality"])
+        text = f"{out} of {trials} trials were left out. The trial table shows their influence."
+        every.append(Reservation(boundaries=(), text=text))
+    if not components(evidence.campaign):
+        text = "The manifest states no uncertainty shared by trials, so no interval includes any."
+        every.append(Reservation(boundaries=(), text=text))
+    return every
+
+
+def _reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
+    """Doubts about one boundary, the most serious first."""
+    model, fit = evidence.base(boundary)
+    diagnosis, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
+    depends = dependence(quoted)
+    said = [depends] if depends else []
+    hinge = quoted.hinge
+    suspects = [
+        s
+        for s in evidence.fits.influence[boundary].suspects
+        if hinge is None or (s.kind, s.id) != (hinge[0], hinge[1].id)
+    ]
+    if evidence.not_diagnosed(boundary):
+        # a known shift out of the interval is more serious than a possible one
+        headline = quoted.coefficients.get(quoted.headline)
+        reach = 0.5 * (headline.hi90 - headline.lo90) if headline else math.inf
+        large = sorted((s for s in suspects if abs(s.shift) > reach), key=lambda s: -abs(s.shift))
+        said += [s.text for s in large]
+        said.append("not diagnosed: the coefficient may include an effect of any size")
+    if diagnosis and diagnosis.look:
+        said.append(f"the campaign is still growing: {diagnosis.look.text}")
+    if goodness(evidence, boundary)[0] and not (diagnosis and diagnosis.effects):
+        # with a named effect the rejected base model is not the quoted one
+        said.append(
+            f"cell means deviate significantly from {model.title}: the interval is valid only if"
+            " the model is"
+        )
+    if diagnosis:
+        said += diagnosis.contradicted or ()
+        said += [random_walk(diagnosis.wander)] if diagnosis.wander is not None else []
+        if diagnosis.verdict == "unexplained" and not diagnosis.contradicted:
+            where = structure_along(diagnosis)
+            vary = f" vary with {where}" if where else " have structure"
+            said.append(f"residuals{vary}, unexplained: the coefficient may be affected too")
+    said += [s.text for s in suspects if s.text not in said]
+    said += [
+        f"{letter(name)} is at a bound of its range"
+        for name, c in quoted.coefficients.items()
+        if c.at_bound
+    ]
+    if quoted.verdict == NOT_DIAGNOSED:
+        # after the loop the other conditions show it
+        said += [d.text for d in fit.degeneracies[:1]]
+    rivals = (
+        [text for e in diagnosis.effects for text in _alike(diagnosis, e, quoted)]
+        if diagnosis
+        else []
+    )
+    hidden = _hidden(evidence, boundary)
+    # the interval covers the rivals: where they agree, what it leaves out is more serious
+    said += [*rivals, *hidden] if _apart(quoted) else [*hidden, *rivals]
+    if diagnosis and diagnosis.untestable:
+        unlogged = listed([titled(name) for name in diagnosis.untestable])
+        said.append(f"untestable with what was logged: {unlogged}")
+    return [sentence(text) for text in said]
+
+
+def _apart(quoted: BoundaryResult) -> bool:
+    """Whether a rival moves the headline by more than u."""
+    headline = quoted.coefficients.get(quoted.headline)
+    return headline is not None and any(
+        d.explanation and abs(d.value - headline.value) > headline.u for d in headline.doubts
+    )
+
+
+def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult) -> list[str]:
+    """Rivals of an identified effect, alone and in pairs, with the headline under each."""
+    others = diagnosis.stand_ins(effect)
+    alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
+    headline = quoted.coefficients.get(quoted.headline)
+    values = {d.explanation: plain(d.value, 2) for d in headline.doubts} if headline else {}
+
+    def with_value(name: str, equals: str = "") -> str:
+        return f"{name} ({equals}{values[name]})" if name in values else name
+
+    said = []
+    if alone:
+        best = with_value(effect.name, f"{letter(quoted.headline)} = ")
+        rivals = [with_value(o) for o in alone]
+        said.append(f"this design cannot distinguish {best} from {listed(rivals, 'or')}")
+    if together:
+        pairs = [with_value(o) for o in together]
+        said.append(f"{listed(pairs, 'or')} together is slightly likelier than {effect.name} alone")
+    return said
+
+
+def undeclared(evidence: Evidence, boundary: Boundary) -> list[PlausibleError]:
+    """Errors of the inputs without a stated uncertainty, the largest first."""
+    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
+    if not (u > 0 and math.isfinite(u)):
+        return []
+    errors = []
+    for error in evidence.base(boundary)[1].undeclared:
+        shift = abs(error.shift[quoted.headline])
+        part = min(1.0, _undetected_shift(diagnosis, error.on, u) / shift) if shift else 0.0
+        if part:
+            errors.append(
+                PlausibleError(
+                    on=error.on,
+                    size=part * error.size,
+                    unit=error.unit,
+                    shift=part * shift,
+                    in_u=part * shift / u,
+                    at_most=part < 1,
+                )
+            )
+    return sorted(errors, key=lambda error: -error.in_u)
+
+
+def _undetected_shift(diagnosis: BoundaryDiagnosis | None, on: str, u: float) -> float:
+    """Largest undetected shift of the headline by an error of that input: `u` where the diagnosis
+    lists none, infinite where it cannot test the input.
+    """
+    names = {e.name for e in catalogue.effects() if e.error_of == on}
+    if (
+        not names
+        or diagnosis is None
+        or diagnosis.verdict != "adequate"
+        or names & {*diagnosis.untestable}
+    ):
+        return math.inf
+    hidden = [s for s in diagnosis.silent if s.effect in names]
+    if any(s.hidden for s in hidden):
+        return math.inf
+    return max((s.shift for s in hidden), default=u)
+
+
+def is_the_coefficient(silent: SilentEffect) -> bool:
+    """Whether an effect of the vehicle's physics is what a coefficient measures: the trials show
+    none of it besides the coefficient, as the strength of the images is k of Cheeseman-Bennett.
+    """
+    return (
+        silent.share_visible < LEAST_VISIBLE
+        and catalogue.effect(silent.effect).belongs_to == "vehicle"
+    )
+
+
+def undetected(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:
+    """The largest shift of the headline by an undetected effect, and the effect; None where that is
+    below u.
+    """
+    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
+    headline = quoted.coefficients.get(quoted.headline)
+    silent = [s for s in diagnosis.silent if not is_the_coefficient(s)] if diagnosis else []
+    if not (headline and silent):
+        return None
+    most = max(silent, key=lambda s: s.bias_at_detection_limit)
+    return (most.shift, most.effect) if headline.u < most.shift < math.inf else None
+
+
+def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
+    """Doubts beyond the interval by more than u, the larger first: an undetected effect, and errors
+    of inputs without a stated uncertainty.
+    """
+    name = noun(evidence.quoted(boundary).headline)
+    said: list[tuple[float, str]] = []
+    if text := _inputs(evidence, boundary):
+        said.append((undeclared(evidence, boundary)[0].shift, text))
+    if hidden := undetected(evidence, boundary):
+        shift, effect = hidden
+        what = (
+            f"an undetected violation of constant {evidence.campaign.rig.held}"
+            if effect == "held_quantity"
+            else f"undetected {titled(effect)}"
+        )
+        text = f"Not in the interval: {what} could shift {name} by up to {plain(shift, 2)}."
+        said.append((shift, text))
+    return [text for _, text in sorted(said, reverse=True)]
+
+
+def _inputs(evidence: Evidence, boundary: Boundary) -> str:
+    """The sentence on inputs whose error would shift the headline by more than u."""
+    errors = [e for e in undeclared(evidence, boundary) if e.in_u > 1]
+    if not errors:
+        return ""
+    name = noun(evidence.quoted(boundary).headline)
+    parts = []
+    for i, e in enumerate(errors):
+        size, where = _error_size(e), f"in {INPUT_WORDS[e.on]}"
+        head = f"{size} error {where} would shift {name}"
+        if i:
+            head = where if size == _error_size(errors[0]) else f"{size} {where}"
+        more = " (a larger one would be detected)" if e.at_most else ""
+        parts.append(f"{head} by {plain(e.shift, 2)}{more}")
+    states = {1: "does not state it", 2: "states neither"}.get(len(errors), "states none of them")
+    return f"A {', '.join(parts)}; the manifest {states}."
+
+
+def _error_size(error: PlausibleError) -> str:
+    scale, unit = SCALES[error.unit]
+    return f"{plain(scale * error.size, 2)} {unit}"
+
+
+def goodness(evidence: Evidence, boundary: Boundary) -> tuple[bool, str]:
+    """Whether chi2 rejects the base model, and what that means in words."""
+    source = evidence.fits.noise[boundary].source
+    if not source.startswith(REPEATS):
+        return False, f"χ² shows nothing here: the noise is the {source}"
+    p = evidence.base(boundary)[1].p_value
+    if p < REJECTED_P:
+        text = (
+            f"rejected, as cell means deviate from the curve by more than scatter ({chance(p)})."
+            " The interval is valid only if the model is"
+        )
+        return True, text
+    text = "cell means deviate no more than repeats scatter"
+    if not evidence.has(DIAGNOSIS):
+        text += ". Effects on the repeats themselves (sessions, supply, drift) need the diagnosis"
+    return False, text
+
+
+# next steps
+
+
+def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str:
+    """Next steps: to distinguish rivals or to be diagnosed; else to detect what hides, to
+    state what is not stated, or to lower the largest source; and what to log.
+    """
+    diagnosis = evidence.diagnosed(boundary)
+    visit = quoted.hinge[1] if quoted.hinge and quoted.hinge[0] == "visit" else None
+    if diagnosis and diagnosis.next_experiment:
+        # the visit that the answer depends on comes first
+        ranked = sorted(
+            diagnosis.next_experiment, key=lambda n: (visit is None) != isinstance(n, NextSession)
+        )
+        steps = [_proposal(n) for n in ranked[: 2 if visit else 1]]
+        steps += _logging(diagnosis) if quoted.verdict == "unexplained" else []
+        return " ".join(map(sentence, steps))
+    steps = [f"for a diagnosis, {quoted.wanted}"] if quoted.wanted else []
+    if steps and evidence.observations[boundary].z_hat.max() < NEAR_HAT:
+        steps[-1] += f", in new visits, one at z_hat = {FAR_HAT:g} or more for lift in free air"
+    elif steps and visit and visit.z_hat is not None:
+        steps.append(f"add visits around z_hat = {plain(visit.z_hat, 2)}")
+    more: list[str] = []
+    done: set[str] = set()
+    if quoted.verdict == "unexplained":
+        # an input's error does not explain structure
+        where = structure_along(diagnosis) if diagnosis else ""
+        more = [f"whatever else changes with {where}"] if where else []
+    else:
+        detect, done = _to_detect(evidence, boundary)
+        steps += detect
+        if large := [INPUT_WORDS[e.on] for e in undeclared(evidence, boundary) if e.in_u > 1]:
+            # "rotor radius and spacing"
+            short = [large[0], *(w.removeprefix("rotor ") for w in large[1:])]
+            shown = short if large[0].startswith("rotor ") else large
+            steps.append(f"state the uncertainty of {listed(shown)}")
+        elif quoted.headline and not steps:
+            steps += _better(quoted.coefficients[quoted.headline])
+    steps += _logging(diagnosis, more, done)
+    return " ".join(map(sentence, steps))
+
+
+def _better(c: CoefficientResult) -> list[str]:
+    """The measurement that would lower a coefficient's uncertainty most."""
+    lines = {line.source: line for line in c.budget}
+    for source, _ in leads(c):
+        if lines[source].scope:
+            repeats = lines[source].kind == "A"
+            return [f"add trials: {source} dominates" if repeats else f"improve the {source}"]
+    return []
+
+
+def _to_detect(evidence: Evidence, boundary: Boundary) -> tuple[list[str], set[str]]:
+    """How to detect the effect that hides best, and the columns that this asks for."""
+    hidden = undetected(evidence, boundary)
+    if hidden is None:
+        return [], set()
+    effect, data = catalogue.effect(hidden[1]), evidence.observations[boundary]
+    columns = [n for n in effect.log_next_time if n in BY_NAME]
+    if any(BY_NAME[n].inside in data.covariates for n in columns):
+        return [], set()
+    if columns:
+        test = (
+            f"test the constant-{evidence.campaign.rig.held} assumption"
+            if effect.name == "held_quantity"
+            else f"test {titled(effect.name)}"
+        )
+        return [f"log {listed(columns)}, to {test}"], {*columns}
+    missing = missing_for(effect, data)
+    return ([f"to detect {titled(effect.name)}: {missing}"] if missing else []), set()
+
+
+def missing_for(effect: Effect, data: Observations) -> str:
+    """Measurements that would identify an effect, without stations that the trials have already."""
+    z_hat = data.z_hat[(data.z_hat > 0) & (data.z_hat < math.inf)]
+    nearest, farthest = (float(z_hat.min()), float(z_hat.max())) if len(z_hat) else (math.inf, 0.0)
+
+    def near(match: re.Match[str]) -> str:
+        below = f"stations below z_hat = {match[1]}" if nearest >= float(match[1]) else ""
+        beyond = match[2] and farthest <= float(match[2])
+        far = f"{'beyond' if below else 'stations beyond z_hat ='} {match[2]}" if beyond else ""
+        return " and ".join(filter(None, (below, far)))
+
+    def far(match: re.Match[str]) -> str:
+        return match[0] if farthest <= float(match[1]) else ""
+
+    text = BEYOND.sub(far, STATION.sub(near, effect.separated_by))
+    # what is left of a list whose item went
+    parts = [p.strip() for p in re.split(r",\s+", text)]
+    parts = [re.sub(r"^(and|or)\s*$|\s+(and|or)$", "", p).strip() for p in parts]
+    return ", ".join(p for p in parts if p and p not in ("and", "or"))
+
+
+def _logging(
+    diagnosis: BoundaryDiagnosis | None, more: Sequence[str] = (), done: set[str] | None = None
+) -> list[str]:
+    """Quantities to record next time, without those asked for already, and what that makes
+    testable.
+    """
+    words = [*(w for w in to_log(diagnosis) if w not in (done or ())), *more]
+    if not words:
+        return []
+    names = [titled(name) for name in diagnosis.untestable] if diagnosis else []
+    if len(names) > 2:
+        return [f"log {listed(words)}: {len(names)} more effects become testable"]
+    become = "becomes" if len(names) == 1 else "become"
+    return [f"log {listed(words)}" + (f": {listed(names)} {become} testable" if names else "")]
+
+
+def _proposal(experiment: NextExperiment) -> str:
+    """One experiment, with what it distinguishes and in how many trials."""
+    if not isinstance(experiment, NextSession):
+        return experiment.measure
+    pair = " from ".join(experiment.separates)
+    about = plain(experiment.trials_to_separate or experiment.trials, 2)
+    return f"to distinguish {pair}: {experiment.measure} (about {about} trials)"
