@@ -78,7 +78,7 @@ def declaration(item: Declaration) -> str:
             ("acts on", acts_on),
             ("mechanism", item.mechanism),
             ("shape varies with", f"`{item.varies_with}`"),
-            ("told apart by", item.separated_by or "nothing more"),
+            ("identified by", item.separated_by or "nothing more"),
             ("to be recorded", recorded),
         ]
     facts += [

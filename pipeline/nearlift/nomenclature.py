@@ -156,7 +156,7 @@ SYMBOLS: tuple[Symbol, ...] = (
         "inverse_K_b",
         "1/K_b",
         "1",
-        "strength of the fountain where K_b stands in the denominator, as the paper prints it",
+        "strength of the fountain where K_b is in the denominator, as the paper prints it",
         "1/K_b",
     ),
     _s("k", "k", "1", "strength of a rotor's image in the ground over the theory's"),

@@ -61,7 +61,7 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
         add(item, "nearlift")
     for point in points(group):
         package = _package(point)
-        remedy = f"mend or uninstall {package}"
+        remedy = f"fix or uninstall {package}"
         try:
             offered = point.load()
         except Exception as fault:  # whatever a foreign module raises on import

@@ -307,7 +307,7 @@ def test_130_for_an_interrupt_after_which_the_same_command_goes_on(raw, tmp_path
         found = nearlift("run", raw, "--out", tmp_path, "--json")
     assert found.exit_code == 130
     assert (
-        "interrupted; finished products stand, and the same command goes on from there"
+        "interrupted; finished products remain, and the same command continues from there"
         in found.stderr
     )
     assert json.loads(found.stdout)["exit_code"] == 130

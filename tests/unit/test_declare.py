@@ -117,7 +117,7 @@ def test_keywords_are_the_keyword_only_names():
     [
         ({"name": "Bell"}, "declaration Bell: the name is not a lower-case identifier"),
         ({"name": "my model"}, "declaration my model: the name is not a lower-case identifier"),
-        ({"needs": ("k",)}, "a name stands twice among parameters and needs"),
+        ({"needs": ("k",)}, "a name occurs twice among parameters and needs"),
         (
             {"needs": ("spacing_hat",)},
             (

@@ -241,7 +241,7 @@ def test_too_few_planned_trials_are_refused():
 
 
 def test_groups_are_linked_pairs():
-    def row(name, verdict="seen, not told apart", **rivals):
+    def row(name, verdict="detectable, confounded", **rivals):
         return SimpleNamespace(effect=name, verdict=verdict, rivals=rivals)
 
     rows = [

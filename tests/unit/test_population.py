@@ -95,7 +95,7 @@ def test_the_unit_of_the_values_does_not_matter():
 def test_two_campaigns_are_too_few():
     with pytest.raises(
         InputRefused,
-        match="compare: 2 campaigns cannot tell how much campaigns differ\n  give at least 3",
+        match="compare: 2 campaigns do not determine how much campaigns differ\n  give at least 3",
     ):
         population(np.array([1.0, 2.0]), np.eye(2))
 

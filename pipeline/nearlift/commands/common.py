@@ -158,7 +158,7 @@ def command(function: Callable[..., None], name: str, about: About) -> click.Com
             stopped = NearliftError(
                 "nearlift",
                 "interrupted",
-                "finished products stand, and the same command goes on from there",
+                "finished products remain, and the same command continues from there",
             )
             _end(call, stopped, INTERRUPTED, f"{stopped.what}; {stopped.remedy}")
         except BrokenPipeError:

@@ -50,7 +50,7 @@ def _list(call: Call, registry: Path | None) -> None:
 
 @click.argument("name")
 @click.argument("folder", type=click.Path(path_type=Path), required=False, metavar="[DIR]")
-@click.option("--trust", is_flag=True, help="Take files whose digest nobody has worked out.")
+@click.option("--trust", is_flag=True, help="Take files without a known digest.")
 @click.option(
     "--cache",
     type=click.Path(path_type=Path, file_okay=False),

@@ -92,7 +92,7 @@ def command(
         raise UsageError(
             first,
             f"needs {'--watch' if question else '--next'}",
-            "`nearlift next` plans the visits of a campaign that nobody watches",
+            "`nearlift next` plans the visits of a finished campaign",
         )
     if dry_run:
         call.answers("campaigns", [planned(call, campaign) for campaign in campaigns])

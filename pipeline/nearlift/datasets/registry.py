@@ -80,14 +80,14 @@ def datasets(path: Path = OWN) -> tuple[Dataset, ...]:
             _Registry.model_validate(tomllib.loads(path.read_text(encoding="utf-8"))).dataset
         )
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as fault:
-        raise InputRefused(str(path), f"is not valid TOML ({fault})", "mend it") from None
+        raise InputRefused(str(path), f"is not valid TOML ({fault})", "correct it") from None
     except ValidationError as fault:
         first = fault.errors()[0]
         raise InputRefused(
             str(path),
             f"{'.'.join(str(p) for p in first['loc'])}:"
             f" {first['msg'].removeprefix('Value error, ')}",
-            "mend that entry",
+            "correct that entry",
         ) from None
 
 

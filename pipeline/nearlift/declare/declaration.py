@@ -73,7 +73,7 @@ class Declaration:
             raise self.refusal("the name is not a lower-case identifier")
         wanted = {*self.needs, *(p.name for p in self.parameters)}
         if len(wanted) != len(self.needs) + len(self.parameters):
-            raise self.refusal("a name stands twice among parameters and needs")
+            raise self.refusal("a name occurs twice among parameters and needs")
         takes = set(keywords(self.evaluate))
         if takes != wanted:
             raise self.refusal(

@@ -52,7 +52,7 @@ EFFECT = Effect(
             bounds=(-1e-3, 1e-3),
             prior=normal(0.0, 0.2e-3),
             meaning=(
-                "play of the traverse; positive where the vehicle stands too far after a move away"
+                "play of the traverse; positive where the vehicle is too far after a move away"
                 " from the boundary, negative where it trails"
             ),
         ),

@@ -39,7 +39,7 @@ EFFECT = Effect(
     evaluate=evaluate,
     acts_on="force",
     by_experiment=True,
-    mechanism="thrust beside the cell's axis makes a moment, of which the cell reads a part",
+    mechanism="thrust off the cell's axis makes a moment, part of which the cell reads",
     varies_with="turn_rad",
     separated_by="repeats at 90 and 180 degrees",
     log_next_time=("turn",),
@@ -61,7 +61,7 @@ EFFECT = Effect(
     source=Source(
         citation="Balance of forces and moments on a single-axis cell",
         doubts=(
-            "Beside a wall the moment grows as the gap closes; this form has that of free air.",
+            "Near a wall the moment grows as the gap closes; this form has that of free air.",
             "Sizes are estimates for cheap cells.",
         ),
     ),

@@ -50,7 +50,7 @@ EFFECT = Effect(
     ),
     source=Source(
         citation="Physics of the bench",
-        doubts=("A straight line stands in for any slow monotone change.",),
+        doubts=("A straight line approximates any slow monotone change.",),
     ),
     checks=(
         null(0.3, elapsed_hat=1.0),

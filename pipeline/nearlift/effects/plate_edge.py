@@ -82,8 +82,8 @@ EFFECT = Effect(
         doubts=(
             "The wake's spread c is known to a factor of six; only W / c can be found.",
             (
-                "The view factor of a coaxial disk, 1 / (1 + (z / W)^2), fades more gently; form"
-                " uncertainty stands for it."
+                "The view factor of a coaxial disk, 1 / (1 + (z / W)^2), falls more slowly; form"
+                " uncertainty covers it."
             ),
         ),
     ),

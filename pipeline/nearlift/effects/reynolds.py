@@ -68,7 +68,7 @@ EFFECT = Effect(
         ),
         doubts=(
             "Both speak of lift far away; that the ratio follows is an estimate.",
-            "Throttle stands in for rotor speed.",
+            "Throttle replaces rotor speed.",
         ),
     ),
     checks=(

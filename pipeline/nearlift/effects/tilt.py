@@ -97,7 +97,7 @@ EFFECT = Effect(
             prior=normal(0.0, 1.0),
             meaning=(
                 "how much of the cosine's loss of a tilted force is read, 1 - t^2 / 2 at every"
-                " distance: 1 where the cell stands still"
+                " distance: 1 where the cell is fixed"
             ),
         ),
         Parameter(
@@ -119,8 +119,8 @@ EFFECT = Effect(
             bounds=(-0.1, 0.1),
             prior=normal(0.0, 0.02),
             meaning=(
-                "true tilt where the log reads 0: an inclinometer on the plate does not know how"
-                " the rotors stand to it"
+                "true tilt where the log reads 0: an inclinometer on the plate does not measure"
+                " the rotors' angle to it"
             ),
             grid=(0.0,),
         ),

@@ -52,7 +52,7 @@ def population(
     if n < FEWEST:
         raise InputRefused(
             "compare",
-            f"{n} campaigns cannot tell how much campaigns differ",
+            f"{n} campaigns do not determine how much campaigns differ",
             f"give at least {FEWEST}",
         )
     u = np.sqrt(np.diag(covariance))

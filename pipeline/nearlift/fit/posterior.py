@@ -274,7 +274,7 @@ def _after(chain: ensemble.ThinnedChain, twice: int, settings: Settings) -> str:
     if settings.steps < twice:
         return f"a longer chain may agree: `steps = {twice}` in [fit] (now {settings.steps})"
     return (
-        f"{chain.steps} steps, twice those that seemed enough, did not mend it: there may be"
+        f"{chain.steps} steps, twice those that seemed enough, did not help: there may be"
         " several peaks, or one at a bound; another seed shows which is wrong, and `sampler ="
         ' "importance"` in [fit] gives the other answer'
     )

@@ -76,7 +76,7 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
         turn = float(z_hat[against[-1] + 1])
         raise InputRefused(
             where,
-            f"the model folds at z_hat = {turn:.3g}: one lift ratio stands for two heights",
+            f"the model folds at z_hat = {turn:.3g}: one lift ratio has two heights",
             f"only heights above {turn:.3g} can be told",
         )
 

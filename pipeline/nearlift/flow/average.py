@@ -246,7 +246,7 @@ def _batches(
         if not same_grid(first, field):
             raise InputRefused(
                 where,
-                f"field {n} stands on another grid than the first",
+                f"field {n} has another grid than the first",
                 "one case has one grid; list others as another case",
             )
         batch.append(field)

@@ -73,7 +73,7 @@ def refuse_what_cannot_be(
         raise InputRefused(
             where,
             "mass is conserved only with x and y in each other's place",
-            "the columns of the two coordinates are changed over; name them anew",
+            "the columns of the two coordinates are swapped; correct their names",
         )
     if one_is_flipped(mean):
         raise InputRefused(

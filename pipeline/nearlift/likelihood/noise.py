@@ -98,7 +98,7 @@ def estimate(
     shared: FloatArray | None = None,
     extra: FloatArray | float = 0.0,
     start: Noise | None = None,
-    source: str = "trials beside every family and effect",
+    source: str = "trials with every family and effect",
 ) -> tuple[Noise, FloatArray]:
     """Variance components, and the log lift with outliers pulled in.
 

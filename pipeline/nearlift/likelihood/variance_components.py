@@ -174,7 +174,7 @@ class VarianceComponents:
         except np.linalg.LinAlgError as fault:
             what = (
                 "the variances of trials differ by a factor of"
-                f" {variance.max() / variance.min():.0e} and more: beside some, others count for"
+                f" {variance.max() / variance.min():.0e} and more: some trials count for"
                 " nothing"
             )
             raise NotConverged(

@@ -45,7 +45,7 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
     noise = floor(stage.data, stage.noise, stage.slope)
     return [
         (
-            f"visits left out are predicted to {100 * error:.2g} %, where noise alone would be"
+            f"visits left out are predicted to {100 * error:.2g} %, where the noise floor is"
             f" {100 * noise:.2g} %"
         )
     ]
@@ -63,9 +63,9 @@ def _strained(stage: SearchProblem) -> list[str]:
         if not columns.shape[1]:
             continue
         residual = stage.base_fit.residual - absorbed @ (absorbed.T @ stage.base_fit.residual)
-        stands = np.abs(stage.space.project(columns.T) @ residual).max()
-        if stands > norm.isf(STRAY / 2 / columns.shape[1]):
+        offset = np.abs(stage.space.project(columns.T) @ residual).max()
+        if offset > norm.isf(STRAY / 2 / columns.shape[1]):
             reasons.append(
-                f"{part.name} stands {stands:.2g} of its declared standard uncertainties off"
+                f"{part.name} is off by {offset:.2g} of its stated standard uncertainties"
             )
     return reasons

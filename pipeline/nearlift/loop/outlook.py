@@ -114,7 +114,7 @@ def weigh(foresight: Foresight, handle: Handle) -> EffectOutlook:
         verdict = "named"
     else:
         verdict = (
-            "seen, not told apart"
+            "detectable, confounded"
             if any(c >= CONFUSED for c in contest.rivals.values())
             else "seen, seldom named"
         )

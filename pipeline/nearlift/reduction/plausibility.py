@@ -87,8 +87,8 @@ def planned_length(samples: IntArray, record_s: float, rate_Hz: float, missing: 
             "load_cell.sample_rate",
             f"the records hold {usual:.0f} samples (the median of {len(whole)}), where {record_s:g}"
             f" s at {rate_Hz:g} Hz are {planned:.0f}",
-            f"is the rate {usual / record_s:.4g} Hz? or mend `record`, which counts the tare, under"
-            " [load_cell]",
+            f"is the rate {usual / record_s:.4g} Hz? or correct `record`, which"
+            " counts the tare, under [load_cell]",
         )
 
 
@@ -158,7 +158,7 @@ def _other_unit(lift: float, weight: float, unit: str) -> str:
             f"check the calibration's gain (off by about {abs(lift) / weight:.2g}?) and [vehicle]"
             " mass"
         )
-    mass = "or mend [vehicle] mass"
+    mass = "or correct [vehicle] mass"
     here, _ = units.to_si(unit, "force", "force")
     number = abs(lift) / here
     fitting = [u for u in units.plausible(number, "force", 0.3 * weight, 10 * weight) if u != unit]

@@ -42,7 +42,7 @@ CODES = tuple(
         ),
         "OUT_OF_RANGE": "too many samples hold no number (NaN, OVER, #NV)",
         "SATURATED": "the load cell was at the end of its range",
-        "STUCK": "the channel stood still: it repeats one value",
+        "STUCK": "the channel repeats one value",
         "GAPS": "the clock column shows that too many samples are missing",
         "DRIFT": "the force drifts within the record by more than the limit",
         "MIXED": (
@@ -66,12 +66,12 @@ CODES = tuple(
         "out_of_range": "some samples hold no number and were left out",
         "gaps": "the clock column shows missing samples",
         "clock": (
-            "the clock column stands still or runs backwards somewhere; the samples' order was kept"
+            "the clock column stops or runs backwards somewhere; the samples' order was kept"
         ),
         "drift": "the force drifts within the record, by less than the limit",
         "slow": (
-            "the level wanders about as slowly as the record is long: one record cannot tell how"
-            " far its mean is off, and the uncertainty is a guess on the large side"
+            "the level drifts as slowly as the record is long: the uncertainty of its mean is a"
+            " conservative guess"
         ),
         "dead_speed": "a rotor's speed reads zero while there is lift",
         "spikes": (
@@ -79,14 +79,14 @@ CODES = tuple(
             " and its uncertainty"
         ),
         "saturated": (
-            "single samples lay at the end of the load cell's range; they were left out, and what"
-            " they are worth is in the uncertainty"
+            "single samples were at the end of the load cell's range; they were left out, and the"
+            " uncertainty includes that"
         ),
         "unsettled": "the first samples averaged differ from the rest: `settle` may be too short",
         "other_throttle": (
             "the lift is that of another throttle at this distance: is the label wrong?"
         ),
-        "outlying": "the lift stands farther from its repeats and neighbours than noise allows",
+        "outlying": "the lift is an outlier among its repeats and neighbours",
         "not_rising": "far from the boundary, this throttle lifts no more than the next lower one",
     }.items()
 )

@@ -134,7 +134,7 @@ def clock_codes(time_s: FloatArray, conditions: Conditions, where: str) -> list[
         raise InputRefused(
             where,
             f"the clock column runs at {rate}, the manifest says {rate_Hz:g} Hz",
-            "mend [load_cell] sample_rate, or the unit under [records] time",
+            "correct [load_cell] sample_rate, or the unit under [records] time",
         )
     if shortest <= 0.0 and not codes:
         codes.append("clock")

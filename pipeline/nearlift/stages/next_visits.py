@@ -276,7 +276,7 @@ def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
         return []
     note = (
         f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which rests on more than the"
-        " noise floor: few visits, or explanations that are not told apart"
+        " noise floor: few visits, or confounded explanations"
     )
     return [note]
 

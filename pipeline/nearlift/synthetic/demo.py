@@ -97,7 +97,7 @@ SUPPLY = Effect(
     ),
     needs=("supply_V",),
     source=Source(
-        citation="own form; a DC motor's speed goes with its voltage, lift with the square of speed"
+        citation="own form; a DC motor's speed scales as its voltage, lift with the square of speed"
     ),
     checks=(
         Check(
