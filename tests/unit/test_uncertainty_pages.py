@@ -122,7 +122,7 @@ def test_profiles_are_drawn_with_their_intervals(evidence):
     assert rows["x"][mine].tolist() == [own.lo90, own.hi90]
     assert rows["rise"][mine] == pytest.approx([2.74, 2.74], abs=0.1)
     text = profiles.caption(evidence, rows)
-    assert re.search(r"[TU](he parabola serves for|pper over lower half)", text)
+    assert re.search(r"[TU](he parabola suffices for|pper over lower half)", text)
     assert profiles.alt(evidence, rows).startswith(
         "Curves of chi² against the coefficient in 4 panels"
     )
@@ -305,7 +305,7 @@ def test_what_prediction_says_in_words():
             "Better than the base: Right (20.0, 95 %: 10.0 to 30.0). The 95 % interval of the score"
             " difference over visits excludes zero."
         ),
-        "Prediction does not part these from the base: Close (−1.0, 95 %: −1.4 to −0.6).",
+        "Prediction does not distinguish these from the base: Close (−1.0, 95 %: −1.4 to −0.6).",
         (
             "Worse: Wrong (−30.0, 95 %: −42.1 to −17.9). The 95 % interval of the score difference"
             " over visits excludes zero."
@@ -324,7 +324,7 @@ def test_what_prediction_says_in_words():
         n: dataclasses.replace(MODELS[n], aic=aic) for n, aic in (("base", 100.0), ("close", 146.0))
     }
     told = uncertainty.verdicts(close, "base", {n: n.title() for n in close})
-    assert told[1].startswith("AIC sees it otherwise: Close 46 behind the base.")
+    assert told[1].startswith("AIC disagrees: Close 46 behind the base.")
     close["close"] = dataclasses.replace(MODELS["close"], aic=108.0)
     assert not any(
         "AIC" in t for t in uncertainty.verdicts(close, "base", {n: n.title() for n in close})

@@ -192,7 +192,7 @@ def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, s
         f"{lead}: {'; '.join(f'{titles[n]} ({_difference(models[n])})' for n in names)}.{tail}"
         for names, lead, tail in (
             (better, "Better than the base", EXCLUDES),
-            (same, "Prediction does not part these from the base", ""),
+            (same, "Prediction does not distinguish these from the base", ""),
             (worse, "Worse", EXCLUDES),
         )
         if names
@@ -205,11 +205,9 @@ def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, s
             for n in torn
         )
         words.append(
-            f"AIC sees it otherwise: {listing}. It asks how well all trials are fitted at once, and"
-            " charges a model for every shared unknown (a datum, a gain) that it must bend from"
-            " what is declared; the score foretells a visit with those unknowns already learnt"
-            " from the others, so a misfit that looks like a wrong datum costs little. Where a"
-            " shared error is well declared, believe AIC; where it is not, neither decides."
+            f"AIC disagrees: {listing}. AIC penalises fitted shifts of shared unknowns (a datum, a"
+            " gain) from their stated values; the score does not. With well stated uncertainties"
+            " believe AIC; otherwise neither decides."
         )
     if not better and not same and worse:
         words.append("No other model predicts as well as the base.")

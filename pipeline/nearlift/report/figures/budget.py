@@ -87,9 +87,9 @@ def caption(evidence: Evidence, table: Columns) -> str:
         source, percent = mine["component"][top], mine["fall_percent"][top]
         words.append(f"{letter(name)} ({panel}): {source}, {percent:.0f} %")
     return (
-        "By how much the standard uncertainty of each coefficient would fall if one source of"
-        " error were known exactly; type A from repeats, type B declared in the manifest, always"
-        " shown. Sources are correlated through the fit, so the falls do not add. Largest:"
+        "Fall of each coefficient's standard uncertainty if one source of error were known exactly."
+        " Type A: from repeats. Type B: stated in the manifest. Sources are correlated, so the"
+        " falls do not add. Largest:"
         f" {'; '.join(words)}."
     )
 

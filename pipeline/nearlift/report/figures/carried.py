@@ -44,7 +44,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     )
     return (
         f"{'; '.join(words).capitalize()}. Means of cells against distance, a series for each"
-        f" throttle. {bars} They are carried along as they were measured, and {NO_MODEL}."
+        f" throttle. {bars} {NO_MODEL[0].upper()}{NO_MODEL[1:]}."
     )
 
 

@@ -115,7 +115,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """Caption, numbers included."""
     shown = (
         "Posterior of each base model: histograms of the draws and, for each pair, the regions of"
-        " highest density that hold 50, 90 and 99 %."
+        " highest density with 50, 90 and 99 %."
     )
     parts = [shown]
     for boundary in evidence.boundaries:

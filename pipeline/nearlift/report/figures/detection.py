@@ -85,16 +85,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
     content = evidence.document(PROXIMITY)
     across = "; shaded across: the manifest's readings" if "reading" in table["row"] else ""
     drawn = (
-        "Above: the farthest distance at which a boundary is noticed with"
+        "Above: the farthest distance at which a boundary is detected with"
         f" {100 * content['false_alarm_rate']:g} % false alarms and"
-        f" {100 * content['miss_rate']:g} % misses, against averaging time, by the standard"
-        " uncertainty of weight or supply voltage; bands: 90 % over the model's uncertainty. An"
-        " alarm is one-sided: more lift near ground and ceiling, less near a wall; one decision"
-        f" after each averaging time of {content['averaging_s']:g} s raises"
-        f" {3600 * content['false_alarm_rate'] / content['averaging_s']:g} false ones an hour."
-        " Where there is no curve, no distance that was measured would do. Below: what a reading"
-        f" averaged over {content['averaging_s']:g} s says of the distance (median and 90 %, weight"
-        f" and supply known best){across}."
+        f" {100 * content['miss_rate']:g} % misses, against averaging time. Lines: standard"
+        " uncertainty of weight or supply voltage. Bands: 90 % over the model's uncertainty."
+        " Alarms are one-sided: more lift near ground and ceiling, less near a wall. One decision"
+        f" every {content['averaging_s']:g} s gives"
+        f" {3600 * content['false_alarm_rate'] / content['averaging_s']:g} false alarms an hour."
+        " No curve: not detected at any measured distance. Below: distance from a reading averaged"
+        f" over {content['averaging_s']:g} s (median and 90 %, weight and supply known"
+        f" best){across}."
     )
     parts = [drawn]
     for side, detected in content["boundaries"].items():
@@ -104,9 +104,9 @@ def caption(evidence: Evidence, table: Columns) -> str:
         plus = "+" if largest > 0 else ""
         parts.append(
             f"{side.capitalize()}, {detected['title']}: largest change of lift measured"
-            f" {plus}{plain(largest, 2)} %, noise {plain(noise, 2)} %/√Hz and {plain(floor, 2)} %"
-            " that averaging leaves; lift is taken to go as the voltage to the power"
-            f" {detected['lift_per_voltage']:.2g}."
+            f" {plus}{plain(largest, 2)} %, noise {plain(noise, 2)} %/√Hz, floor"
+            f" {plain(floor, 2)} %."
+            f" Lift is assumed to scale as voltage^{detected['lift_per_voltage']:.2g}."
         )
         if "refused" in detected:
             parts.append(f"Not inverted: {detected['refused']}.")

@@ -66,11 +66,11 @@ def caption(evidence: Evidence, table: Columns) -> str:
     cases = columns(piv)
     first = cut(evidence, piv.control)
     text = (
-        "Time-averaged airspeed (colour) and streamlines; thrust points up, also where the vehicle"
-        " hung inverted; grey: no vectors."
+        "Time-averaged airspeed (colour) and streamlines. Thrust points up, also where the vehicle"
+        " was inverted. Grey: no vectors."
         f" {flow_panel.origin(evidence, [c.name for c in cases])} Below: downwash along the dashed"
-        f" cut, {plain(first['below_m'] / r, 3)} rotor radii beneath the rotor plane, with its 90 %"
-        " band; dotted: the control; shade: the span that is averaged. Control:"
+        f" cut, {plain(first['below_m'] / r, 3)} rotor radii below the rotor plane, with its 90 %"
+        " band. Dotted: the control. Shade: the averaged span. Control:"
         f" {fixed(first['downwash_m_s'], 2)} m/s."
     )
     reduced = [

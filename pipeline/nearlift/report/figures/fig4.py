@@ -56,7 +56,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """Caption."""
     return (
         "Change of time-averaged airspeed from the control (blue: slower, red: faster), with the"
-        " streamlines of each case. Upper row: ceiling; lower row: ground; nearer from left to"
+        " streamlines of each case. Upper row: ceiling. Lower row: ground. Nearer from left to"
         " right. One colour scale for each row. Grey: no vectors in the case or in the control."
         " Outline: stagnation zone, slower than 0.3 of the control's downwash on the ground beneath"
         f" the rotors' inner halves. {origin(evidence, [c.name for c in cases(evidence)])}"

@@ -94,19 +94,17 @@ def caption(evidence: Evidence, table: Columns) -> str:
     counts = " or ".join(str(f) for f in sorted(flights))
     text = (
         "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and controller. First"
-        " row: the seconds around a crash in the first flight that the model decides (above the"
-        " ground it saves the vehicle, below the ceiling it is what loses it); both curves meet the"
-        " same gusts; a cross is the crash. Below: share of flights that touch the boundary against"
-        f" set-point, for no model and for the model's ratio raised to powers, {counts} flights a"
-        " point with the same gusts throughout; shade: 90 % binomial interval, of the model itself"
-        " and of none. Right axis: relative power to hover, (L/L∞)^(−3/2) as the paper has it"
-        " (dashed) and L∞/L, as its theories mean it (dotted)."
+        " row: the seconds around a crash (cross) in the first flight that the model decides. Both"
+        " curves have the same gusts. Below: share of flights that touch the boundary against"
+        " set-point, without a model and with powers of the model's ratio;"
+        f" {counts} flights a point. Shade: 90 % binomial interval. Right axis: relative power to"
+        " hover, (L/L∞)^(−3/2) as in the paper (dashed) and L∞/L as in its theories (dotted)."
     )
     parts = [text]
     for name, preset in presets.items():
         tests = [flown.convergence for flown in preset.boundaries.values()]
         worst = max(test.worst for test in tests)
-        verdict = "its rates are the time step's as much as the vehicle's"
+        verdict = "its rates depend on the time step"
         if all(test.converged for test in tests):
             verdict = "no rate leaves its interval"
         parts.append(

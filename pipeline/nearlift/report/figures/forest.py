@@ -74,10 +74,10 @@ def caption(table: Columns) -> str:
     n = len(distinct(campaigns["label"]))
     parts = [f"Headline coefficients of {n} campaign{'s' if n != 1 else ''}, with 90 % intervals."]
     if "unexplained" in campaigns["verdict"]:
-        parts.append("Open symbols: structure that no named effect explains.")
+        parts.append("Open symbols: unexplained structure.")
     if "population" in table["kind"]:
         parts.append(
-            "Diamond and band: the population's mean; dashed: what a further campaign would find."
+            "Diamond and band: the population's mean. Dashed: prediction for a further campaign."
         )
     return " ".join(parts)
 

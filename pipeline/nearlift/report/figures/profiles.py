@@ -67,16 +67,16 @@ def caption(evidence: Evidence, table: Columns) -> str:
             else:
                 straight.append(what)
     said = (
-        ("the parabola serves for", ", ".join(straight)),
-        ("upper over lower half of the 90 % interval,", "; ".join(lopsided)),
-        ("the profile stays open,", "; ".join(open_ends)),
+        ("the parabola suffices for", ", ".join(straight)),
+        ("upper over lower half of the 90 % interval:", "; ".join(lopsided)),
+        ("no end of the profile:", "; ".join(open_ends)),
     )
-    text = "; ".join(f"{head} {which}" for head, which in said if which)
+    text = ". ".join(f"{head[0].upper()}{head[1:]} {which}" for head, which in said if which)
     return (
-        "Rise of chi² above its least with one coefficient held, L_inf and everything else"
-        " optimised again (line), and the parabola of its standard uncertainty (dashes), of the"
-        " base fits, without effects. Marks: ends of the 68, 90 and 95 % intervals."
-        f" {text[:1].upper()}{text[1:]}."
+        "Rise of chi² above its minimum with one coefficient fixed and everything else optimised"
+        " (line). Dashed: the parabola of its standard uncertainty. Base fits, without effects."
+        " Marks: ends of the 68, 90 and 95 % intervals."
+        f" {text}."
     )
 
 
@@ -84,7 +84,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
     """Description for screen readers."""
     n = len(distinct(table["panel"], table["parameter"]))
     return (
-        f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each beside a"
+        f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each with a"
         " parabola. " + caption(evidence, table).rsplit("intervals. ", 1)[1]
     )
 

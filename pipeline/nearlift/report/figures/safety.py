@@ -116,24 +116,22 @@ def _band(rates: Columns) -> tuple[Any, Any]:
 def caption(evidence: Evidence, table: Columns) -> str:
     """Caption, by boundary."""
     text = (
-        "The fitted models in flight, with the paper's controller and gusts carried over to this"
-        " vehicle (same dimensionless groups) unless the manifest gives its own. Above: crash rate"
-        " against set-point, with the 90 % band of model and flights together (dotted: L/L∞ held"
-        " below the nearest station, where else the model's own form is carried on), where the"
-        " vehicle touches (line and shade), and the relative power to hover (right axis), by what"
-        " the trials held (band: its uncertainty) and as the paper has it (dashed). With and"
-        " without a boundary the supply sags alike. Below: power against risk; a rate of zero is"
-        " drawn at half a crash. Symbols are the lowest set-points for the stated risks. Their bars"
-        " are 90 % intervals of the crash rate by as many flights with other gusts."
+        "Simulated flights with the fitted models. Controller and gusts are the paper's, scaled to"
+        " this vehicle, unless the manifest gives its own. Above: crash rate against set-point"
+        " with the 90 % band of model and flights (dotted: L/L∞ constant below the nearest station)."
+        " Line and shade: contact. Right axis: relative power to hover, for the held quantity (with"
+        " its uncertainty) and as in the paper (dashed). Supply sag acts with and without a"
+        " boundary. Below: power against risk; a rate of zero is drawn at half a crash. Symbols:"
+        " lowest set-points for the stated risks, with 90 % intervals of the crash rate."
     )
     parts = [text]
     for side, fit in evidence.safety.fitted.items():
         parts.append(
             f"{side.capitalize()}: {fit.title}, {fit.draws} draws from {fit.draws_from},"
-            f" {fit.flights} flights a point ({fit.draw_flights} by each draw); a crash is"
+            f" {fit.flights} flights a point ({fit.draw_flights} by each draw). Crash:"
             f" ẑ ≤ {fit.contact_z_hat:.3g}"
-            f" ({1e3 * fit.contact_m:.3g} mm from the rotor plane), and nothing was measured"
-            f" below ẑ = {fit.measured_z_hat[0]:.3g}; halving the step changes a rate by up to"
+            f" ({1e3 * fit.contact_m:.3g} mm from the rotor plane). Nearest measurement:"
+            f" ẑ = {fit.measured_z_hat[0]:.3g}. Halving the step changes a rate by up to"
             f" {fit.convergence.worst:.2g}."
         )
         parted = [f"{100 * e.risk:g} %" for e in fit.levels if not e.advised]

@@ -190,7 +190,7 @@ def _models(
 def _source(evidence: Evidence, boundary: Boundary, curve: curves.Curve, apart: bool) -> str:
     """Label of the line; `apart`: it differs visibly from least squares."""
     if effects := relative_lift.named(evidence, boundary):
-        return f"as quoted, beside {' and '.join(map(titled, effects))}"
+        return f"as quoted, with {' and '.join(map(titled, effects))}"
     if relative_lift.as_quoted(evidence, boundary):
         return "as quoted, with what is unexplained"
     if not curve.sampled:

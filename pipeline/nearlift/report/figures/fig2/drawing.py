@@ -59,7 +59,7 @@ def draw(table: Rows, look: Style) -> Figure:
         loc: Corner = "lower right" if boundary == "sidewall" else "upper right"
         _panel(ax, where(table, panel=boundary), throttles, shade, loc)
         without = len(where(table, panel=boundary, kind="without")["label"])
-        out = f", effect{'s' * (without > 1)} taken out" if without else ""
+        out = f", corrected for effect{'s' * (without > 1)}" if without else ""
         ax.set_title(title + out)
         ax.set_xlabel(f"distance {label}")
     (reference, *_) = where(table, kind="L_inf")["label"]

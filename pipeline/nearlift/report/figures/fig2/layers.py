@@ -17,7 +17,7 @@ TOOLTIP = (
 
 def layers(span: list[float], without: int) -> list[Spec]:
     """From back to front: zero, bands, curves, bars, points, further data. Only the points decide
-    how far the ordinate reaches; so many effects are taken out of Delta L.
+    how far the ordinate reaches; Delta L is corrected for so many effects.
     """
     x: Spec = {
         "field": "x",
@@ -34,7 +34,7 @@ def layers(span: list[float], without: int) -> list[Spec]:
             "labelSeparation": 6,
         },
     }
-    out = f", effect{'s' * (without > 1)} taken out" if without else ""
+    out = f", corrected for effect{'s' * (without > 1)}" if without else ""
     title = f"quantity == 'delta' ? 'ΔL{out} (%)' : 'lift (' + quantity + ')'"
     far: Spec = {"calculate": "datum.z_hat * reach", "as": "x"}
     y: Spec = {

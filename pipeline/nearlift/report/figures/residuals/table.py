@@ -177,8 +177,8 @@ def caption(evidence: Evidence, table: Columns) -> str:
     """Caption, with counts."""
     text = (
         "Relative residuals of the base model, log lift − log model − log L∞, in percent. Dots:"
-        " accepted trials; circles: means over bins with their standard error (trials taken as"
-        " independent); shade: ± 1 standard deviation of a trial in the fit's noise model."
+        " accepted trials. Circles: means over bins with their standard error. Shade: ± 1 standard"
+        " deviation of a trial in the noise model."
     )
     parts = [text]
     for boundary in evidence.boundaries:
