@@ -33,28 +33,27 @@ def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
 
 
 def how(drawn: PosteriorSummary | None) -> str:
-    """How a posterior was sampled and what its judges said, in words."""
+    """How a posterior was sampled, and how that was checked, in words."""
     if drawn is None:
-        return "it has no posterior"
+        return "no posterior"
     if drawn.sampler == "none":
-        return "it has no free parameter, and nothing had to be sampled"
+        return "no free parameter"
     n = drawn.chains * drawn.draws
     if drawn.sampler == "emcee":
         sampling = (
-            f"emcee took {drawn.steps} steps of {drawn.chains} walkers (differential"
-            f" evolution and snooker moves, {100 * drawn.acceptance:.0f} % accepted, τ ="
-            f" {plain(drawn.tau or 0.0, 3)}); {n} draws are kept, equal to {drawn.ess or 0.0:.0f}"
-            " independent ones"
+            f"{n} draws by emcee, equal to {drawn.ess or 0.0:.0f} independent ones. It took"
+            f" {drawn.steps} steps of {drawn.chains} walkers, {100 * drawn.acceptance:.0f} %"
+            f" accepted, τ = {plain(drawn.tau or 0.0, 3)}"
         )
     else:
         sampling = (
-            f"{n} independent draws by importance sampling from the peak (Pareto k ="
-            f" {plain(drawn.pareto_k, 2)}; below 0.7 it can be used)"
+            f"{n} independent draws by importance sampling (Pareto k = {plain(drawn.pareto_k, 2)},"
+            " valid below 0.7)"
         )
     judged = [
-        f"the {c.by} agrees, within {plain(c.apart, 2)} Monte Carlo standard errors"
+        f"The {c.by} agrees within {plain(c.apart, 2)} Monte Carlo standard errors"
         for c in drawn.checks
         if not c.unfit
     ]
-    unfit = [f"the {c.by} could not judge ({c.unfit})" for c in drawn.checks if c.unfit]
-    return "; ".join([sampling, *judged, *unfit])
+    unfit = [f"The {c.by} was no check: {c.unfit}" for c in drawn.checks if c.unfit]
+    return ". ".join([sampling, *judged, *unfit])

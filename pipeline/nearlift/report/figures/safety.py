@@ -118,7 +118,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     text = (
         "Simulated flights with the fitted models. Controller and gusts are the paper's, scaled to"
         " this vehicle, unless the manifest gives its own. Above: crash rate against set-point"
-        " with the 90 % band of model and flights (dotted: L/L∞ constant below the nearest station)."
+        " with the 90 % band of model and flights. Dotted: L/L∞ constant below the nearest station."
         " Line and shade: contact. Right axis: relative power to hover, for the held quantity (with"
         " its uncertainty) and as in the paper (dashed). Supply sag acts with and without a"
         " boundary. Below: power against risk; a rate of zero is drawn at half a crash. Symbols:"
