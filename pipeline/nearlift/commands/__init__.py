@@ -49,7 +49,10 @@ ABOUT = {
     "compare": About(
         group=AFTERWARDS,
         summary="One coefficient over many campaigns, with a forest plot",
-        text="Table, plot, population mean and spread over finished campaigns; without names, all.",
+        text=(
+            "Table, forest plot and population mean over finished campaigns; without names, all."
+            " The mean does not average down shared errors."
+        ),
         example="compare rig-a rig-b",
         settings=("out",),
     ),
@@ -83,26 +86,26 @@ ABOUT = {
     ),
     "design": About(
         group=BEGIN,
-        summary="What a planned campaign could see, and a random schedule",
+        summary="Detectable effects of a planned campaign, and a random schedule",
         text=(
-            "Before CAMPAIGN is run: what its plan could see, what it would confuse, what to"
-            " change. The plan is the folder's schedule, or the manifest's [design]."
+            "For CAMPAIGN before it is run: detectable effects, confounded effects, and changes"
+            " to the plan. The plan is the folder's schedule, or the manifest's [design]."
         ),
         example="design raw/my-rig --write raw/my-rig/planned.csv",
         settings=OPENS,
     ),
     "export": About(
         group=AFTERWARDS,
-        summary="What was fitted, in forms that other programs read",
+        summary="The fitted model, in forms that other programs read",
         text="Stage fit must have run.",
         example="export raw/my-rig --c --netcdf",
         settings=("out", "verbose"),
     ),
     "explain": About(
         group=AFTERWARDS,
-        summary="One effect: what this campaign could show of it",
+        summary="One effect, and its visibility in this campaign",
         text=(
-            "What the effect is, what the campaign could detect of it, and what it is confounded"
+            "The effect, its detectable size in this campaign, and the effects that it is confounded"
             " with. Stage ingest must have run. `diagnose --explain` is the same."
         ),
         example="explain raw/my-rig supply_sag",
@@ -129,11 +132,11 @@ ABOUT = {
     ),
     "next": About(
         group=RUN,
-        summary="The next visits, for a coefficient or to tell two effects apart",
+        summary="The next visits, for a coefficient or to distinguish two effects",
         text=(
-            "Chosen from what the campaign's trials already say, a share of them always round all"
-            " stations; with what they would bring, where to stop, and what they give up. Stages"
-            " ingest and, for named effects, diagnose must have run. Nothing is written."
+            "Chosen from the campaign's trials, with a share at all stations. Prints their gain,"
+            " where to stop, and their cost. Stages ingest and, for identified effects, diagnose"
+            " must have run. Nothing is written."
         ),
         example=(
             "next raw/my-rig --for K_b --until 0.05\nnext raw/my-rig --for separate --csv"

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     metavar="QUESTION",
     help=(
         "A coefficient, such as K_b; separate=A,B for two effects, separate alone for those that"
-        " the diagnosis could not tell apart; drift for the supply against time."
+        " the diagnosis could not distinguish; drift for the supply against time."
     ),
 )
 @click.option(

@@ -45,7 +45,7 @@ class AskedQuestion:
                     f"--for {text}",
                     "wants two different effects",
                     "separate=supply_sag,gain_drift, or separate alone for those that the diagnosis"
-                    " could not tell apart",
+                    " could not distinguish",
                 )
             if until is not None:
                 raise UsageError(

@@ -46,7 +46,7 @@ PROXIMITY = Product(file="proximity.json", title="Where the boundary is, from li
 PROXIMITY_PRODUCTS = (DETECTION, PROXIMITY)
 STAGE = Stage(
     name="detect",
-    summary="how far away a boundary shows in lift",
+    summary="detection range of a boundary from lift",
     help="Only where the manifest has [detect].",
     reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
     writes=PROXIMITY_PRODUCTS,

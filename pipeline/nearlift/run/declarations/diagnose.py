@@ -35,7 +35,7 @@ LOOP_RESIDUALS = Product(
 )
 STAGE = Stage(
     name="diagnose",
-    summary="the residual, traced to what the model lacks",
+    summary="residuals, traced to their cause",
     reads=(TRIALS, FIT),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
