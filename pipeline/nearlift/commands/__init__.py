@@ -105,8 +105,8 @@ ABOUT = {
         group=AFTERWARDS,
         summary="One effect, and its visibility in this campaign",
         text=(
-            "The effect, its detectable size in this campaign, and the effects that it is confounded"
-            " with. Stage ingest must have run. `diagnose --explain` is the same."
+            "The effect, its detectable size in this campaign, and the effects confounded with it."
+            " Stage ingest must have run. `diagnose --explain` is the same."
         ),
         example="explain raw/my-rig supply_sag",
         settings=OPENS,
