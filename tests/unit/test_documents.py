@@ -167,22 +167,24 @@ def expected(evidence, quoted):
     sure = [line for line in repeats if line.dof >= 2]
     scales = {"1": (100, "%"), "N": (1e3, "mN"), "m": (1e3, "mm")}
     yield (
-        "Lift of a tethered rotorcraft (Crazyflie 2.0: 4 rotors of radius 23 mm) was measured with the throttle held",
-        f"near the ground, {len(z)} trials in {len(set(trials['visit']))} visits at {len(set(z))} distances",
+        "Lift of a tethered rotorcraft (Crazyflie 2.0: 4 rotors of radius 23 mm) was measured at constant throttle.",
+    )
+    yield (
+        f"Near the ground, {len(z)} trials in {len(set(trials['visit']))} visits at {len(set(z))} distances",
         f"from {z.min():.3g} to {z.max():.3g}) and {len(set(trials['throttle']))} throttles",
     )
     yield ("Mean lifts of trials were taken as they were recorded.",)
     yield (f"Of {len(z)} trials, 1 was left out: the load cell was at the end of its range (1).",)
+    yield ("fitted to the logarithm of the lift of single trials",)
     yield (
-        "fitted to the logarithm of the lift of single trials",
-        f"near the ground, Sanchez-Cuevas [@sanchezcuevas2017], with {len(fitted['boundaries']['ground']) - 1} rivals [",
+        f"Near the ground: Sanchez-Cuevas [@sanchezcuevas2017], with {len(fitted['boundaries']['ground']) - 1} rivals [",
         f"to {entry['n_trials']} trials.",
     )
     yield (
         "Least squares (trust region [@lmfit]) used the full covariance of the "
         + fitted["noise"]["ground"]["source"].partition(" (")[0],
-        "the stated uncertainties: distance datum (shared by boundary).",
     )
+    yield ("It includes the stated uncertainties: distance datum (shared by boundary).",)
     yield ("Uncertainties are standard ones, by the GUM [@gum2008].",)
     own = entry["posterior"]
     yield (
@@ -207,13 +209,15 @@ def expected(evidence, quoted):
         )
         yield (
             {
-                "adequate": "Near the ground, no residual structure was detected (",
-                "effect": "Near the ground, the residuals are explained by supply sag [@supply_sag] (",
-                "unexplained": "Near the ground, no candidate effect explains the residual structure (",
+                "adequate": "Near the ground, no residual structure was detected.",
+                "effect": "Near the ground, the residuals are explained by supply sag [@supply_sag]: lift",
+                "unexplained": "Near the ground, no candidate effect explains the residual structure.",
             }[quoted.verdict],
             *(f"voltage^{s.value:.2f} (90 %: {s.lo90:.2f}" for s in quoted.sizes),
+        )
+        yield (
             f"over visits: {percent(error['before']['held_out_rmse'])}{after} of lift;",
-            f"noise floor {percent(error['noise_floor'])}).",
+            f"noise floor {percent(error['noise_floor'])}.",
         )
     ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
     yield (f"Near the ground, $K_b$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {ends}).",)

@@ -71,7 +71,7 @@ def test_the_loop_is_told_with_its_error_and_what_it_moved(evidence):
     diagnosed = quoted.known(evidence, DIAGNOSED)
     text = methods.markdown(diagnosed).decode()
     assert (
-        "explained by supply sag [@supply_sag], which the design cannot distinguish from session gain"
+        "explained by supply sag [@supply_sag]. The design cannot distinguish this from session gain."
         in text
     )
     assert "Near the ground, $K_b$ = 2.00 ± 0.12 (k = 1; 90 %: 1.80 to 2.20). Includes" in text

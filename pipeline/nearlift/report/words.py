@@ -35,8 +35,12 @@ LEAST_P = 1e-12
 NEAR_HAT, FAR_HAT = 6.0, 12.0
 #: Least relative fall of u for which a source is listed, and most sources listed.
 LEAST_FALL, MOST_SOURCES = 0.05, 3
+#: A further source is printed where u without it is below this part of u.
+SMALL = 0.8
 #: A source with fewer degrees of freedom than this is poorly determined.
 LEAST_DOF = 2.0
+#: Errors of inputs below this part of u are not listed.
+LEAST_IN_U = 0.01
 #: Part of its signal above which an effect differs from the coefficient that absorbs it.
 LEAST_VISIBLE = 1e-3
 #: Effects with more sizes than this are printed as a range.
@@ -317,7 +321,7 @@ def _scale(size: EffectSize) -> tuple[float, str]:
 def _omits(evidence: Evidence, boundary: Boundary) -> str:
     """Inputs without a stated uncertainty, each with the shift by a plausible error."""
     name = noun(evidence.quoted(boundary).headline)
-    errors = undeclared(evidence, boundary)
+    errors = [e for e in undeclared(evidence, boundary) if e.in_u > LEAST_IN_U]
     words = []
     for i, e in enumerate(errors):
         shift = f": {plain(e.shift, 2)}" if i else f" shifts {name} by {plain(e.shift, 2)}"
@@ -354,7 +358,11 @@ def _sources(quoted: BoundaryResult) -> str:
     mostly = "mostly" if u < c.u / 2 else "from"
     whole = f"u({letter(quoted.headline)}) = {plain(c.u, 2)}"
     text = f"{whole}, {mostly} {titled(first)} ({plain(u, 2)} without it)"
-    return text + "".join(f", {titled(name)} ({plain(u, 2)})" for name, u in rest) + "."
+    return (
+        text
+        + "".join(f", {titled(name)} ({plain(u, 2)})" for name, u in rest if u < SMALL * c.u)
+        + "."
+    )
 
 
 def leads(c: CoefficientResult) -> list[tuple[str, float]]:
@@ -594,10 +602,10 @@ def is_the_coefficient(silent: SilentEffect) -> bool:
     """Whether an effect of the vehicle's physics is what a coefficient measures: the trials show
     none of it besides the coefficient, as the strength of the images is k of Cheeseman-Bennett.
     """
-    return (
-        silent.share_visible < LEAST_VISIBLE
-        and catalogue.effect(silent.effect).belongs_to == "vehicle"
-    )
+    effect = catalogue.effect(silent.effect)
+    # a quantity to log would distinguish it, as rpm does the held quantity
+    distinct = effect.belongs_to == "bench" or bool(effect.log_next_time)
+    return silent.share_visible < LEAST_VISIBLE and not distinct
 
 
 def undetected(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:

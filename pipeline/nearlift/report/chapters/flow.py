@@ -29,8 +29,8 @@ CLAIMS = (
     (
         "6 % less near the ground (ẑ = 3.4)",
         (
-            "The cut one diameter below the rotor is 1.4 radii above the floor, where the jet"
-            " is being turned: it is not the inflow at the disk."
+            "The cut is 1.4 radii above the floor, where the jet turns. It does not measure the"
+            " inflow at the disk, which images reduce by 1.5 to 1.7 %."
         ),
     ),
     (

@@ -30,7 +30,7 @@ EXCLUDES = " The 95 % interval of the score difference over visits excludes zero
 #: What is done to a criterion before it is printed.
 LESS = "less the base model's"
 TREATMENTS = {
-    "slope": "enters to first order, as the error times the slope of the curve",
+    "slope": "enters to first order",
     "exact": (
         "is an unknown with its declared distribution, integrated over by quadrature, because first"
         " order is not enough"

@@ -97,21 +97,21 @@ def _design(evidence: Evidence) -> str:
             else ""
         )
         parts.append(
-            f"near the {boundary}, {_plural(int(mine.sum()), 'trial')}{visits} at"
+            f"Near the {boundary}, {_plural(int(mine.sum()), 'trial')}{visits} at"
             f" {_plural(len(np.unique(z)), 'distance')} "
             rf"($\hat z$ from {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}) and"
             rf" {_plural(len(levels), 'throttle')}"
         )
     if free := int((trials["boundary"] == "none").sum()):
-        parts.append(f"in free air, {_plural(free, 'trial')}")
+        parts.append(f"In free air, {_plural(free, 'trial')}")
     radius = plain(1e3 * vehicle.rotor_radius)
     simulated = "The records were simulated, not measured. " if evidence.campaign.simulated else ""
     return (
         f"{simulated}Lift of a tethered rotorcraft"
         f" ({_safe(vehicle.name)}: {_plural(vehicle.rotors, 'rotor')} of radius {radius} mm) was"
         f" {'simulated' if simulated else 'measured'}"
-        f" with the {rig.held} held constant: "
-        rf"{'; '.join(parts)}; $\hat z$ is the distance over the rotor radius."
+        f" at constant {rig.held}. "
+        rf"$\hat z$ is the distance over the rotor radius. {'. '.join(parts)}."
     )
 
 
@@ -158,15 +158,15 @@ def _fits(evidence: Evidence) -> str:
             else ""
         )
         parts.append(
-            f"near the {boundary}, {model.title} {_cite(*keys(model))}{beside}, to"
-            f" {_plural(fit.n_trials, 'trial')}"
+            f" Near the {boundary}: {model.title} {_cite(*keys(model))}{beside}, to"
+            f" {_plural(fit.n_trials, 'trial')}."
         )
     declared = [
         f"{_safe(c.name)} (shared by {c.scope})"
         for c in budget.components(evidence.campaign)
         if not c.is_measured
     ]
-    shared = f", and of the stated uncertainties: {listed(declared)}" if declared else ""
+    shared = f". It includes the stated uncertainties: {listed(declared)}" if declared else ""
     curve = evidence.campaign.levels
     levels = (
         "free for every throttle"
@@ -176,10 +176,10 @@ def _fits(evidence: Evidence) -> str:
     sources = dict.fromkeys(fits.noise[b].source.partition(" (")[0] for b in evidence.boundaries)
     text = (
         r"Models of $L/L_\infty$ were fitted to the logarithm of the lift of single trials, with"
-        rf" $L_\infty$ {levels}: "
-        f"{'; '.join(parts)}. Least squares (trust region {_cite('lmfit')}) used the full"
-        f" covariance of the {listed(list(sources))}{shared}. "
-        f"Uncertainties are standard ones, by the GUM {_cite('gum2008')}."
+        rf" $L_\infty$ {levels}.{''.join(parts)}"
+        f" Least squares (trust region {_cite('lmfit')}) used the full covariance of the"
+        f" {listed(list(sources))}{shared}."
+        f" Uncertainties are standard ones, by the GUM {_cite('gum2008')}."
     )
     if evidence.has(POSTERIOR):
         drawn = [evidence.base(b)[1].posterior for b in evidence.boundaries]
@@ -229,9 +229,9 @@ def _loop(evidence: Evidence) -> str:
                 if e.name in known
             ]
             rivals = rivals_of(diagnosis, "and")
-            size = f" ({sizes(quoted)})" if (quoted := evidence.quoted(boundary)).sizes else ""
+            size = f": {sizes(quoted)}" if (quoted := evidence.quoted(boundary)).sizes else ""
             said = f"the residuals are explained by {listed(named)}{size}" + (
-                f", which the design cannot distinguish from {rivals}" if rivals else ""
+                f". The design cannot distinguish this from {rivals}" if rivals else ""
             )
         if diagnosis.look:
             said += f" ({diagnosis.look.text})"
@@ -246,11 +246,11 @@ def _loop(evidence: Evidence) -> str:
             )
             then = f" to {after}" if diagnosis.verdict == "effect" else ""
             said += (
-                f" (cross-validated error over {evidence.left_out}: {before}{then} of lift; noise"
-                f" floor {floor})"
+                f". Cross-validated error over {evidence.left_out}: {before}{then} of lift; noise"
+                f" floor {floor}"
             )
         if could := diagnosis.sensitivity:
-            said += f"; {could.trials} trials {titled(str(could))}"
+            said += f". {could.trials} trials {titled(str(could))}"
         parts.append(f"near the {boundary}, {said}")
     if not parts:
         return " ".join(silent)

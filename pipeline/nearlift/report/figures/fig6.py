@@ -108,7 +108,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
         if all(test.converged for test in tests):
             verdict = "no rate leaves its interval"
         parts.append(
-            f"{name.capitalize()}: {preset.meaning}; halving the step changes a crash rate by up"
+            f"{name.capitalize()}: {preset.meaning}. Halving the step changes a crash rate by up"
             f" to {worst:.2g}: {verdict}."
         )
     return " ".join(parts)
