@@ -607,11 +607,11 @@ def test_caption_and_alternative_text_agree_with_the_picture(evidence, table):
     assert "Relative residuals (a, b, f, i)" in caption
     assert "Candidates (c, j)" in caption
     assert (
-        "Ground: supply_sag (or warm_up); held-out error 2 % to 0.45 %, noise floor 0.4 %; if (1)"
-        " supply_sag is all" in caption
+        "Ground: supply_sag (or warm_up); cross-validated error 2 % to 0.45 %, noise floor 0.4 %."
+        " Assumptions: (1) supply_sag alone" in caption
     )
-    assert "K_b, if every undetected effect at its plausible size: 1.95, 90 % 0.975 to 3.12." in alt
-    assert "Bin means before stray" in alt
+    assert "K_b, every undetected effect at its plausible size: 1.95, 90 % 0.975 to 3.12." in alt
+    assert "Bin means before deviate by" in alt
 
 
 def test_the_report_makes_it_and_shows_it_before_the_words(job, monkeypatch):

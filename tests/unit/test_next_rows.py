@@ -134,7 +134,7 @@ def test_the_share_that_goes_round_is_the_users(ingested):
     ("words", "said"),
     [
         (("--for", "K_x"), "no base model of this campaign has that coefficient"),
-        (("--for", "separate"), "names no two explanations that it cannot tell apart"),
+        (("--for", "separate"), "names no two explanations that it cannot distinguish"),
         (("--for", "separate=supply_sag,supply_sag"), "wants two different effects"),
         (("--for", "separate", "--until", "1"), "is u of a coefficient"),
         (("--for", "K_b", "--csv", "--json"), "was asked for with --json"),

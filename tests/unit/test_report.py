@@ -237,7 +237,7 @@ def test_a_model_that_repeats_reject_is_called_rejected(make_job):
     job = make_job(boundaries=("ground",), edit=bend, fit={"ess": 400})
     report.run(job)
     text = (job.reports / "index.html").read_text()
-    assert "rejected: means at one distance and throttle stray from the curve" in text
+    assert "rejected, as cell means deviate from the curve by more than scatter" in text
     assert 'class="card bad"' in text
 
 
@@ -379,14 +379,12 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
         " This design cannot distinguish it from session gain. See it" in words
     )
     assert "Kb = 2.00 ± 0.12 (k = 1)" in words
-    assert "90 % interval 1.80 to 2.20. Allows" in words
+    assert "90 % interval 1.80 to 2.20. Includes" in words
     told = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", text))
     assert "every undetected effect at its plausible size K b = 2.0 1.5 to 2.5" in told
-    assert "noise alone 0.41&nbsp;%" in words
+    assert "noise floor 0.41&nbsp;%" in words
     assert "< 10⁻¹²" in text or "&lt; 10⁻¹²" in text
-    assert (
-        "Next: both directions, which would part height offset and near-wall saturation." in words
-    )
+    assert "Next: both directions, to distinguish height offset from near-wall saturation." in words
     for attributes, _ in Elements(text).numbers:
         file, _, pointer = attributes["data-source"].partition("#")
         if file == DIAGNOSIS.file:

@@ -230,7 +230,7 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
         {"S-C, least squares"},
     )
     text = fig2_words.caption(moved, table)
-    assert "thin line: least squares, which parts from it visibly (ground)" in text
+    assert "Thin line (ground): least squares, which differs visibly." in text
     own = moved.quoted("ground").coefficients["K_b"]
     assert f"(K_b = {plus_minus(own.value, own.u)}, k = 1)" in text
     moved, entry = quoted.fitted(moved, "ground")
@@ -315,12 +315,12 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
 def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_farthest):
     text = fig2_words.caption(evidence, table)
     for words in (
-        "± 1 standard uncertainty",
+        "Bars: 1 standard uncertainty from scatter",
         "central 90 %",
-        "spacing is not published",
+        "unpublished rotor spacing",
         "360 mm",
         "K_b = 2",
-        "L∞ is known to",
+        "u(L∞) = ",
     ):
         assert words in text
     table = fig2.summarise(by_farthest)

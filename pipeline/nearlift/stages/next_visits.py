@@ -299,7 +299,7 @@ def _rivals(
         if len(listed) < 2:
             raise InputRefused(
                 where,
-                "the diagnosis names no two explanations that it cannot tell apart",
+                "the diagnosis names no two explanations that it cannot distinguish",
                 "name them: --for separate=supply_sag,gain_drift",
             )
         one, other = listed[:2]
