@@ -25,5 +25,5 @@ def test_what_is_declared_far_above_the_scatter_of_repeats_is_said_to_be() -> No
     not, and is believed.
     """
     (said,) = told(gain(0.2, "trial"))
-    assert "trials scatter far less than the declared errors would have them" in said
+    assert "trials scatter far less than the stated uncertainties imply" in said
     assert told() == told(gain(0.2, "campaign")) == told(gain(1e-6, "trial")) == []

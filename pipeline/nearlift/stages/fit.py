@@ -192,8 +192,8 @@ def overdeclared(result: LeastSquaresFit) -> list[str]:
     if not result.dof or chi2.cdf(result.chi2, result.dof) > SURELY_LESS:
         return []
     note = (
-        f"{result.problem.data.boundary}: trials scatter far less than the declared errors would"
-        f" have them (chi² = {result.chi2:.3g} for {result.dof} degrees of freedom): an"
+        f"{result.problem.data.boundary}: trials scatter far less than the stated"
+        f" uncertainties imply (chi² = {result.chi2:.3g} for {result.dof} degrees of freedom): an"
         " [[uncertainty]] is too large for its scope, and intervals are too wide"
     )
     return [note]
