@@ -111,7 +111,7 @@ def content(fitted: Mapping[str, Any], boundaries: Mapping[str, Any]) -> dict[st
             doubts["every undetected effect at its plausible size"] = _pair(e, "constrained")
             own["coefficients"][name]["doubts"] = [
                 {"if": condition, **{k: d[k] for k in ("value", "lo90", "hi90")}}
-                | ({"explanation": effects[0]} if "is all" in condition else {})
+                | ({"explanation": effects[0]} if " alone, exactly" in condition else {})
                 for condition, d in doubts.items()
                 if d
             ]

@@ -28,7 +28,7 @@ def test_numbers_are_those_of_the_products(evidence):
     entry = content["boundaries"]["ground"]["sanchez_cuevas"]
     assert f"to {entry['n_trials']} trials" in text
     assert f"$K_b$ = {entry['parameters']['K_b']['value']:.2f}"[:-1] in text
-    assert "near the ground, 168 trials in 42 visits at 7 distances" in text
+    assert "Near the ground, 168 trials in 42 visits at 7 distances" in text
     assert "1 was left out: the load cell was at the end of its range (1)" in text
     assert "distance datum (shared by boundary)" in text
     assert "simulated, not measured" in text

@@ -93,7 +93,7 @@ def test_a_coefficient_known_from_elsewhere():
 
 def test_all_levels_together():
     (one,) = [r for r in remedies.halvings(fitted())["K_b"].knowledge if r.quantity == "L_inf"]
-    assert "every L_inf together: multiple r = " in one.text
+    assert "correlates with the L_inf values (multiple r = " in one.text
     assert one.unit == "%"
 
 

@@ -4,7 +4,7 @@ doubt, and what to measure next.
 
 from __future__ import annotations
 
-from nearlift.products import RESULTS
+from nearlift.products import RESULTS, TRIALS
 from nearlift.report import words
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place, headline
@@ -16,7 +16,7 @@ def facts(evidence: Evidence) -> dict[str, object]:
     """A card for each boundary, and the count of what was left out."""
     return {
         "cards": [card(evidence, brief) for brief in words.briefs(evidence)],
-        "removed": words.removed(evidence),
+        "removed": f"{len(evidence.table(TRIALS)['quality'])} trials, {words.removed(evidence)}.",
     }
 
 
