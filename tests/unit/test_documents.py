@@ -213,7 +213,11 @@ def expected(evidence, quoted):
                 "effect": "Near the ground, the residuals are explained by supply sag [@supply_sag]: lift",
                 "unexplained": "Near the ground, no candidate effect explains the residual structure.",
             }[quoted.verdict],
-            *(f"voltage^{s.value:.2f} (90 %: {s.lo90:.2f}" for s in quoted.sizes),
+            *(
+                f"voltage^{like(s.value, (s.hi90 - s.lo90) / 3.3)} (90 %: "
+                f"{like(s.lo90, (s.hi90 - s.lo90) / 3.3)} to "
+                for s in quoted.sizes
+            ),
         )
         yield (
             f"over visits: {percent(error['before']['held_out_rmse'])}{after} of lift;",
