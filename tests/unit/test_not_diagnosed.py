@@ -75,7 +75,7 @@ def test_what_moves_the_headline_stands_before_what_might(evidence: report.Evide
     assert told[0].startswith("The answer depends on visit 0 (")
     assert told[1:4] == ["Most", "Much", "Not diagnosed"]
     assert told.count("Most") == 1
-    assert "A little" in told[4:]
+    assert "a little" in told[4:]
 
 
 def test_every_file_that_the_page_links_is_there(out: Path):

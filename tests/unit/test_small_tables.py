@@ -167,7 +167,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     root = small_run.write_means(folder / "raw", rows=24, lift_sd=3.5, quick=True)
     answer = small_run.nearlift("run", root, "--out", folder)
     assert answer.exit_code == 0, answer.output
-    assert "ground: 24 trials could have seen" in answer.output
+    assert "ground: 24 trials could have detected" in answer.output
     return folder
 
 
@@ -182,8 +182,8 @@ def test_card_chapter_methods_and_python_say_what_could_have_been_seen(out: Path
     [card] = verdict.facts(evidence)["cards"]
     assert "no residual structure detected in 24 trials" in card["brief"].verdict
     chapter = unescape(small_run.chapter(evidence, "diagnosis"))
-    assert f"could have seen {titled(words)}" in chapter.replace("\N{NO-BREAK SPACE}", " ")
-    assert f"24 trials could have seen {titled(words)}" in methods.markdown(evidence).decode()
+    assert f"could have detected {titled(words)}" in chapter.replace("\N{NO-BREAK SPACE}", " ")
+    assert f"24 trials could have detected {titled(words)}" in methods.markdown(evidence).decode()
     answer = nearlift.load(out / "raw", out).diagnose()
     assert answer["ground"].verdict == "adequate"
-    assert "could have seen" in answer._repr_html_()
+    assert "could have detected" in answer._repr_html_()
