@@ -386,7 +386,7 @@ def test_accepted_candidates_are_filled_and_rejected_hollow(table):
     marks = [line for line in ax.lines if len(line.get_xdata()) == 1]
     assert [m.get_markerfacecolor() == "white" for m in marks] == [False, False, False, True, True]
     assert [t.get_text() for t in ax.get_yticklabels()] == [
-        "supply voltage",
+        "supply sag",
         "warm-up",
         "session gain",
         "gain drift",

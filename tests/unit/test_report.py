@@ -426,7 +426,7 @@ def test_the_story_of_an_effect_in_words(make_job):
     )
     assert "1.20" not in words
     assert "Untestable here: air density. Log next time: temperature." in words
-    assert "<summary>Effects that the coefficients can absorb unseen (1)</summary>" in chapter
+    assert "<summary>Effects that the coefficients can absorb (1)</summary>" in chapter
     assert "height scale" not in words.lower()
 
 

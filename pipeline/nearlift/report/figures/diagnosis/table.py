@@ -203,7 +203,7 @@ def _why_not(candidate: RankedCandidate) -> str:
     if candidate.tried.judged_by:
         return "too little"
     if candidate.tried.left_in:
-        return f"leaves {along(candidate.tried.left_in).removeprefix('the ')}"
+        return f"leaves {along(candidate.tried.left_in)}"
     return "explains too little"
 
 
