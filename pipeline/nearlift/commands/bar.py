@@ -13,6 +13,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+from nearlift.printing import printable
+
 #: What the speed is reckoned from, s: a fold may take a minute.
 PERIOD_S = 3600.0
 
@@ -34,7 +36,7 @@ class Bar:
             transient=True,
             speed_estimate_period=PERIOD_S,
         )
-        self.task = self.progress.add_task(title, total=None)
+        self.task = self.progress.add_task(printable(title), total=None)
 
     def show(self, text: str, share: float | None = None) -> None:
         """Say what is being done; times begin anew with another first word."""
@@ -42,11 +44,11 @@ class Bar:
         if activity != self.activity:
             self.activity = activity
             self.progress.remove_task(self.task)
-            self.task = self.progress.add_task(text, total=None)
-        self.progress.update(self.task, description=text, total=total, completed=share)
+            self.task = self.progress.add_task(printable(text), total=None)
+        self.progress.update(self.task, description=printable(text), total=total, completed=share)
 
     def line(self, text: str) -> None:
         """A line that stays, above this one."""
         self.progress.console.print(
-            text, markup=False, highlight=False, emoji=False, soft_wrap=True
+            printable(text), markup=False, highlight=False, emoji=False, soft_wrap=True
         )

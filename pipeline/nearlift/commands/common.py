@@ -16,6 +16,7 @@ import click
 
 from nearlift.commands import ABOUT, About
 from nearlift.errors import INTERRUPTED, ManifestError, NearliftError, UsageError, brief
+from nearlift.printing import say
 from nearlift.run.workspace import workspace
 
 if TYPE_CHECKING:
@@ -83,7 +84,7 @@ class Call:
         if self.bar is not None:
             self.bar.line(text)
         elif not self.silent:
-            click.echo(text, err=True)
+            say(text, err=True)
 
     def progress(self, text: str, share: float | None = None, /) -> None:
         """A passing remark and the share done, on a terminal; elsewhere the remark, with -v."""
@@ -108,9 +109,9 @@ class Call:
     def answer(self, content: Any, text: str) -> None:
         """The command's answer on stdout: as JSON where asked for, else in words unless quiet."""
         if self.as_json:
-            click.echo(json.dumps(content))
+            say(json.dumps(content))
         elif not self.quiet:
-            click.echo(text.rstrip("\n"))
+            say(text.rstrip("\n"))
 
     def answers(self, kind: str, each: Sequence[tuple[Any, str]]) -> None:
         """Answer for several files or campaigns; JSON lists them under `kind`, unless it is one."""
@@ -177,8 +178,8 @@ def command(function: Callable[..., None], name: str, about: About) -> click.Com
 def _end(call: Call, refusal: NearliftError, code: int, text: str) -> NoReturn:
     if call.as_json:
         said = {"where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}
-        click.echo(json.dumps({"exit_code": code, **said}))
-    click.echo(text, err=True)
+        say(json.dumps({"exit_code": code, **said}))
+    say(text, err=True)
     sys.exit(code)
 
 

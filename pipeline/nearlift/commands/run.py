@@ -15,6 +15,7 @@ import click
 from nearlift.commands.common import Call, declared, end_politely
 from nearlift.commands.stage import execute
 from nearlift.errors import ProductError, UsageError
+from nearlift.printing import say
 from nearlift.run.registry import ORDER
 from nearlift.stages.asked import ROUNDS, AskedQuestion
 
@@ -156,7 +157,7 @@ def execute_many(call: Call, campaigns: tuple[Path, ...], only: str | None) -> N
                 f"nearlift: {len(ends)} of {len(campaigns)} campaigns", len(ends) / len(campaigns)
             )
     if call.as_json:
-        click.echo(json.dumps({"campaigns": [asdict(end) for end in ends]}))
+        say(json.dumps({"campaigns": [asdict(end) for end in ends]}))
     sys.exit(many.gravest(ends))
 
 
@@ -174,4 +175,4 @@ def follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | N
         for line in (latest.words, *latest.next):
             call.line(line)
         if call.as_json:
-            click.echo(json.dumps(asdict(latest)))
+            say(json.dumps(asdict(latest)))

@@ -14,6 +14,7 @@ import click
 from nearlift.commands import about_stage
 from nearlift.commands.common import CAMPAIGN, Call, command, end_politely
 from nearlift.errors import SOME_TRIALS_REJECTED
+from nearlift.printing import say
 from nearlift.run.stage import Option, Stage
 
 #: Rejected trials that are listed without -v.
@@ -113,9 +114,9 @@ def execute(
             "report": str(report) if report.is_file() else None,
             "stages": stages,
         }
-        click.echo(json.dumps(content))
+        say(json.dumps(content))
     elif report.is_file() and not call.quiet and wanted[-1].report:
         if (summary := report.with_name("summary.txt")).is_file():
             call.line("\n" + summary.read_text(encoding="utf-8"))
-        click.echo(str(report))
+        say(str(report))
     sys.exit(code)

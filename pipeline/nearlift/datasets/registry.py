@@ -17,6 +17,8 @@ from nearlift.errors import InputRefused, UsageError
 OWN = Path(__file__).with_name("registry.toml")
 #: What the list says of a file whose digest nobody has worked out.
 UNKNOWN = "unknown"
+#: Modules of this package that make a campaign of files.
+CONVERTERS = ("crazyflie_stand", "garofano_soldado", "pitt_ras")
 
 
 class PublicFile(Section):
@@ -37,7 +39,7 @@ class PublicFile(Section):
     @field_validator("name")
     @classmethod
     def _a_name(cls, value: str) -> str:
-        if "/" in value or "\\" in value or value.startswith("."):
+        if re.search(r"[/\\\0]", value) or value.startswith(".") or not value.isprintable():
             raise ValueError(f"{value!r} is a path: a plain file name is wanted")
         return value
 
@@ -56,6 +58,20 @@ class Dataset(Section):
     next: str
     note: str = ""
     file: list[PublicFile] = Field(min_length=1)
+
+    @field_validator("name")
+    @classmethod
+    def _a_folder(cls, value: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9._-]*", value):
+            raise ValueError(f"{value!r} names no folder: use letters, digits, '-', '_' and '.'")
+        return value
+
+    @field_validator("converter")
+    @classmethod
+    def _a_converter(cls, value: str) -> str:
+        if value not in CONVERTERS:
+            raise ValueError(f"{value!r} is no converter: there are {', '.join(CONVERTERS)}")
+        return value
 
     @property
     def unknown(self) -> tuple[PublicFile, ...]:

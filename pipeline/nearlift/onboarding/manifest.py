@@ -16,6 +16,7 @@ from nearlift.campaign.manifest import BLANK
 from nearlift.onboarding import meaning
 from nearlift.onboarding.inspection import Inspection, usual_head
 from nearlift.onboarding.tables import Schedule
+from nearlift.printing import printable
 from nearlift.readers.channel import AS_FORCE, FORCE_UNITS
 from nearlift.schedule import BY_NAME, RADII
 
@@ -225,7 +226,7 @@ def _set(table: Table, key: str, value: Any, comment: str) -> None:
     """Set a key, with a comment behind it; an empty one removes that of the template."""
     table[key] = value
     item: Any = table[key]
-    item.trivia.comment = f"# {comment}" if comment else ""
+    item.trivia.comment = f"# {printable(comment)}" if comment else ""
     item.trivia.comment_ws = "   " if comment else ""
 
 

@@ -9,6 +9,7 @@ import glob
 import os
 import re
 import stat
+import unicodedata
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -147,17 +148,52 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
             name.endswith(tail)
             and pattern.replace(MARK, trial) == name
             and trial not in listed
+            and name != campaign.trials.file
             and (root / name).is_file()
         ):
             names.append(name)
+    alike, names = _misspelt(pattern, trials, names, there)
     if not names:
-        return ()
+        return alike
     more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
     note = (
         f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a row"
         " lost, or an id mistyped?"
     )
-    return (note,)
+    return (*alike, note)
+
+
+def _misspelt(
+    pattern: str, trials: Collection[str], names: list[str], there: Collection[str]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Notes on files that differ from a trial's file only in case, or in the form of
+    their accents, and the other names.
+    """
+    present = set(there)
+    wanted = {
+        _folded(name): name
+        for trial in trials
+        if (name := pattern.replace(MARK, trial)) not in present
+    }
+    notes, others = [], []
+    for name in names:
+        meant = wanted.get(_folded(name))
+        if meant is None:
+            others.append(name)
+            continue
+        same = unicodedata.normalize("NFC", name) == unicodedata.normalize("NFC", meant)
+        how = "in the Unicode form of its accents (NFC, NFD)" if same else "in case"
+        notes.append(
+            f"{meant} is missing, but {name} is there, which differs only {how}: rename the file,"
+            " or the id in the schedule"
+        )
+    few = 5
+    more = [f"... and {len(notes) - few} more such files"] if len(notes) > few else []
+    return (*notes[:few], *more), others
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
 
 
 def source_of(root: Path, path: Path) -> str:

@@ -1,0 +1,100 @@
+"""Names that lead astray: escape sequences, case, accents, folders of a registry."""
+
+from __future__ import annotations
+
+import unicodedata
+from pathlib import Path
+
+import pytest
+from tests.unit import written
+from tests.unit.small_run import nearlift
+
+from nearlift.datasets.registry import OWN, datasets
+from nearlift.errors import InputRefused
+from nearlift.printing import printable
+
+ESCAPE = "\x1b[2J\x1b]0;gone\x07"
+
+
+def test_what_a_terminal_would_obey_is_shown_as_escapes() -> None:
+    assert printable(f"a{ESCAPE}b") == "a\\x1b[2J\\x1b]0;gone\\x07b"
+    assert printable("a\u202eb\u2028c\x9bd\udc80") == "a\\u202eb\\u2028c\\x9bd\\udc80"
+    assert (
+        printable("5 \u00b5m\tc\u0301\nnext \u2581\u2588")
+        == "5 \u00b5m\tc\u0301\nnext \u2581\u2588"
+    )
+
+
+def test_escapes_in_names_of_channels_units_and_files_reach_no_terminal(tmp_path: Path) -> None:
+    rows = "".join(f"{i / 100},{i % 7},{i % 5}\n" for i in range(60))
+    header = f"t_s,Thrust{ESCAPE} (N),other{ESCAPE} (q{ESCAPE})\n"
+    path = written.put(tmp_path, f"r{ESCAPE.replace('/', '')}.csv", (header + rows).encode())
+    for words in (
+        ("inspect", path),
+        ("new", tmp_path / "c", "--from", path),
+        ("inspect", "no\x1b"),
+    ):
+        answer = nearlift(*words)
+        assert "\x1b" not in answer.stdout + answer.stderr
+        assert "\x07" not in answer.stdout + answer.stderr
+    made = (tmp_path / "c" / "campaign.toml").read_text()
+    assert "\x1b" not in made
+
+
+def bench(
+    root: Path, ids: list[str], files: list[str], pattern: str = "trials/{trial}.csv"
+) -> Path:
+    force = "".join(f"{0.1 + (i % 5) / 1000 if i < 100 else 200 + i % 7}\n" for i in range(500))
+    for name in files:
+        written.put(root, pattern.replace("{trial}", name), f"force\n{force}".encode())
+    manifest = written.MANIFEST.replace("trials/{trial}.csv", pattern).replace("bench", "names")
+    manifest = manifest.replace(', record = "2.5 s"', "")
+    rows = "".join(f"{trial},ground,{30 + k},50\n" for k, trial in enumerate(ids))
+    (root / "campaign.toml").write_text(manifest.replace('supply = "V"', ""), encoding="utf-8")
+    (root / "trials.csv").write_text(f"trial,boundary,distance,throttle\n{rows}", encoding="utf-8")
+    return root
+
+
+def test_ids_that_differ_in_case_or_accents_are_said(tmp_path: Path) -> None:
+    accent = unicodedata.normalize("NFC", "h\u00f6he")
+    files = ["a", "R2", unicodedata.normalize("NFD", accent)]
+    root = bench(tmp_path / "raw", ["a", "r2", accent], files)
+    answer = nearlift("ingest", root, "--out", tmp_path)
+    assert "trials/r2.csv is missing, but trials/R2.csv is there" in answer.stderr
+    assert "differs only in case" in answer.stderr
+    assert "differs only in the Unicode form of its accents" in answer.stderr
+    assert "no trial's record" not in answer.stderr
+
+
+def test_the_schedule_beside_the_records_is_no_lost_record(tmp_path: Path) -> None:
+    root = bench(tmp_path / "raw", ["a", "b"], ["a", "b", "c"], "{trial}.csv")
+    answer = nearlift("ingest", root, "--out", tmp_path)
+    assert "c.csv is no trial's record" in answer.stderr
+    assert "trials.csv" not in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ('name = "pitt-ras-2017"', 'name = "../../esc"', "names no folder"),
+        ('name = "pitt-ras-2017"', 'name = ".."', "names no folder"),
+        ('converter = "pitt_ras"', 'converter = "nothing"', "is no converter: there are"),
+        ('converter = "pitt_ras"', 'converter = "fetch"', "is no converter: there are"),
+    ],
+)
+def test_a_registry_stays_in_the_cache_and_names_its_converters(
+    tmp_path: Path, old: str, new: str, said: str
+) -> None:
+    import re
+
+    text = OWN.read_text(encoding="utf-8")
+    pattern = re.escape(old).replace("\\ =\\ ", r"\s*=\s*")
+    changed, count = re.subn(pattern, new, text, count=1)
+    assert count == 1
+    path = tmp_path / "list.toml"
+    path.write_text(changed, encoding="utf-8")
+    with pytest.raises(InputRefused, match=said):
+        datasets(path)
+    answer = nearlift("data", "list", "--registry", path)
+    assert (answer.exit_code, said in answer.stderr) == (4, True)
+    assert {d.converter for d in datasets()} <= {"crazyflie_stand", "garofano_soldado", "pitt_ras"}
