@@ -221,7 +221,8 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     for known, file, content, schedule in _last:
         if known is campaign and (file, content) == (path, text):
             return schedule
-    columns, bring = columns_of(campaign, path, text), ()
+    columns = columns_of(campaign, path, text)
+    bring: tuple[str, ...] = ()
     if campaign.cuts_records:
         columns, bring = rename_records(campaign, path, columns)
     schedule = of_columns(campaign, path, columns, unended(path, text), bring)

@@ -116,7 +116,12 @@ class Guarded:
         assert process.stdin is not None
         assert process.stdout is not None
         late = threading.Event()
-        clock = threading.Timer(self.wall_s, lambda: (late.set(), process.kill()))
+
+        def stop() -> None:
+            late.set()
+            process.kill()
+
+        clock = threading.Timer(self.wall_s, stop)
         clock.daemon = True
         clock.start()
         try:

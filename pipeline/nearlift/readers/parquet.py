@@ -51,7 +51,7 @@ def _opened(path: Path) -> pq.ParquetFile:
 
 
 def _batches(file: pq.ParquetFile, names: Sequence[str], groups: Any = None) -> Iterator[Any]:
-    return file.iter_batches(
+    yield from file.iter_batches(
         batch_size=BATCH, row_groups=groups, columns=list(names), use_threads=False
     )
 
@@ -59,7 +59,7 @@ def _batches(file: pq.ParquetFile, names: Sequence[str], groups: Any = None) -> 
 def _is_numeric(kind: pa.DataType) -> bool:
     import pyarrow as pa
 
-    return pa.types.is_integer(kind) or pa.types.is_floating(kind)
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind))
 
 
 def spans(path: Path, wanted: Mapping[str, str]) -> dict[str, tuple[int, int]]:

@@ -60,7 +60,8 @@ def seconds(cells: Sequence[str]) -> FloatArray | None:
             return None
         times = times + DAY_S * days
     known = times[np.isfinite(times)]
-    return times - known[0]
+    since_first: FloatArray = times - known[0]
+    return since_first
 
 
 def _of_day(match: re.Match[str], minutes: bool) -> float:
