@@ -13,7 +13,7 @@ import pytest
 
 import nearlift
 from nearlift import catalogue
-from nearlift.report import words
+from nearlift.report import phrases, sources, words
 from nearlift.results.quotation import EffectSize
 
 PACKAGE = Path(nearlift.__file__).parent
@@ -134,7 +134,7 @@ def size(effect, parameter, value, half, unit, percent):
 )
 def test_a_size_is_said_with_its_unit_and_its_part_of_lift(own, text):
     quoted = SimpleNamespace(sizes=(own,), effects=(own.effect,))
-    assert words.sizes(quoted) == text
+    assert phrases.sizes(quoted) == text
 
 
 def observed(*z_hat: float) -> SimpleNamespace:
@@ -152,21 +152,23 @@ def observed(*z_hat: float) -> SimpleNamespace:
 )
 def test_no_station_is_asked_for_that_is_there(z_hat, asked):
     effect = catalogue.effect("image_strength")
-    assert words.missing_for(effect, observed(*z_hat)) == asked
+    assert sources.missing_for(effect, observed(*z_hat)) == asked
 
 
 def test_of_a_list_only_the_stations_that_are_there_go():
     effect = catalogue.effect("height_offset")
-    assert words.missing_for(effect, observed(1.0, 2.0)) == effect.separated_by
-    assert words.missing_for(effect, observed(1.0, 9.0)) == "a touch-off with a gauge"
+    assert sources.missing_for(effect, observed(1.0, 2.0)) == effect.separated_by
+    assert sources.missing_for(effect, observed(1.0, 9.0)) == "a touch-off with a gauge"
 
 
 def test_an_effect_that_is_the_coefficient_is_no_doubt():
     own = SimpleNamespace(effect="image_strength", share_visible=1e-9)
-    assert words.is_the_coefficient(own)
-    assert not words.is_the_coefficient(SimpleNamespace(effect="image_strength", share_visible=0.1))
+    assert sources.is_the_coefficient(own)
+    assert not sources.is_the_coefficient(
+        SimpleNamespace(effect="image_strength", share_visible=0.1)
+    )
     # an error of the bench shifts the coefficient, however well that absorbs it
-    assert not words.is_the_coefficient(SimpleNamespace(effect="height_scale", share_visible=0.0))
+    assert not sources.is_the_coefficient(SimpleNamespace(effect="height_scale", share_visible=0.0))
 
 
 @pytest.mark.parametrize(

@@ -10,9 +10,9 @@ import pytest
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.products import DIAGNOSIS, FIT, TRIALS
-from nearlift.report import words
+from nearlift.report import sources, words
 from nearlift.report.documents import methods, summary
-from nearlift.report.words import coverage, listed
+from nearlift.report.phrases import coverage, listed
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import report
 
@@ -64,7 +64,7 @@ def test_the_screen_has_the_numbers_of_the_products(evidence, quoted):
         assert (f"{100 * error.after:.2f} % with the effect" in text) == (
             quoted.verdict == "effect"
         )
-    for source, u in words.leads(c):
+    for source, u in sources.leads(c):
         [line] = [b for b in c.budget if b.source == source]
         assert u == line.u_without < 0.95 * c.u
     for one in (c.influence.trial, c.influence.visit):
@@ -74,9 +74,9 @@ def test_the_screen_has_the_numbers_of_the_products(evidence, quoted):
 def test_a_source_that_is_all_there_is_is_no_lead(quoted):
     own = quoted.coefficients["K_b"]
     sole = dataclasses.replace(own.budget[0], u=own.u, u_without=0.0, dof=50.0)
-    assert words.leads(dataclasses.replace(own, budget=(sole,))) == []
+    assert sources.leads(dataclasses.replace(own, budget=(sole,))) == []
     half = dataclasses.replace(sole, u_without=own.u / 2)
-    assert words.leads(dataclasses.replace(own, budget=(half,))) == [(sole.source, own.u / 2)]
+    assert sources.leads(dataclasses.replace(own, budget=(half,))) == [(sole.source, own.u / 2)]
 
 
 def test_no_coefficient_k_is_confused_with_the_coverage_factor():

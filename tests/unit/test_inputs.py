@@ -18,7 +18,7 @@ from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
-from nearlift.report import words
+from nearlift.report import sources, words
 from nearlift.results import Noise
 from nearlift.results.outlook import SilentEffect
 
@@ -153,7 +153,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         )
 
     both = known(radius / 4.4, "rotor_spacing", "rotor_radius")
-    assert [(e.in_u, e.on) for e in words.undeclared(both, "ground")] == [
+    assert [(e.in_u, e.on) for e in sources.undeclared(both, "ground")] == [
         (pytest.approx(4.4), "rotor_radius"),
         (pytest.approx(4.4 * spacing / radius), "rotor_spacing"),
     ]
@@ -180,7 +180,7 @@ def test_what_nobody_declared_is_listed_with_what_it_would_do():
         return SimpleNamespace(verdict=verdict, untestable={}, silent=(silent,) if hidden else ())
 
     def worst(found):
-        [error] = words.undeclared(known(u, "height", found=found), "ground")
+        [error] = sources.undeclared(known(u, "height", found=found), "ground")
         return error.size / listed["height"].size, error.in_u, error.at_most
 
     limit = {"bias_at_detection_limit": 10.0, "hidden": False}

@@ -11,7 +11,7 @@ from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.products import RESULTS, Product
 from nearlift.report.evidence import Evidence
-from nearlift.report.words import LEAST_P
+from nearlift.report.phrases import LEAST_P
 from nearlift.rounding import fixed, like, plain
 
 #: Fewer degrees of freedom than this are printed with a decimal.

@@ -6,45 +6,48 @@ Page, summary, methods, captions and messages take their sentences from here.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.declare import Boundary, Effect
+from nearlift.declare import Boundary
 from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
 from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.evidence import Evidence
-from nearlift.results import Observations
+from nearlift.report.phrases import (
+    SCALES,
+    chance,
+    listed,
+    sentence,
+    sizes,
+    structure_along,
+)
+from nearlift.report.sources import (
+    PlausibleError,
+    leads,
+    missing_for,
+    undeclared,
+    undetected,
+)
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
-from nearlift.results.outlook import NextExperiment, NextSession, SilentEffect
-from nearlift.results.quotation import BoundaryResult, CoefficientResult, EffectSize
+from nearlift.results.outlook import NextExperiment, NextSession
+from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, like, plain, signed
 from nearlift.schedule import BY_NAME
 
 #: A base model whose chi2 has a smaller p-value than this is rejected.
 REJECTED_P = 1e-3
-#: P-values below this are printed as a bound.
-LEAST_P = 1e-12
 #: Stations nearer than `NEAR_HAT` rotor radii leave lift in free air undetermined; from `FAR_HAT`
 #: on they do not (docs/planning.md).
 NEAR_HAT, FAR_HAT = 6.0, 12.0
-#: Least relative fall of u for which a source is listed, and most sources listed.
-LEAST_FALL, MOST_SOURCES = 0.05, 3
 #: A further source is printed where u without it is below this part of u.
 SMALL = 0.8
-#: A source with fewer degrees of freedom than this is poorly determined.
-LEAST_DOF = 2.0
 #: Errors of inputs below this part of u are not listed.
 LEAST_IN_U = 0.01
-#: Part of its signal above which an effect differs from the coefficient that absorbs it.
-LEAST_VISIBLE = 1e-3
-#: Effects with more sizes than this are printed as a range.
-MOST_SIZES = 3
 INPUT_WORDS = {
     "rotor_radius": "rotor radius",
     "rotor_spacing": "rotor spacing",
@@ -52,27 +55,6 @@ INPUT_WORDS = {
 }
 #: Inputs of the load cell in `[[uncertainty]] on`.
 CELL = {"force", "gain", "linearity"}
-#: Factor and unit in which an SI quantity is printed.
-SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
-#: Covariates whose name is not the word for them.
-ALONG = {
-    "start": "time",
-    "approach": "direction of approach",
-    "supply": "supply voltage",
-    "previous_lift_N": "previous lift",
-    "previous_throttle": "previous throttle",
-    "previous_distance": "previous distance",
-    "order_in_visit": "order within a visit",
-}
-#: What an effect's size says of lift, by parameter; `{}` is the number.
-SIZE_WORDS = {
-    "sag_exponent": "lift scales as voltage^{}",
-    "speed_exponent": "lift scales as rotor speed^{}",
-    "density_exponent": "lift scales as air density^{}",
-    "held_exponent": "the lift ratio has the exponent {}",
-}
-STATION = re.compile(r"stations below z_hat = ([\d.]+)(?: and beyond ([\d.]+))?")
-BEYOND = re.compile(r"stations beyond z_hat = ([\d.]+)")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,55 +92,6 @@ class Reservation:
 
     boundaries: tuple[str, ...]
     text: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlausibleError:
-    """The `shift` of the headline, also `in_u`, by a plausible error of an input without a stated
-    uncertainty, in `unit`. `at_most`: a larger error would have been detected.
-    """
-
-    on: str
-    size: float
-    unit: str
-    shift: float
-    in_u: float
-    at_most: bool
-
-
-def listed(words: Sequence[str], last: str = "and") -> str:
-    """``a, b and c``."""
-    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
-
-
-def sentence(text: str) -> str:
-    """Text with titles for names, a capital and a full stop."""
-    text = titled(text)
-    if re.match(r"[a-z]{2}", text):
-        text = text[0].upper() + text[1:]
-    return text if not text or text.endswith(".") else f"{text}."
-
-
-def along(covariate: str) -> str:
-    """A covariate in words."""
-    return ALONG.get(covariate, covariate.replace("_", " "))
-
-
-def structure_along(diagnosis: BoundaryDiagnosis) -> str:
-    """Covariates of significant structure, the first two by name; else the first of all."""
-    shown = [s for s in diagnosis.structure if s.significant] or diagnosis.structure[:1]
-    every = [along(s.covariate) for s in shown]
-    return listed(every if len(every) < 3 else [*every[:2], "others"])
-
-
-def coverage(coefficient: str) -> str:
-    """Meaning of ± after a coefficient, which may itself be called k."""
-    return "one standard uncertainty" if coefficient == "k" else "k = 1"
-
-
-def chance(p: float) -> str:
-    """``p = 0.02``, or ``p < 10⁻¹²``."""
-    return f"p = {plain(p, 1)}" if p > LEAST_P else "p < 10⁻¹²"
 
 
 def to_log(diagnosis: BoundaryDiagnosis | None) -> list[str]:
@@ -264,57 +197,6 @@ def _not_distinguished(quoted: BoundaryResult, diagnosis: BoundaryDiagnosis | No
     return f" This design cannot distinguish it from {rivals_of(diagnosis)}." if rivals else ""
 
 
-def sizes(quoted: BoundaryResult) -> str:
-    """Sizes of the identified effects: ``lift scales as voltage^2.03 (90 %: 1.95 to 2.10); 4.9 % of
-    lift``; effects by title where there are several.
-    """
-    parts = []
-    for effect in dict.fromkeys(s.effect for s in quoted.sizes):
-        mine = [s for s in quoted.sizes if s.effect == effect]
-        if len(mine) > MOST_SIZES:
-            ends = [
-                _amount(v, mine[0])
-                for v in (min(s.value for s in mine), max(s.value for s in mine))
-            ]
-            text = f"{len(mine)} values from {ends[0]} to {ends[1]} {_unit(mine[0])}".rstrip()
-        else:
-            text = ", ".join(map(_size, mine))
-        text += f"; {plain(mine[0].lift_percent, 2)} % of lift over the trials"
-        parts.append(f"{titled(effect)}: {text}" if len(quoted.effects) > 1 else text)
-    return ". ".join(parts)
-
-
-def _size(size: EffectSize) -> str:
-    """One size with its unit and 90 % interval."""
-    low, high = (_amount(v, size) for v in (size.lo90, size.hi90))
-    value, unit = _amount(size.value, size), _unit(size)
-    words = SIZE_WORDS.get(size.parameter)
-    if words:
-        return f"{words.format(value)} (90 %: {low} to {high})"
-    name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
-    head, comma, tail = unit.partition(", ")
-    return f"{name} {value} {head}".rstrip() + f" (90 %: {low} to {high}){comma}{tail}"
-
-
-def _amount(value: float, size: EffectSize) -> str:
-    scale = _scale(size)[0]
-    return like(scale * value, scale * (size.hi90 - size.lo90) / 3.3)
-
-
-def _unit(size: EffectSize) -> str:
-    return _scale(size)[1]
-
-
-def _scale(size: EffectSize) -> tuple[float, str]:
-    """Factor and unit in which a size is printed: millimetres, millinewtons, per cent of lift."""
-    head, comma, tail = size.unit.partition(", ")
-    if head.startswith("fraction of "):
-        return 100.0, f"% of {head.removeprefix('fraction of ')}{comma}{tail}"
-    if head in ("m", "N"):
-        return SCALES[head]
-    return 1.0, "" if size.unit == "1" else size.unit
-
-
 # the number
 
 
@@ -363,25 +245,6 @@ def _sources(quoted: BoundaryResult) -> str:
         + "".join(f", {titled(name)} ({plain(u, 2)})" for name, u in rest if u < SMALL * c.u)
         + "."
     )
-
-
-def leads(c: CoefficientResult) -> list[tuple[str, float]]:
-    """The largest sources of a coefficient's uncertainty and u without each; poorly determined
-    sources and a sole source are left out.
-    """
-    sources = [
-        (line.source, line.u_without)
-        for line in sorted(c.budget, key=lambda line: line.u_without)
-        if line.u_without > 0
-        and 1 - line.u_without / c.u >= LEAST_FALL
-        and line.source not in badly_known(c)
-    ]
-    return sources[:MOST_SOURCES]
-
-
-def badly_known(coefficient: CoefficientResult) -> list[str]:
-    """Sources of a coefficient's uncertainty with under `LEAST_DOF` degrees of freedom."""
-    return [line.source for line in coefficient.budget if line.dof < LEAST_DOF]
 
 
 def influence(quoted: BoundaryResult) -> str:
@@ -556,71 +419,6 @@ def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryRe
     return said
 
 
-def undeclared(evidence: Evidence, boundary: Boundary) -> list[PlausibleError]:
-    """Errors of the inputs without a stated uncertainty, the largest first."""
-    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
-    u = quoted.coefficients[quoted.headline].u if quoted.headline else math.inf
-    if not (u > 0 and math.isfinite(u)):
-        return []
-    errors = []
-    for error in evidence.base(boundary)[1].undeclared:
-        shift = abs(error.shift[quoted.headline])
-        part = min(1.0, _undetected_shift(diagnosis, error.on, u) / shift) if shift else 0.0
-        if part:
-            errors.append(
-                PlausibleError(
-                    on=error.on,
-                    size=part * error.size,
-                    unit=error.unit,
-                    shift=part * shift,
-                    in_u=part * shift / u,
-                    at_most=part < 1,
-                )
-            )
-    return sorted(errors, key=lambda error: -error.in_u)
-
-
-def _undetected_shift(diagnosis: BoundaryDiagnosis | None, on: str, u: float) -> float:
-    """Largest undetected shift of the headline by an error of that input: `u` where the diagnosis
-    lists none, infinite where it cannot test the input.
-    """
-    names = {e.name for e in catalogue.effects() if e.error_of == on}
-    if (
-        not names
-        or diagnosis is None
-        or diagnosis.verdict != "adequate"
-        or names & {*diagnosis.untestable}
-    ):
-        return math.inf
-    hidden = [s for s in diagnosis.silent if s.effect in names]
-    if any(s.hidden for s in hidden):
-        return math.inf
-    return max((s.shift for s in hidden), default=u)
-
-
-def is_the_coefficient(silent: SilentEffect) -> bool:
-    """Whether an effect of the vehicle's physics is what a coefficient measures: the trials show
-    none of it besides the coefficient, as the strength of the images is k of Cheeseman-Bennett.
-    """
-    effect = catalogue.effect(silent.effect)
-    # a quantity to log would distinguish it, as rpm does the held quantity
-    distinct = effect.belongs_to == "bench" or bool(effect.log_next_time)
-    return silent.share_visible < LEAST_VISIBLE and not distinct
-
-
-def undetected(evidence: Evidence, boundary: Boundary) -> tuple[float, str] | None:
-    """The largest shift of the headline by an undetected effect, and the effect; None where that is
-    below u.
-    """
-    quoted, diagnosis = evidence.quoted(boundary), evidence.diagnosed(boundary)
-    headline = quoted.coefficients.get(quoted.headline)
-    silent = [s for s in diagnosis.silent if not is_the_coefficient(s)] if diagnosis else []
-    if not (headline and silent):
-        return None
-    most = max(silent, key=lambda s: s.bias_at_detection_limit)
-    return (most.shift, most.effect) if headline.u < most.shift < math.inf else None
-
-
 def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
     """Doubts beyond the interval by more than u, the larger first: an undetected effect, and errors
     of inputs without a stated uncertainty.
@@ -752,27 +550,6 @@ def _to_detect(evidence: Evidence, boundary: Boundary) -> tuple[list[str], set[s
         return [f"log {listed(columns)}, to {test}"], {*columns}
     missing = missing_for(effect, data)
     return ([f"to detect {titled(effect.name)}: {missing}"] if missing else []), set()
-
-
-def missing_for(effect: Effect, data: Observations) -> str:
-    """Measurements that would identify an effect, without stations that the trials have already."""
-    z_hat = data.z_hat[(data.z_hat > 0) & (data.z_hat < math.inf)]
-    nearest, farthest = (float(z_hat.min()), float(z_hat.max())) if len(z_hat) else (math.inf, 0.0)
-
-    def near(match: re.Match[str]) -> str:
-        below = f"stations below z_hat = {match[1]}" if nearest >= float(match[1]) else ""
-        beyond = match[2] and farthest <= float(match[2])
-        far = f"{'beyond' if below else 'stations beyond z_hat ='} {match[2]}" if beyond else ""
-        return " and ".join(filter(None, (below, far)))
-
-    def far(match: re.Match[str]) -> str:
-        return match[0] if farthest <= float(match[1]) else ""
-
-    text = BEYOND.sub(far, STATION.sub(near, effect.separated_by))
-    # what is left of a list whose item went
-    parts = [p.strip() for p in re.split(r",\s+", text)]
-    parts = [re.sub(r"^(and|or)\s*$|\s+(and|or)$", "", p).strip() for p in parts]
-    return ", ".join(p for p in parts if p and p not in ("and", "or"))
 
 
 def _logging(

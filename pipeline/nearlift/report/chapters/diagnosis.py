@@ -8,7 +8,7 @@ import math
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES, Boundary, Effect
 from nearlift.products import DIAGNOSIS, RESULTS
-from nearlift.report import words
+from nearlift.report import sources, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import RankedCandidate, ranked
 from nearlift.report.number import Number, Place, Quoted
@@ -70,7 +70,7 @@ def _section(
         "silent": [
             (s, place.at("silent", i))
             for i, s in enumerate(diagnosis.silent[:LINES])
-            if not words.is_the_coefficient(s)
+            if not sources.is_the_coefficient(s)
         ],
     }
 

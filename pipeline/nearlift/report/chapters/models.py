@@ -13,7 +13,7 @@ from nearlift.products import FIT
 from nearlift.report.chapters.doubts import reduced
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, Quoted, headline
-from nearlift.report.words import badly_known
+from nearlift.report.sources import badly_known
 from nearlift.results.fit import CoefficientEstimate, Degeneracy
 from nearlift.results.levels import LevelFit
 from nearlift.rounding import plain, signed

@@ -12,7 +12,8 @@ from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import Place, headline, quotation
-from nearlift.report.words import SCALES, badly_known
+from nearlift.report.phrases import SCALES
+from nearlift.report.sources import badly_known
 from nearlift.results.fit import ModelComparison, ModelScore
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain

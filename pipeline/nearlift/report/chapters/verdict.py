@@ -5,7 +5,7 @@ doubt, and what to measure next.
 from __future__ import annotations
 
 from nearlift.products import RESULTS, TRIALS
-from nearlift.report import words
+from nearlift.report import phrases, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place, headline
 
@@ -31,9 +31,9 @@ def card(evidence: Evidence, brief: words.Brief) -> dict[str, object]:
         "error": Place(evidence, RESULTS, ("boundaries", boundary, "error")),
         "model": evidence.base(boundary)[0].title,
         "headline": coefficients[0] if coefficients else None,
-        "coverage": words.coverage(quoted.headline),
+        "coverage": phrases.coverage(quoted.headline),
         "others": coefficients[1:],
-        "holds": next((words.sentence(c.holds) for c in quoted.coefficients.values()), ""),
+        "holds": next((phrases.sentence(c.holds) for c in quoted.coefficients.values()), ""),
         "left_out": evidence.left_out,
         "tone": TONES.get(quoted.verdict, "bad" if rejected else "fair"),
     }

@@ -21,7 +21,9 @@ from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.documents.tables import escape
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
-from nearlift.report.words import SCALES, badly_known, coverage, listed, rivals_of, sizes
+from nearlift.report.phrases import SCALES, coverage, listed, sizes
+from nearlift.report.sources import badly_known
+from nearlift.report.words import rivals_of
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain

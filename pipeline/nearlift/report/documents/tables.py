@@ -15,7 +15,7 @@ from nearlift.report.chapters.uncertainty import LEAST
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import FEW
-from nearlift.report.words import badly_known
+from nearlift.report.sources import badly_known
 from nearlift.results.fit import ModelScore
 from nearlift.results.quotation import BudgetLine, CoefficientResult
 from nearlift.rounding import decimals, like, siunitx

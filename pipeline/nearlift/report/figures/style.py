@@ -19,7 +19,7 @@ from nearlift import nomenclature
 from nearlift.campaign.manifest import Campaign
 from nearlift.catalogue import titled
 from nearlift.errors import UsageError
-from nearlift.report.words import along
+from nearlift.report.phrases import along
 
 #: Metres per inch.
 INCH_M = 0.0254

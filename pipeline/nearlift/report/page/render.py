@@ -18,8 +18,8 @@ from nearlift import catalogue
 from nearlift.nomenclature import INDEXED, letter
 from nearlift.report.evidence import Evidence
 from nearlift.report.page.chart import Chart, embedded
+from nearlift.report.phrases import along
 from nearlift.report.registry import CHAPTERS, PARTS, Chapter
-from nearlift.report.words import along
 
 #: The part that stands open.
 FIRST = "verdict"

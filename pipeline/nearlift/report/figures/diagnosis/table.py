@@ -24,7 +24,7 @@ from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.residuals.table import means
 from nearlift.report.findings import RankedCandidate, ranked
-from nearlift.report.words import along
+from nearlift.report.phrases import along
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 

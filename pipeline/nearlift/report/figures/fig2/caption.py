@@ -11,7 +11,7 @@ from nearlift.products import POSTERIOR
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, distinct, where
 from nearlift.report.figures.fig2 import table as fig2
-from nearlift.report.words import coverage, listed
+from nearlift.report.phrases import coverage, listed
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import fixed, plain

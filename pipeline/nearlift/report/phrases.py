@@ -1,0 +1,122 @@
+"""Phrases of sentences: lists, covariates, p-values, and sizes of effects with their units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from nearlift.catalogue import titled
+from nearlift.nomenclature import letter
+from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.results.quotation import BoundaryResult, EffectSize
+from nearlift.rounding import like, plain
+
+#: P-values below this are printed as a bound.
+LEAST_P = 1e-12
+#: Effects with more sizes than this are printed as a range.
+MOST_SIZES = 3
+#: Factor and unit in which an SI quantity is printed.
+SCALES = {"m": (1e3, "mm"), "N": (1e3, "mN"), "1": (1e2, "%")}
+#: Covariates whose name is not the word for them.
+ALONG = {
+    "start": "time",
+    "approach": "direction of approach",
+    "supply": "supply voltage",
+    "previous_lift_N": "previous lift",
+    "previous_throttle": "previous throttle",
+    "previous_distance": "previous distance",
+    "order_in_visit": "order within a visit",
+}
+#: What an effect's size says of lift, by parameter; `{}` is the number.
+SIZE_WORDS = {
+    "sag_exponent": "lift scales as voltage^{}",
+    "speed_exponent": "lift scales as rotor speed^{}",
+    "density_exponent": "lift scales as air density^{}",
+    "held_exponent": "the lift ratio has the exponent {}",
+}
+
+
+def listed(words: Sequence[str], last: str = "and") -> str:
+    """``a, b and c``."""
+    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))
+
+
+def sentence(text: str) -> str:
+    """Text with titles for names, a capital and a full stop."""
+    text = titled(text)
+    if re.match(r"[a-z]{2}", text):
+        text = text[0].upper() + text[1:]
+    return text if not text or text.endswith(".") else f"{text}."
+
+
+def along(covariate: str) -> str:
+    """A covariate in words."""
+    return ALONG.get(covariate, covariate.replace("_", " "))
+
+
+def structure_along(diagnosis: BoundaryDiagnosis) -> str:
+    """Covariates of significant structure, the first two by name; else the first of all."""
+    shown = [s for s in diagnosis.structure if s.significant] or diagnosis.structure[:1]
+    every = [along(s.covariate) for s in shown]
+    return listed(every if len(every) < 3 else [*every[:2], "others"])
+
+
+def coverage(coefficient: str) -> str:
+    """Meaning of ± after a coefficient, which may itself be called k."""
+    return "one standard uncertainty" if coefficient == "k" else "k = 1"
+
+
+def chance(p: float) -> str:
+    """``p = 0.02``, or ``p < 10⁻¹²``."""
+    return f"p = {plain(p, 1)}" if p > LEAST_P else "p < 10⁻¹²"
+
+
+def sizes(quoted: BoundaryResult) -> str:
+    """Sizes of the identified effects: ``lift scales as voltage^2.03 (90 %: 1.95 to 2.10); 4.9 % of
+    lift``; effects by title where there are several.
+    """
+    parts = []
+    for effect in dict.fromkeys(s.effect for s in quoted.sizes):
+        mine = [s for s in quoted.sizes if s.effect == effect]
+        if len(mine) > MOST_SIZES:
+            ends = [
+                _amount(v, mine[0])
+                for v in (min(s.value for s in mine), max(s.value for s in mine))
+            ]
+            text = f"{len(mine)} values from {ends[0]} to {ends[1]} {_unit(mine[0])}".rstrip()
+        else:
+            text = ", ".join(map(_size, mine))
+        text += f"; {plain(mine[0].lift_percent, 2)} % of lift over the trials"
+        parts.append(f"{titled(effect)}: {text}" if len(quoted.effects) > 1 else text)
+    return ". ".join(parts)
+
+
+def _size(size: EffectSize) -> str:
+    """One size with its unit and 90 % interval."""
+    low, high = (_amount(v, size) for v in (size.lo90, size.hi90))
+    value, unit = _amount(size.value, size), _unit(size)
+    words = SIZE_WORDS.get(size.parameter)
+    if words:
+        return f"{words.format(value)} (90 %: {low} to {high})"
+    name = letter(size.parameter).replace("_", " ").removesuffix(" m").removesuffix(" N")
+    head, comma, tail = unit.partition(", ")
+    return f"{name} {value} {head}".rstrip() + f" (90 %: {low} to {high}){comma}{tail}"
+
+
+def _amount(value: float, size: EffectSize) -> str:
+    scale = _scale(size)[0]
+    return like(scale * value, scale * (size.hi90 - size.lo90) / 3.3)
+
+
+def _unit(size: EffectSize) -> str:
+    return _scale(size)[1]
+
+
+def _scale(size: EffectSize) -> tuple[float, str]:
+    """Factor and unit in which a size is printed: millimetres, millinewtons, per cent of lift."""
+    head, comma, tail = size.unit.partition(", ")
+    if head.startswith("fraction of "):
+        return 100.0, f"% of {head.removeprefix('fraction of ')}{comma}{tail}"
+    if head in ("m", "N"):
+        return SCALES[head]
+    return 1.0, "" if size.unit == "1" else size.unit
