@@ -15,6 +15,7 @@ from tests.unit.test_formats import records
 
 from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError
+from nearlift.onboarding.inspection import inspect
 from nearlift.readers import guarded, parquet, reader
 from nearlift.readers.seam import Record
 
@@ -110,6 +111,12 @@ def test_garbage_costs_its_trial_only(tmp_path: Path, name: str, suffix: str) ->
     assert a.codes == ("MALFORMED",)
     assert a.fault.startswith(f"a.{suffix}: ")
     assert len(b.force_N) == 3
+
+
+def test_a_dataflash_log_is_named_as_what_it_is(tmp_path: Path) -> None:
+    path = written.put(tmp_path, "00000012.BIN", b"\xa3\x95\x80\x80\x59FMT\0" + bytes(80))
+    with pytest.raises(InputRefused, match=r"is a DataFlash log \(\.BIN\) of ArduPilot"):
+        inspect(path)
 
 
 # ---- Parquet

@@ -27,6 +27,8 @@ from nearlift.readers.text import TEXT
 from nearlift.reduction.start import Start, start_of
 from nearlift.reduction.wrap import wrap_of
 
+#: The first bytes of a DataFlash log: two that begin each message, and the type of its formats.
+DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
 #: Covariates of a schedule that a channel of a record may be.
 COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "humidity")
@@ -158,6 +160,12 @@ def inspect(
         head = file.read(HEAD)
     if not (said or record) and (grid := grids.grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
+    if head.startswith(DATAFLASH):
+        raise InputRefused(
+            str(path),
+            "is a DataFlash log (.BIN) of ArduPilot: a flight, and no record of a load cell",
+            "name the file that the load cell's logger wrote",
+        )
     form = recognised(head, path.name)
     columns: tuple[str, ...] = ()
     try:
