@@ -66,9 +66,9 @@ def run(job: Job) -> Outcome:
     )
     notes = [f"{c.name}: {file} left out: {why}" for c in ordered for file, why in c.refused]
     for code, meaning in downwash.WARNINGS.items():
-        cases = [c.name for c in ordered if code in c.cuts["all"].warnings]
-        if cases:
-            notes.append(f"{meaning} ({len(cases)} of {len(ordered)} cases: {', '.join(cases)})")
+        warned = [c.name for c in ordered if code in c.cuts["all"].warnings]
+        if warned:
+            notes.append(f"{meaning} ({len(warned)} of {len(ordered)} cases: {', '.join(warned)})")
     return Outcome(notes=tuple(notes))
 
 
