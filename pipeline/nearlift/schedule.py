@@ -42,7 +42,7 @@ REQUIRED = ("trial", "boundary", "distance", "throttle")
 MEANS = ("lift", "lift_sd", "n")
 #: Unit of distances that are multiples of the rotor radius.
 RADII = "R"
-#: Column of the record's id, in a schedule of records and in trials.parquet.
+#: TextColumn of the record's id, in a schedule of records and in trials.parquet.
 RECORD_COLUMN = "record"
 #: Smallest distance over rotor radius.
 NEAREST = 1e-4
@@ -105,7 +105,7 @@ RESERVED = {c.name for c in TRIALS.columns} | {k.inside for k in KNOWN} | {"u_he
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class TextColumn:
     """The texts of one column, their lines (none for a constant), and the unit if one is given."""
 
     name: str
@@ -260,7 +260,7 @@ def unended(path: Path, text: str) -> list[str]:
     return [note]
 
 
-def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Column]:
+def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
     """Every column of a CSV text, constants included, in the file's order."""
     reader = csv.reader(io.StringIO(_without_remarks(text), newline=""), strict=True)
     try:
@@ -288,7 +288,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Column]:
     lines = [line for line, _ in rows]
     unit = campaign.trials.units
     columns = {
-        name: Column(name, texts, path.name, lines, unit.get(name, ""))
+        name: TextColumn(name, texts, path.name, lines, unit.get(name, ""))
         for name, texts in zip(header, zip(*(row for _, row in rows), strict=True), strict=True)
     }
     for name, value in campaign.trials.constants.items():
@@ -299,7 +299,7 @@ def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, Column]:
                 "keep one of them",
             )
         constant = _constant(name, value, unit.get(name))
-        columns[name] = Column(
+        columns[name] = TextColumn(
             name, [constant] * len(rows), "campaign.toml", (), unit.get(name, "")
         )
     return columns
@@ -398,8 +398,8 @@ def dimension_of(name: str) -> str:
 
 
 def rename_records(
-    campaign: Campaign, path: Path, columns: Mapping[str, Column]
-) -> tuple[dict[str, Column], tuple[str, ...]]:
+    campaign: Campaign, path: Path, columns: Mapping[str, TextColumn]
+) -> tuple[dict[str, TextColumn], tuple[str, ...]]:
     """A schedule of records under the names of one of trials, and the columns that pieces bring;
     `ManifestError` without a column `record`, or with a column that pieces bring.
     """
@@ -423,7 +423,7 @@ def rename_records(
 def of_columns(
     campaign: Campaign,
     path: Path,
-    columns: Mapping[str, Column],
+    columns: Mapping[str, TextColumn],
     notes: Iterable[str],
     missing: Collection[str] = (),
 ) -> Schedule:
@@ -480,7 +480,7 @@ def of_columns(
 
 
 def _check_names(
-    campaign: Campaign, path: Path, columns: Mapping[str, Column], missing: Collection[str]
+    campaign: Campaign, path: Path, columns: Mapping[str, TextColumn], missing: Collection[str]
 ) -> None:
     """Refuse a unit of an unknown column, and a schedule without a required column."""
     for name in campaign.trials.units:
@@ -522,7 +522,7 @@ def _check_means(
         )
 
 
-def _ids(column: Column) -> NDArray[Any]:
+def _ids(column: TextColumn) -> NDArray[Any]:
     """The trials' ids; refuses a blank, an invisible character, and one id twice."""
     first: dict[str, int] = {}
     for i, name in enumerate(column.stripped().tolist()):
@@ -537,7 +537,7 @@ def _ids(column: Column) -> NDArray[Any]:
     return np.array(list(first), dtype=object)
 
 
-def _boundaries(column: Column) -> NDArray[Any]:
+def _boundaries(column: TextColumn) -> NDArray[Any]:
     """The boundaries' names; refuses an unknown one."""
     allowed, names = (*BOUNDARIES, "none"), column.stripped()
     for i, name in enumerate(names):
@@ -547,7 +547,7 @@ def _boundaries(column: Column) -> NDArray[Any]:
     return names
 
 
-def _covariate(campaign: Campaign, column: Column) -> NDArray[Any]:
+def _covariate(campaign: Campaign, column: TextColumn) -> NDArray[Any]:
     """A known column in SI."""
     name, kind = column.name, BY_NAME[column.name].kind
     if kind == "text":
@@ -571,7 +571,7 @@ def _covariate(campaign: Campaign, column: Column) -> NDArray[Any]:
     return values
 
 
-def _plain(column: Column) -> FloatArray:
+def _plain(column: TextColumn) -> FloatArray:
     """Plain numbers: approach (+1, -1, or 0 where the traverse did not move), n (whole, from 1)."""
     values = column.numbers()
     for i in np.flatnonzero(np.isfinite(values)).tolist():
@@ -585,7 +585,7 @@ def _plain(column: Column) -> FloatArray:
     return values
 
 
-def _seconds_since_first(column: Column) -> FloatArray:
+def _seconds_since_first(column: TextColumn) -> FloatArray:
     """ISO 8601 times as seconds since the first one."""
     stamps: list[datetime.datetime | None] = []
     for i, text in enumerate(column.texts):
@@ -612,14 +612,14 @@ def _seconds_since_first(column: Column) -> FloatArray:
     return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
 
 
-def _further(column: Column) -> NDArray[Any]:
+def _further(column: TextColumn) -> NDArray[Any]:
     """An unknown column: numbers if all filled cells are numbers, else texts."""
     texts = column.stripped()
     filled = [t for t in texts if t.lower() not in BLANK]
     return column.numbers() if filled and all(map(NUMBER.fullmatch, filled)) else texts
 
 
-def _check_share(column: Column, values: FloatArray) -> None:
+def _check_share(column: TextColumn, values: FloatArray) -> None:
     """Refuse one of `SHARES` outside 0 to 1, or never above 1 %, with the unit that would fit."""
     name, unit = column.name, column.unit
     if name not in SHARES:
@@ -645,7 +645,7 @@ def _check_share(column: Column, values: FloatArray) -> None:
 
 
 def _distances(
-    campaign: Campaign, column: Column | None, boundary: NDArray[Any], blank: bool
+    campaign: Campaign, column: TextColumn | None, boundary: NDArray[Any], blank: bool
 ) -> FloatArray:
     """Rotor plane (sidewall: blade tip) to boundary in m, inf in free air, NaN where a cell is
     blank and may be; refuses impossible distances.
@@ -698,7 +698,7 @@ def _offset(campaign: Campaign, side: Boundary) -> float:
 
 def _check_arena(
     campaign: Campaign,
-    column: Column,
+    column: TextColumn,
     recorded: FloatArray,
     z_m: FloatArray,
     here: IntArray,
@@ -769,7 +769,7 @@ def visits(
     return np.concatenate([[0], np.cumsum(moved)]).astype(np.int64)
 
 
-def _backwards(column: Column, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
+def _backwards(column: TextColumn, start_s: FloatArray, session: NDArray[Any] | None) -> list[str]:
     """A note on trials of a session that began before the one above them."""
     known = np.flatnonzero(np.isfinite(start_s))
     earlier = np.diff(start_s[known]) < 0

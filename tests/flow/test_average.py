@@ -59,7 +59,7 @@ def test_a_vector_that_lacks_one_component_is_no_vector():
 def test_another_grid_is_refused():
     vx, vy = stack(1)[0]
     other = VelocityField(x_m=X + 1e-3, y_m=Y, vx_m_s=vx, vy_m_s=vy)
-    with pytest.raises(InputRefused, match="field 2 stands on another grid"):
+    with pytest.raises(InputRefused, match="field 2 has another grid than the first"):
         average([field(vx, vy), other], "case a")
     with pytest.raises(InputRefused, match="holds no field"):
         average([])

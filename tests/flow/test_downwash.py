@@ -314,7 +314,7 @@ def test_a_transposed_grid_is_told():
     turned = dataclasses.replace(
         true, x_m=true.y_m, y_m=true.x_m, vx_m_s=true.vx_m_s.T, vy_m_s=true.vy_m_s.T
     )
-    with pytest.raises(InputRefused, match=r"x and y in each other's place\n.*changed over"):
+    with pytest.raises(InputRefused, match=r"x and y in each other's place\n.*swapped"):
         doubt(turned)
 
 

@@ -145,9 +145,9 @@ def test_json_for_machines(tmp_path):
     [
         (b"", "is empty"),
         (b"\x1f\x8b\x08", "is compressed"),
-        (b"\x89HDF\r\n\x1a\nnothing", "cannot be read as hdf5"),
+        (b"\x89HDF\r\n\x1a\nnothing", "cannot be read"),
         (b"t,F\n", "holds no channel of numbers"),
-        (b"PAR1 and no more", "cannot be read as Parquet"),
+        (b"PAR1 and no more", "cannot be read"),
     ],
 )
 def test_4_for_a_file_that_cannot_be_read(tmp_path, content, text):

@@ -14,7 +14,7 @@ import pytest
 import nearlift
 from nearlift import catalogue
 from nearlift.report import phrases, sources, words
-from nearlift.results.quotation import EffectSize
+from nearlift.results.quotation import IdentifiedSize
 
 PACKAGE = Path(nearlift.__file__).parent
 #: Words that have a plainer one.
@@ -104,7 +104,7 @@ def test_titles_of_effects_can_be_subjects_of_a_sentence():
 
 
 def size(effect, parameter, value, half, unit, percent):
-    return EffectSize(
+    return IdentifiedSize(
         effect=effect,
         parameter=parameter,
         value=value,

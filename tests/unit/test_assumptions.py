@@ -66,7 +66,7 @@ def test_every_number_of_the_page_has_its_place(small_job):
     assert re.findall(r'data-source="([^"]+)', each[0]) == [
         place + key for key in ("value", "u", "lo90", "hi90", "u_apart")
     ]
-    assert "fixes neither speed nor power" in text
+    assert "fixes neither rotor speed nor power" in text
     assert "Lift coefficient of the rotor at each throttle" not in text
 
 

@@ -196,8 +196,8 @@ def test_a_speed_that_follows_the_load_was_not_held_and_decides_the_exponent():
     # n = n_speed / (1 - 2 s): 0.60 to 0.82 over 1.4
     assert low < 0.6 / 1.4 < 0.82 / 1.4 < high
     assert found.range.low > found.plausible[0].value
-    assert "rotor speed logged was not held" in found.text
-    assert "By theory the logs leave" in found.text
+    assert "rotor speed logged was not constant" in found.text
+    assert "By theory the logs allow" in found.text
 
 
 def test_a_held_speed_leaves_the_exponents_of_constant_speed():
@@ -316,7 +316,7 @@ def test_a_throttle_map_gives_c_l_and_outside_of_it_nothing():
     assert entry.value == pytest.approx(level.value / (4 * 1.2 * 265.4**2 * RADIUS**4), rel=1e-4)
     # twice the speed's uncertainty, and L_inf's
     assert entry.u / entry.value == pytest.approx(np.hypot(0.02, level.u / level.value), rel=1e-3)
-    assert "against the 1.6" in found.text
+    assert "from the paper's 1.6" in found.text
 
 
 def test_a_map_that_does_not_ascend_is_refused():

@@ -350,7 +350,7 @@ def test_a_closed_pipe_is_no_refusal(monkeypatch):
         (("inspect", "{raw}/trials.csv", "{raw}/trials.csv"), 0, {"files"}),
         (("describe",), 0, {"name", "text"}),
         (("describe", "K_b"), 0, {"name", "text"}),
-        (("new", "{new}"), 0, {"written", "fill_in"}),
+        (("new", "{new}"), 0, {"written", "fill_in", "notes"}),
         (("new", "{raw}"), 2, {"exit_code", "where", "what", "remedy"}),
         (("run", "{raw}/nowhere"), 2, {"exit_code", "where", "what", "remedy"}),
     ],
@@ -407,7 +407,7 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
         "name": "my-rig-e",
         "vehicle": {},
         "rig": {},
-        "load_cell": {},
+        "load_cell": {"settle": "0 s"},
         "records": {"reader": "csv", "files": "trials/{trial}.csv"},
         "trials": {"file": "trials.csv", "units": {}},
     }

@@ -315,7 +315,7 @@ def test_a_signal_ends_a_real_run_with_130_and_without_a_trace(tmp_path, sent):
     process.send_signal(sent)
     rest = process.communicate(timeout=60)[1]
     assert process.returncode == 130, first + rest
-    assert "interrupted; finished products stand" in rest
+    assert "interrupted; finished products remain" in rest
     assert "Traceback" not in rest
     assert not [
         p

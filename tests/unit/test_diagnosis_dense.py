@@ -577,10 +577,10 @@ def test_what_goes_with_a_coefficient_is_said_from_one_half_on(r, sign, turns):
     assert (row.text is not None) == (r > 0.5)
     if row.text is not None:
         assert ("changes its sign" in row.text, "moves by" in row.text) == (turns, not turns)
-        assert f"correlation {'-' if sign < 0 else '+'}{r:.2f}" in row.text.replace(
+        assert f"correlated ({'-' if sign < 0 else '+'}{r:.2f})" in row.text.replace(
             "−", "-"
         ).replace(" ", " ")
-        assert "a fit without supply_sag charges it to K_b" in row.text
+        assert "a fit without supply_sag biases K_b" in row.text
     assert absorption.shifts(stage, SimpleNamespace(accepted=()), told) == ()
 
 

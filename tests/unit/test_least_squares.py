@@ -252,7 +252,7 @@ def test_what_no_trial_determines_is_infinitely_uncertain_and_named():
     assert found.theta[0] == pytest.approx(0.0, abs=1e-9)
     assert found.estimates["lambda_"].u == np.inf
     assert np.isfinite(found.estimates["a"].u)
-    assert pairs(found)["lambda_", "anything"] == "λ is not determined by these trials at all"
+    assert pairs(found)["lambda_", "anything"] == "λ is not identifiable from these trials"
 
 
 def test_parameter_covariance_parts_what_is_determined_from_what_is_not():

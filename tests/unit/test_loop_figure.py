@@ -489,7 +489,7 @@ def test_after_two_effects_the_covariate_of_the_other_is_shown_too(make_job):
         "residual before",
         "residual after",
     ] * 2
-    assert "and against that of the other effect" in loop_text.caption(evidence, table)
+    assert "and of the other effect" in loop_text.caption(evidence, table)
     assert "(a–d)" in loop_text.caption(evidence, table)
 
 

@@ -38,8 +38,7 @@ def test_the_words_say_where_to_stop_and_what_is_given_up():
     assert told.stop == (
         "u(K_b) = 0.05 after about 40 more trials; 120 at all stations equally often"
     )
-    assert "with a chance of 90 %" in told.lines[-1]
-    assert told.lines[-1].endswith("these visits see with 31 %")
+    assert told.lines[-1].endswith("is found with 31 % probability instead of 90 %")
     never = dataclasses.replace(told, visits_wanted=None, best=0.06)
     assert never.stop.startswith("u(K_b) = 0.05: out of reach of these stations")
     assert (

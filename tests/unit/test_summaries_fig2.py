@@ -134,7 +134,7 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     # sixty trials a throttle, and the coefficient's slope beside the level
     assert noise / np.sqrt(60) < over.u_L_inf < 3 * noise / np.sqrt(60)
     assert relative_lift.named(made, "ground") == effects
-    assert ("whose part at each trial" in fig2_words._fit_note(made, "ground")) == bool(effects)
+    assert ("are corrected for" in fig2_words._fit_note(made, "ground")) == bool(effects)
 
 
 def test_theory_curves_take_the_published_values(table):

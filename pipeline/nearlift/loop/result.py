@@ -21,7 +21,13 @@ from nearlift.loop.findings import named_effects
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.diagnosis import LoopError
-from nearlift.results.quotation import BoundaryResult, Correlation, Doubt, EffectSize, HeldOutError
+from nearlift.results.quotation import (
+    BoundaryResult,
+    Correlation,
+    Doubt,
+    HeldOutError,
+    IdentifiedSize,
+)
 
 VISITS = "visits left out in turn"
 #: Factor and unit of the size that is quoted, where the declared parameter has none of its own.
@@ -111,7 +117,7 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
     )
 
 
-def sizes(stage: SearchProblem, answer: Answer) -> tuple[EffectSize, ...]:
+def sizes(stage: SearchProblem, answer: Answer) -> tuple[IdentifiedSize, ...]:
     """Sizes of the identified effects, without the parameters of their form."""
     if not answer.accepted:
         return ()
@@ -126,7 +132,7 @@ def sizes(stage: SearchProblem, answer: Answer) -> tuple[EffectSize, ...]:
                 continue
             scale, unit = SIZES.get(plain, (1.0, e.unit or "1"))
             listed.append(
-                EffectSize(
+                IdentifiedSize(
                     effect=effect.name,
                     parameter=name,
                     value=scale * e.value,

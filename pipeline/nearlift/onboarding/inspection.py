@@ -24,7 +24,7 @@ from nearlift.readers.dialect import NoNames
 from nearlift.readers.per_file import Format
 from nearlift.readers.ramp import Ramp, ramp_of
 from nearlift.readers.text import TEXT
-from nearlift.reduction.start import Start, start_of
+from nearlift.reduction.start import RotorStart, start_of
 from nearlift.reduction.wrap import wrap_of
 
 #: The first bytes of a DataFlash log: two that begin each message, and the type of its formats.
@@ -76,7 +76,7 @@ class Inspection:
         return None if self.force is None else wrap_of(self.force.values)
 
     @functools.cached_property
-    def start(self) -> Start | None:
+    def start(self) -> RotorStart | None:
         """The start of the rotors, in samples; None where it cannot be seen."""
         if self.force is None or not self.force.rate_Hz or self.ramp is not None:
             return None
@@ -85,13 +85,13 @@ class Inspection:
     @functools.cached_property
     def further(self) -> Mapping[str, tuple[Channel, str]]:
         """Channels that are covariates of a schedule, with their unit, by its columns' names."""
-        found: dict[str, tuple[Channel, str]] = {}
+        unused: dict[str, tuple[Channel, str]] = {}
         for c in self.contents.channels:
             stated = f"{meaning.named(c.name)[0]} ({c.unit})" if c.unit else c.name
             name, unit = meaning.schedule_column(stated)
-            if name in COVARIATES and unit and np.isfinite(c.values).all() and name not in found:
-                found[name] = c, unit
-        return found
+            if name in COVARIATES and unit and np.isfinite(c.values).all() and name not in unused:
+                unused[name] = c, unit
+        return unused
 
     @property
     def means(self) -> Mapping[str, float]:

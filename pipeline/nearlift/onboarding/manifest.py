@@ -15,7 +15,7 @@ from nearlift import units
 from nearlift.campaign.manifest import BLANK
 from nearlift.onboarding import meaning
 from nearlift.onboarding.inspection import Inspection, usual_head
-from nearlift.onboarding.tables import Schedule
+from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
 from nearlift.readers.channel import AS_FORCE, FORCE_UNITS
 from nearlift.schedule import BY_NAME, RADII
@@ -195,7 +195,7 @@ def _segments(first: Inspection) -> str:
     return tomlkit.dumps(doc)
 
 
-def trials_table(schedule: Schedule) -> str:
+def trials_table(schedule: ProposedSchedule) -> str:
     """[trials] of a schedule; what no column says is a constant to fill in."""
     doc = tomlkit.parse(TRIALS)
     table: Any = doc["trials"]

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from nearlift.errors import InputRefused, UsageError
 from nearlift.onboarding import manifest
 from nearlift.onboarding.inspection import COVARIATES, Inspection, inspect
-from nearlift.onboarding.tables import Schedule, Table, table_of
+from nearlift.onboarding.tables import ProposedSchedule, Table, table_of
 from nearlift.readers import csv_trial, parquet
 from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.text import TEXT
@@ -43,7 +43,7 @@ def write_template(folder: Path) -> Made:
             "name a new folder; nothing is ever overwritten",
         )
     (folder / "trials").mkdir(parents=True)
-    schedule = Schedule(text=",".join(COLUMNS), units={"distance": "", "throttle": ""})
+    schedule = ProposedSchedule(text=",".join(COLUMNS), units={"distance": "", "throttle": ""})
     records = manifest.CELL + "\n" + manifest.RECORDS
     written, left = _write(folder, records, schedule)
     left.append("trials.csv: a line for each trial")
@@ -112,7 +112,7 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     )
 
 
-def _write(folder: Path, records: str, schedule: Schedule) -> tuple[list[Path], list[str]]:
+def _write(folder: Path, records: str, schedule: ProposedSchedule) -> tuple[list[Path], list[str]]:
     """Write the manifest, and the schedule unless it is there (another one is refused); returns the
     files written and what is left to fill in.
     """
@@ -177,7 +177,7 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
 
 def _schedule(
     inspected: Sequence[Inspection], trials: Sequence[str], table: Table | None
-) -> tuple[Schedule, list[str]]:
+) -> tuple[ProposedSchedule, list[str]]:
     """The schedule of these records, and what else it wants."""
     swept = inspected[0].ramp is not None
     if table is not None:
@@ -186,7 +186,7 @@ def _schedule(
     else:
         header = ["record", *COLUMNS[1:3]] if swept else list(COLUMNS)
         rows = [[trial, *[BLANK] * (len(header) - 1)] for trial in trials]
-        schedule = Schedule(
+        schedule = ProposedSchedule(
             text=csv_text(header, rows), units=dict.fromkeys(header[2:], ""), lacking=()
         )
         what = "boundary and distance" if swept else "boundary, distance and throttle"
@@ -195,8 +195,8 @@ def _schedule(
 
 
 def _with_means(
-    schedule: Schedule, inspected: Sequence[Inspection], trials: Sequence[str]
-) -> Schedule:
+    schedule: ProposedSchedule, inspected: Sequence[Inspection], trials: Sequence[str]
+) -> ProposedSchedule:
     """The schedule with the means of the records' further channels, where it has no such column."""
     means = dict(zip(trials, (f.means for f in inspected), strict=False))
     names = [
@@ -218,7 +218,7 @@ def _with_means(
     return replace(schedule, text=text, units=units)
 
 
-def _remarks(inspected: Sequence[Inspection], schedule: Schedule) -> list[str]:
+def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> list[str]:
     """Notes on channels taken along, and on records with a counter that wraps."""
     header = schedule.text.splitlines()[0].split(",")
     taken = [

@@ -87,7 +87,7 @@ class Table:
             f" coefficient, {enough} a diagnosis as well"
         ]
 
-    def schedule(self, ids: list[str], means: bool, of_records: bool = False) -> Schedule:
+    def schedule(self, ids: list[str], means: bool, of_records: bool = False) -> ProposedSchedule:
         """The table as a schedule; `means`: with mean lifts; `of_records`: a row is a record, whose
         pieces bring their throttle.
         """
@@ -108,7 +108,7 @@ class Table:
             *(names.get(i, self.names[i]) for i in places),
         ]
         pairs = zip(ids, self.rows, strict=True)
-        return Schedule(
+        return ProposedSchedule(
             text=csv_text(header, ([trial, *(row[i] for i in places)] for trial, row in pairs)),
             units={
                 n: u
@@ -121,7 +121,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Schedule:
+class ProposedSchedule:
     """A trials.csv and what the manifest says of it: `units` of its columns (empty: unknown), the
     columns that it is `lacking`, and whether its rows are in run order.
     """
@@ -237,16 +237,16 @@ def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
     if path.stat().st_size > MOST_BYTES:
         return None
     lines = path.read_bytes().decode(str(dialect.get("encoding", "utf-8")), "replace").splitlines()
-    found: list[tuple[int, int]] = []
+    tables: list[tuple[int, int]] = []
     for at, line in enumerate(lines):
         cells = _cells(line)
         if not _is_row(cells):
             continue
-        if found and found[-1][1] == at - 1:
-            found[-1] = found[-1][0], at
+        if tables and tables[-1][1] == at - 1:
+            tables[-1] = tables[-1][0], at
         elif at and _is_header(_cells(lines[at - 1]), len(cells)):
-            found.append((at, at))
-    whole = [(a, b) for a, b in found if b > a]
+            tables.append((at, at))
+    whole = [(a, b) for a, b in tables if b > a]
     if len(whole) > 1:
         where = ", ".join(f"lines {a} to {b + 1}" for a, b in whole[:4])
         return InputRefused(

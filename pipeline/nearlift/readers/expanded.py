@@ -22,8 +22,8 @@ from nearlift.schedule import (
     BY_NAME,
     RECORD_COLUMN,
     RESERVED,
-    Column,
     Schedule,
+    TextColumn,
     columns_of,
     dimension_of,
     of_columns,
@@ -64,12 +64,12 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
     names = [f"{r}#{n}" if n else r for r, n in zip(records, numbers.tolist(), strict=True)]
     columns["trial"] = replace(columns["trial"], texts=names)
     # each record may have been set up differently
-    columns.setdefault("session", Column("session", records, path.name, lines))
+    columns.setdefault("session", TextColumn("session", records, path.name, lines))
     for name, values in _together(campaign.segments, bring, cut).items():
         texts = ["" if value != value else repr(value) for value in values.tolist()]
         dimension = dimension_of(name)
         unit = units.SI[dimension] if dimension else ""
-        columns[name] = Column(name, texts, path.name, lines, unit)
+        columns[name] = TextColumn(name, texts, path.name, lines, unit)
     schedule = of_columns(campaign, path, columns, unended(path, text), bring)
     covariates = dict(schedule.covariates)
     if "start_s" in covariates:

@@ -82,8 +82,8 @@ class Guarded:
         with self._lock:
             error, answer = self._answer(asked)
         if error is None:
-            found: Answer = answer
-            return found
+            result: Answer = answer
+            return result
         fault = error.__new__(error, *answer[0])
         fault.__dict__.update(answer[1])
         raise fault
@@ -208,9 +208,9 @@ class _Unpickler(pickle.Unpickler):
 
     def find_class(self, module: str, name: str) -> Any:
         if module in ("nearlift", "numpy") or module.startswith(("nearlift.", "numpy.")):
-            found = super().find_class(module, name)
-            if name in ARRAYS if module.startswith("numpy") else isinstance(found, type):
-                return found
+            kind = super().find_class(module, name)
+            if name in ARRAYS if module.startswith("numpy") else isinstance(kind, type):
+                return kind
         raise pickle.UnpicklingError(f"{module}.{name} is no answer")
 
 

@@ -197,16 +197,16 @@ def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
         raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
     columns = {"records.force.column": spec.column}
     columns |= {"records.time.column": spec.clock} if spec.clock is not None else {}
-    found = _asked(spans, path, columns)
+    rows = _asked(spans, path, columns)
     wanted = set(trials)
-    unlisted = [name for name in found if name not in wanted]
+    unlisted = [name for name in rows if name not in wanted]
     notes = []
     if unlisted:
         notes.append(
             f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not list,"
             f" such as {unlisted[0]!r}; they were left out"
         )
-    here = {name: span for name, span in found.items() if name in wanted}
+    here = {name: span for name, span in rows.items() if name in wanted}
     return ReadingPlan(pieces=tuple(_pieces(path, here)), notes=tuple(notes))
 
 

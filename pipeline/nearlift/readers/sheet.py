@@ -12,10 +12,10 @@ from nearlift.readers.per_file import Format, reader_of
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The columns of numbers of the first sheet."""
-    found = text.contents(path, {"separator": ",", **dialect}, names)
+    read = text.contents(path, {"separator": ",", **dialect}, names)
     first, *others = packed.sheet_names(path)
     left_out = f"; {len(others)} more left out" if others else ""
-    return replace(found, kind=f"spreadsheet, sheet {first!r}{left_out}")
+    return replace(read, kind=f"spreadsheet, sheet {first!r}{left_out}")
 
 
 FORMAT = Format(

@@ -21,14 +21,14 @@ SEEN = 6.0
 LASTS_S = 0.03
 
 
-class Start(NamedTuple):
+class RotorStart(NamedTuple):
     """The first sample after the rest head, and the first of steady lift."""
 
     rest_ends: int
     steady_from: int
 
 
-def start_of(force: FloatArray, rate_Hz: float) -> Start | None:
+def start_of(force: FloatArray, rate_Hz: float) -> RotorStart | None:
     """The start of the rotors in a record of one lift with its rest head; None where there is no
     head, or it cannot be seen.
 
@@ -53,7 +53,7 @@ def start_of(force: FloatArray, rate_Hz: float) -> Start | None:
     if begins is None or begins < FEWEST_HEAD:
         return None
     steady = _first_that_lasts(np.abs(way - 1) <= band, begins, lasts)
-    return None if steady is None else Start(begins, steady)
+    return None if steady is None else RotorStart(begins, steady)
 
 
 def _first_that_lasts(

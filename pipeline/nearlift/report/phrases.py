@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from nearlift.catalogue import titled
 from nearlift.nomenclature import letter
 from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.results.quotation import BoundaryResult, EffectSize
+from nearlift.results.quotation import BoundaryResult, IdentifiedSize
 from nearlift.rounding import like, plain
 
 #: P-values below this are printed as a bound.
@@ -91,7 +91,7 @@ def sizes(quoted: BoundaryResult) -> str:
     return ". ".join(parts)
 
 
-def _size(size: EffectSize) -> str:
+def _size(size: IdentifiedSize) -> str:
     """One size with its unit and 90 % interval."""
     low, high = (_amount(v, size) for v in (size.lo90, size.hi90))
     value, unit = _amount(size.value, size), _unit(size)
@@ -103,16 +103,16 @@ def _size(size: EffectSize) -> str:
     return f"{name} {value} {head}".rstrip() + f" (90 %: {low} to {high}){comma}{tail}"
 
 
-def _amount(value: float, size: EffectSize) -> str:
+def _amount(value: float, size: IdentifiedSize) -> str:
     scale = _scale(size)[0]
     return like(scale * value, scale * (size.hi90 - size.lo90) / 3.3)
 
 
-def _unit(size: EffectSize) -> str:
+def _unit(size: IdentifiedSize) -> str:
     return _scale(size)[1]
 
 
-def _scale(size: EffectSize) -> tuple[float, str]:
+def _scale(size: IdentifiedSize) -> tuple[float, str]:
     """Factor and unit in which a size is printed: millimetres, millinewtons, per cent of lift."""
     head, comma, tail = size.unit.partition(", ")
     if head.startswith("fraction of "):

@@ -225,7 +225,7 @@ class Correlation:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class EffectSize:
+class IdentifiedSize:
     """One size of an identified effect, with its 90 % interval.
 
     Attributes
@@ -260,7 +260,7 @@ class BoundaryResult:
     effects: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
     coefficients: Mapping[str, CoefficientResult]
-    sizes: tuple[EffectSize, ...] = ()
+    sizes: tuple[IdentifiedSize, ...] = ()
     error: HeldOutError | None = None
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None

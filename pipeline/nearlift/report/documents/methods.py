@@ -269,8 +269,8 @@ def _loop(evidence: Evidence) -> str:
         f" quantities and nearlift's library of effects. The false-alarm rate is {rate} % per"
         f" boundary.{unlogged}"
     )
-    found = [f"{part[0].upper()}{part[1:]}." for part in parts]
-    return " ".join([tested, *found, *silent])
+    sentence = [f"{part[0].upper()}{part[1:]}." for part in parts]
+    return " ".join([tested, *sentence, *silent])
 
 
 def _results(evidence: Evidence) -> str:
