@@ -263,7 +263,7 @@ def test_figure_and_chapter(done):
     assert "1 % false alarms and 10 % misses" in spec.caption(evidence, table)
     assert "ground: noticed from" in spec.alt(evidence, table)
     text = small_run.chapter(evidence, "proximity")
-    table = text.partition("From how far away each boundary is noticed")[2]
+    table = text.partition("Detection range of each boundary")[2]
     rows = re.findall(r'<tr><th scope="row">(\w+)</th>(.*?)</tr>', table)
     assert [boundary for boundary, _ in rows] == ["Ground", "Ceiling", "Sidewall"]
     # boundary, largest change, and of each case range and change needed
