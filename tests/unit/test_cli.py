@@ -424,7 +424,7 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
     # the commented budget parses too
     manifest = (
         text.replace("# [[", "[[")
-        .replace("# name", "name")
+        .replace("\n# name", "\nname")
         .replace("# on ", "on ")
         .replace("# value", "value")
         .replace("# scope", "scope")

@@ -140,5 +140,5 @@ def missing_for(effect: Effect, data: Observations) -> str:
     text = BEYOND.sub(far, STATION.sub(near, effect.separated_by))
     # what is left of a list whose item went
     parts = [p.strip() for p in re.split(r",\s+", text)]
-    parts = [re.sub(r"^(and|or)\s*$|\s+(and|or)$", "", p).strip() for p in parts]
+    parts = [p.removesuffix(" and").removesuffix(" or").strip() for p in parts]
     return ", ".join(p for p in parts if p and p not in ("and", "or"))
