@@ -430,7 +430,7 @@ def test_new_makes_a_folder_that_runs_once_it_is_filled_in(tmp_path):
         .replace("# scope", "scope")
     )
     (folder / "campaign.toml").write_text(manifest)
-    assert manifests.load(folder).uncertainty[0].standard() == 2e-4
+    assert 2e-4 in [u.standard() for u in manifests.load(folder).uncertainty]
     assert nearlift("run", "--dry-run", folder, "--out", tmp_path).exit_code in (
         2,
         4,

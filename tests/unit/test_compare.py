@@ -238,5 +238,7 @@ def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
         ) == ["../c1/index.html"]
         page.open(file.as_uri(), media="print")
         assert page.run("document.querySelector('.view svg.marks').checkVisibility()")
-        assert "population mean" in page.run("document.getElementById('forest-description').textContent")
+        assert "population mean" in page.run(
+            "document.getElementById('forest-description').textContent"
+        )
         assert page.errors == []
