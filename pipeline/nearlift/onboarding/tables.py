@@ -140,7 +140,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
         content = guarded.call(packed.content, path)
         layout = sniff(content, str(path), text.given(dialect))
         lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
-        width, cells = len(layout.names), layout.cells
+        width, cells = len(layout.names), layout
         rows = tuple(
             tuple(
                 c.replace(",", ".") if cells.decimal == "," else c
