@@ -289,9 +289,11 @@ class Blocks:
         encoding = self.layout.encoding
         foreign = encoding not in ("utf-8", "utf-8-sig")
         decoder = codecs.getincrementaldecoder(encoding)() if foreign else None
+        # room for a whole block would be fetched for every small file
+        size = min(BLOCK, max(self.path.stat().st_size + 1, HEAD))
         with packed.opened(self.path) as file:
             while True:
-                raw = file.read(BLOCK)
+                raw = file.read(size)
                 if not raw:
                     break
                 held += raw if decoder is None else self._decoded(decoder, raw, line)
