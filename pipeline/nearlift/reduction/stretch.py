@@ -82,7 +82,7 @@ def stretch(values: FloatArray, half: int) -> Stretch:
     batches, gain = away, 1.0
     if half:
         (rising, falling), gain = _window(half)
-        halves = away[: n // half * half].reshape(-1, half)
+        halves = away[: n // half * half].reshape(n // half, half)
         up, down = (np.einsum("ij,j->i", halves, side) for side in (rising, falling))
         batches = up[:-1] + down[1:]
     return Stretch(
