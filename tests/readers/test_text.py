@@ -119,6 +119,12 @@ def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
     assert layout(mixed, Dialect(columns=columns, separator="semicolon")).decimal == ","
 
 
+def test_a_stated_separator_that_no_line_holds_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="is one column"):
+        layout("F\n1\n2\n", Dialect(separator="comma"))
+    assert values(csv_trial.contents(put(tmp_path, "F\n1\n2\n"), {}, None)) == [1, 2]
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.data())
 def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObject) -> None:

@@ -21,7 +21,7 @@ from nearlift.units import NUMBER
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of these names; `InputRefused` where the file is not plain CSV in UTF-8."""
     if names is None:
-        return text.contents(path, {"separator": "comma", "decimal": "."}, None)
+        return text.contents(path, {}, None)
     head, _ = text.head_of(path)
     if head.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputRefused(

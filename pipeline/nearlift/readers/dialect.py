@@ -200,12 +200,12 @@ def _fitting(lines: Sequence[str], where: str, said: Dialect) -> Layout:
 
 def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
     """The pairs of separator and decimal sign to try, as layouts without columns."""
-    separators = list(SEPARATORS.values())
-    if said.separator is not None:
-        separators = [SEPARATORS.get(said.separator, said.separator)]
     # signs that no line holds cut nothing, all alike: the first speaks for them
     signs = [s for s in SEPARATORS.values() if s not in (BLANKS, NONE)]
     absent = [s for s in signs if not any(s in line for line in lines)]
+    separators = [s for s in SEPARATORS.values() if s not in absent[1:]]
+    if said.separator is not None:
+        separators = [SEPARATORS.get(said.separator, said.separator)]
     return [
         Layout(
             separator=separator,
@@ -215,7 +215,7 @@ def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
             labels=said.labels,
         )
         for separator, decimal in itertools.product(
-            [s for s in separators if s not in absent[1:]],
+            separators,
             (".", ",") if said.decimal is None else (said.decimal,),
         )
         if separator != decimal
