@@ -257,7 +257,6 @@ def rows_per_stamp(clock: Channel) -> int:
 
 def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
     """Whether the stricter and faster reader of plain CSV reads the same numbers."""
-    beside = clock if clock is not None and clock.name != force.name else None
     wanted = {c.name: c for c in (force, clock) if c is not None}
     try:
         found = csv_trial.contents(path, {}, tuple(wanted)).channels
