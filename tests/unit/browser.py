@@ -133,6 +133,8 @@ class Page:
         )
         self.errors.clear()
         self.requests.clear()
+        # a page behind another tab is hidden, and does not follow its campaign
+        self.ask("Page.bringToFront")
         self.ask("Page.navigate", url=address)
         self.wait(
             "document.readyState === 'complete' && document.documentElement.dataset.charts !=="

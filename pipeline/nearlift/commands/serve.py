@@ -27,11 +27,11 @@ def command(call: Call, workspace: Path, port: int) -> None:
     from nearlift.serve.pages import responder
     from nearlift.serve.server import Server
 
-    with Server(port, responder(workspace)) as server:
+    # Ctrl-C is the way to end: it may come as soon as the link is read
+    with contextlib.suppress(KeyboardInterrupt), Server(port, responder(workspace)) as server:
         call.answer(
             {"workspace": str(workspace.resolve()), "link": server.link},
             f"{workspace.resolve()}: open {server.link}\n"
             "the link is good for one browser; Ctrl-C ends the page",
         )
-        with contextlib.suppress(KeyboardInterrupt):
-            server.serve_forever()
+        server.serve_forever()
