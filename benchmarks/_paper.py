@@ -124,13 +124,13 @@ def ingest(folder: Path, threads: int = 2) -> None:
     import tempfile
 
     from nearlift.campaign import manifest as manifests
-    from nearlift.run import executors
-    from nearlift.run.job import Job
+    from nearlift.run import workers
+    from nearlift.run.engine import Job
     from nearlift.stages import ingest as stage
 
     with (
         tempfile.TemporaryDirectory() as out,
-        executors.open_executor(f"threads:{threads}") as executor,
+        workers.open_executor(f"threads:{threads}") as executor,
     ):
         job = Job(
             root=folder,

@@ -36,12 +36,12 @@ def ingest(data: Path, which: int) -> None:
 
 def stage(folder: Path, name: str) -> None:
     """One stage of a campaign, its products beside it."""
-    import importlib
+    from nearlift.run.engine import stage_of
+    from nearlift.run.workers import open_campaign
+    from nearlift.stages import STAGES
 
-    from nearlift.run.opening import open_job
-
-    with open_job(folder, folder.parent, "serial", 0) as job:
-        importlib.import_module(f"nearlift.stages.{name}").run(job)
+    with open_campaign(folder, folder.parent, STAGES, "serial", 0) as job:
+        stage_of(STAGES, name).run(job)
 
 
 def means(data: Path, which: int, name: str) -> None:

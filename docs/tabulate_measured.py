@@ -26,11 +26,11 @@ from nearlift.likelihood import budget
 from nearlift.loop.diagnose import decide, set_up
 from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
-from nearlift.products import TRIALS
 from nearlift.readers import garofano_soldado
 from nearlift.results import Observations
-from nearlift.run import store
-from nearlift.stages.fit import choice
+from nearlift.run import tables
+from nearlift.stages.choices import choice
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import observe
 
 HEAD = """# Measured campaigns
@@ -226,7 +226,7 @@ def stability(
     """How often the verdict holds without each visit, and without each trial."""
     raw = out / "raw" / one.name
     campaign = manifests.load(raw if (raw / "campaign.toml").exists() else raw / "raw")
-    trials = store.read_table(out / "processed" / campaign.name / TRIALS.file, TRIALS)
+    trials = tables.read_table(out / "processed" / campaign.name / TRIALS.file, TRIALS)
     data = observe(trials, campaign, boundary)
     group, word = data.visit, "visit"
     if len(np.unique(group)) > MOST:
@@ -276,7 +276,7 @@ def row(one: Measured, out: Path) -> tuple[str, str]:
     moves = [c["influence"][kind] for kind in ("trial", "visit")]
     e = d["error"]
     errors = [e["before"]["held_out_rmse"], e["after"]["held_out_rmse"], e["noise_floor"]]
-    trials = store.read_table(place / TRIALS.file, TRIALS)
+    trials = tables.read_table(place / TRIALS.file, TRIALS)
     cells = [
         one.name,
         str(len(trials["trial"])),

@@ -21,7 +21,8 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 from nearlift import __version__  # noqa: E402
 from nearlift.commands import GROUPS, everything  # noqa: E402
 from nearlift.errors import did_you_mean  # noqa: E402
-from nearlift.run.registry import ORDER, STAGES  # noqa: E402
+from nearlift.run.engine import stage_of  # noqa: E402
+from nearlift.stages import ORDER, STAGES  # noqa: E402
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -50,9 +51,8 @@ class Commands(click.Group):
         """The command of that name."""
         if name in ORDER:
             from nearlift.commands.stage import command_of
-            from nearlift.run.registry import stage
 
-            return command_of(stage(name))
+            return command_of(stage_of(STAGES, name))
         if name not in everything():
             return None
         module = importlib.import_module(f"nearlift.commands.{name.replace('-', '_')}")

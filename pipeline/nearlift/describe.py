@@ -13,8 +13,8 @@ from nearlift.declare import BOUNDARIES, Declaration, Effect, LiftModel
 from nearlift.effects import EFFECTS
 from nearlift.models import MODELS
 from nearlift.nomenclature import SYMBOLS, Symbol, symbol
-from nearlift.products import PRODUCTS, Product
-from nearlift.run.registry import STAGES
+from nearlift.run.tables import Product
+from nearlift.stages import PRODUCTS, STAGES
 
 
 def describe(name: str | None = None) -> str:

@@ -64,7 +64,7 @@ def gather(group: str, wanted: type[T], built_in: Iterable[T]) -> tuple[T, ...]:
         remedy = f"fix or uninstall {package}"
         try:
             offered = point.load()
-        except Exception as fault:  # whatever a foreign module raises on import
+        except (Exception, SystemExit) as fault:  # whatever a foreign module raises on import
             raise DeclarationError(
                 f"package {package}",
                 f"its entry point {point.name!r} in {group} breaks: {type(fault).__name__}:"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import unicodedata
 
 #: Control, direction, surrogate and line characters, by their category; but ends of lines and tabs.
@@ -21,7 +23,13 @@ def printable(text: str) -> str:
 
 
 def say(text: str, *, err: bool = False) -> None:
-    """Print a text and the end of its line."""
+    """Print a text and the end of its line; a stderr that is closed or full is no failure."""
     import click
 
-    click.echo(printable(text), err=err)  # noqa: TID251
+    try:
+        click.echo(printable(text), err=err)  # noqa: TID251
+    except OSError:
+        if not err:
+            raise
+        # what is left in its buffer would be a failure at the end
+        sys.stderr = open(os.devnull, "w", encoding="utf-8")  # noqa: PTH123, SIM115

@@ -63,3 +63,11 @@ def fixed(value: float, places: int) -> str:
 def signed(value: float, places: int) -> str:
     """A number with its sign, a plus too, as a correlation has it: ``−0.984``."""
     return ("+" if value >= 0 else "") + fixed(value, places)
+
+
+def bytes_text(count: int) -> str:
+    """A number of bytes in words, as ``1.2 MB``."""
+    for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
+        if count >= factor:
+            return f"{count / factor:.3g} {unit}"
+    return f"{count} bytes"

@@ -28,7 +28,6 @@ from nearlift.campaign.segments import ColumnOfRecord, Segments
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray, IntArray
 from nearlift.errors import InputRefused, ManifestError, NearliftError, brief, did_you_mean
 from nearlift.nomenclature import CARRIED
-from nearlift.products import TRIALS
 from nearlift.readers import guarded, packed
 from nearlift.readers.channel import Malformed
 from nearlift.readers.files import inside
@@ -101,7 +100,29 @@ BESIDE = tuple(k.name for k in KNOWN if k.inside in CARRIED)
 #: Columns of a schedule that pieces of a record may bring.
 BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.startswith("lift"))
 #: Names that a further column must not have.
-RESERVED = {c.name for c in TRIALS.columns} | {k.inside for k in KNOWN} | {"u_height_m"}
+OF_TRIALS = (
+    "trial",
+    "boundary",
+    "z_hat",
+    "z_m",
+    "throttle",
+    "lift_N",
+    "u_lift_N",
+    "u_zero_N",
+    "n",
+    "n_removed",
+    "n_eff",
+    "drift_N_s",
+    "sd_N",
+    "quality",
+    "visit",
+    "source_sha256",
+    "source",
+    "samples",
+    "completeness",
+    "fault",
+)
+RESERVED = {*OF_TRIALS} | {k.inside for k in KNOWN} | {"u_height_m"}
 
 
 @dataclass(frozen=True, slots=True)

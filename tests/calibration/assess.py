@@ -34,7 +34,7 @@ def engine(campaign: Campaign, *, confirm: bool = True, **options: Any) -> dict[
     from nearlift.loop.diagnose import diagnose
     from nearlift.loop.interim import InterimLook
     from nearlift.loop.search_problem import Options
-    from nearlift.products import NOT_DIAGNOSED
+    from nearlift.stages.diagnose import NOT_DIAGNOSED
 
     base = catalogue.model(catalogue.default_base(campaign.data.boundary, 4))
     try:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from nearlift.run.executors import open_executor
+from nearlift.run.workers import open_executor
 
 ROOT = str(Path(__file__).resolve().parents[2])
 if ROOT not in sys.path:

@@ -8,14 +8,12 @@ another number of samples, or other samples, than were written, without an error
 
 from __future__ import annotations
 
-import hashlib
 import io
 import re
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,12 +24,10 @@ from tests.unit import manifests, written
 
 from nearlift import readers
 from nearlift.errors import NearliftError
-from nearlift.products import TRIALS
-from nearlift.readers import csv_trial, guarded
+from nearlift.readers import guarded
 from nearlift.readers.channel import Malformed, pick
-from nearlift.run import store
-from nearlift.run.job import Job
-from nearlift.stages import sums
+from nearlift.run import tables
+from nearlift.stages.ingest import TRIALS
 
 TRIES = 200
 SAMPLES = 400
@@ -166,7 +162,7 @@ def bare_parquet(path: Path) -> tuple[Sequence[float], Sequence[str]]:
 
 
 def own_product(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-    return store.read_table(path, TRIALS)["lift_N"], ()
+    return tables.read_table(path, TRIALS)["lift_N"], ()
 
 
 def long_table(checksum: bool) -> bytes:
@@ -193,29 +189,6 @@ def by_campaign(path: Path) -> tuple[Sequence[float], Sequence[str]]:
     return (found[0].force_N, found[0].codes) if found else ([], ("NO_DATA",))
 
 
-def with_sums(content: bytes) -> Read:
-    """A plain CSV beside SHA256SUMS that states what `content` hashes to."""
-
-    def read(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-        (path.parent / sums.NAME).write_text(
-            f"{hashlib.sha256(content).hexdigest()}  {path.name}\n"
-        )
-        campaign = manifests.manifest(records={"reader": "csv", "files": "{trial}.csv"})
-        with ThreadPoolExecutor() as executor:
-            job = Job(
-                root=path.parent,
-                campaign=campaign,
-                processed=path.parent,
-                reports=path.parent,
-                executor=executor,
-            )
-            sums.check(job, [], [path.name])
-        (path.parent / sums.NAME).unlink()
-        return list(csv_trial.parse(path.read_bytes(), str(path), "force")[0]), ()
-
-    return read
-
-
 def product_bytes(checksum: bool) -> bytes:
     """The series as a product of ours, or as Parquet's defaults would write it."""
     import pyarrow as pa
@@ -229,7 +202,7 @@ def product_bytes(checksum: bool) -> bytes:
     }
     table = {c.name: kinds[c.kind]() for c in TRIALS.columns} | {"lift_N": np.array(FORCE)}
     if checksum:
-        return store.table_bytes(table, TRIALS)
+        return tables.table_bytes(table, TRIALS)
     sink = pa.BufferOutputStream()
     pq.write_table(pa.table({"lift_N": np.array(FORCE)}), sink)
     return bytes(sink.getvalue().to_pybytes())
@@ -301,12 +274,6 @@ def subjects() -> list[Subject]:
             content=summed_table,
             read=by_campaign,
         ),
-        Subject(
-            format="any, beside SHA256SUMS (here plain CSV)",
-            program="nearlift",
-            content=written.csv(FORCE),
-            read=with_sums(written.csv(FORCE)),
-        ),
     ]
     csv, tdms = written.csv(FORCE), written.tdms(FORCE)
     others = [
@@ -346,7 +313,7 @@ Made by `python -m tests.calibration.damage`; `make calibrate` tests these promi
 
 - A cut file is never short undetected if its format has a length or a checksum, or `[load_cell] record` states the length.
 - No flipped bit passes in nearlift's own products.
-- In outside formats without a checksum a flipped bit is detectable only by a [`SHA256SUMS`](formats.md#checksums). After ingest, the SHA-256 of every input detects it; `nearlift run --check` hashes all.
+- In outside formats without a checksum a flipped bit before ingest is not detectable; `sha256sum -c` detects it. After ingest, the SHA-256 of every input detects it; `nearlift run --check` hashes all.
 
 | format | read by | cut: refused | marked | short | wrong | intact | bit: refused | marked | short | wrong | intact |
 |---|---|--:|--:|--:|--:|--:|--:|--:|--:|--:|--:|

@@ -19,7 +19,7 @@ from tests.calibration.simulator import Errors, Spec, simulate
 
 from nearlift import catalogue
 from nearlift.fit.least_squares import fit
-from nearlift.run.executors import ordered
+from nearlift.run.workers import ordered
 
 #: Correlation of a trial's error with the next one's.
 CORRELATIONS = (0.0, 0.5, 0.9, 0.97)

@@ -22,7 +22,7 @@ from tests.calibration.simulator import Shared, Spec, simulate
 
 from nearlift import catalogue
 from nearlift.fit.least_squares import fit
-from nearlift.run.executors import ordered
+from nearlift.run.workers import ordered
 
 #: Distances and visits of each.
 DESIGNS = {"4x2": (4, 2), "5x2": (5, 2), "9x1": (9, 1), "6x3": (6, 3)}

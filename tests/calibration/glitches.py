@@ -25,16 +25,16 @@ from tests.calibration.bench import RADIUS, SPACING
 from tests.calibration.simulator import Shared, Spec, simulate
 from tests.calibration.streams import unordered
 
-from nearlift.campaign import manifest
+from nearlift.campaign import manifest as manifest
 from nearlift.errors import NearliftError
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
-from nearlift.products import TRIALS
 from nearlift.results import Observations
-from nearlift.run.executors import SerialExecutor
-from nearlift.run.job import Job
+from nearlift.run.engine import Job
+from nearlift.run.workers import SerialExecutor
 from nearlift.stages import ingest, screening
-from nearlift.stages.fit import choice
+from nearlift.stages.choices import choice
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import observe
 
 #: Reported; the screen was tuned on 700000 to 710099.

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from concurrent.futures import Executor
 
 from nearlift.blas import default_to_one_thread
-from nearlift.run.executors import open_executor
+from nearlift.run.workers import open_executor
 
 
 def add_option(parser: argparse.ArgumentParser) -> None:

@@ -23,7 +23,7 @@ from nearlift.loop.diagnose import diagnose
 from nearlift.loop.handle import handles
 from nearlift.loop.rehearsal import planned
 from nearlift.loop.search_problem import Options
-from nearlift.run.executors import ordered
+from nearlift.run.workers import ordered
 from nearlift.stages.observe import observe
 from nearlift.stages.plans import plan, scatter
 

@@ -12,7 +12,7 @@ import pytest
 from scipy.stats import binom
 from tests.calibration.ranks import MODELS, from_repeats, half, rank, true, uniformity
 
-from nearlift.run.executors import ordered
+from nearlift.run.workers import ordered
 
 pytestmark = pytest.mark.calibration
 N = int(os.environ.get("NEARLIFT_RANKS_N", "200"))

@@ -28,10 +28,12 @@ from tests.calibration import spread
 
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
-from nearlift.products import FIT, LIFT
-from nearlift.run import graph
-from nearlift.run.executors import SerialExecutor, ordered
-from nearlift.run.job import Job
+from nearlift.run import engine
+from nearlift.run.engine import Job
+from nearlift.run.workers import SerialExecutor, ordered
+from nearlift.stages import STAGES
+from nearlift.stages.fit import FIT
+from nearlift.stages.reduce import LIFT
 from nearlift.synthetic.records import SimulatedBench, write_campaign
 from nearlift.synthetic.trial_schedule import randomised
 from nearlift.synthetic.truth import BenchNoise, Truth
@@ -102,8 +104,9 @@ def recover(seed: int) -> Recovered:
             processed=Path(place) / "p",
             reports=Path(place) / "r",
             executor=SerialExecutor(),
+            stages=STAGES,
         )
-        for step in graph.run(job, graph.STAGES[:3]):
+        for step in engine.run(job, STAGES[:3]):
             assert step.outcome.rejected == ()
         content = job.read_json(FIT)
         entry = content["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"]

@@ -6,7 +6,7 @@ from functools import partial
 from tests.calibration import coverage, harness
 from tests.calibration.assess import engine
 
-from nearlift.run.executors import SerialExecutor, open_executor
+from nearlift.run.workers import SerialExecutor, open_executor
 
 TIMES = ("wall_s", "cpu_s")
 

@@ -8,7 +8,7 @@ from nearlift import catalogue
 from nearlift.describe import describe, reference_pages
 from nearlift.errors import UsageError
 from nearlift.nomenclature import SYMBOLS, label, symbol
-from nearlift.products import PRODUCTS
+from nearlift.stages import PRODUCTS
 
 
 @pytest.mark.parametrize("item", [*catalogue.models(), *catalogue.effects()], ids=lambda d: d.name)

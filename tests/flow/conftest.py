@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from nearlift.campaign import manifest as manifests
-from nearlift.run.executors import SerialExecutor
-from nearlift.run.job import Job, Outcome
+from nearlift.run.engine import Job, Outcome
+from nearlift.run.workers import SerialExecutor
 from nearlift.stages import flow
 from nearlift.synthetic import demo_flow
 from nearlift.synthetic.records import SimulatedBench

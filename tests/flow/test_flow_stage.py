@@ -14,7 +14,10 @@ from tests.unit import small_run
 
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.products import (
+from nearlift.readers.piv.cases import files_of
+from nearlift.run import engine
+from nearlift.stages import STAGES, flow
+from nearlift.stages.flow import (
     DOWNWASH,
     DOWNWASH_PROFILE,
     FLOW,
@@ -22,9 +25,6 @@ from nearlift.products import (
     FLOW_PRODUCTS,
     FLOW_TOPOLOGY,
 )
-from nearlift.readers.piv.cases import files_of
-from nearlift.run import graph
-from nearlift.stages import flow
 from nearlift.synthetic import demo_flow
 from nearlift.synthetic.records import SimulatedBench
 
@@ -305,12 +305,12 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     )
     (tmp_path / last.name).rename(last)
     (raw / "campaign.toml").write_text(path.read_text()[: path.read_text().index("[piv]")])
-    left = {s.name: why for s, why in graph.plan(small_run.job(raw, tmp_path))}
+    left = {s.name: why for s, why in engine.plan(small_run.job(raw, tmp_path))}
     assert "flow" not in left
     assert left["report"]
     assert not any(left[name] for name in others)
 
 
 def test_the_stages_are_listed_in_an_order_in_which_they_can_run():
-    names = [s.name for s in graph.STAGES]
+    names = [s.name for s in STAGES]
     assert names.index("flow") < names.index("report")

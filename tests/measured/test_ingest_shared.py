@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from nearlift.campaign import manifest as campaign
-from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
-from nearlift.run.executors import SerialExecutor
-from nearlift.run.job import Job, Outcome
+from nearlift.run.engine import Job, Outcome
+from nearlift.run.workers import SerialExecutor
 from nearlift.stages import ingest
+from nearlift.stages.ingest import TRIALS
 
 SHARED = Path(__file__).parents[2].parent / "shared"
 

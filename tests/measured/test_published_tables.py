@@ -14,9 +14,9 @@ from tests.unit import small_run
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import LoopDiagnosis, diagnose
 from nearlift.loop.search_problem import Options
-from nearlift.products import TRIALS
 from nearlift.report.words import dependence
-from nearlift.stages.fit import choice
+from nearlift.stages.choices import choice
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import observe
 
 pytestmark = pytest.mark.skipif(

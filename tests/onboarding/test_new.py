@@ -19,9 +19,9 @@ from nearlift.campaign.parsing import validated
 from nearlift.campaign.piv import Piv
 from nearlift.onboarding import meaning
 from nearlift.onboarding.inspection import inspect
-from nearlift.products import TRIALS
 from nearlift.readers.channel import Channel
-from nearlift.run import store
+from nearlift.run import tables
+from nearlift.stages.ingest import TRIALS
 
 
 def channels(*columns: tuple[str, str]) -> list[Channel]:
@@ -226,9 +226,9 @@ def test_records_and_the_table_that_lists_them_make_a_campaign_that_runs(recorde
     written.fill_in(folder)
     ran = nearlift("ingest", folder, "--out", tmp_path)
     assert ran.exit_code == 0, ran.output
-    ours = store.read_table(tmp_path / "processed" / "new" / "trials.parquet", TRIALS)
+    ours = tables.read_table(tmp_path / "processed" / "new" / "trials.parquet", TRIALS)
     assert nearlift("ingest", recorded, "--out", tmp_path).exit_code == 0
-    theirs = store.read_table(tmp_path / "processed" / "small" / "trials.parquet", TRIALS)
+    theirs = tables.read_table(tmp_path / "processed" / "small" / "trials.parquet", TRIALS)
     for column in ("trial", "boundary", "z_hat", "throttle", "lift_N"):
         assert (ours[column] == theirs[column]).all()
 

@@ -109,7 +109,7 @@ def test_only_numbers_texts_and_own_types_are_accepted(small: guarded.Guarded) -
     """A process that a file has taken over could send anything."""
     with pytest.raises(Malformed, match="crashed"):
         small(Path, "of another package")
-    for code in (b"cos\nsystem\n(S'true'\ntR.", b"cnearlift.run.store\nwrite_bytes\n."):
+    for code in (b"cos\nsystem\n(S'true'\ntR.", b"cnearlift.run.tables\nwrite_whole\n."):
         with pytest.raises(pickle.UnpicklingError, match="is no answer"):
             guarded._Unpickler(io.BytesIO(code)).load()
 

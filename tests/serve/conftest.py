@@ -13,8 +13,8 @@ import pytest
 from matplotlib.image import imsave
 from tests.unit import small_run
 
-from nearlift.run import graph
 from nearlift.run.watch import watch
+from nearlift.stages import STAGES
 from nearlift.stages.asked import AskedQuestion
 
 from .client import Client, served
@@ -41,7 +41,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for record in records[:84]:
         os.utime(record, (time.time() - 3600,) * 2)
     asked = AskedQuestion.parsed("K_b", until=0.05)
-    stages = [s for s in graph.STAGES if s.name in ("ingest", "reduce", "fit", "diagnose")]
+    stages = [s for s in STAGES if s.name in ("ingest", "reduce", "fit", "diagnose")]
     next(watch(raw, root, "serial", 0, stages=stages, asked=asked))
     reports = root / "reports" / "small"
     reports.mkdir(parents=True, exist_ok=True)

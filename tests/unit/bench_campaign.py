@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.run.executors import SerialExecutor
-from nearlift.run.job import Job, Outcome
+from nearlift.run.engine import Job, Outcome
+from nearlift.run.workers import SerialExecutor
 from nearlift.stages import ingest
 
 from .manifests import HEAD, LIVE

@@ -20,11 +20,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift.campaign import manifest
-from nearlift.products import FIT, RESULTS, TRIALS
-from nearlift.run.executors import SerialExecutor
-from nearlift.run.job import Job
+from nearlift.campaign import manifest as manifest
+from nearlift.run.engine import Job
+from nearlift.run.workers import SerialExecutor
 from nearlift.stages import diagnose, fit, reduce
+from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.ingest import TRIALS
 
 from . import small_run
 from .manifests import raw_manifest

@@ -7,9 +7,10 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED, RESULTS
 from nearlift.report.evidence import Evidence
-from nearlift.run.job import Job
+from nearlift.run.engine import Job
+from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.stages.fit import FIT, RESULTS
 
 #: Half of a 90 and of a 68 and 95 % interval of a normal, in standard deviations.
 HALF_90, OTHERS = 1.6449, {68: 0.9945, 95: 1.96}

@@ -17,10 +17,10 @@ from nearlift.report.evidence import Evidence
 from nearlift.report.page.render import page
 from nearlift.report.registry import CHAPTERS
 from nearlift.report.tidy import to_csv
-from nearlift.run import graph
-from nearlift.run.executors import SerialExecutor
-from nearlift.run.inputs import digests
-from nearlift.run.job import Job
+from nearlift.run import engine
+from nearlift.run.engine import CACHE, Job, RawFiles
+from nearlift.run.workers import SerialExecutor
+from nearlift.stages import STAGES
 from nearlift.synthetic.records import Form, SimulatedBench, write_campaign
 from nearlift.synthetic.trial_schedule import randomised
 from nearlift.synthetic.truth import Truth
@@ -121,19 +121,23 @@ def job(root: Path, out: Path, **changes: Any) -> Job:
     """The campaign as the command line would open it."""
     campaign = manifests.load(root)
     processed = out / "processed" / campaign.name
-    inputs, _ = digests(root, campaign, processed)
+    raw = RawFiles(root=root, cache=processed / CACHE)
+    inputs, sources = raw.hashed(campaign, STAGES)
     given = {
         "processed": processed,
         "reports": out / "reports" / campaign.name,
         "executor": SerialExecutor(),
+        "stages": STAGES,
         "inputs": inputs,
+        "sources": sources,
+        "stamps": raw.stamps,
     }
     return Job(**{"root": root, "campaign": campaign} | given | changes)
 
 
 def ran(of: Job) -> list[str]:
     """Bring everything up to date; the names of the stages that had to run."""
-    return [step.stage.name for step in graph.run(of) if step.why]
+    return [step.stage.name for step in engine.run(of) if step.why]
 
 
 def state(folder: Path) -> dict[str, tuple[str, int]]:

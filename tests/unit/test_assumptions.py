@@ -8,8 +8,8 @@ import pytest
 from tests.unit.conftest import true_ratio
 from tests.unit.manifests import raw_manifest
 
-from nearlift.products import FIT
-from nearlift.stages.report import gather
+from nearlift.stages.fit import FIT
+from nearlift.stages.gathering import gather
 
 from . import small_run
 

@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
-from nearlift.run import intact, store
+from nearlift.run import intact, tables
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
 from . import written
 from .bench_campaign import force_mN, small_campaign, write_record
@@ -54,7 +55,7 @@ def ingest(raw: Path) -> tuple[int, str, dict[str, str]]:
     path = raw.parent / "processed" / "bench" / TRIALS.file
     if not path.is_file():
         return found.exit_code, found.stderr, {}
-    table = store.read_table(path, TRIALS)
+    table = tables.read_table(path, TRIALS)
     return found.exit_code, found.stderr, dict(zip(table["trial"], table["quality"], strict=True))
 
 
@@ -299,7 +300,7 @@ def test_a_bad_record_gets_its_code_and_costs_no_other_trial(
         assert f"{next(c for c in quality[TRIAL].split() if c.isupper())} (" in said
     else:
         assert "1 accepted trial carries a remark: " in said
-    table = store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
+    table = tables.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
     assert dict(zip(table["trial"], table["completeness"], strict=True))[TRIAL] == whole
 
 
@@ -312,7 +313,7 @@ def test_11_spikes_leave_the_uncertainty(raw: Path) -> None:
 
 def read(raw: Path) -> Any:
     ingest(raw)
-    return store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
+    return tables.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
 
 
 def test_18_whose_record_it_is_is_told(raw: Path) -> None:
@@ -330,7 +331,7 @@ def test_3_what_is_wrong_with_a_record_is_told_with_its_place(raw: Path) -> None
     _, said, _ = ingest(raw)
     assert "t01: MALFORMED (" in said
     assert "): trials/t01.csv, line 51: has 2 cells under 1 column names" in said
-    table = store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
+    table = tables.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
     assert {t: f for t, f in zip(table["trial"], table["fault"], strict=True) if f} == {
         TRIAL: "trials/t01.csv, line 51: has 2 cells under 1 column names"
     }
@@ -596,7 +597,7 @@ def test_what_cannot_be_true_stops_the_run_and_writes_nothing(
 
 def plain(raw: Path) -> bytes:
     assert ingest(raw)[0] == 0
-    table = store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
+    table = tables.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)
     return bytes(table["lift_N"].tobytes())
 
 
@@ -668,8 +669,8 @@ def test_17_a_throttle_without_a_far_station_has_no_delta_L_unless_asked(raw: Pa
         assert said.exit_code == 0, said.stderr
         folder = next((raw.parent / "processed").iterdir())
         cells, covariance = (
-            store.read_table(folder / LIFT.file, LIFT),
-            store.read_table(folder / LIFT_COVARIANCE.file, LIFT_COVARIANCE),
+            tables.read_table(folder / LIFT.file, LIFT),
+            tables.read_table(folder / LIFT_COVARIANCE.file, LIFT_COVARIANCE),
         )
         for name in ("delta_L", "u_delta_L"):
             known = {
@@ -723,7 +724,7 @@ def test_33_an_unknown_column_of_the_schedule_is_kept(raw: Path) -> None:
         "\n".join([rows[0] + ",moon", *(f"{r},{i}" for i, r in enumerate(rows[1:]))]) + "\n"
     )
     assert ingest(raw)[0] == 0
-    assert store.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)[
+    assert tables.read_table(raw.parent / "processed" / "bench" / TRIALS.file, TRIALS)[
         "moon"
     ].tolist() == list(range(8))
 
@@ -743,12 +744,12 @@ def test_the_order_of_files_and_trials_changes_nothing_but_run_order(raw: Path) 
 
 
 def test_scaling_all_forces_leaves_delta_l(raw: Path) -> None:
-    from nearlift.products import LIFT
+    from nearlift.stages.reduce import LIFT
 
     def delta() -> Any:
         assert nearlift("ingest", raw, "--out", raw.parent, "-q").exit_code == 0
         assert nearlift("reduce", raw, "--out", raw.parent, "-q").exit_code == 0
-        return store.read_table(raw.parent / "processed" / "bench" / LIFT.file, LIFT)
+        return tables.read_table(raw.parent / "processed" / "bench" / LIFT.file, LIFT)
 
     first = delta()
     edit(raw, "campaign.toml", 'unit = "mN"', 'unit = "gf"')

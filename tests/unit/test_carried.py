@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from nearlift.errors import ManifestError
-from nearlift.products import LIFT, TRIALS
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import observe
+from nearlift.stages.reduce import LIFT
 
 from . import small_run, sweeps
 from .bench_campaign import run_ingest

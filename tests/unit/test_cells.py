@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from nearlift.campaign.manifest import boundaries_of
-from nearlift.products import LIFT, LIFT_COVARIANCE
 from nearlift.reduction.cells import OWN_SCATTER, Cells, reduce
 from nearlift.stages import reduce as stage
+from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
 STATIONS = (1.1, 1.5, 3.0, 11.0)
 L_INF = {0.25: 0.1, 0.5: 0.25, 0.92: 0.55}

@@ -28,16 +28,16 @@ from nearlift.cli import main
 from nearlift.commands import ABOUT, GROUPS, About, everything
 from nearlift.commands.common import SETTINGS
 from nearlift.errors import ManifestError
-from nearlift.products import LIFT, LIFT_COVARIANCE, TRIALS
-from nearlift.run import graph, store
-from nearlift.run.registry import ORDER
-from nearlift.stages import fit
+from nearlift.run import engine, tables
+from nearlift.stages import ORDER, STAGES, fit
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
 from . import small_run, written
 from .small_run import nearlift, state
 
 #: Stages of a campaign whose manifest has no section for the others.
-ALWAYS = [s.name for s in graph.STAGES if not s.where]
+ALWAYS = [s.name for s in STAGES if not s.where]
 
 
 @pytest.fixture(scope="session")
@@ -123,7 +123,7 @@ def test_a_dry_run_runs_nothing_and_writes_nothing(raw, finished, tmp_path, monk
     if where == "stale":
         (root / "trials.csv").write_text((root / "trials.csv").read_text() + "\n")
     before = state(tmp_path)
-    monkeypatch.setattr(graph.Stage, "run", lambda *_: pytest.fail("a stage ran"))
+    monkeypatch.setattr(engine, "run", lambda *_: pytest.fail("a stage ran"))
     found = nearlift("run", "--dry-run", root, "--out", out)
     assert found.exit_code == 0
     assert state(tmp_path) == before
@@ -567,13 +567,13 @@ def test_the_package_shows_what_there_is_and_imports_it_when_asked():
 
 def test_the_demo_obeys_the_contract(demo):
     processed, reports = demo / "processed" / "demo", demo / "reports" / "demo"
-    trials = store.read_table(processed / "trials.parquet", TRIALS)
+    trials = tables.read_table(processed / "trials.parquet", TRIALS)
     record = {"lift_N", "u_lift_N", "n", "n_eff", "drift_N_s", "sd_N", "quality", "source_sha256"}
     assert {"trial", "boundary", "z_hat", "z_m", "throttle"} | record <= trials.keys()
     assert 0 < trials["throttle"].min() <= trials["throttle"].max() <= 1
     assert len(set(trials["trial"])) == len(trials["trial"])
 
-    cells = store.read_table(processed / "lift.parquet", LIFT)
+    cells = tables.read_table(processed / "lift.parquet", LIFT)
     assert {
         "boundary",
         "z_hat",
@@ -584,7 +584,7 @@ def test_the_demo_obeys_the_contract(demo):
         "delta_L",
         "u_delta_L",
     } <= cells.keys()
-    columns = store.read_table(processed / "lift_covariance.parquet", LIFT_COVARIANCE)
+    columns = tables.read_table(processed / "lift_covariance.parquet", LIFT_COVARIANCE)
     covariance = np.stack(list(columns.values()), axis=1)
     assert list(columns) == [f"c{i}" for i in range(len(cells["delta_L"]))]
     assert covariance == pytest.approx(covariance.T)

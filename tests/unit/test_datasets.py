@@ -19,8 +19,8 @@ import pytest
 from nearlift.campaign import manifest as manifests
 from nearlift.datasets import garofano_soldado, registry
 from nearlift.errors import InputRefused, UsageError
-from nearlift.products import TRIALS
-from nearlift.run.store import Table, read_table
+from nearlift.run.tables import Table, read_table
+from nearlift.stages.ingest import TRIALS
 
 from .small_run import nearlift
 

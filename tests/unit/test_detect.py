@@ -14,15 +14,17 @@ from markupsafe import escape
 
 from nearlift.campaign.forecasts import LiftReading
 from nearlift.errors import ManifestError
-from nearlift.products import DETECTION, DIAGNOSIS, PROXIMITY, RESULTS
 from nearlift.report.figures.files import render
 from nearlift.report.figures.style import Style
 from nearlift.report.registry import FIGURES
 from nearlift.results.fit import FitResults
 from nearlift.stages import detect
-from nearlift.stages.detect import read
+from nearlift.stages.detect import DETECTION, PROXIMITY
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.gathering import gather
+from nearlift.stages.proximity import read
 from nearlift.stages.quoted_lift import fitted_lift
-from nearlift.stages.report import gather
 
 from . import quoted, small_run
 from .small_run import nearlift

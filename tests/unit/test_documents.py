@@ -9,12 +9,14 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.products import DIAGNOSIS, FIT, TRIALS
 from nearlift.report import sources, words
 from nearlift.report.documents import methods, summary
 from nearlift.report.phrases import coverage, listed
 from nearlift.rounding import like, plain, plus_minus
 from nearlift.stages import report
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import FIT
+from nearlift.stages.ingest import TRIALS
 
 from . import verdicts
 

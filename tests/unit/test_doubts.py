@@ -8,10 +8,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from nearlift.products import TRIALS
 from nearlift.report import words
 from nearlift.report.chapters import doubts, verdict
 from nearlift.stages import report
+from nearlift.stages.ingest import TRIALS
 
 from . import quoted
 from .test_report import DIAGNOSED

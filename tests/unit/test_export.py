@@ -26,8 +26,10 @@ from nearlift.flight.export.hermite import hermite_table
 from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.flight.fitted_lift import QuotedInterval
 from nearlift.models.images import at_edge as at_edge_of_a_table
-from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.stages import export as controller
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.quoted_lift import fitted_lift
 
 from . import quoted
@@ -391,10 +393,10 @@ def test_covariance_in_the_document_is_that_of_the_intervals(job):
 
 
 def test_the_header_says_where_it_comes_from(job):
-    from nearlift.run import store
+    from nearlift.run import tables
 
     text = Path(controller.write_c(job)).read_text()
-    assert store.sha256(job.processed / TRIALS.file) in text
+    assert tables.sha256(job.processed / TRIALS.file) in text
     assert "2020-09-13" in text
     assert re.search(r"K_b = \S+ \(90 %: \S+ to \S+\)", text)
     assert re.search(

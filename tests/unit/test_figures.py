@@ -14,9 +14,8 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Text
 from PIL import Image, ImageChops
 
-from nearlift.campaign import manifest
+from nearlift.campaign import manifest as manifest
 from nearlift.errors import ManifestError
-from nearlift.products import FIT, LIFT, POSTERIOR, TRIALS
 from nearlift.report.figures import corner, style
 from nearlift.report.figures.fig2 import drawing as draw_fig2
 from nearlift.report.figures.fig2 import table as fig2
@@ -25,7 +24,10 @@ from nearlift.report.figures.files import render
 from nearlift.report.figures.residuals import drawing as draw_residuals
 from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.registry import FIGURES
-from nearlift.stages.report import gather
+from nearlift.stages.fit import FIT, POSTERIOR
+from nearlift.stages.gathering import gather
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT
 
 from .manifests import raw_manifest
 

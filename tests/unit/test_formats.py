@@ -316,7 +316,7 @@ def test_half_written_trials_are_flagged_and_held_against_the_planned_length(
         tmp_path,
         manifest(records=chosen, load_cell={"record": f"{(HEAD + LIVE) / RATE} s"}),
     )
-    from nearlift.products import TRIALS
+    from nearlift.stages.ingest import TRIALS
 
     table = job.read(TRIALS)
     assert [t for t, _ in outcome.rejected] == ["t2"]

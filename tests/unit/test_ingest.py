@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.products import TRIALS
 from nearlift.readers import csv_trial
-from nearlift.run import executors
-from nearlift.run.job import Job
-from nearlift.run.store import sha256
+from nearlift.run import workers
+from nearlift.run.engine import Job
+from nearlift.run.tables import sha256
 from nearlift.stages import ingest
 from nearlift.stages import rows as rows_module
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.rows import Task, reduce_piece
 
 from .bench_campaign import force_mN, run_ingest, small_campaign, write_record, write_schedule
@@ -66,7 +66,7 @@ def test_trials_have_their_columns_and_numbers(root: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize("text", ["serial", "threads:2", "processes:2"])
 def test_the_executor_changes_nothing(root: Path, tmp_path: Path, text: str) -> None:
     _, job = run_ingest(root, tmp_path / "one", manifest(**GIVEN))
-    with executors.open_executor(text) as executor:
+    with workers.open_executor(text) as executor:
         other = Job(
             root=root,
             campaign=manifest(**GIVEN),
@@ -87,7 +87,7 @@ def test_digests_that_are_known_are_not_made_again(root: Path, tmp_path: Path) -
         campaign=manifest(**GIVEN),
         processed=tmp_path,
         reports=tmp_path,
-        executor=executors.SerialExecutor(),
+        executor=workers.SerialExecutor(),
         inputs=known,
     )
     ingest.run(job)
@@ -97,7 +97,7 @@ def test_digests_that_are_known_are_not_made_again(root: Path, tmp_path: Path) -
 def test_inputs_are_what_the_product_is_made_from(root: Path) -> None:
     (root / "trials" / "t01.csv").unlink()
     names = ingest.inputs(root, manifest(**GIVEN))
-    assert names[:3] == ["campaign.toml", "trials.csv", "trials/t00.csv"]
+    assert names[:3] == ["trials.csv", "trials/t00.csv", "trials/t02.csv"]
     assert "trials/t01.csv" not in names
     assert len(names) == 2 + 7
 
@@ -248,8 +248,8 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
     )
     whole = reduce_piece(task)
     (root / "trials" / "t01.csv").write_bytes(b"force\n1\n\x1b[2J\n")
-    with executors.open_executor(text) as executor:
-        [rows] = executors.ordered(executor, reduce_piece, [task])
+    with workers.open_executor(text) as executor:
+        [rows] = workers.ordered(executor, reduce_piece, [task])
     assert [row.trial for row in rows] == ["t00", "t01", "t02"]
     assert (rows[0], rows[2]) == (whole[0], whole[2])
     assert rows[1].reduced.codes == ("MALFORMED",)
@@ -328,7 +328,7 @@ def run_ingest_read_only(root: Path, out: Path) -> None:
         campaign=manifest(**GIVEN),
         processed=out,
         reports=out,
-        executor=executors.SerialExecutor(),
+        executor=workers.SerialExecutor(),
     )
     ingest.run(job)
     assert (out / TRIALS.file).is_file()
@@ -382,7 +382,7 @@ def test_memory_does_not_grow_with_the_number_of_trials(root: Path, tmp_path: Pa
     is noise on this scale.
     """
 
-    class Counting(executors.SerialExecutor):
+    class Counting(workers.SerialExecutor):
         open = 0
         most = 0
 
@@ -393,7 +393,7 @@ def test_memory_does_not_grow_with_the_number_of_trials(root: Path, tmp_path: Pa
 
     counting = Counting()
     pieces = []
-    for _ in executors.ordered(counting, pieces.append, range(100)):
+    for _ in workers.ordered(counting, pieces.append, range(100)):
         counting.open -= 1
     assert counting.most <= 8
 

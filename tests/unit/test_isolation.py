@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from nearlift import compiler, isolation
-from nearlift.run.executors import open_executor
+from nearlift.run.workers import open_executor
 
 
 @pytest.fixture
@@ -123,7 +123,7 @@ def test_the_environment_is_as_it_was_after_a_process_has_started(monkeypatch):
 
 POOL = """
 import os, sys, time
-from nearlift.run.executors import open_executor
+from nearlift.run.workers import open_executor
 if __name__ == "__main__":
     with open_executor("processes:2") as pool:
         print(*{pool.submit(os.getpid).result() for _ in range(4)}, *[pool.submit(time.sleep, 600) and "" for _ in range(2)], flush=True)

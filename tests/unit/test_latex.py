@@ -14,9 +14,9 @@ import pytest
 from matplotlib.mathtext import MathTextParser
 
 from nearlift.nomenclature import latex as symbol
-from nearlift.products import RESULTS
 from nearlift.report.documents import methods, tables
 from nearlift.stages import report
+from nearlift.stages.fit import RESULTS
 
 WRITTEN = {
     "coefficients": tables.coefficients_table,

@@ -7,7 +7,6 @@ import copy
 import numpy as np
 import pytest
 
-from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report import registry
 from nearlift.report.figures import style
@@ -20,6 +19,8 @@ from nearlift.report.registry import FIGURES
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.serial import decode
 from nearlift.stages import diagnose, report
+from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
+from nearlift.stages.ingest import TRIALS
 
 from . import quoted
 

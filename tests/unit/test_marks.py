@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused
-from nearlift.products import TRIALS
+from nearlift.stages.ingest import TRIALS
 
 from . import small_run, sweeps
 from .bench_campaign import run_ingest

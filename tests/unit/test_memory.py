@@ -3,7 +3,6 @@ their square.
 """
 
 import dataclasses
-import itertools
 import tracemalloc
 
 import numpy as np
@@ -16,7 +15,6 @@ from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
 from nearlift.loop.search_problem import Options
 from nearlift.reduction import cells
-from nearlift.run import expense
 
 from .simulated import campaign
 
@@ -108,30 +106,3 @@ def test_what_a_search_keeps_of_a_candidate_grows_with_the_trials_and_not_with_t
             if isinstance(x, np.ndarray)
         ]
         assert all(x.size <= stage.data.n for x in arrays)
-
-
-@pytest.mark.parametrize("law", [expense.FIT, expense.DIAGNOSE])
-def test_what_takes_long_is_told_with_trials_time_and_memory(law):
-    told = []
-    usual, large = campaign(4, visits=30), campaign(4, visits=900)
-    expense.announce(told.append, "fit ground", law, usual)
-    assert told == []
-    expense.announce(told.append, "fit ground", law, large)
-    [line] = told
-    seconds, megabytes = law.cost(large)
-    assert line == f"fit ground: 36000 trials, about {seconds:.0f} s and {megabytes / 1000:.1f} GB"
-    # where no two trials share a distance, the model is asked at every trial
-    assert law.cost(dataclasses.replace(large, z_hat=np.geomspace(1.2, 12, large.n)))[0] >= seconds
-
-
-def test_a_chain_that_takes_long_is_told_once_by_its_first_blocks(monkeypatch):
-    told, now = [], itertools.count(100.0, 0.5)
-    monkeypatch.setattr("time.monotonic", lambda: next(now))
-    chain = expense.Chain(say=told.append, what="posterior of x", blocks=245)
-    short = expense.Chain(say=pytest.fail, what="posterior of y", blocks=20)
-    for count in range(1, 9):
-        chain.done(count)
-    for count in range(1, 9):
-        short.done(count)
-    # four blocks in half a second: 240 more take thirty
-    assert told == ["posterior of x: by a chain, about 30 s more if it takes all its steps"]

@@ -9,9 +9,9 @@ import re
 
 import pytest
 
-from nearlift.products import FIT
 from nearlift.report.documents import methods
 from nearlift.stages import report
+from nearlift.stages.fit import FIT
 
 from . import quoted
 from .test_report import DIAGNOSED

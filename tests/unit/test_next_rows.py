@@ -8,11 +8,11 @@ import pytest
 
 from nearlift import schedule as schedules
 from nearlift.errors import InputRefused, UsageError
-from nearlift.products import RESULTS
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages import next_rows
 from nearlift.stages import next_visits as stage_of_next
 from nearlift.stages.asked import ROUNDS, AskedQuestion
+from nearlift.stages.fit import RESULTS
 from nearlift.stages.traverse import Traverse
 
 from . import small_run

@@ -12,11 +12,12 @@ import pytest
 
 import nearlift
 from nearlift.commands import compare
-from nearlift.products import DIAGNOSIS, FIT, NOT_DIAGNOSED
 from nearlift.report import words
 from nearlift.report.chapters import diagnosis, verdict
 from nearlift.report.documents import methods
 from nearlift.stages import report
+from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.stages.fit import FIT
 
 from . import small_run
 

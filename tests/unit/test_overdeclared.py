@@ -6,7 +6,7 @@ from nearlift import catalogue
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
-from nearlift.stages.fit import overdeclared
+from nearlift.stages.model_fits import overdeclared
 
 from .simulated import campaign
 

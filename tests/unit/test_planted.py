@@ -17,7 +17,7 @@ import pytest
 import scipy.io
 
 from nearlift.cli import main
-from nearlift.run import graph
+from nearlift.stages import STAGES
 from nearlift.synthetic import demo_flow
 from nearlift.synthetic.records import SimulatedBench
 
@@ -29,7 +29,7 @@ from .small_run import state
 DRIVER = """
 import json, shutil, sys
 from nearlift.cli import main
-from nearlift.run import graph
+from nearlift.stages import STAGES
 from nearlift.loop import foresight
 from nearlift.report import registry
 from nearlift.synthetic import demo
@@ -117,7 +117,7 @@ def every_command(raw: Path, out: Path) -> list[list[str]]:
     """A form of each that ends soon; in an order in which each finds what it reads."""
     given: dict[str, list[object]] = {
         "new": [out / "new"],
-        **{stage.name: [raw] for stage in graph.STAGES},
+        **{stage.name: [raw] for stage in STAGES},
         "run": [raw],
         "demo": [],
         "design": [raw],

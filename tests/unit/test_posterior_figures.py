@@ -9,7 +9,6 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.campaign.choices import Report
-from nearlift.products import FIT, POSTERIOR
 from nearlift.report import curves
 from nearlift.report.chapters import posterior as page
 from nearlift.report.evidence import Evidence
@@ -18,6 +17,7 @@ from nearlift.report.figures import corner as draw_corner
 from nearlift.report.figures.files import render
 from nearlift.report.figures.style import Style
 from nearlift.results.posterior import PosteriorSummary, SamplerCheck
+from nearlift.stages.fit import FIT, POSTERIOR
 
 N = 4000
 #: What a block of fit.json has besides, where a test says nothing of it.

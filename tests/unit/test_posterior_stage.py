@@ -2,12 +2,8 @@
 
 import importlib.util
 import json
-import os
 import shutil
-import signal
-import subprocess
 import sys
-import time
 import warnings
 from pathlib import Path
 
@@ -17,10 +13,10 @@ from tests.unit import small_run
 
 from nearlift.commands import export
 from nearlift.errors import ManifestError
-from nearlift.products import FIT, POSTERIOR, TRIALS
-from nearlift.run import store
-from nearlift.run.checkpoint import Checkpoint
+from nearlift.run import tables
 from nearlift.stages.export import FORMATS
+from nearlift.stages.fit import FIT, POSTERIOR
+from nearlift.stages.ingest import TRIALS
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +42,12 @@ def ask(raw, folder, text):
 
 def test_the_table_holds_every_model_and_fit_json_says_how(done):
     _, out = done
-    table = store.read_table(products(out) / POSTERIOR.file, POSTERIOR)
+    table = tables.read_table(products(out) / POSTERIOR.file, POSTERIOR)
     fits = json.loads((products(out) / FIT.file).read_text())
     for name, entry in fits["boundaries"]["ground"].items():
         said = entry["posterior"]
         assert said["model"] == name
-        assert said["data_sha256"] == store.sha256(products(out) / TRIALS.file)
+        assert said["data_sha256"] == tables.sha256(products(out) / TRIALS.file)
         assert entry["log_evidence"]["u"] < 0.1
         for parameter, summary in said["parameters"].items():
             draws = table["value"][(table["model"] == name) & (table["parameter"] == parameter)]
@@ -72,77 +68,6 @@ def test_the_table_holds_every_model_and_fit_json_says_how(done):
         assert level["value"] == pytest.approx(
             levels["L_inf_N"][throttle]["value"], abs=3 * level["u"]
         )
-    assert not (products(out) / "unfinished").exists()
-
-
-def test_a_killed_run_goes_on_and_ends_with_the_same_bytes(done, tmp_path):
-    """Really killed, by SIGKILL, once it has written a block."""
-    raw, out = done
-    asked = ask(raw, tmp_path, 'sampler = "emcee"\ness = 600\nground = { rivals = [] }')
-    results = {}
-    for kind in ("whole", "killed"):
-        work = tmp_path / kind
-        (work / "processed" / small_run.NAME).mkdir(parents=True)
-        trials = products(out) / TRIALS.file
-        (products(work) / TRIALS.file).write_bytes(trials.read_bytes())
-        command = [
-            sys.executable,
-            "-c",
-            "from nearlift.cli import main; main()",
-            "fit",
-            str(asked),
-            "--out",
-            str(work),
-            "-q",
-        ]
-        if kind == "killed":
-            process = subprocess.Popen(command, env={**os.environ})
-            folder = products(work) / "unfinished" / "fit"
-            deadline = time.monotonic() + 300
-            while not list(folder.glob("*.npz")) and time.monotonic() < deadline:
-                time.sleep(0.002)
-            process.send_signal(signal.SIGKILL)
-            assert process.wait() == -signal.SIGKILL
-            left = sorted(p.name for p in folder.glob("*.npz"))
-            assert left
-            assert not (products(work) / POSTERIOR.file).exists()
-            # what a kill in the middle of a write would leave behind is no block
-            (folder / "ground-sanchez_cuevas-00099.npz").write_bytes(b"half a blo")
-        assert subprocess.run(command, check=False).returncode == 0
-        assert not (products(work) / "unfinished").exists()
-        results[kind] = (
-            (products(work) / POSTERIOR.file).read_bytes(),
-            (products(work) / FIT.file).read_bytes(),
-        )
-    assert results["killed"] == results["whole"]
-    said = json.loads(results["whole"][1])["boundaries"]["ground"]["sanchez_cuevas"]["posterior"]
-    assert said["sampler"] == "emcee"
-    assert said["ess"] >= 600
-    assert 0 < said["acceptance"] < 1
-
-
-def test_blocks_of_another_run_and_damaged_ones_are_no_blocks(tmp_path):
-    from nearlift.fit.ensemble import Block
-
-    block = Block(
-        theta=np.ones((3, 4, 1)),
-        log_prob=np.ones((3, 4)),
-        accepted=np.ones(4),
-        keys=np.arange(624, dtype=np.uint32),
-        place=np.array([5, 0]),
-        cached=0.25,
-    )
-    kept = Checkpoint(folder=tmp_path, name="a", key="one")
-    for _ in range(3):
-        kept.keep(block)
-    again = Checkpoint(folder=tmp_path, name="a", key="one").read()
-    assert len(again) == 3
-    np.testing.assert_array_equal(again[0].keys, block.keys)
-    assert again[0].cached == 0.25
-    assert Checkpoint(folder=tmp_path, name="a", key="two").read() == []
-    path = tmp_path / "a-00001.npz"
-    path.write_bytes(path.read_bytes()[:-40])
-    assert len(Checkpoint(folder=tmp_path, name="a", key="one").read()) == 1
 
 
 def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
@@ -166,7 +91,7 @@ def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
     assert recorded["overrides"] == {"sampler": "emcee", "ess": 300}
     assert (
         "was last run with --sampler emcee --ess 300"
-        in small_run.nearlift("run", asked, "--dry-run", "--out", again).stdout
+        in small_run.nearlift("run", "--dry-run", asked, "--out", again).stdout
     )
     assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "gibbs").exit_code == 2
     assert small_run.nearlift("fit", asked, "--out", again).exit_code == 0
@@ -216,7 +141,7 @@ def test_posterior_nc_opens_in_arviz(done):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import arviz
-    table = store.read_table(products(out) / POSTERIOR.file, POSTERIOR)
+    table = tables.read_table(products(out) / POSTERIOR.file, POSTERIOR)
     mine = (table["model"] == "sanchez_cuevas") & (table["parameter"] == "K_b")
     if int(arviz.__version__.split(".")[0]) >= 1:
         tree = arviz.from_netcdf(path)
@@ -228,7 +153,7 @@ def test_posterior_nc_opens_in_arviz(done):
         np.testing.assert_array_equal(np.asarray(opened["K_b"]).ravel(), table["value"][mine])
         assert opened["K_b"].attrs["prior"] == "normal, mean 2, sd 4"
     assert list(np.asarray(group["throttle"])) == [0.25, 0.5, 0.75, 0.92]
-    assert group.attrs["data_sha256"] == store.sha256(products(out) / TRIALS.file)
+    assert group.attrs["data_sha256"] == tables.sha256(products(out) / TRIALS.file)
     assert float(arviz.ess(np.asarray(root["K_b"]))) > 3800
 
 

@@ -12,8 +12,9 @@ import sys
 import pytest
 
 from nearlift.commands.common import Call
-from nearlift.run import graph
-from nearlift.run.job import part
+from nearlift.run import engine
+from nearlift.run.engine import stage_of, subprogress
+from nearlift.stages import STAGES
 
 from . import small_run
 
@@ -100,7 +101,7 @@ def test_help_loads_nothing_of_it():
 def test_parts_of_an_activity_follow_each_other():
     told = []
     for i in range(2):
-        say = part(lambda text, share=None, /: told.append((text, share)), i, 2)
+        say = subprogress(lambda text, share=None, /: told.append((text, share)), i, 2)
         say("begins")
         say("half", 0.5)
     assert told == [("begins", 0.0), ("half", 0.25), ("begins", 0.5), ("half", 0.75)]
@@ -115,7 +116,7 @@ def test_stages_tell_how_far_they_are(tmp_path):
         tmp_path / "raw", tmp_path, say=lambda text, share=None, /: told.append((text, share))
     )
     names = ("ingest", "reduce", "fit", "diagnose")
-    assert list(graph.run(job, tuple(graph.stage(name) for name in names)))
+    assert list(engine.run(job, tuple(stage_of(STAGES, name) for name in names)))
     for activity in ("ingest", "fit", "diagnose"):
         shares = [share for text, share in told if text.split()[0] == activity]
         assert None not in shares

@@ -14,9 +14,10 @@ from nearlift import catalogue
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import student
-from nearlift.products import DIAGNOSIS, FIT, RESULTS
 from nearlift.results.quotation import Results, ends
 from nearlift.results.serial import decode, encode
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import FIT, RESULTS
 
 from . import verdicts
 from .simulated import campaign

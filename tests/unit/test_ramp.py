@@ -12,8 +12,8 @@ from tests.unit import small_run, sweeps
 from tests.unit.small_run import nearlift
 
 from nearlift.onboarding.inspection import inspect
-from nearlift.products import TRIALS
 from nearlift.readers.ramp import moves
+from nearlift.stages.ingest import TRIALS
 
 
 def ramp(z_hat: float, rng: np.random.Generator) -> dict[str, np.ndarray]:

@@ -16,11 +16,13 @@ from html.parser import HTMLParser
 import numpy as np
 import pytest
 
-from nearlift.products import DIAGNOSIS, FIT, LIFT, RESULTS
 from nearlift.report.documents.tables import escape
 from nearlift.report.page.render import Picture, page, scripts
 from nearlift.report.registry import CHAPTERS, FIGURES, Chapter
 from nearlift.stages import report
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.reduce import LIFT
 
 from . import quoted
 

@@ -12,11 +12,12 @@ import time
 import pytest
 from PIL import Image
 
-from nearlift.products import LIFT, TRIALS
 from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.page import render
 from nearlift.report.registry import charts
 from nearlift.stages import report
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT
 
 from .browser import CHROMIUM, PATIENCE_S, browser
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import pytest
 
 from nearlift.errors import ProductError
-from nearlift.products import DIAGNOSIS, FIT, RESULTS
 from nearlift.results import Estimate, Noise
 from nearlift.results.diagnosis import DiagnosisResults
 from nearlift.results.fit import FitResults
@@ -23,6 +22,8 @@ from nearlift.results.serial import (
     named_by_key,
     optional,
 )
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import FIT, RESULTS
 
 from . import verdicts
 

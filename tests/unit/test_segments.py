@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.likelihood import budget
-from nearlift.products import TRIALS
 from nearlift.readers import reader, segments
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import observe
 
 from . import small_run

@@ -12,25 +12,26 @@ import pytest
 from scipy import stats
 
 from nearlift import catalogue
-from nearlift.campaign import manifest
+from nearlift.campaign import manifest as manifest
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.flight import paper
 from nearlift.flight.fitted import conditions
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.monte_carlo import FlightPlan, FlightSetting, fly, tabulate
 from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED, gains_for, poles
-from nearlift.products import CRASH_RATES, DETECTION, DIAGNOSIS, FLIGHTS, SAFETY
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.files import render
 from nearlift.report.figures.style import Style
 from nearlift.report.registry import FIGURES
-from nearlift.run.executors import open_executor
-from nearlift.run.graph import stage
-from nearlift.run.job import Job
-from nearlift.stages import detect, simulate
+from nearlift.run.engine import Job, stage_of
+from nearlift.run.workers import open_executor
+from nearlift.stages import STAGES, detect, simulate
+from nearlift.stages.detect import DETECTION
+from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.export import export
+from nearlift.stages.gathering import gather
 from nearlift.stages.quoted_lift import fitted_lift
-from nearlift.stages.report import gather
+from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
 
 from . import quoted, small_run
 from .manifests import raw_manifest
@@ -355,8 +356,8 @@ def test_a_gain_without_a_unit_is_refused(remake):
 
 def test_the_manifest_decides_what_run_includes(remake):
     job = remake("ground")
-    assert not stage("simulate").configured(job)
-    assert stage("simulate").configured(remake("ground", simulate={}))
+    assert not stage_of(STAGES, "simulate").configured(job.campaign)
+    assert stage_of(STAGES, "simulate").configured(remake("ground", simulate={}).campaign)
 
 
 def diagnosed(job, boundary, **found):

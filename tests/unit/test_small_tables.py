@@ -20,12 +20,12 @@ from nearlift.loop import confirmation
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.families import STEP, families
 from nearlift.loop.search_problem import Options
-from nearlift.products import DIAGNOSIS
 from nearlift.report.chapters import verdict
 from nearlift.report.documents import methods
 from nearlift.results import Observations
 from nearlift.schedule import visits
 from nearlift.stages import report
+from nearlift.stages.diagnose import DIAGNOSIS
 
 from . import small_run
 

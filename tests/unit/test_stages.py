@@ -10,17 +10,26 @@ import pytest
 from click.testing import CliRunner
 from tests.unit import small_run
 
+from nearlift import schedule
 from nearlift.cli import main
 from nearlift.commands.stage import command_of
 from nearlift.describe import stages_page
-from nearlift.errors import DeclarationError
-from nearlift.products import DIAGNOSIS, PRODUCTS, RESULTS, TRIALS
 from nearlift.report.figures import budget
 from nearlift.report.registry import declared
-from nearlift.run import graph
-from nearlift.run.registry import ordered, products
-from nearlift.run.schema import Product, real
-from nearlift.run.stage import Option, Stage, StageChapter, StageQuestion
+from nearlift.run.engine import (
+    Option,
+    Outcome,
+    Stage,
+    StageChapter,
+    StageQuestion,
+    products_of,
+    stage_of,
+)
+from nearlift.run.tables import Product, real
+from nearlift.stages import STAGES
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
 
 HEIGHTS = Product(
     file="heights.parquet",
@@ -31,12 +40,12 @@ HEIGHTS = Product(
 WEIGH = Stage(
     name="weigh",
     summary="trials to heights",
+    run=lambda job: Outcome(),
     reads=(TRIALS,),
     writes=(HEIGHTS,),
     sections=("vehicle",),
     options=(Option(flag="--most", limits=(1, 9), help="Of how many."),),
     question=StageQuestion(module="weighing", options=(Option(flag="--ask", help="Instead."),)),
-    module="weighing",
 )
 
 
@@ -58,31 +67,13 @@ def test_a_declared_stage_has_a_command_with_its_options(weighing, tmp_path):
     assert CliRunner().invoke(command, ["x", "--ask", "why"]).output == "x {'ask': 'why'}\n"
 
 
-def test_a_report_reads_every_product_of_the_stages_before_it():
-    *before, report = graph.STAGES
-    made = ordered((*before, WEIGH, report))
-    assert made[-2] == WEIGH
-    assert made[-1].reads == (*report.reads, HEIGHTS)
-    assert report.reads == PRODUCTS[:-1]
-
-
 def test_a_product_is_listed_where_it_is_written_last():
-    files = [p.file for p in products(graph.STAGES)]
+    files = [p.file for p in products_of(STAGES)]
     assert len(files) == len(set(files))
     assert files.index(RESULTS.file) > files.index(DIAGNOSIS.file)
 
 
-def test_stages_in_an_order_that_cannot_run_are_refused():
-    with pytest.raises(
-        DeclarationError,
-        match=r"stage weigh: reads trials\.parquet, which no stage before it writes",
-    ):
-        ordered((WEIGH, *graph.STAGES))
-    with pytest.raises(DeclarationError, match="stage weigh: is declared twice"):
-        ordered((*graph.STAGES, WEIGH, WEIGH))
-
-
-@pytest.mark.parametrize("stage", graph.STAGES, ids=lambda stage: stage.name)
+@pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage.name)
 def test_every_stage_is_on_the_command_line_and_on_its_page(stage):
     assert stage.name in main.list_commands(None)
     assert f"| `{stage.name}` | {stage.summary} |" in stages_page()
@@ -91,27 +82,25 @@ def test_every_stage_is_on_the_command_line_and_on_its_page(stage):
 def test_sections_and_options_are_those_of_the_manifest(tmp_path):
     campaign = small_run.job(small_run.write(tmp_path / "raw"), tmp_path).campaign
     known = set(type(campaign).model_fields)
-    for stage in graph.STAGES:
+    for stage in STAGES:
         assert set(stage.sections) <= known
         assert not stage.where or hasattr(campaign, stage.where)
         for option in stage.options:
             assert option.name in type(getattr(campaign, stage.name)).model_fields
-    assert {"trials"} <= {*graph.stage("fit").sections} & {*graph.stage("diagnose").sections}
-
-
-def test_a_stage_of_a_module_of_its_own_runs_there(weighing, tmp_path):
-    weighing.run = lambda job: ("ran", job)
-    assert WEIGH.run(4) == ("ran", 4)
-    assert not dataclasses.replace(WEIGH, where="piv").configured(
-        SimpleNamespace(campaign=SimpleNamespace(piv=None))
-    )
+    assert {"trials"} <= {*stage_of(STAGES, "fit").sections} & {
+        *stage_of(STAGES, "diagnose").sections
+    }
 
 
 def test_a_stage_that_declares_a_chapter_has_one():
     chapter = StageChapter(title="Heights", figures=("budget",), facts="builtins:len")
-    *before, made = declared((*graph.STAGES, dataclasses.replace(WEIGH, chapter=chapter)))
+    *before, made = declared((*STAGES, dataclasses.replace(WEIGH, chapter=chapter)))
     assert (made.name, made.title, made.needs) == ("weigh", "Heights", (HEIGHTS,))
     assert made.facts is len
     assert made.figures == (budget.FIGURE,)
-    assert declared(graph.STAGES) == tuple(before)
-    assert [c.name for c in before] == [s.name for s in graph.STAGES if s.chapter]
+    assert declared(STAGES) == tuple(before)
+    assert [c.name for c in before] == [s.name for s in STAGES if s.chapter]
+
+
+def test_no_column_of_a_schedule_may_be_named_after_one_of_trials():
+    assert {column.name for column in TRIALS.columns} <= schedule.RESERVED

@@ -14,7 +14,6 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.products import DIAGNOSIS, FIT, LIFT, LOOP_RESIDUALS, POSTERIOR, RESULTS
 from nearlift.report import curves, relative_lift
 from nearlift.report.figures.fig2 import caption as fig2_words
 from nearlift.report.figures.fig2 import table as fig2
@@ -22,7 +21,10 @@ from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.tidy import to_csv
 from nearlift.results.quotation import LargestShifts, Shift
 from nearlift.rounding import decimals, plus_minus, siunitx
-from nearlift.stages.report import gather
+from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
+from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
+from nearlift.stages.gathering import gather
+from nearlift.stages.reduce import LIFT
 
 from . import quoted
 

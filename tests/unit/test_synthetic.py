@@ -15,12 +15,12 @@ from nearlift import declare
 from nearlift.campaign import manifest as campaign
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.errors import DeclarationError, InputRefused, UsageError
-from nearlift.products import TRIALS
-from nearlift.run.executors import SerialExecutor
-from nearlift.run.job import Job
-from nearlift.run.store import sha256
+from nearlift.run.engine import Job
+from nearlift.run.tables import sha256
+from nearlift.run.workers import SerialExecutor
 from nearlift.schedule import read_schedule
 from nearlift.stages import ingest
+from nearlift.stages.ingest import TRIALS
 from nearlift.synthetic import demo, records, table_1, trial_schedule
 from nearlift.synthetic.records import SimulatedBench
 from nearlift.synthetic.truth import BenchNoise, Truth

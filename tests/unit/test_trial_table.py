@@ -7,10 +7,11 @@ import re
 
 import pytest
 
-from nearlift.products import FIT, RESULTS, TRIALS
 from nearlift.report.page.render import page
-from nearlift.run import store
+from nearlift.run import tables
 from nearlift.stages import report
+from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.trial_table import trial_table
 
 
@@ -57,7 +58,7 @@ def test_the_influence_of_an_exclusion_is_a_fit_with_it_put_back(made, make_job)
     assert {k: v.trials for k, v in back.codes.items()} == {"SATURATED": 2, "STUCK": 1}
     assert back.trials["t0006"].change == pytest.approx(back.codes["STUCK"].change)
     assert back.all.change == pytest.approx(back.codes["SATURATED"].change)
-    kept = store.read_json(job.processed / FIT.file)["boundaries"]["ground"]["sanchez_cuevas"]
+    kept = tables.read_json(job.processed / FIT.file)["boundaries"]["ground"]["sanchez_cuevas"]
     u = kept["parameters"]["K_b"]["u"]
     for refit in (back.all, *back.trials.values()):
         assert refit.change_in_u == pytest.approx(refit.change / u, rel=1e-6)
@@ -104,7 +105,7 @@ def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(mak
         table["lift_N"][50] *= 1.5
 
     job = make_job(boundaries=("ground",), repeats=4, edit=spoil, simulated=True)
-    fitted = store.read_json(job.processed / FIT.file)
+    fitted = tables.read_json(job.processed / FIT.file)
     entry, parameter = (
         fitted["influence"]["ground"],
         fitted["boundaries"]["ground"]["sanchez_cuevas"]["parameters"]["K_b"],
@@ -115,7 +116,7 @@ def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(mak
     assert abs(suspect["shift"]) > 2 * suspect["without"]["u"]
     assert suspect["shift"] == pytest.approx(suspect["without"]["value"] - parameter["value"])
     assert (
-        store.read_json(job.processed / RESULTS.file)["boundaries"]["ground"]["coefficients"][
+        tables.read_json(job.processed / RESULTS.file)["boundaries"]["ground"]["coefficients"][
             "K_b"
         ]["influence"]["trial"]["id"]
         == "t0050"

@@ -16,7 +16,7 @@ from nearlift.likelihood.covariates import derive
 from nearlift.loop.admission import could_act
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
-from nearlift.products import TRIALS
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import observe
 
 from . import small_run

@@ -15,7 +15,6 @@ import numpy as np
 import pytest
 
 from nearlift.nomenclature import mathematics
-from nearlift.products import FIT, PROFILES, RESULTS
 from nearlift.report.chapters import models, uncertainty
 from nearlift.report.documents import tables
 from nearlift.report.figures import budget, profiles
@@ -27,7 +26,8 @@ from nearlift.report.number import Place
 from nearlift.report.tidy import to_csv
 from nearlift.results.fit import CoefficientEstimate, Degeneracy, ModelScore
 from nearlift.results.quotation import BudgetLine
-from nearlift.stages.report import gather
+from nearlift.stages.fit import FIT, PROFILES, RESULTS
+from nearlift.stages.gathering import gather
 
 from . import quoted
 

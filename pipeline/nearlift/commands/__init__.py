@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from nearlift.run.registry import STAGES
-from nearlift.run.stage import Stage
+from nearlift.run.engine import Stage
+from nearlift.stages import STAGES
 
 #: Headings of the list of commands, in its order.
 GROUPS = ("Begin", "Run", "Single stages, in the order of a run", "Afterwards", "Look up")

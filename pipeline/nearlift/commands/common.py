@@ -7,7 +7,7 @@ import functools
 import json
 import signal
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -17,11 +17,11 @@ import click
 from nearlift.commands import ABOUT, About
 from nearlift.errors import INTERRUPTED, ManifestError, NearliftError, UsageError, brief
 from nearlift.printing import say
-from nearlift.run.workspace import workspace
+from nearlift.stages import STAGES
 
 if TYPE_CHECKING:
     from nearlift.commands.bar import Bar
-    from nearlift.run.job import Job
+    from nearlift.run.engine import Job
 
 CAMPAIGN = click.argument("campaign", type=click.Path(path_type=Path))
 DIALECT = click.option(
@@ -96,7 +96,7 @@ class Call:
     @contextlib.contextmanager
     def busy(self, text: str) -> Iterator[None]:
         """Show on a terminal what is going on, for how long, and how long still."""
-        if self.silent or not sys.stderr.isatty():
+        if self.silent or sys.stderr is None or not sys.stderr.isatty():
             yield
             return
         from nearlift.commands.bar import Bar
@@ -124,12 +124,29 @@ class Call:
         """The campaign as a job, serial unless said otherwise; `keep` what it knows of its inputs;
         `planned`: it has no records yet.
         """
-        from nearlift.run.opening import open_job
+        from nearlift.run.workers import open_campaign
 
-        pool = executor or "serial"
-        return open_job(
-            campaign, self.out, pool, self.seed, self.progress, keep, self.line, planned
+        return open_campaign(
+            campaign,
+            self.out,
+            STAGES,
+            executor or "serial",
+            self.seed,
+            say=self.progress,
+            keep=keep,
+            planned=planned,
         )
+
+
+def workspace(campaigns: Iterable[Path]) -> Path:
+    """The folder of ``processed/`` and ``reports/`` unless another is named: the current one; from
+    within the folder ``raw`` that holds the first of `campaigns`, the folder that holds ``raw``.
+    """
+    here = Path.cwd()
+    for campaign in campaigns:
+        raw = next((above for above in campaign.resolve().parents if above.name == "raw"), None)
+        return raw.parent if raw is not None and here.is_relative_to(raw) else Path()
+    return Path()
 
 
 def declared(name: str) -> Callable[[Callable[..., None]], click.Command]:

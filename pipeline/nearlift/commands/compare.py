@@ -19,7 +19,6 @@ from nearlift.commands.common import Call, declared
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
 from nearlift.fit.population import FEWEST, population
-from nearlift.products import PROVENANCE, RESULTS
 from nearlift.results.comparison import (
     CampaignComparison,
     ComparedCampaign,
@@ -32,9 +31,9 @@ from nearlift.results.provenance import ProvenanceLedger
 from nearlift.results.quotation import BoundaryResult, CoefficientResult, Results
 from nearlift.results.serial import encode
 from nearlift.rounding import like, plain
-from nearlift.run import store
-from nearlift.run.lock import settled
-from nearlift.run.transaction import JOURNAL, Homes
+from nearlift.run import tables
+from nearlift.run.tables import PROVENANCE
+from nearlift.stages.fit import RESULTS
 
 FOLDER = "comparison"
 #: Below this a p-value means no more than that.
@@ -92,8 +91,6 @@ def finished(out: Path, names: Sequence[str]) -> list[Path]:
         There are none, or a named one has not been fitted.
     """
     home = out / "processed"
-    for journal in home.glob(f"*/{JOURNAL}"):
-        settled(Homes.within(out, journal.parent.name))
     if not names:
         fitted = sorted(path.parent for path in home.glob(f"*/{RESULTS.file}"))
         if not fitted:
@@ -113,8 +110,8 @@ def finished(out: Path, names: Sequence[str]) -> list[Path]:
 
 def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
-    results = store.load(folder / RESULTS.file, Results)
-    vehicle = store.load_if_whole(folder / PROVENANCE.file, ProvenanceLedger()).vehicle
+    results = tables.load(folder / RESULTS.file, Results)
+    vehicle = tables.load_if_whole(folder / PROVENANCE.file, ProvenanceLedger()).vehicle
     return [
         Entry(campaign=folder.name, vehicle=vehicle, boundary=boundary, result=result)
         for boundary, result in results.boundaries.items()
@@ -168,14 +165,14 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
     """
     from nearlift.report.figures import forest
     from nearlift.report.page import comparison
-    from nearlift.stages.report import for_print
+    from nearlift.stages.gathering import for_print
 
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     compared = CampaignComparison(shared=tuple(shared), groups=grouped(listed, shared))
     target = out / "reports" / FOLDER
     rows = forest.summarise(compared)
     for kind, drawn in for_print(forest.draw, rows).items():
-        store.write_bytes(target / f"forest.{kind}", drawn)
+        tables.write_whole(target / f"forest.{kind}", drawn)
     said = [
         f"{group.boundary.capitalize()}, {group.coefficient}: {remark}"
         for group in compared.groups
@@ -186,8 +183,8 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
         for name in rows["label"]
         if (out / "reports" / str(name) / "index.html").is_file()
     }
-    store.write_bytes(target / "index.html", comparison.page(rows, reported, said))
-    store.write_json(target / "comparison.json", compared)
+    tables.write_whole(target / "index.html", comparison.page(rows, reported, said))
+    tables.write_whole(target / "comparison.json", tables.json_bytes(compared))
     return compared
 
 

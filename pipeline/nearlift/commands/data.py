@@ -25,7 +25,7 @@ def command() -> None:
 @REGISTRY
 def _list(call: Call, registry: Path | None) -> None:
     from nearlift.datasets.registry import OWN, datasets
-    from nearlift.run.lock import size
+    from nearlift.rounding import bytes_text
 
     listed = datasets(registry or OWN)
     lines = []
@@ -33,7 +33,7 @@ def _list(call: Call, registry: Path | None) -> None:
         held = (
             "size unknown"
             if any(f.bytes is None for f in item.file)
-            else size(sum(f.bytes or 0 for f in item.file))
+            else bytes_text(sum(f.bytes or 0 for f in item.file))
         )
         files = f"{len(item.file)} file{'s' if len(item.file) > 1 else ''}, {held}"
         unchecked = "its digest is not known: wants --trust" if item.unknown else ""

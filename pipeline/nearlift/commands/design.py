@@ -26,14 +26,9 @@ def command(call: Call, campaign: Path, noise_from: str | None, write: Path | No
     """Weigh the plan."""
     from nearlift.report.figures.design import text
     from nearlift.results.serial import encode
-    from nearlift.run.lock import settled
-    from nearlift.run.transaction import Homes
     from nearlift.stages import design
 
-    earlier = None
-    if noise_from is not None:
-        settled(Homes.within(call.out, noise_from))
-        earlier = call.out / "processed" / noise_from
+    earlier = None if noise_from is None else call.out / "processed" / noise_from
     with call.job(campaign, planned=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
         answer = design.run(job, earlier=earlier, write=write)
     call.answer(encode(answer), text(answer))

@@ -14,7 +14,7 @@ def answer(campaign: Path, given: Mapping[str, object], call: Call) -> None:
     from nearlift.campaign.forecasts import LiftReading
     from nearlift.campaign.parsing import validated
     from nearlift.results.serial import encode
-    from nearlift.stages.detect import read
+    from nearlift.stages.proximity import read
 
     for flag, example, why in (
         ("boundary", "ground", "a reading is one of ground, ceiling or sidewall"),

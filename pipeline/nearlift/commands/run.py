@@ -4,6 +4,7 @@ run would do, or whether files are what they were.
 
 from __future__ import annotations
 
+import functools
 import json
 import sys
 from dataclasses import asdict
@@ -13,10 +14,10 @@ from typing import Any
 import click
 
 from nearlift.commands.common import Call, declared, end_politely
-from nearlift.commands.stage import execute
+from nearlift.commands.stage import execute, execute_many
 from nearlift.errors import ProductError, UsageError
 from nearlift.printing import say
-from nearlift.run.registry import ORDER
+from nearlift.stages import ORDER, STAGES
 from nearlift.stages.asked import ROUNDS, AskedQuestion
 
 
@@ -117,10 +118,10 @@ def command(
 
 def planned(call: Call, campaign: Path) -> tuple[dict[str, Any], str]:
     """Each stage with the reason why it is stale, for machines and in words."""
-    from nearlift.run import graph
+    from nearlift.run import engine
 
     with call.job(campaign) as job:
-        steps = [(stage.name, why) for stage, why in graph.plan(job)]
+        steps = [(stage.name, why) for stage, why in engine.plan(job)]
     stages = [{"stage": name, "stale": bool(why), "why": why} for name, why in steps]
     lines = (f"{name:<8} {'run: ' + why if why else 'up to date'}" for name, why in steps)
     return {"campaign": job.campaign.name, "stages": stages}, "\n".join(lines)
@@ -129,12 +130,12 @@ def planned(call: Call, campaign: Path) -> tuple[dict[str, Any], str]:
 def check_files(call: Call, campaigns: tuple[Path, ...]) -> None:
     """List the files that differ from provenance.json; ends with 4 if any does."""
     from nearlift.campaign import manifest as manifests
-    from nearlift.run.check import differences
+    from nearlift.run.engine import differences
 
     answers, any_differs = [], False
     for campaign in campaigns:
         given = manifests.load(campaign)
-        checked, differing = differences(campaign, call.out, given)
+        checked, differing = differences(campaign, call.out, given, STAGES)
         same = f"{checked - len(differing)} of {checked} files are what they were"
         content = {"campaign": given.name, "checked": checked, "differing": differing}
         answers.append((content, "\n".join([*differing, same])))
@@ -144,32 +145,22 @@ def check_files(call: Call, campaigns: tuple[Path, ...]) -> None:
         sys.exit(ProductError.exit_code)
 
 
-def execute_many(call: Call, campaigns: tuple[Path, ...], only: str | None) -> None:
-    """Run several campaigns, the others where one is refused; ends with the most serious code."""
-    from nearlift.run import many
-
-    ends = []
-    with call.busy(f"nearlift: {len(campaigns)} campaigns"):
-        for end in many.run(campaigns, call.out, call.executor, call.seed, only):
-            call.line(f"{end.campaign:<24}{end.words}")
-            ends.append(end)
-            call.progress(
-                f"nearlift: {len(ends)} of {len(campaigns)} campaigns", len(ends) / len(campaigns)
-            )
-    if call.as_json:
-        say(json.dumps({"campaigns": [asdict(end) for end in ends]}))
-    sys.exit(many.gravest(ends))
-
-
 def follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | None) -> None:
     """Run a campaign that is being recorded until interrupted; with --json, one object a round."""
-    from nearlift.run.graph import STAGES
     from nearlift.run.watch import watch
+    from nearlift.stages import looks
 
     end_politely()
     call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
     looks = watch(
-        campaign, call.out, call.executor, call.seed, period_s, call.progress, STAGES, asked
+        campaign,
+        call.out,
+        STAGES,
+        call.executor,
+        call.seed,
+        functools.partial(looks.look, asked),
+        period_s,
+        call.progress,
     )
     for latest in looks:
         for line in (latest.words, *latest.next):

@@ -5,9 +5,10 @@ from __future__ import annotations
 import importlib
 import json
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -15,7 +16,9 @@ from nearlift.commands import about_stage
 from nearlift.commands.common import CAMPAIGN, Call, command, end_politely
 from nearlift.errors import SOME_TRIALS_REJECTED
 from nearlift.printing import say
-from nearlift.run.stage import Option, Stage
+from nearlift.rounding import bytes_text
+from nearlift.run.engine import Option, Stage
+from nearlift.stages import STAGES
 
 #: Rejected trials that are listed without -v.
 LISTED = 10
@@ -59,12 +62,14 @@ def execute(
     """Run what is stale, or one stage, and end with the contract's exit code; `overrides` of the
     section of the manifest that has that stage's name.
     """
-    from nearlift.run import graph
-    from nearlift.run.lock import size
+    from nearlift.run import engine
 
     end_politely()
-    wanted = graph.STAGES if only is None else (graph.stage(only),)
-    steps: list[graph.Step] = []
+    if call.executor.startswith("dask"):
+        # a cluster takes whole campaigns
+        execute_many(call, (campaign,), only, overrides)
+    wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)
+    steps: list[engine.Step] = []
     with call.job(campaign, call.executor, keep=True) as job:
         if only is not None and overrides:
             job = job.overriding(only, overrides)
@@ -73,7 +78,7 @@ def execute(
             # what is to be read is told before it is read
             held = (
                 f"; {len(job.stamps)} files with"
-                f" {size(sum(s['stamp'][0] for s in job.stamps.values()))}"
+                f" {bytes_text(sum(size for size, _ in job.stamps.values()))}"
                 if stage.name == "ingest"
                 else ""
             )
@@ -82,7 +87,7 @@ def execute(
                 call.bar.show(stage.name)
 
         with call.busy(f"nearlift: {job.campaign.name}"):
-            for step in graph.run(job, wanted, begin=begin, force=only is not None):
+            for step in engine.run(job, wanted, begin=begin, force=only is not None):
                 if not step.why:
                     call.line(f"{step.stage.name:<8} up to date")
                 for note in step.outcome.notes:
@@ -120,3 +125,35 @@ def execute(
             call.line("\n" + summary.read_text(encoding="utf-8"))
         say(str(report))
     sys.exit(code)
+
+
+def execute_many(
+    call: Call,
+    campaigns: Sequence[Path],
+    only: str | None = None,
+    overrides: Mapping[str, object] | None = None,
+) -> NoReturn:
+    """Run several campaigns, the others where one is refused; ends with the most serious code."""
+    from nearlift.run.workers import gravest, run_campaigns
+    from nearlift.stages import looks
+
+    ends = []
+    with call.busy(f"nearlift: {len(campaigns)} campaigns"):
+        for end in run_campaigns(
+            campaigns,
+            call.out,
+            STAGES,
+            call.executor,
+            call.seed,
+            looks.verdicts,
+            only,
+            overrides,
+        ):
+            call.line(f"{end.campaign:<24}{end.words}")
+            ends.append(end)
+            call.progress(
+                f"nearlift: {len(ends)} of {len(campaigns)} campaigns", len(ends) / len(campaigns)
+            )
+    if call.as_json:
+        say(json.dumps({"campaigns": [asdict(end) for end in ends]}))
+    sys.exit(gravest(ends))

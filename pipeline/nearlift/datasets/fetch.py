@@ -15,7 +15,7 @@ from pathlib import Path
 
 from nearlift.datasets.registry import UNKNOWN, Dataset, PublicFile
 from nearlift.errors import InputRefused, UsageError
-from nearlift.run.store import sha256
+from nearlift.run.tables import sha256
 
 TIMEOUT_S = 30
 

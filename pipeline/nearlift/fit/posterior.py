@@ -176,8 +176,7 @@ def sample(
     settings: Settings,
     seed: int,
     *purpose: str,
-    stored: Sequence[Block] = (),
-    keep: Callable[[Block], None] = forget,
+    progress: Callable[[Block], None] = forget,
 ) -> Posterior:
     """Sample a posterior to the effective sample size asked for, and cross-check it.
 
@@ -185,8 +184,8 @@ def sample(
     ----------
     seed, purpose
         Key of the random streams; see `randomness.generator`.
-    stored, keep
-        Blocks of an interrupted emcee chain, and the callback for new ones; see `ensemble.run`.
+    progress
+        Called with each block of an emcee chain.
 
     Raises
     ------
@@ -232,17 +231,22 @@ def sample(
 
         def both(block: Block) -> None:
             blocks.append(block)
-            keep(block)
+            progress(block)
 
-        chain = ensemble.run(density, stream("emcee"), settings.ess, settings.steps, stored, both)
+        chain = ensemble.run(density, stream("emcee"), settings.ess, settings.steps, (), both)
         drawn, checks = _judged(density, chain, weighted, others, stream)
         twice = 2 * chain.steps
         longer = min(twice, settings.steps)
         if any(c.failed for c in checks) and longer > chain.steps:
             # a chain that missed a slow mode looks better than it is: only more steps tell
-            so_far = [*stored, *blocks]
             chain = ensemble.run(
-                density, stream("emcee"), settings.ess, settings.steps, so_far, keep, least=longer
+                density,
+                stream("emcee"),
+                settings.ess,
+                settings.steps,
+                blocks,
+                progress,
+                least=longer,
             )
             drawn, checks = _judged(density, chain, weighted, others, stream)
         remedy = _after(chain, twice, settings)

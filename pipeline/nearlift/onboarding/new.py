@@ -16,7 +16,7 @@ from nearlift.onboarding.tables import ProposedSchedule, Table, table_of
 from nearlift.readers import csv_trial, parquet
 from nearlift.readers.channel import RecordsDialect
 from nearlift.readers.text import TEXT
-from nearlift.run import store
+from nearlift.run import tables
 from nearlift.schedule import csv_text
 
 COLUMNS = ("trial", "boundary", "distance", "throttle")
@@ -125,10 +125,10 @@ def _write(folder: Path, records: str, schedule: ProposedSchedule) -> tuple[list
     text = manifest.document(slug(folder), records, manifest.trials_table(schedule))
     written = [folder / "campaign.toml"]
     if not path.exists():
-        store.write_bytes(path, made.encode())
+        tables.write_whole(path, made.encode())
         written.append(path)
     # last: a folder with a manifest is a campaign
-    store.write_bytes(written[0], text.encode())
+    tables.write_whole(written[0], text.encode())
     return written, [f"campaign.toml, {line}" for line in manifest.blanks(text)]
 
 

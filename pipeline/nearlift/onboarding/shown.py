@@ -9,7 +9,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.onboarding import grids, manifest
 from nearlift.onboarding.inspection import Inspection
-from nearlift.run.lock import size
+from nearlift.rounding import bytes_text
 
 #: A series as a line of so many bars.
 BARS = "\u2581\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
@@ -86,7 +86,7 @@ def notes(inspected: Inspection) -> list[str]:
 
 def described(inspected: Inspection, rows: list[str]) -> str:
     """The whole answer as text; `rows` are those of the channels, padded."""
-    about = f"{inspected.path}: {inspected.contents.kind}, {size(inspected.bytes)}"
+    about = f"{inspected.path}: {inspected.contents.kind}, {bytes_text(inspected.bytes)}"
     lines = [about, *(f"  {row}" for row in rows), *(f"note: {note}" for note in notes(inspected))]
     return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(inspected)
 

@@ -11,9 +11,9 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.likelihood import student
-from nearlift.products import POSTERIOR
 from nearlift.report.evidence import Evidence, where
 from nearlift.results.fit import ModelFit, ParameterCovariance
+from nearlift.stages.fit import POSTERIOR
 
 #: Two curves that part by less than this much of what the data span are one line in a figure.
 VISIBLE = 0.01

@@ -15,12 +15,15 @@ from nearlift.campaign.choices import Overlay
 from nearlift.campaign.manifest import Campaign, boundaries_of
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ProductError
-from nearlift.products import DIAGNOSIS, FIT, RESULTS, SAFETY, Product
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.fit import FitResults, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.results.serial import decode
+from nearlift.run.tables import Product
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.simulate import SAFETY
 
 if TYPE_CHECKING:
     from nearlift.flight.safety_result import SafetyResult

@@ -9,10 +9,11 @@ from typing import Any
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.products import RESULTS, Product
 from nearlift.report.evidence import Evidence
 from nearlift.report.phrases import LEAST_P
 from nearlift.rounding import fixed, like, plain
+from nearlift.run.tables import Product
+from nearlift.stages.fit import RESULTS
 
 #: Fewer degrees of freedom than this are printed with a decimal.
 FEW = 9.95

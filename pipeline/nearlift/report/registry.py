@@ -10,18 +10,6 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from nearlift.products import (
-    DETECTION,
-    DIAGNOSIS,
-    FIT,
-    FLOW_PRODUCTS,
-    LIFT,
-    POSTERIOR,
-    PROXIMITY,
-    SAFETY,
-    TRIALS,
-    Product,
-)
 from nearlift.report.chapters import (
     assumptions,
     diagnosis,
@@ -39,8 +27,16 @@ from nearlift.report.documents import methods
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.page.chart import Chart
-from nearlift.run.registry import STAGES
-from nearlift.run.stage import Stage
+from nearlift.run.engine import Stage
+from nearlift.run.tables import Product
+from nearlift.stages import STAGES
+from nearlift.stages.detect import DETECTION, PROXIMITY
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import FIT, POSTERIOR
+from nearlift.stages.flow import FLOW_PRODUCTS
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT
+from nearlift.stages.simulate import SAFETY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,11 +15,12 @@ import numpy as np
 
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.likelihood import student
-from nearlift.products import LIFT, LOOP_RESIDUALS
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, lift_inf_N, where
 from nearlift.results.fit import ParameterCovariance
 from nearlift.results.quotation import BoundaryResult
+from nearlift.stages.diagnose import LOOP_RESIDUALS
+from nearlift.stages.reduce import LIFT
 
 #: Relative step of a distance by which a curve's slope is taken.
 STEP = 1e-4

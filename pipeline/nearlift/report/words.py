@@ -15,7 +15,6 @@ from nearlift.declare import Boundary
 from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
-from nearlift.products import DIAGNOSIS, NOT_DIAGNOSED, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.evidence import Evidence
 from nearlift.report.phrases import (
@@ -38,6 +37,8 @@ from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, like, plain, signed
 from nearlift.schedule import BY_NAME
+from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.stages.ingest import TRIALS
 
 #: A base model whose chi2 has a smaller p-value than this is rejected.
 REJECTED_P = 1e-3

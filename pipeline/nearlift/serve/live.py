@@ -12,15 +12,17 @@ from typing import Any
 import pandas as pd
 
 from nearlift.errors import NearliftError
-from nearlift.products import DIAGNOSIS, RESULTS, TRIALS
 from nearlift.reduction import quality
 from nearlift.report import words
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis
 from nearlift.results.quotation import Results
 from nearlift.rounding import plus_minus
-from nearlift.run import store
+from nearlift.run import tables
 from nearlift.run.watch import LATEST
 from nearlift.serve.workspace import CampaignFolder
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
 
 #: Trials listed, and trials with quality codes listed.
 NEWEST, REMARKED = 40, 12
@@ -53,8 +55,8 @@ def verdicts(place: CampaignFolder) -> list[Verdict]:
     """
     if _status(place.processed / RESULTS.file) is None:
         return []
-    quoted = store.load(place.processed / RESULTS.file, Results).boundaries
-    diagnosed = store.load_if_whole(place.processed / DIAGNOSIS.file, NOTHING).boundaries
+    quoted = tables.load(place.processed / RESULTS.file, Results).boundaries
+    diagnosed = tables.load_if_whole(place.processed / DIAGNOSIS.file, NOTHING).boundaries
     cards = []
     for boundary, result in quoted.items():
         diagnosis = diagnosed.get(boundary)
@@ -85,7 +87,7 @@ def facts(place: CampaignFolder) -> dict[str, Any]:
     """Facts of the page."""
     state = stamp(place)
     cards, refusal = verdicts_or_refusal(place)
-    trials = pd.DataFrame(store.read_table(place.processed / TRIALS.file, TRIALS))
+    trials = pd.DataFrame(tables.read_table(place.processed / TRIALS.file, TRIALS))
     landed = trials[~trials["quality"].str.contains("MISSING")].iloc[::-1]
     newest = landed.head(NEWEST)
     lifts = [
@@ -125,7 +127,7 @@ def _watch(place: CampaignFolder) -> dict[str, object] | None:
     latest, results = (_status(place.processed / name) for name in (LATEST, RESULTS.file))
     if latest is None or (results and results.st_mtime_ns > latest.st_mtime_ns):
         return None
-    content = store.read_json_if_whole(place.processed / LATEST)
+    content = tables.read_json_if_whole(place.processed / LATEST)
     return {"time": datetime.fromtimestamp(latest.st_mtime), **content} if content else None
 
 

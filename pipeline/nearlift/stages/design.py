@@ -23,14 +23,13 @@ from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.outlook import outlook
 from nearlift.loop.rehearsal import planned
 from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule
-from nearlift.run import store
-from nearlift.run.job import Job
+from nearlift.run import tables
+from nearlift.run.engine import Job
 from nearlift.schedule import BY_NAME, csv_text
-from nearlift.stages.diagnose import chosen
-from nearlift.stages.fit import choice
+from nearlift.stages.choices import choice, search_options
+from nearlift.stages.gathering import for_print
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.plans import PlannedTrials, as_schedule, draw, plan, scatter, table_of
-from nearlift.stages.report import for_print
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
 SCHEDULE = "trials.csv"
@@ -56,7 +55,7 @@ def run(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> 
     target = _target(job, write)
     made = plan(job.campaign, job.root, job.seed)
     parts = budget.components(job.campaign)
-    options = chosen(job)
+    options = search_options(job.campaign, job.seed)
     weighed: dict[Boundary, BoundaryOutlook] = {}
     notes = []
     present = boundaries(made.table)
@@ -144,7 +143,7 @@ def _read_off(campaign: Campaign, made: PlannedTrials) -> Planned:
     ).model_copy(update=given)
 
 
-def _otherwise(campaign: Campaign, made: PlannedTrials, seed: int) -> dict[str, store.Table]:
+def _otherwise(campaign: Campaign, made: PlannedTrials, seed: int) -> dict[str, tables.Table]:
     """The schedule's trials in random order, and from both sides."""
     drawn = draw(campaign, seed, _read_off(campaign, made))
     table, _ = table_of(as_schedule(drawn, campaign), campaign)
@@ -160,7 +159,7 @@ def _write(job: Job, drawn: TrialSchedule, target: Path) -> DrawnSchedule:
     if target.is_relative_to(job.reports):
         job.publish(str(target.relative_to(job.reports)), text.encode())
     else:
-        store.write_bytes(target, text.encode())
+        tables.write_whole(target, text.encode())
     wanted = job.campaign.design
     trial_s = wanted.trial if wanted else 20.0
     via = drawn.further.get("via_m", np.full(len(drawn), np.nan))
@@ -226,5 +225,5 @@ def _draw(job: Job, answer: DesignOutlook) -> tuple[str, ...]:
     from nearlift.report.figures import design as picture
 
     files = for_print(picture.draw, picture.rows(answer), job.campaign)
-    content = {"json": store.json_bytes(answer), **files}
+    content = {"json": tables.json_bytes(answer), **files}
     return tuple(str(job.publish(f"design/design.{kind}", data)) for kind, data in content.items())

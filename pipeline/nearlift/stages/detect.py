@@ -1,119 +1,93 @@
-"""detect: how far away each boundary shows in lift, and where it is."""
+"""Stage detect: how far away a boundary shows in lift, and where it is."""
 
 from __future__ import annotations
 
-import numpy as np
+from nearlift.run.engine import Job, Option, Outcome, Stage, StageQuestion
+from nearlift.run.tables import Product, real, text
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.ingest import TRIALS
 
-from nearlift.campaign.forecasts import Detect, LiftReading
-from nearlift.campaign.manifest import boundaries_of
-from nearlift.declare import Boundary
-from nearlift.errors import InputRefused, UsageError
-from nearlift.flight.detection import (
-    INVERTED_S,
-    BoundaryProximity,
-    ProximityResult,
-    Sensor,
-    boundary_proximity,
-    range_rows,
+DETECTION = Product(
+    file="detection.parquet",
+    title="Detection range",
+    row="a boundary, an averaging time, an uncertainty of payload and one of the supply",
+    columns=(
+        text("boundary", "ground, ceiling or sidewall"),
+        text("model", "name of the lift model"),
+        real("averaging_s", "s", "time over which lift (or the throttle to hover) is averaged"),
+        real("payload", "1", "relative standard uncertainty of the weight"),
+        real("voltage", "1", "relative standard uncertainty of the supply voltage"),
+        real(
+            "supply", "1", "relative standard uncertainty of lift from that of the supply voltage"
+        ),
+        real("sigma", "1", "standard deviation of the ratio's estimate"),
+        real(
+            "false_alarms_per_hour",
+            "1/h",
+            "of decisions at the rate of false alarms, one after each averaging time",
+        ),
+        real("needed", "1", "change of lift noticed at the rates of false alarms and misses"),
+        real(
+            "range_z_hat",
+            "1",
+            "farthest distance at which lift changes so much; nan: nowhere that was measured",
+        ),
+        real(
+            "lo90",
+            "1",
+            "lower end of its 90 % interval over the model's uncertainty; 0: perhaps nowhere",
+        ),
+        real("hi90", "1", "upper end"),
+        real("range_m", "m", "the same distance"),
+    ),
 )
-from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.reading import HeightReading, RefusedReading, read_height
-from nearlift.products import DETECTION, PROXIMITY, TRIALS
-from nearlift.reduction.quality import rejected
-from nearlift.results.fit import FitResults
-from nearlift.run.job import Job, Outcome
-from nearlift.stages.quoted_lift import fitted_lift, quoted_levels
-
-DRAWS = 100
+PROXIMITY = Product(file="proximity.json", title="Where the boundary is, from lift", row="boundary")
+PROXIMITY_PRODUCTS = (DETECTION, PROXIMITY)
 
 
 def run(job: Job) -> Outcome:
-    """Ranges over averaging times, payloads and supplies; what a reading at each distance would say
-    of it; and the manifest's readings.
-    """
-    chosen = job.campaign.detect or Detect()
-    fitted = job.load(FitResults)
-    rows: list[dict[str, object]] = []
-    notes = []
-    boundaries: dict[Boundary, BoundaryProximity] = {}
-    lifts: dict[Boundary, FittedLift] = {}
-    for boundary in boundaries_of(fitted.boundaries):
-        job.say(f"detect {boundary}")
-        lift = lifts[boundary] = fitted_lift(job, boundary, DRAWS)
-        levels, scatter = quoted_levels(job, boundary)
-        floor = float(np.hypot(scatter, np.median([u / value for value, u in levels.values()])))
-        device = sensor(job, boundary, chosen, floor)
-        rows += range_rows(lift, device, chosen, job.campaign.vehicle.rotor_radius)
-        entry = boundaries[boundary] = boundary_proximity(lift, device, chosen)
-        if entry.refused:
-            notes.append(f"{boundary}: distance is not told from lift: {entry.refused}")
-    readings: list[HeightReading | RefusedReading] = []
-    for i, reading in enumerate(chosen.reading):
-        try:
-            readings.append(read(job, reading, lifts.get(reading.boundary)))
-        except (InputRefused, UsageError) as refusal:
-            why = f"{refusal.what}; {refusal.remedy}"
-            readings.append(RefusedReading(boundary=reading.boundary, refused=why))
-            notes.append(f"detect.reading[{i}]: {why}")
-    result = ProximityResult(
-        schema=PROXIMITY.schema,
-        false_alarm_rate=chosen.false_alarm_rate,
-        miss_rate=chosen.miss_rate,
-        averaging_s=INVERTED_S,
-        boundaries=boundaries,
-        readings=tuple(readings),
-    )
+    """Write detection.parquet and proximity.json."""
+    from nearlift.stages.proximity import proximity
+
+    rows, result, notes = proximity(job)
     job.write(DETECTION, DETECTION.columns_of(rows))
     job.write_json(PROXIMITY, result)
-    return Outcome(notes=tuple(notes))
+    return Outcome(notes=notes)
 
 
-def read(job: Job, reading: LiftReading, lift: FittedLift | None = None) -> HeightReading:
-    """The posterior of z_hat from one reading.
-
-    Raises
-    ------
-    UsageError
-        Nothing was fitted at that boundary.
-    InputRefused
-        As `read_height` says.
-    """
-    fitted = job.load(FitResults)
-    others = [b for b in fitted.boundaries if b != reading.boundary]
-    if reading.boundary not in fitted.boundaries:
-        raise UsageError(
-            "boundary",
-            f"nothing was fitted at the {reading.boundary}",
-            f"fitted: {', '.join(fitted.boundaries)}",
-        )
-    vehicle = job.campaign.vehicle
-    return read_height(
-        reading,
-        fitted_lift(job, reading.boundary, DRAWS) if lift is None else lift,
-        quoted_levels(job, reading.boundary)[0],
-        job.campaign.detect or Detect(),
-        vehicle.rotor_radius,
-        (vehicle.mass if reading.mass is None else reading.mass) * job.campaign.rig.gravity,
-        [fitted_lift(job, b, 2) for b in others],
-    )
-
-
-def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
-    """The manifest's sensor; else the bench's load cell, whose records say what averaging does.
-    What it does not take away is the bench's for either, since the model and L_inf are: the scatter
-    of its trials and the uncertainty of L_inf.
-    """
-    weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
-    if chosen.force_noise is not None and chosen.force_bandwidth is not None:
-        # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
-        white = chosen.force_noise / weight / float(np.sqrt(2 * chosen.force_bandwidth))
-        return Sensor(short_per_sqrt_Hz=white, floor=floor)
-    trials = job.read(TRIALS)
-    mine = (
-        (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
-    )
-    rate, noise = job.campaign.load_cell.sample_rate, 0.0
-    if mine.any() and rate is not None:
-        length_s = trials["n"][mine] / rate
-        noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))
-    return Sensor(short_per_sqrt_Hz=noise, floor=floor)
+STAGE = Stage(
+    name="detect",
+    run=run,
+    summary="detection range of a boundary from lift",
+    help="Only where the manifest has [detect].",
+    reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
+    writes=PROXIMITY_PRODUCTS,
+    sections=("vehicle", "rig", "detect"),
+    where="detect",
+    question=StageQuestion(
+        module="nearlift.commands.reading",
+        example="--boundary ground --ratio 1.12 --u '1 percent'",
+        options=(
+            Option(
+                flag="--boundary",
+                choices=("ground", "ceiling", "sidewall"),
+                help="Instead of the stage: where is it, by this reading?",
+            ),
+            Option(flag="--ratio", real=True, help="Lift over lift far away."),
+            Option(
+                flag="--throttle", help='Throttle at which the vehicle hovers, e.g. "55 percent".'
+            ),
+            Option(
+                flag="--u",
+                help='Standard uncertainty of the ratio or the throttle, e.g. "1 percent".',
+            ),
+            Option(flag="--weight-u", help="Relative standard uncertainty of the weight."),
+            Option(flag="--supply-u", help="Relative standard uncertainty of the supply voltage."),
+            Option(
+                flag="--mass",
+                help='Mass with payload, e.g. "29 g"; the vehicle\'s if not given.',
+            ),
+        ),
+    ),
+)

@@ -1,128 +1,74 @@
-"""diagnose: the closed loop on every boundary, to diagnosis.json, loop_residuals.parquet, and what
-is to be quoted to results.json.
-"""
+"""Stage diagnose: findings of the loop, residuals before and after it, what is quoted."""
 
 from __future__ import annotations
 
-import functools
-from pathlib import Path
+from nearlift.run import tables
+from nearlift.run.engine import Job, Option, Outcome, Stage, StageQuestion
+from nearlift.run.tables import Product, real, text
+from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.ingest import TRIALS
 
-import numpy as np
-
-from nearlift.declare import Boundary
-from nearlift.errors import NotConverged
-from nearlift.fit.base_result import base_result, shape_doubts
-from nearlift.fit.least_squares import fit
-from nearlift.likelihood import budget
-from nearlift.loop.diagnose import diagnose
-from nearlift.loop.search_problem import Options
-from nearlift.products import DIAGNOSIS, LOOP_RESIDUALS, TRIALS
-from nearlift.report import words
-from nearlift.results.diagnosis import (
-    NOTHING,
-    BoundaryDiagnosis,
-    DiagnosisResults,
-    NotDiagnosed,
+#: Verdict of a boundary that could not be diagnosed; its block of diagnosis.json holds the `reason`
+#: in place of findings.
+NOT_DIAGNOSED = "not_diagnosed"
+DIAGNOSIS = Product(file="diagnosis.json", title="The closed loop's findings", row="boundary")
+LOOP_RESIDUALS = Product(
+    file="loop_residuals.parquet",
+    title="Residuals before and after the loop",
+    row="an accepted trial at a boundary that was diagnosed; a free-air trial once per boundary",
+    columns=(
+        text("boundary", "the boundary diagnosed"),
+        text("trial", "id, as in the schedule"),
+        real("before", "1", "log lift less the base model's, fitted to all trials"),
+        real(
+            "after",
+            "1",
+            "the same with the accepted effect added; equal to before where there is none",
+        ),
+        real(
+            "held_out_before",
+            "1",
+            "the same as before, fitted without the trial's visit; nan where it cannot be"
+            " predicted",
+        ),
+        real("held_out_after", "1", "the whole search repeated without the trial's visit"),
+    ),
 )
-from nearlift.results.fit import FitResults
-from nearlift.results.quotation import BoundaryResult, Results
-from nearlift.run import expense, store
-from nearlift.run.job import Job, Outcome, Say, part
-from nearlift.run.store import Table, stacked
-from nearlift.stages.fit import choice
-from nearlift.stages.observe import boundaries, interim_look, observe
 
 
 def run(job: Job) -> Outcome:
     """Diagnose each boundary; of one that cannot be, its block and a note say why."""
-    trials = job.read(TRIALS)
-    parts = budget.components(job.campaign)
-    options = chosen(job)
-    findings: dict[Boundary, BoundaryDiagnosis | NotDiagnosed] = {}
-    residuals: list[Table] = []
-    quoted: dict[Boundary, BoundaryResult] = {}
-    fitted = job.load(FitResults)
-    notes = []
-    present = boundaries(trials)
-    for i, boundary in enumerate(present):
-        say = part(job.say, i, len(present))
-        say(f"diagnose {boundary}")
-        data = observe(trials, job.campaign, boundary)
-        expense.announce(
-            job.announce,
-            f"diagnose {boundary}",
-            expense.DIAGNOSE,
-            data,
-            "; several times as long if there is structure to name",
-        )
-        base, _ = choice(job.campaign, boundary)
-        try:
-            diagnosis = diagnose(
-                data,
-                base,
-                parts,
-                options,
-                look=interim_look(trials, job.campaign, boundary),
-                progress=functools.partial(_fold, say, boundary),
-            )
-        except NotConverged as fault:
-            reason = f"{fault.what}; {fault.remedy}"
-            findings[boundary] = NotDiagnosed(reason=reason, base_model=base.name)
-            quoted[boundary] = base_result(
-                fit(base, data, parts),
-                fitted.boundaries[boundary][base.name],
-                reason,
-                wanted=fault.remedy,
-            )
-            notes.append(f"{boundary}: not diagnosed: {reason}")
-            continue
-        findings[boundary] = diagnosis.findings
-        if look := diagnosis.findings.look:
-            notes.append(f"{boundary}: {look.text}")
-        if could := diagnosis.findings.sensitivity:
-            notes.append(f"{boundary}: {data.n} trials {could}")
-        # the same likelihood but for its noise
-        quoted[boundary] = diagnosis.quoted
-        if diagnosis.quoted.verdict == "adequate":
-            doubts = shape_doubts(fitted.boundaries[boundary][base.name])
-            quoted[boundary] = diagnosis.quoted.doubting(doubts)
-        notes += [
-            f"{boundary}: {remark}"
-            for remark in (
-                *(diagnosis.findings.contradicted or ()),
-                words.random_walk(diagnosis.findings.wander) if diagnosis.findings.wander else "",
-                words.dependence(diagnosis.quoted),
-            )
-            if remark
-        ]
-        residuals.append(
-            {
-                "boundary": np.full(len(diagnosis.residuals["trial"]), boundary, dtype=object),
-                **diagnosis.residuals,
-            }
-        )
-    job.write(LOOP_RESIDUALS, stacked(LOOP_RESIDUALS, residuals))
-    job.save(DiagnosisResults(false_alarm_rate=options.false_alarm_rate, boundaries=findings))
-    job.save(Results(boundaries=quoted))
-    return Outcome(notes=tuple(notes))
+    from nearlift.results.fit import FitResults
+    from nearlift.stages.diagnoses import diagnose_boundaries
 
-
-def _fold(say: Say, boundary: Boundary, fold: int, count: int) -> None:
-    # the search itself, and what follows the folds, take as long as one of them
-    say(f"diagnose {boundary}: fold {fold + 1} of {count}", (fold + 1) / (count + 2))
-
-
-def chosen(job: Job) -> Options:
-    """The search's options that a manifest may set."""
-    asked = job.campaign.diagnose
-    return Options(
-        seed=job.seed,
-        false_alarm_rate=asked.false_alarm_rate,
-        not_feasible=tuple(asked.not_feasible),
+    found = diagnose_boundaries(
+        job.read(TRIALS), job.campaign, job.load(FitResults), job.seed, job.say
     )
+    job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, found.residuals))
+    job.save(found.results)
+    job.save(found.quoted)
+    return Outcome(notes=found.notes)
 
 
-def diagnosed(processed: Path) -> dict[Boundary, BoundaryDiagnosis]:
-    """What the loop found at each boundary that it could diagnose; nothing where it has not run."""
-    diagnosis = store.load_if_whole(processed / DIAGNOSIS.file, NOTHING)
-    return {b: d for b, d in diagnosis.boundaries.items() if isinstance(d, BoundaryDiagnosis)}
+STAGE = Stage(
+    name="diagnose",
+    run=run,
+    summary="residuals, traced to their cause",
+    reads=(TRIALS, FIT),
+    writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
+    sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
+    question=StageQuestion(
+        module="nearlift.commands.explain",
+        example="--explain supply_sag",
+        options=(
+            Option(
+                flag="--explain",
+                metavar="EFFECT",
+                help=(
+                    "Instead: one effect, what it is, what this campaign could see of it, and what"
+                    " it is confused with."
+                ),
+            ),
+        ),
+    ),
+)

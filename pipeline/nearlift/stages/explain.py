@@ -24,7 +24,6 @@ from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.within_trial import power as heating_power
-from nearlift.products import TRIALS
 from nearlift.report.evidence import Columns, stack
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.explanation import (
@@ -43,11 +42,11 @@ from nearlift.results.explanation import (
     UnnoticedShift,
 )
 from nearlift.results.outlook import UntestableEffect
-from nearlift.run.job import Job
-from nearlift.stages.diagnose import chosen, diagnosed
-from nearlift.stages.fit import choice
+from nearlift.run.engine import Job
+from nearlift.stages.choices import choice, diagnosed, search_options
+from nearlift.stages.gathering import for_print
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import boundaries, observe
-from nearlift.stages.report import for_print
 
 
 def run(job: Job, name: str) -> EffectAccount:
@@ -64,7 +63,7 @@ def run(job: Job, name: str) -> EffectAccount:
     effect = catalogue.effect(name)
     trials = job.read(TRIALS)
     parts = budget.components(job.campaign)
-    options = chosen(job)
+    options = search_options(job.campaign, job.seed)
     loop = diagnosed(job.processed)
     explained: dict[Boundary, EffectAtBoundary] = {}
     pictures: list[Columns] = []

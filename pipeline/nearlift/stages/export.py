@@ -15,11 +15,12 @@ import nearlift
 from nearlift.campaign.manifest import boundaries_of
 from nearlift.flight.export import c_header, json_document, python_module
 from nearlift.flight.export.model_export import ModelExport, exported
-from nearlift.products import RESULTS, TRIALS
 from nearlift.results.serial import encode
-from nearlift.run import store
-from nearlift.run.job import Job
+from nearlift.run import tables
+from nearlift.run.engine import Job
 from nearlift.stages import netcdf
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.quoted_lift import fitted_lift
 
 DRAWS = 2000
@@ -43,7 +44,7 @@ def model_export(job: Job) -> ModelExport:
     return ModelExport(
         campaign=job.campaign.name,
         nearlift=nearlift.__version__,
-        digest=store.sha256(job.processed / TRIALS.file),
+        digest=tables.sha256(job.processed / TRIALS.file),
         date=(
             "unknown" if newest is None else datetime.fromtimestamp(newest, UTC).date().isoformat()
         ),

@@ -1,29 +1,131 @@
-"""flow: velocity grids to mean fields, downwash beneath the rotors, and the wake's topology."""
+"""Stage flow: downwash, mean fields and topology of the wake."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
-from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
+from nearlift.run import tables
+from nearlift.run.engine import Inputs, Job, Outcome, Stage
+from nearlift.run.tables import Product, integer, real, text
 
-from nearlift.campaign.piv import Piv, PivCase
-from nearlift.errors import InputRefused, ManifestError
-from nearlift.flow import downwash
-from nearlift.flow.case import FlowCase, recorded
-from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
-from nearlift.flow.downwash import Cut
-from nearlift.flow.field import VelocityField
-from nearlift.flow.scene import Scene
-from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
-from nearlift.readers.piv.cases import Stream, files_of
-from nearlift.run.job import Job, Outcome, part
-from nearlift.run.store import stacked
+if TYPE_CHECKING:
+    from nearlift.campaign.manifest import Campaign
 
-#: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
-#: only.
-USUAL_DENSITY = 1.2
+
+DOWNWASH = Product(
+    file="downwash.parquet",
+    # the ratio v / v_inf is called downwash already
+    called="downwash_cuts",
+    title="Downwash beneath the rotors",
+    row="a cut beneath one rotor of a [piv] case, or beneath all that were measured (rotor = all)",
+    columns=(
+        text("case", "name of the case in [piv]"),
+        text("boundary", "ground, ceiling, or none (the control and other free-air cases)"),
+        real("z_hat", "1", "rotor plane to boundary over rotor radius; inf in free air"),
+        real(
+            "tilt_rad", "rad", "positive where the vehicle's +x side is farther from the boundary"
+        ),
+        text("rotor", "index of the rotor in the light sheet from 0, or all"),
+        real("below_m", "m", "distance of the cut below the rotor plane"),
+        real("half_span_m", "m", "half the length of the cut"),
+        real("downwash_m_s", "m/s", "mean velocity against thrust through the cut"),
+        real(
+            "u_downwash_m_s", "m/s", "its standard uncertainty, the parts that follow in quadrature"
+        ),
+        real("u_noise_m_s", "m/s", "part from the scatter of fields, correlation in time included"),
+        real("u_mask_m_s", "m/s", "part from stretches of the cut without vectors"),
+        real("u_position_m_s", "m/s", "part from the place of the cut"),
+        real("u_span_m_s", "m/s", "part from the length of the cut"),
+        real("u_scale_m_s", "m/s", "part from the velocity scale; it cancels in the reduction"),
+        real("covered", "1", "part of the cut that has vectors"),
+        integer("n_fields", "fields averaged"),
+        real("n_eff", "1", "independent fields among them, for this cut"),
+        real("clearance_hat", "1", "least distance from the cut to the boundary over rotor radius"),
+        real("reduction", "1", "1 - downwash over the control's"),
+        real("u_reduction", "1", "its standard uncertainty"),
+        real("reduction_lo90", "1", "lower end of its 90 % interval"),
+        real("reduction_hi90", "1", "upper end of its 90 % interval"),
+        text(
+            "warnings", "space separated; why this is not the inflow at the disk, or not all of it"
+        ),
+    ),
+)
+DOWNWASH_PROFILE = Product(
+    file="downwash_profile.parquet",
+    title="Downwash along the cut",
+    row="a node of the cut of one [piv] case; what was mirrored is there too, and marked",
+    columns=(
+        text("case", "name of the case in [piv]"),
+        real("x_m", "m", "place along the light sheet from midway between the rotors"),
+        real("downwash_m_s", "m/s", "mean velocity against thrust; nan where there is no vector"),
+        real("u_downwash_m_s", "m/s", "its standard error, correlation in time included"),
+        integer("mirrored", "1 where the other half was measured and this is its reflection"),
+    ),
+)
+FLOW_FIELDS = Product(
+    file="flow_fields.parquet",
+    title="Mean velocity fields",
+    row=(
+        "a node of the mean field of one [piv] case, in vehicle axes (y along thrust from the rotor"
+        " plane)"
+    ),
+    columns=(
+        text("case", "name of the case in [piv]"),
+        real("x_m", "m", "along the light sheet from midway between the rotors"),
+        real("y_m", "m", "along thrust from the rotor plane"),
+        real(
+            "z_m",
+            "m",
+            "distance to the boundary along its normal; inf in free air, negative behind it",
+        ),
+        real("vx_m_s", "m/s", "mean velocity along x; nan where there is no vector"),
+        real(
+            "vy_m_s", "m/s", "mean velocity along y (downwash is -vy); nan where there is no vector"
+        ),
+        real("u_vx_m_s", "m/s", "standard error of vx_m_s, correlation in time included"),
+        real("u_vy_m_s", "m/s", "standard error of vy_m_s, correlation in time included"),
+        real("sd_vx_m_s", "m/s", "standard deviation of one field's vx"),
+        real("sd_vy_m_s", "m/s", "standard deviation of one field's vy"),
+        integer("count", "fields with a vector there"),
+        integer("stagnant", "1 in the stagnation zone"),
+        integer("mirrored", "1 where the other half was measured and this is its reflection"),
+    ),
+)
+FLOW_TOPOLOGY = Product(
+    file="flow_topology.parquet",
+    title="Topology of the wake near the ground",
+    row="a ground case of [piv]",
+    version=2,
+    columns=(
+        text("case", "name of the case in [piv]"),
+        real("z_hat", "1", "rotor plane to boundary over rotor radius"),
+        real(
+            "tilt_rad", "rad", "positive where the vehicle's +x side is farther from the boundary"
+        ),
+        integer("vortices_ccw", "standing vortices that turn counter-clockwise"),
+        integer("vortices_cw", "standing vortices that turn clockwise"),
+        real("stagnation_area_hat2", "1", "area of the stagnation zone over rotor radius squared"),
+        real("stagnation_height_hat", "1", "height of the stagnation zone over rotor radius"),
+        text("jets", "one jet or two, and the side to which the wake leans; empty if mirrored"),
+    ),
+)
+FLOW = Product(
+    file="flow.json", title="What was read and averaged of each velocity field", row="case"
+)
+FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
+
+
+def inputs(root: Path, campaign: Campaign) -> Inputs:
+    """Velocity grids, those of a case under one name: they may be hundreds."""
+    from nearlift.readers.files import source_of
+    from nearlift.readers.piv.cases import files_of
+
+    listed = {}
+    for case in campaign.piv.case if campaign.piv is not None else ():
+        files = [source_of(root, path) for path in files_of(root, case)]
+        listed[f"[piv] {case.name} ({len(files)} files)"] = files
+    return listed
 
 
 def run(job: Job) -> Outcome:
@@ -34,101 +136,26 @@ def run(job: Job) -> Outcome:
     ManifestError
         There is no [piv].
     InputRefused
-        The files of a case cannot be read, or say what cannot be.
+        The files of a case cannot be read, or hold what cannot be.
     """
-    piv = job.campaign.piv
-    if piv is None:
-        raise ManifestError(
-            "piv", "is missing", "list velocity grids under [piv], or leave this stage out"
-        )
-    first = sorted(piv.case, key=lambda c: c.name != piv.control)
-    cases = {
-        c.name: _worked_out(replace(job, say=part(job.say, i, len(first))), piv, c)
-        for i, c in enumerate(first)
-    }
-    control = cases[piv.control]
-    reference = control.cuts["all"].value
-    ordered = [cases[c.name].described(reference) for c in piv.case]
-    downwashes = [row for case in ordered for row in case.downwash_rows(control)]
-    topologies = [row for case in ordered for row in case.topology_rows()]
-    job.write(DOWNWASH, DOWNWASH.columns_of(downwashes))
-    job.write(DOWNWASH_PROFILE, stacked(DOWNWASH_PROFILE, [case.profile() for case in ordered]))
-    job.write(FLOW_FIELDS, stacked(FLOW_FIELDS, [case.nodes() for case in ordered]))
-    job.write(FLOW_TOPOLOGY, FLOW_TOPOLOGY.columns_of(topologies))
-    job.write_json(
-        FLOW,
-        {
-            "schema": FLOW.schema,
-            "control": piv.control,
-            "reference_m_s": reference,
-            "cases": {c.name: c.facts() for c in ordered},
-        },
-    )
-    notes = [f"{c.name}: {file} left out: {why}" for c in ordered for file, why in c.refused]
-    for code, meaning in downwash.WARNINGS.items():
-        warned = [c.name for c in ordered if code in c.cuts["all"].warnings]
-        if warned:
-            notes.append(f"{meaning} ({len(warned)} of {len(ordered)} cases: {', '.join(warned)})")
-    return Outcome(notes=tuple(notes))
+    from nearlift.stages.wakes import wakes
+
+    found = wakes(job)
+    job.write(DOWNWASH, DOWNWASH.columns_of(found.downwash))
+    job.write(DOWNWASH_PROFILE, tables.stacked(DOWNWASH_PROFILE, found.profiles))
+    job.write(FLOW_FIELDS, tables.stacked(FLOW_FIELDS, found.fields))
+    job.write(FLOW_TOPOLOGY, FLOW_TOPOLOGY.columns_of(found.topology))
+    job.write_json(FLOW, {"schema": FLOW.schema, **found.facts})
+    return Outcome(notes=found.notes)
 
 
-def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
-    """One pass over the files of a case."""
-    vehicle, where = job.campaign.vehicle, f"piv case {spec.name!r}"
-    radius, z_hat = vehicle.rotor_radius, math.inf if spec.z_hat is None else spec.z_hat
-    files = files_of(job.root, spec)
-    stream = Stream(root=job.root, piv=piv, case=spec, files=files)
-    half = piv.setting(spec, "mirror")
-    rotors = tuple(piv.setting(spec, "rotors"))
-    scene = Scene(
-        boundary=spec.boundary,
-        distance_m=z_hat * radius,
-        tilt_rad=spec.tilt,
-        rotors_m=rotors,
-        radius_m=radius,
-    )
-    below = piv.below or 2 * radius
-    read = 0
-
-    def fields() -> Iterator[VelocityField]:
-        nonlocal read
-        for one in stream:
-            if read % 25 == 0:
-                job.say(f"flow {spec.name}: {read} of {len(files)} files", read / len(files))
-            read += 1
-            yield one
-
-    try:
-        recording = recorded(fields(), where, threshold=piv.outliers, half=half, below_m=below)
-    except InputRefused as refusal:
-        raise (stream.refused[0][1] if stream.refused and not read else refusal) from None
-    if len(stream.refused) > 0.5 * len(files):
-        raise InputRefused(
-            where,
-            f"{len(stream.refused)} of {len(files)} files are refused",
-            str(stream.refused[0][1]),
-        )
-    mean = recording.mean.mean
-    measured = tuple(c for c in rotors if half is None or (c > 0) == (half == "right")) or rotors
-    cut = Cut(
-        below_m=below,
-        half_span_m=piv.half_span or radius,
-        centres_m=measured,
-        u_position_m=piv.u_position or mean.dx_m / math.sqrt(12),
-        u_scale=piv.u_scale,
-    )
-    rig = job.campaign.rig
-    density = rig.air_density or USUAL_DENSITY
-    expected = wake_speed_m_s(vehicle.mass, rig.gravity, density, vehicle.rotors, radius)
-    refuse_what_cannot_be(mean, scene, cut, expected, where)
-    x = mean.x_m
-    return FlowCase(
-        name=spec.name,
-        z_hat=z_hat,
-        scene=scene,
-        recording=recording,
-        cut=cut,
-        measured=np.ones(len(x), dtype=bool) if half is None else (x >= -1e-9) == (half == "right"),
-        files=len(files),
-        refused=[(file, refusal.what) for file, refusal in stream.refused],
-    ).cut_through()
+STAGE = Stage(
+    name="flow",
+    run=run,
+    summary="velocity grids to downwash and topology",
+    help="Only where the manifest has [piv].",
+    writes=FLOW_PRODUCTS,
+    sections=("name", "vehicle", "rig", "piv"),
+    inputs=inputs,
+    where="piv",
+)

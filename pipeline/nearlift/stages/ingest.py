@@ -1,81 +1,90 @@
-"""Ingest: records to one row for every trial of the schedule; a rejected one says why."""
+"""Stage ingest: raw records to one row for every trial of the schedule."""
 
 from __future__ import annotations
 
-import contextlib
-import difflib
-from collections import Counter, deque
-from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import numpy as np
+from nearlift.run.engine import Inputs, Job, Outcome, Stage
+from nearlift.run.tables import Product, integer, real, text
 
-from nearlift import readers
-from nearlift.campaign.manifest import Campaign
-from nearlift.campaign.rig import RECORD_MARK
-from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.products import TRIALS
-from nearlift.readers import guarded, ramp
-from nearlift.readers.channel import Malformed
-from nearlift.readers.files import files_per_trial, per_trial, source_of
-from nearlift.readers.seam import MARK, Piece, Reader
-from nearlift.reduction import plausibility, quality
-from nearlift.reduction.record import prepare
-from nearlift.run import intact, store
-from nearlift.run.job import Job, Outcome
-from nearlift.schedule import Schedule, read_schedule, schedule_file
-from nearlift.stages import judge, segments, sums
-from nearlift.stages.rows import WORTH_A_THREAD, Rows, Task, answered, reduce_piece
+if TYPE_CHECKING:
+    from nearlift.campaign.manifest import Campaign
 
-#: What a manifest says wrong if all records carry a code.
-MISDESCRIBED = {
-    "NO_DATA": "; mend tare, settle or sample_rate under [load_cell]",
-    "TOO_SHORT": "; mend tare, settle or sample_rate under [load_cell]",
-    "TARE": "; is tare too long, or sample_rate wrong, under [load_cell]?",
-    "MIXED": "; is tare too short, or sample_rate wrong, under [load_cell]?",
-    "SATURATED": "; mend range under [load_cell], or the unit under [records] force",
-    "STUCK": (
-        '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s",'
-        " and settle for its head"
+
+TRIALS = Product(
+    file="trials.parquet",
+    title="Reduced trials",
+    row="a trial, in run order; rejected ones included, with the reason",
+    open_ended=True,
+    columns=(
+        text("trial", "id, as in the schedule"),
+        text("boundary", "ground, ceiling, sidewall, or none (free air)"),
+        real(
+            "z_hat",
+            "1",
+            "rotor plane (sidewall: nearest blade tip) to boundary over rotor radius; inf in"
+            " free air",
+        ),
+        real("z_m", "m", "the same distance"),
+        real("throttle", "1", "throttle as a fraction"),
+        real("lift_N", "N", "mean lift, tare removed"),
+        real(
+            "u_lift_N",
+            "N",
+            "standard error of lift_N from this record alone (batch means, tare included)",
+        ),
+        real(
+            "u_zero_N",
+            "N",
+            "of records cut into pieces: the tare's part of u_lift_N, which all pieces of a"
+            " record share",
+            optional=True,
+        ),
+        integer("n", "samples averaged"),
+        integer(
+            "n_removed",
+            "readings of tare and live part left out as impossible or far from all others",
+            optional=True,
+        ),
+        real("n_eff", "1", "effectively independent samples among them"),
+        real("drift_N_s", "N/s", "slope of force within the record"),
+        real("sd_N", "N", "standard deviation of the samples averaged"),
+        text(
+            "quality",
+            "quality codes, space separated; empty is good; CAPITALS reject the trial, lower"
+            " case only warns",
+        ),
+        integer(
+            "visit",
+            "counts the traverse's stops: consecutive trials at one boundary and distance share it",
+        ),
+        text("source_sha256", "SHA-256 of the file the trial came from"),
+        text("source", "that file, relative to the campaign's folder", optional=True),
+        integer(
+            "samples", "samples in the record as read, tare and settle included", optional=True
+        ),
+        text(
+            "completeness",
+            "of the record: complete, truncated, malformed, pending (still being written) or"
+            " missing",
+            optional=True,
+        ),
+        text(
+            "fault",
+            "what is wrong with a malformed record, in words, and why the manifest excludes the"
+            " trial",
+            optional=True,
+        ),
     ),
-}
-#: A record whose samples scatter by more than this part of its lift may be a sweep; where the
-#: first few are none, no more are looked at.
-SWEEP, FEW_SWEEPS = 0.1, 3
-#: Samples of a tare that show whether it is one level.
-FEW_OF_TARE = 20
+)
 
 
-def inputs(root: Path, campaign: Campaign) -> list[str]:
-    """Every file that trials.parquet is made from, relative to the campaign's folder: manifest,
-    schedule, lists of sums, records.
+def inputs(root: Path, campaign: Campaign) -> Inputs:
+    """Schedule and records."""
+    from nearlift.stages import reduce_records
 
-    Raises
-    ------
-    NearliftError
-        As `run` does for a manifest or a schedule that cannot be read.
-    """
-    reader = readers.reader(campaign.records.reader)
-    schedule = read_schedule(campaign, root)
-    listed = files_per_trial if campaign.cuts_records else reader.files
-    records = listed(campaign, root, list(schedule.trial))
-    beside = (root / "campaign.toml", schedule_file(campaign, root), *sums.files(root, campaign))
-    return [source_of(root, path) for path in (*beside, *records)]
-
-
-def soon(campaign: Campaign, workers: int) -> None:
-    """Make ready, while files are digested, what reads the records: machine code, or the processes
-    that will, and then what writes tables.
-    """
-    reader = readers.reader(campaign.records.reader)
-    if not reader.series:
-        return
-    in_child = reader.format is not None and reader.format.child
-    prepare()
-    if in_child and workers:
-        guarded.run.start()
-        # it begins a thread, after which no copies of this process are made
-        store.ready()
+    return {file: (file,) for file in reduce_records.inputs(root, campaign)}
 
 
 def run(job: Job) -> Outcome:
@@ -87,235 +96,28 @@ def run(job: Job) -> Outcome:
         The schedule or the records are refused, no trial has a record, or none is good. Nothing is
         written then.
     """
-    campaign = job.campaign
-    reader = readers.reader(campaign.records.reader)
-    intact.not_rotten(job)
-    schedule = read_schedule(campaign, job.root)
-    if not campaign.cuts_records:
-        _known(campaign.quality.exclude, schedule)
-    faults, notes = _checked(job)
-    notes = [*schedule.notes, *notes]
-    swept: list[str] = []
-    if reader.series:
-        if not campaign.cuts_records:
-            rows, more = _from_records(job, reader, schedule)
-        else:
-            schedule, rows, more = segments.from_records(job, reader, schedule)
-            _known(campaign.quality.exclude, schedule, by_record=True)
-        notes += [*more, *_of_the_tare(campaign), *(swept := _swept(job, reader, schedule, rows))]
-    else:
-        rows = _from_means(job, schedule)
-    rows.reject(faults)
-    _settle(job, rows)
-    table = judge.table_of(schedule, rows, campaign)
-    notes += judge.judge(table, campaign)
-    if asked := campaign.quality.exclude:
-        trials = ", ".join(f"{trial} ({why})" if why else trial for trial, why in asked.items())
-        notes.append(f"left out as [quality] exclude asks: {trials}")
-    notes += quality.remarks(table["quality"])
-    bad = quality.rejected(table["quality"])
-    if bad.all():
-        # where the unit is at fault, say so, rather than that the cell was at its end
-        unit, key = judge.unit_of(campaign)
-        blank = {**table, "quality": np.full(len(bad), "", dtype=object)}
-        weight = campaign.vehicle.mass * campaign.rig.gravity
-        plausibility.against_weight(blank, weight, unit, key)
-        counts = Counter(
-            code for text in table["quality"] for code in text.split() if code.isupper()
-        )
-        reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
-        worst = quality.code(counts.most_common(1)[0][0])
-        remedy = MISDESCRIBED.get(worst.name, "")
-        # what is wrong with the first says more than what the code means
-        fault = next((f for f in table["fault"] if f), "") if worst.name == "MALFORMED" else ""
-        raise InputRefused(
-            str(job.root),
-            f"all {len(bad)} trials are rejected ({reasons})",
-            *(swept or [f"{worst.name}: {fault or worst.meaning}{remedy}"]),
-        )
+    from nearlift.stages.reduce_records import reduced_records
+
+    table, outcome = reduced_records(job)
     job.write(TRIALS, table)
-    rejected = tuple(
-        (str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i]))
-        for i in np.flatnonzero(quality.faulty(table["quality"]))
-    )
-    return Outcome(rejected=rejected, notes=tuple(notes))
+    return outcome
 
 
-def _checked(job: Job) -> tuple[dict[str, str], list[str]]:
-    """What SHA256SUMS says against the files, where there is one, as `sums.check` answers."""
-    lists = {source_of(job.root, path) for path in sums.files(job.root, job.campaign)}
-    if not lists:
-        return {}, []
-    names = [name for name in inputs(job.root, job.campaign) if name not in lists]
-    each = MARK in job.campaign.records.pattern
-    return sums.check(job, names[:2] if each else names, names[2:] if each else [])
-
-
-def _known(exclude: Mapping[str, str], schedule: Schedule, by_record: bool = False) -> None:
-    """Refuse a manifest that excludes a trial that is not in the schedule; propose ids like it."""
-    ids = schedule.trial.tolist()
-    # a whole record may be left out as well
-    records = schedule.covariates["record"].tolist() if by_record else []
-    for trial in sorted(exclude.keys() - {*ids, *records}):
-        near = difflib.get_close_matches(trial, ids, n=3)
-        remedy = (
-            f"did you mean {', '.join(map(repr, near))}?"
-            if near
-            else f"the schedule's first is {ids[0]!r}"
-        )
-        raise ManifestError(
-            "quality.exclude", f"no trial of the schedule is called {trial!r}", remedy
-        )
-
-
-def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
-    """Rows from as many workers as the executor has. Refused where no trial has a record, or where
-    most cannot be read for what the manifest says of them: the first one's refusal.
-    """
-    plan = reader.plan(job.campaign, job.root, list(schedule.trial))
-    recorded = sum(len(piece.trials) for piece in plan.pieces)
-    if not recorded:
-        raise InputRefused(
-            str(job.root / (job.campaign.records.files or "")),
-            f"none of the {len(schedule)} trials has a record",
-            f"the first would be that of trial {schedule.trial[0]!r}; check [records] files",
-        )
-    tares = schedule.covariates.get("tare_after_N")
-    after = {} if tares is None else dict(zip(schedule.trial, tares, strict=True))
-    place = {trial: i for i, trial in enumerate(schedule.trial)}
-    rows, done = Rows(len(schedule)), 0
-    notes, pieces = plan.notes, deque(plan.pieces)
-    size = sum(piece.bytes for piece in pieces)
-    # a guarded file waits for its process, not for a turn
-    in_child = reader.format is not None and reader.format.child
-    small = not in_child and size < WORTH_A_THREAD * recorded
-    refusals: list[InputRefused] = []
-    # the plan of what is done is not kept beside what was found
-    del plan
-    for answer in answered(job.executor, reduce_piece, _tasks(job, pieces, after), small):
-        for row in answer:
-            rows.put(place[row.trial], row)
-            refusals += [row.refusal] if row.refusal else []
-        done += len(answer)
-        # one record is damaged, most of them are misdescribed
-        if 2 * len(refusals) > recorded:
-            raise refusals[0]
-        job.say(f"ingest {done} of {len(schedule)} trials", done / len(schedule))
-        # while others reduce
-        store.ready()
-    return rows, [*notes, *rows.remarks()]
-
-
-def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str]:
-    """A remark on records that sweep the throttle and are given as one trial each, with the lines
-    that would cut them; their rows become MIXED.
-    """
-    if job.campaign.cuts_records or job.campaign.records.pattern.find(MARK) < 0:
-        return []
-    wide = rows.columns["sd_N"] > SWEEP * np.abs(rows.columns["lift_N"])
-    place = {str(schedule.trial[i]): i for i in np.flatnonzero(wide).tolist()}
-    sweeps: dict[str, ramp.Ramp] = {}
-    for k, (trial, (path, _)) in enumerate(per_trial(job.campaign, job.root, [*place]).items()):
-        if k == FEW_SWEEPS and not sweeps:
-            break
-        with contextlib.suppress(NearliftError, Malformed):
-            swept = ramp.of_file(job.campaign, reader, trial, path)
-            sweeps |= {} if swept is None else {trial: swept}
-    if not sweeps:
-        return []
-    for i in (place[trial] for trial in sweeps):
-        rows.codes[i] = tuple(dict.fromkeys((*rows.codes[i], "MIXED")))
-    trial, first = next(iter(sweeps.items()))
-    more = f" (and {len(sweeps) - 1} more like it)" if len(sweeps) > 1 else ""
-    remark = (
-        f"the record of {trial}{more} {first.words}; to cut it into trials write {RECORD_MARK} for"
-        f" {MARK} in [records] files, call the column of ids in {job.campaign.trials.file} record,"
-        f" and add\n{first.segments}`nearlift inspect --cuts CAMPAIGN` then draws where it is cut"
-    )
-    return [remark]
-
-
-def _of_the_tare(campaign: Campaign) -> list[str]:
-    """What the manifest says of the tare that asks for a remark."""
-    remarks = []
-    if campaign.load_cell.tare == "none":
-        remarks.append(
-            "the records have no tare: the zero of the force is unknown and wants an"
-            ' [[uncertainty]] on = "force"'
-        )
-    samples = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
-    if 0 < samples < FEW_OF_TARE:
-        remarks.append(
-            f"the tares have {samples} samples: too few to show damage of more than one of them"
-            f" ({FEW_OF_TARE} would)"
-        )
-    return remarks
-
-
-def _tasks(job: Job, pieces: deque[Piece], after: Mapping[str, float]) -> Iterator[Task]:
-    whole = {
-        piece.paths[0]: "" for piece in pieces if len(piece.paths) == 1 and len(piece.trials) > 1
-    }
-    # a file that many trials share is hashed once, here, and not by every worker
-    shared = {
-        source: job.inputs.get(source) or store.sha256(path)
-        for path in whole
-        for source in [source_of(job.root, path)]
-    }
-    while pieces:
-        piece = pieces.popleft()
-        sources = [source_of(job.root, path) for path in piece.paths]
-        yield Task(
-            root=job.root,
-            campaign=job.campaign,
-            piece=piece,
-            tare_after_N={trial: after[trial] for trial in piece.trials if trial in after},
-            inputs={s: digest for s in sources if (digest := shared.get(s) or job.inputs.get(s))},
-        )
-
-
-def _settle(job: Job, rows: Rows) -> None:
-    """Mark the trials of files that were still being written PENDING; refuse what many trials rest
-    on where it was changed while it was read.
-    """
-    moving = intact.moving(job)
-    asked = {*moving.changed, *moving.young}
-    owners: dict[str, list[int]] = {name: [] for name in asked}
-    for i, source in enumerate(rows.columns["source"].tolist()):
-        if source in asked:
-            owners[source].append(i)
-    for name in moving.changed:
-        one = len(owners[name]) == 1 or (owners[name] and job.campaign.cuts_records)
-        if not one:
-            raise InputRefused(
-                str(job.root / name),
-                "was changed while it was being read",
-                "run again when nobody writes it any more",
-            )
-    late = {i for name in moving.changed for i in owners[name]}
-    late |= {
-        i
-        for name in moving.young
-        for i in owners[name]
-        if not {"truncated", "MALFORMED"}.isdisjoint(rows.codes[i])
-    }
-    for i in late:
-        rows.codes[i] = (*rows.codes[i], "PENDING")
-
-
-def _from_means(job: Job, schedule: Schedule) -> Rows:
-    from nearlift.readers import means
-
-    path = schedule_file(job.campaign, job.root)
-    source = path.relative_to(job.root).as_posix()
-    lift = means.lift_of(schedule)
-    rows = Rows(len(schedule))
-    rows.columns |= {
-        **{name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")},
-        "n_eff": lift["n"].astype(float),
-        **{name: lift["n"].astype(np.int64) for name in ("n", "samples")},
-    }
-    rows.columns["source"][:] = source
-    rows.columns["source_sha256"][:] = job.inputs.get(source) or store.sha256(path)
-    rows.codes = [()] * len(schedule)
-    return rows
+STAGE = Stage(
+    name="ingest",
+    run=run,
+    summary="raw records to one row per trial",
+    writes=(TRIALS,),
+    sections=(
+        "name",
+        "simulated",
+        "vehicle",
+        "rig",
+        "load_cell",
+        "records",
+        "segments",
+        "trials",
+        "quality",
+    ),
+    inputs=inputs,
+)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.reduction import outliers, plausibility, quality
-from nearlift.run import store
+from nearlift.run import tables
 from nearlift.schedule import RECORD_COLUMN, Schedule
 from nearlift.stages.rows import Rows
 
 
-def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> store.Table:
+def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> tables.Table:
     """Columns of trials.parquet in run order, with all codes but those that `judge` adds."""
     codes = [list(trial_codes) for trial_codes in rows.codes]
     owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
@@ -65,7 +65,7 @@ def _duplicates(
             codes[i].append("DUPLICATE")
 
 
-def _same(table: store.Table, campaign: Campaign) -> list[str]:
+def _same(table: tables.Table, campaign: Campaign) -> list[str]:
     """Whose record each duplicate is; of records that are cut, once for all pieces."""
     first: dict[tuple[str, float], str] = {}
     notes: dict[str, None] = {}
@@ -82,7 +82,7 @@ def _same(table: store.Table, campaign: Campaign) -> list[str]:
     return list(notes)
 
 
-def _mark(table: store.Table, name: str, marked: NDArray[np.bool_]) -> None:
+def _mark(table: tables.Table, name: str, marked: NDArray[np.bool_]) -> None:
     """Add a quality code to the marked trials."""
     table["quality"] = np.array(
         [
@@ -103,7 +103,7 @@ def unit_of(campaign: Campaign) -> tuple[str, str]:
     )
 
 
-def judge(table: store.Table, campaign: Campaign) -> list[str]:
+def judge(table: tables.Table, campaign: Campaign) -> list[str]:
     """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
     weight = campaign.vehicle.mass * campaign.rig.gravity
     unit, key = unit_of(campaign)
@@ -132,7 +132,7 @@ def judge(table: store.Table, campaign: Campaign) -> list[str]:
     return notes
 
 
-def _outlying(table: store.Table, side: str) -> list[str]:
+def _outlying(table: tables.Table, side: str) -> list[str]:
     """Mark the trials that repeats and neighbours contradict, and say of each how far off it is."""
     mine = np.flatnonzero(
         (table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0)

@@ -19,10 +19,11 @@ import nearlift
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
-from nearlift.products import POSTERIOR, TRIALS
 from nearlift.results.fit import FitResults
-from nearlift.run import store
-from nearlift.run.job import Job
+from nearlift.run import tables
+from nearlift.run.engine import Job
+from nearlift.stages.fit import POSTERIOR
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.posteriors import LEVEL, split_level
 
 FILE = "posterior.nc"
@@ -50,7 +51,7 @@ def write(job: Job) -> str:
     about = {
         "created_by": f"nearlift {nearlift.__version__}",
         "campaign": job.campaign.name,
-        "data_sha256": store.sha256(job.processed / TRIALS.file),
+        "data_sha256": tables.sha256(job.processed / TRIALS.file),
     }
     sink = io.BytesIO()
     with h5netcdf.File(sink, "w") as file:
@@ -77,7 +78,7 @@ def write(job: Job) -> str:
     return str(job.put(f"processed/{FILE}", sink.getvalue()))
 
 
-def _model(group: Any, model: str, draws: store.Table, notes: Mapping[str, object]) -> None:
+def _model(group: Any, model: str, draws: tables.Table, notes: Mapping[str, object]) -> None:
     """Groups `posterior` and `sample_stats` of one model."""
     chains, length = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
     group.attrs.update(notes)

@@ -8,11 +8,11 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from nearlift.products import TRIALS
 from nearlift.results.next_visits import NextVisits
-from nearlift.run.job import Job
+from nearlift.run.engine import Job
 from nearlift.schedule import columns_of, csv_text, schedule_file, text_of
 from nearlift.stages.design import outside
+from nearlift.stages.ingest import TRIALS
 
 
 def as_schedule(job: Job, batches: Sequence[NextVisits]) -> str:

@@ -31,7 +31,6 @@ from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.loop.separation import APART
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
-from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
@@ -39,11 +38,12 @@ from nearlift.results.next_visits import NextVisit, NextVisits
 from nearlift.results.outlook import NextSession
 from nearlift.results.quotation import Results
 from nearlift.rounding import plain
-from nearlift.run import store
-from nearlift.run.job import Job
+from nearlift.run import tables
+from nearlift.run.engine import Job
 from nearlift.stages.asked import AskedQuestion
-from nearlift.stages.diagnose import chosen, diagnosed
-from nearlift.stages.fit import choice
+from nearlift.stages.choices import choice, diagnosed, search_options
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.traverse import Traverse, traverse
 
@@ -67,7 +67,7 @@ def run(
         No boundary has enough trials, or none has rivals, with the reasons.
     """
     trials = job.read(TRIALS)
-    options = chosen(job)
+    options = search_options(job.campaign, job.seed)
     loop = diagnosed(job.processed)
     present = boundaries(trials)
     if not present:
@@ -107,7 +107,7 @@ def run(
 
 def _at(
     job: Job,
-    trials: store.Table,
+    trials: tables.Table,
     data: Observations,
     base: LiftModel,
     loop: BoundaryDiagnosis | None,
@@ -266,7 +266,7 @@ def _coefficient(
 
 def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
     """A note where results.json quotes much more than the noise floor leaves."""
-    results = store.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
+    results = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
     result = results.boundaries.get(stage.data.boundary)
     if result is None or name not in result.coefficients:
         return []
@@ -340,7 +340,7 @@ def _points(
     return ((effect,), vector), fitted(other, supposed)
 
 
-def _stations(trials: store.Table, boundary: Boundary, base: LiftModel) -> FloatArray:
+def _stations(trials: tables.Table, boundary: Boundary, base: LiftModel) -> FloatArray:
     """Every distance that the schedule lists, measured or not, of which the model speaks."""
     z_hat = np.asarray(
         trials["z_hat"][np.isin(trials["boundary"], [boundary, "none"])], dtype=float

@@ -9,11 +9,11 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.level_curve import with_curve
 from nearlift.loop.interim import InterimLook
 from nearlift.nomenclature import CARRIED
-from nearlift.products import TRIALS
 from nearlift.reduction.quality import EXCLUDED, completeness, rejected
 from nearlift.results import Observations
-from nearlift.run.store import Table
+from nearlift.run.tables import Table
 from nearlift.schedule import BY_NAME
+from nearlift.stages.ingest import TRIALS
 
 #: Columns of names that say how trials were run in two ways on purpose.
 TWO_WAYS = ("orientation", "propeller")

@@ -16,11 +16,11 @@ from nearlift.campaign.forecasts import Planned
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError
-from nearlift.products import DIAGNOSIS
 from nearlift.results import Noise
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
-from nearlift.run import store
+from nearlift.run import tables
 from nearlift.schedule import Schedule, read_schedule, schedule_file
+from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
 
@@ -45,7 +45,7 @@ class PlannedTrials:
     came from; what was assumed.
     """
 
-    table: store.Table
+    table: tables.Table
     source: str
     assumed: tuple[str, ...]
     design: TrialSchedule | None = None
@@ -121,7 +121,7 @@ def as_schedule(design: TrialSchedule, campaign: Campaign) -> Schedule:
     )
 
 
-def table_of(schedule: Schedule, campaign: Campaign) -> tuple[store.Table, tuple[str, ...]]:
+def table_of(schedule: Schedule, campaign: Campaign) -> tuple[tables.Table, tuple[str, ...]]:
     """Planned trials in the shape of trials.parquet, and what was assumed of them."""
     far_N, assumed = _levels(campaign, schedule.throttle)
     covariates, more = _ranged(campaign.design, schedule)
@@ -212,7 +212,7 @@ def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noi
             )
         floors = {
             b: entry.noise
-            for b, entry in store.load(path, DiagnosisResults).boundaries.items()
+            for b, entry in tables.load(path, DiagnosisResults).boundaries.items()
             if isinstance(entry, BoundaryDiagnosis)
         }
         if not floors:

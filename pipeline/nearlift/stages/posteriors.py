@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import functools
-import hashlib
-import json
+import itertools
 import math
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import posterior
@@ -20,7 +20,6 @@ from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.fit.prior import compare_with_fit, compare_with_prior
-from nearlift.products import POSTERIOR, TRIALS
 from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import (
     DrawnEstimate,
@@ -28,35 +27,24 @@ from nearlift.results.posterior import (
     PosteriorParameter,
     PosteriorSummary,
 )
-from nearlift.results.serial import encode
-from nearlift.run import store
-from nearlift.run.checkpoint import Checkpoint
-from nearlift.run.expense import Chain
-from nearlift.run.job import Job, Say
-from nearlift.run.store import Table
+from nearlift.run.engine import Say
+from nearlift.run.tables import Table
 
 
 @dataclass(kw_only=True)
 class Posteriors:
     """The posteriors of one campaign as they come."""
 
-    job: Job
+    campaign: Campaign
+    seed: int
+    data_sha256: str
     parts: list[Table] = field(default_factory=list)
 
     @functools.cached_property
     def settings(self) -> Settings:
         """What the manifest asks for."""
-        asked = self.job.campaign.fit
+        asked = self.campaign.fit
         return Settings(sampler=asked.sampler, ess=asked.ess, steps=asked.steps)
-
-    @functools.cached_property
-    def _key(self) -> str:
-        """Digest of everything that decides the draws: as the ledger has it for stage fit."""
-        from nearlift.run.provenance import Provenance
-        from nearlift.run.registry import stage
-
-        material = Provenance.open(self.job).material(stage("fit"))
-        return hashlib.sha256(json.dumps(encode(material), sort_keys=True).encode()).hexdigest()
 
     def added(
         self, fitted: LeastSquaresFit, entry: ModelFit, base: bool, say: Say
@@ -81,7 +69,7 @@ class Posteriors:
         self.parts += [
             _rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()
         ]
-        summary = _summary(density, drawn, fitted, self._data)
+        summary = _summary(density, drawn, fitted, self.data_sha256)
         evidence = LogEvidence(value=drawn.log_evidence, u=drawn.u_log_evidence)
         unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
         return (
@@ -90,31 +78,14 @@ class Posteriors:
         )
 
     def _drawn(self, density: Density, boundary: Boundary, name: str, say: Say) -> Posterior:
-        """The draws of one model, from where an interrupted run left off."""
-        checkpoint = Checkpoint(
-            folder=self.job.unfinished("fit"), name=f"{boundary}-{name}", key=self._key
-        )
-        what = f"fit {boundary}: posterior of {name}"
-        chain = Chain(say=self.job.announce, what=what, blocks=self.settings.steps // BLOCK)
+        """The draws of one model."""
+        what, blocks = f"fit {boundary}: posterior of {name}", itertools.count(1)
 
-        def keep(block: Block) -> None:
-            checkpoint.keep(block)
-            chain.done(checkpoint.count)
-            say(f"{what}, {BLOCK * checkpoint.count} steps", 0.5)
+        def count(_: Block) -> None:
+            say(f"{what}, {BLOCK * next(blocks)} steps", 0.5)
 
         say(what, 0.5)
-        stored = checkpoint.read()
-        return posterior.sample(
-            density, self.settings, self.job.seed, boundary, name, stored=stored, keep=keep
-        )
-
-    @functools.cached_property
-    def _data(self) -> str:
-        return store.sha256(self.job.processed / TRIALS.file)
-
-    def write(self) -> None:
-        """All draws to posterior.parquet."""
-        self.job.write(POSTERIOR, store.stacked(POSTERIOR, self.parts))
+        return posterior.sample(density, self.settings, self.seed, boundary, name, progress=count)
 
 
 LEVEL = "L_inf_N"

@@ -19,14 +19,15 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, LiftModel, compose
 from nearlift.errors import InputRefused
 from nearlift.flight.fitted_lift import AT_REFERENCE, FittedLift, QuotedInterval, drawn_parameters
-from nearlift.products import RESULTS, TRIALS
 from nearlift.randomness import generator
 from nearlift.reduction.quality import rejected
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results
-from nearlift.run.job import Job
-from nearlift.run.store import Table
+from nearlift.run.engine import Job
+from nearlift.run.tables import Table
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
 
 
 def _arguments(

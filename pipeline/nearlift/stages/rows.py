@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
@@ -18,16 +16,12 @@ from nearlift.readers.files import source_of
 from nearlift.readers.seam import Piece, Record
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import Reduced, reduce_record
-from nearlift.run import copies, store
-from nearlift.run.executors import Threads, ordered
+from nearlift.run.tables import Table, sha256
 
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
-#: Bytes of a record from which on threads are worth their turns.
-WORTH_A_THREAD = 1 << 20
 #: Columns that stand in a `Row` itself; the others stand in its reduction.
 OF_THE_FILE = {"samples", "source_sha256", "source", "fault"}
-Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,7 +85,7 @@ class Rows:
 
     def __init__(self, n: int, further: tuple[str, ...] = ()) -> None:
         real = ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N", *further)
-        self.columns: store.Table = {
+        self.columns: Table = {
             **{name: np.full(n, np.nan) for name in real},
             **{name: np.zeros(n, dtype=np.int64) for name in ("n", "n_removed", "samples")},
             **{name: np.full(n, "", dtype=object) for name in ("source_sha256", "source", "fault")},
@@ -133,24 +127,6 @@ class Rows:
             note if count == 1 else f"{note} ({count} records, such as {first})"
             for note, (count, first) in self.notes.items()
         ]
-
-    def reject(self, faults: Mapping[str, str]) -> None:
-        """Make the trials of these files MALFORMED, with what is wrong with each."""
-        for i, source in enumerate(self.columns["source"].tolist() if faults else ()):
-            if source in faults:
-                self.codes[i] = tuple(dict.fromkeys((*self.codes[i], "MALFORMED")))
-                self.columns["fault"][i] = faults[source]
-
-
-def answered(
-    executor: Executor, task: Callable[[Task], Answer], tasks: Iterator[Task], small: bool
-) -> Iterator[Answer]:
-    """What workers answer, in order; over `small` records threads of one interpreter lose more by
-    taking turns than they gain.
-    """
-    if not (small and isinstance(executor, Threads)):
-        return ordered(executor, task, tasks)
-    return copies.shared_out(task, list(tasks), executor.workers if copies.alone() else 1)
 
 
 def reduce_piece(task: Task) -> list[Row]:
@@ -212,7 +188,7 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
 def digest_of(task: Task, source: str, digests: dict[str, str]) -> str:
     """The SHA-256 of a file of the campaign, which `digests` then has."""
     if source not in digests:
-        digests[source] = store.sha256(task.root / source)
+        digests[source] = sha256(task.root / source)
     return digests[source]
 
 

@@ -14,7 +14,7 @@ from nearlift.likelihood.budget import Component
 from nearlift.reduction import outliers
 from nearlift.results.fit import Influence, Suspect
 from nearlift.rounding import like, plain, plus_minus
-from nearlift.run.store import Table
+from nearlift.run.tables import Table
 
 #: A standard uncertainty that changes by less than this, in its logarithm, is not worth a word.
 ANOTHER_U = 0.2

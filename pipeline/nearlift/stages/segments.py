@@ -19,14 +19,13 @@ from nearlift.readers.files import per_trial, unlisted
 from nearlift.readers.seam import Reader
 from nearlift.readers.segments import Pieces, Segmented
 from nearlift.reduction.record import Reduced, reduce_record
-from nearlift.run.job import Job
+from nearlift.run.engine import Job
+from nearlift.run.workers import ordered
 from nearlift.schedule import Schedule
 from nearlift.stages.rows import (
-    WORTH_A_THREAD,
     Row,
     Rows,
     Task,
-    answered,
     conditions_of,
     digest_of,
     is_of_the_record,
@@ -87,9 +86,7 @@ def _answers(job: Job, reader: Reader, schedule: Schedule) -> dict[str, CutRecor
         )
     answers: dict[str, CutRecord] = {}
     refusals: list[InputRefused] = []
-    small = not form.child and sum(n for _, n in there.values()) < WORTH_A_THREAD * len(there)
-    tasks = _tasks(job, there, schedule)
-    for portion in answered(job.executor, each_record, tasks, small):
+    for portion in ordered(job.executor, each_record, _tasks(job, there, schedule)):
         answers |= {answer.record: answer for answer in portion}
         refusals += [answer.refusal for answer in portion if answer.refusal]
         if 2 * len(refusals) > len(there):

@@ -11,7 +11,7 @@ import numpy as np
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.results import Observations
-from nearlift.run import store
+from nearlift.run import tables
 from nearlift.stages.plans import OVERSHOOT_RADII
 
 
@@ -54,7 +54,7 @@ class Traverse:
         return ways
 
 
-def traverse(trials: store.Table, data: Observations, campaign: Campaign) -> Traverse:
+def traverse(trials: tables.Table, data: Observations, campaign: Campaign) -> Traverse:
     """That of a boundary: every distance that the schedule lists, and the sides of its trials."""
     mine = np.isin(trials["boundary"], [data.boundary, "none"])
     shown = trials["z_m"][mine] - campaign.rig.offset(data.boundary)

@@ -17,13 +17,13 @@ from nearlift.declare import Boundary
 from nearlift.errors import NotConverged
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
-from nearlift.products import TRIALS
 from nearlift.reduction.quality import CODES, rejected
 from nearlift.report.trial_table import Exclusions, Refit, TrialCounts, TrialRow, TrialTable
 from nearlift.results.fit import FitResults
-from nearlift.run.job import Job
-from nearlift.run.store import Table
-from nearlift.stages.fit import choice
+from nearlift.run.engine import Job
+from nearlift.run.tables import Table
+from nearlift.stages.choices import choice
+from nearlift.stages.ingest import TRIALS
 from nearlift.stages.observe import boundaries, observe
 
 #: Excluded trials of one boundary that are put back one at a time.

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import UsageError
-from nearlift.products import LIFT, LIFT_COVARIANCE, POSTERIOR, PRODUCTS, TRIALS, Product
 from nearlift.results.diagnosis import DiagnosisResults
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results
-from nearlift.run import graph, store
-from nearlift.run.lock import settled
-from nearlift.run.transaction import Homes
+from nearlift.run import engine, tables
+from nearlift.run.tables import Product
+from nearlift.stages import ORDER, PRODUCTS, STAGES
+from nearlift.stages.fit import POSTERIOR
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 from nearlift.study.answers import (
     AboutRun,
     BoundaryFit,
@@ -49,8 +52,8 @@ class Study:
     def __init__(self, root: Path, out: Path, seed: int, executor: str) -> None:
         self.root, self.out, self.seed, self.executor = root, out, seed, executor
         self.manifest = manifests.load(root)
-        self._homes = Homes.within(out, self.manifest.name)
-        self.processed, self.reports = self._homes.processed, self._homes.reports
+        self.processed = out / "processed" / self.manifest.name
+        self.reports = out / "reports" / self.manifest.name
 
     @property
     def name(self) -> str:
@@ -118,10 +121,8 @@ class Study:
         """Each stage with the reason for which it is stale, empty if it is up to date; runs
         nothing.
         """
-        from nearlift.run.opening import open_job
-
-        with open_job(self.root, self.out, "serial", self.seed, keep=False) as job:
-            return {stage.name: why for stage, why in graph.plan(job)}
+        with self._open("serial", keep=False) as job:
+            return {stage.name: why for stage, why in engine.plan(job)}
 
     def figure(self, name: str = "fig2", *, bring: bool = True) -> Drawing:
         """A figure of the report, drawn from the products as they are.
@@ -141,8 +142,7 @@ class Study:
         from nearlift.report.figures.files import render
         from nearlift.report.figures.style import style_of
         from nearlift.report.registry import FIGURES
-        from nearlift.run.opening import open_job
-        from nearlift.stages.report import gather
+        from nearlift.stages.gathering import gather
 
         spec = {item.name: item for item in FIGURES}.get(name)
         if spec is None:
@@ -150,9 +150,9 @@ class Study:
                 name, "is no figure", f"there are {', '.join(item.name for item in FIGURES)}"
             )
         if bring:
-            makers = [stage.name for stage in graph.STAGES if set(stage.writes) & set(spec.needs)]
+            makers = [stage.name for stage in STAGES if set(stage.writes) & set(spec.needs)]
             self._steps(makers[-1])
-        with open_job(self.root, self.out, "serial", self.seed, keep=False) as job:
+        with self._open("serial", keep=False) as job:
             evidence = gather(job)
         rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
         if not any(len(column) for column in rows.values()):
@@ -194,25 +194,25 @@ class Study:
                     f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}",
                 )
             product = tables[product]
-        return pd.DataFrame(store.read_table(self._whole(product.file), product))
+        return pd.DataFrame(tables.read_table(self.processed / product.file, product))
 
-    def _load(self, kind: type[store.Loaded]) -> store.Loaded:
-        return store.load(self._whole(kind.file), kind)
+    def _load(self, kind: type[tables.Loaded]) -> tables.Loaded:
+        return tables.load(self.processed / kind.file, kind)
 
-    def _whole(self, file: str) -> Path:
-        """Where a product stands, no commit half carried out."""
-        settled(self._homes)
-        return self.processed / file
+    def _open(
+        self, executor: str, keep: bool = True
+    ) -> contextlib.AbstractContextManager[engine.Job]:
+        from nearlift.run.workers import open_campaign
 
-    def _steps(self, last: str) -> tuple[list[graph.Step], AboutRun]:
+        return open_campaign(self.root, self.out, STAGES, executor, self.seed, keep=keep)
+
+    def _steps(self, last: str) -> tuple[list[engine.Step], AboutRun]:
         """Run what is stale up to and including the stage `last`: its steps, and what every answer
         says of them.
         """
-        from nearlift.run.opening import open_job
-
-        wanted = graph.STAGES[: [stage.name for stage in graph.STAGES].index(last) + 1]
-        with open_job(self.root, self.out, self.executor, self.seed) as job:
-            steps = list(graph.run(job, wanted))
+        wanted = STAGES[: ORDER.index(last) + 1]
+        with self._open(self.executor) as job:
+            steps = list(engine.run(job, wanted))
         rejected = tuple(r for step in steps for r in step.outcome.rejected)
         notes = tuple(dict.fromkeys(note for step in steps for note in step.outcome.notes))
         return steps, {"campaign": self.name, "rejected": rejected, "notes": notes}

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place
+from nearlift.stages.fit import FIT
 
 TESTS = {
     "coefficient": "one coefficient",

@@ -7,13 +7,14 @@ import math
 
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES, Boundary, Effect
-from nearlift.products import DIAGNOSIS, RESULTS
 from nearlift.report import sources, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.findings import RankedCandidate, ranked
 from nearlift.report.number import Number, Place, Quoted
 from nearlift.results.diagnosis import BoundaryDiagnosis, LoopError
 from nearlift.rounding import plain
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import RESULTS
 
 #: So many lines of structure, and of silent effects, are shown.
 LINES = 12

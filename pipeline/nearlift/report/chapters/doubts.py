@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from nearlift.declare import Boundary
-from nearlift.products import FIT, RESULTS
 from nearlift.report import words
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place
+from nearlift.stages.fit import FIT, RESULTS
 
 
 def facts(evidence: Evidence) -> dict[str, object]:

@@ -10,12 +10,13 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary, LiftModel
 from nearlift.flow.downwash import WARNINGS
-from nearlift.products import DOWNWASH, FIT, FLOW, FLOW_TOPOLOGY
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures import fig5
 from nearlift.report.figures.flow_panels import cut, manifest
 from nearlift.report.number import Number, Place, pointer
 from nearlift.rounding import fixed, like, plain
+from nearlift.stages.fit import FIT
+from nearlift.stages.flow import DOWNWASH, FLOW, FLOW_TOPOLOGY
 
 #: What the paper says, and what of it stands; tests recompute every number.
 CLAIMS = (

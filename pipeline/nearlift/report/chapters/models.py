@@ -9,7 +9,6 @@ from nearlift.declare import Boundary
 from nearlift.fit.remedies import SCALES
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
-from nearlift.products import FIT
 from nearlift.report.chapters.doubts import reduced
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, Quoted, headline
@@ -17,6 +16,7 @@ from nearlift.report.sources import badly_known
 from nearlift.results.fit import CoefficientEstimate, Degeneracy
 from nearlift.results.levels import LevelFit
 from nearlift.rounding import plain, signed
+from nearlift.stages.fit import FIT
 
 #: How a degeneracy names L_inf, before the throttle.
 LEVEL = "L_inf at "

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from nearlift.declare import Boundary
-from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.rounding import plain
+from nearlift.stages.fit import FIT
 
 
 def facts(evidence: Evidence) -> dict[str, object]:

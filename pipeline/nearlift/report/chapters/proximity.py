@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from nearlift.declare import BOUNDARIES
 from nearlift.flight import inverse
-from nearlift.products import DETECTION, PROXIMITY
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.detection import case
 from nearlift.report.number import Number, Place
 from nearlift.rounding import plain
+from nearlift.stages.detect import DETECTION, PROXIMITY
 
 
 def facts(evidence: Evidence) -> dict[str, object]:

@@ -10,13 +10,13 @@ import numpy as np
 import nearlift
 from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.nomenclature import letter
-from nearlift.products import FIT, TRIALS
 from nearlift.reduction.quality import CODES, code, reason, rejected
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, count, pointer
 from nearlift.report.trial_table import Refit, TrialRow
-from nearlift.rounding import plain
-from nearlift.run.lock import size
+from nearlift.rounding import bytes_text, plain
+from nearlift.stages.fit import FIT
+from nearlift.stages.ingest import TRIALS
 
 NAMES = {"none": "free air"}
 #: Trials that the page lists; all of them are in trials.parquet.
@@ -75,7 +75,7 @@ def trial_table(evidence: Evidence) -> dict[str, object]:
     numbers = {
         "files": count(TRIALS, table.files, "different `source`"),
         "bytes": Number(
-            text=size(table.bytes),
+            text=bytes_text(table.bytes),
             value=float(table.bytes),
             source=TRIALS.file,
             how="bytes of the files in `source`",

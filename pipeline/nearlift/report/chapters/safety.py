@@ -5,9 +5,9 @@ energy, roll near a wall.
 from __future__ import annotations
 
 from nearlift.declare import BOUNDARIES
-from nearlift.products import SAFETY
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
+from nearlift.stages.simulate import SAFETY
 
 #: Assumptions on the loss of lift of the two pairs of rotors beside a wall.
 ROLLS = {

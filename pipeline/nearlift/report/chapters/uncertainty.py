@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from nearlift.declare import Boundary
-from nearlift.products import FIT
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.budget import fall
 from nearlift.report.number import Place, headline, quotation
@@ -17,6 +16,7 @@ from nearlift.report.sources import badly_known
 from nearlift.results.fit import ModelComparison, ModelScore
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import fixed, plain
+from nearlift.stages.fit import FIT
 
 #: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told
 #: by number only; a declared one has its line.

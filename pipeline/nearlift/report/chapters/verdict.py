@@ -4,10 +4,11 @@ doubt, and what to measure next.
 
 from __future__ import annotations
 
-from nearlift.products import RESULTS, TRIALS
 from nearlift.report import phrases, words
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place, headline
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
 
 TONES = {"adequate": "good", "effect": "fair", "unexplained": "bad"}
 

@@ -15,7 +15,6 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
-from nearlift.products import DIAGNOSIS, POSTERIOR, TRIALS
 from nearlift.reduction.quality import code, rejected
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.documents.tables import escape
@@ -27,6 +26,9 @@ from nearlift.report.words import rivals_of
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain
+from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.fit import POSTERIOR
+from nearlift.stages.ingest import TRIALS
 
 VERDICTS = {
     "adequate": "no residual structure was detected",

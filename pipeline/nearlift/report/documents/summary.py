@@ -6,11 +6,11 @@ import textwrap
 
 import nearlift
 from nearlift.nomenclature import letter
-from nearlift.products import TRIALS
 from nearlift.report import words
 from nearlift.report.evidence import Evidence
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain
+from nearlift.stages.ingest import TRIALS
 
 WIDTH = 80
 INDENT = " " * 6

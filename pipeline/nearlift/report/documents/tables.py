@@ -10,7 +10,6 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.nomenclature import VERDICTS, mathematics
-from nearlift.products import FIT, RESULTS
 from nearlift.report.chapters.uncertainty import LEAST
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.budget import fall
@@ -19,6 +18,7 @@ from nearlift.report.sources import badly_known
 from nearlift.results.fit import ModelScore
 from nearlift.results.quotation import BudgetLine, CoefficientResult
 from nearlift.rounding import decimals, like, siunitx
+from nearlift.stages.fit import FIT, RESULTS
 
 SPECIAL = {
     "\\": r"\textbackslash{}",

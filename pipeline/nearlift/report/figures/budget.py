@@ -13,11 +13,11 @@ from matplotlib.patches import Patch
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter, mathematics
-from nearlift.products import FIT
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, effects, headed, note
 from nearlift.results.quotation import BudgetLine, CoefficientResult
+from nearlift.stages.fit import FIT
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
 #: not drawn; what was declared always is.

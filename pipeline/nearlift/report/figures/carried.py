@@ -9,11 +9,11 @@ from matplotlib.figure import Figure
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.nomenclature import CARRIED, symbol
-from nearlift.products import LIFT
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, quantity
 from nearlift.rounding import plain
+from nearlift.stages.reduce import LIFT
 
 NO_MODEL = "no model is fitted to them"
 

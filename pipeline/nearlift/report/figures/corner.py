@@ -17,11 +17,11 @@ from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from nearlift import units
 from nearlift.declare import Boundary, FloatArray
 from nearlift.nomenclature import letter
-from nearlift.products import FIT, POSTERIOR
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import FITTED, Style, headed, labelled
 from nearlift.rounding import plain
+from nearlift.stages.fit import FIT, POSTERIOR
 
 COLUMNS = ("panel", "kind", "x_name", "y_name", "x_low", "x_high", "y_low", "y_high", "value")
 BINS, CELLS = 40, 26

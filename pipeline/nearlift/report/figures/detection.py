@@ -12,11 +12,11 @@ from matplotlib.figure import Figure
 
 from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
-from nearlift.products import DETECTION, PROXIMITY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, grid, plain_log, words_alone
 from nearlift.rounding import plain
+from nearlift.stages.detect import DETECTION, PROXIMITY
 
 COLUMNS = (
     *("row", "panel", "case", "payload_percent", "voltage_percent"),

@@ -15,13 +15,13 @@ from matplotlib.ticker import MultipleLocator
 
 from nearlift.campaign.piv import Piv, PivCase
 from nearlift.likelihood import student
-from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.flow_panels import cut, manifest, profile_rows
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed, plain
+from nearlift.stages.flow import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 
 #: Distances of the paper's Figure 3, taken where the manifest names no cases.
 PAPER_Z_HAT = {"ground": 3.4, "ceiling": 2.0}

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 
 from nearlift.campaign.piv import PivCase
 from nearlift.flow.field import VelocityField, difference
-from nearlift.products import FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import Style
 from nearlift.rounding import plain
+from nearlift.stages.flow import FLOW, FLOW_FIELDS
 
 LEVEL = 1e-3
 ROWS = ("ceiling", "ground")

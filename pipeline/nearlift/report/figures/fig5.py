@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift.campaign.piv import PivCase
-from nearlift.products import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, single, stack, where
 from nearlift.report.figures import flow_panels as flow_panel
 from nearlift.report.figures.fig4 import LEVEL
@@ -21,6 +20,7 @@ from nearlift.report.figures.flow_panels import field_rows, manifest, origin, ti
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import Style, circles
 from nearlift.rounding import fixed, plain
+from nearlift.stages.flow import FLOW, FLOW_FIELDS, FLOW_TOPOLOGY
 
 ACROSS = 3
 #: Height of the legend, inches.

@@ -14,10 +14,10 @@ from matplotlib.lines import Line2D
 
 from nearlift import catalogue, nomenclature
 from nearlift.declare import Boundary
-from nearlift.products import CRASH_RATES, FLIGHTS, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, grid, plain_text
+from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
 
 SIDES: tuple[Boundary, ...] = ("ground", "ceiling")
 ROWS = ("histories", "paper", "converged")

@@ -19,10 +19,10 @@ from nearlift.campaign.piv import Piv, PivCase
 from nearlift.declare import FloatArray
 from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.scene import Scene
-from nearlift.products import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 from nearlift.report.evidence import Evidence, Rows, single, where
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed
+from nearlift.stages.flow import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 
 #: Columns of a field's table; only nodes have them all.
 COLUMNS = (

@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.nomenclature import letter, mathematics
-from nearlift.products import FIT, PROFILES
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, headed
+from nearlift.stages.fit import FIT, PROFILES
 
 #: Profiles are drawn up to this rise of chi2.
 TOP = 6.5

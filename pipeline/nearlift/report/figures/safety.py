@@ -14,7 +14,6 @@ from matplotlib.patches import Patch
 
 from nearlift import nomenclature
 from nearlift.flight.fitted import FittedFlights
-from nearlift.products import CRASH_RATES, SAFETY
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
 from nearlift.report.figures.fig6 import COLUMNS, SIDES
 from nearlift.report.figures.spec import FigureSpec
@@ -28,6 +27,7 @@ from nearlift.report.figures.style import (
     plain_log,
     plain_text,
 )
+from nearlift.stages.simulate import CRASH_RATES, SAFETY
 
 #: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
 FLOOR = 0.5

@@ -6,10 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.products import Product
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.files import Draw
 from nearlift.report.page.chart import Chart
+from nearlift.run.tables import Product
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

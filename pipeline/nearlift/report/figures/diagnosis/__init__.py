@@ -1,8 +1,10 @@
 """The figure `diagnosis`: residual, candidates, held-out error and coefficient of each boundary."""
 
-from nearlift.products import DIAGNOSIS, FIT, LOOP_RESIDUALS, TRIALS
 from nearlift.report.figures.diagnosis import caption, drawing, table
 from nearlift.report.figures.spec import FigureSpec
+from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
+from nearlift.stages.fit import FIT
+from nearlift.stages.ingest import TRIALS
 
 FIGURE = FigureSpec(
     name="diagnosis",

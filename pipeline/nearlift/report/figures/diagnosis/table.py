@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
-from nearlift.products import LOOP_RESIDUALS
 from nearlift.report.evidence import Columns, Evidence, distinct, lift_inf_N, stack, where
 from nearlift.report.figures.diagnosis import abscissa as against
 from nearlift.report.figures.fig2 import table as fig2
@@ -27,6 +26,7 @@ from nearlift.report.findings import RankedCandidate, ranked
 from nearlift.report.phrases import along
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.stages.diagnose import LOOP_RESIDUALS
 
 #: So many candidates are drawn.
 CANDIDATES = 8

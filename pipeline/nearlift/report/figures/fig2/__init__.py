@@ -1,8 +1,10 @@
 """Figure 2: Delta L against distance at each boundary, on paper and as an interactive chart."""
 
-from nearlift.products import FIT, LIFT, TRIALS
 from nearlift.report.figures.fig2 import caption, chart, drawing, table
 from nearlift.report.figures.spec import FigureSpec
+from nearlift.stages.fit import FIT
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT
 
 FIGURE = FigureSpec(
     name="fig2",

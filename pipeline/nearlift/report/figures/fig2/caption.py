@@ -7,7 +7,6 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.products import POSTERIOR
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, distinct, where
 from nearlift.report.figures.fig2 import table as fig2
@@ -15,6 +14,7 @@ from nearlift.report.phrases import coverage, listed
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import fixed, plain
+from nearlift.stages.fit import POSTERIOR
 
 #: A departure of this much at the farthest station can be seen in the figure, and is explained.
 VISIBLE = 0.002

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from nearlift import units
 from nearlift.declare import Boundary
-from nearlift.products import LIFT, TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report.evidence import Columns, Evidence, stack, where
 from nearlift.report.relative_lift import relative_lift
 from nearlift.rounding import plain, plus_minus
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.reduce import LIFT
 
 #: So many trials are named; the rest are counted.
 NAMED = 6

@@ -18,10 +18,10 @@ import numpy as np
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray
-from nearlift.products import LIFT
 from nearlift.report import curves, relative_lift
 from nearlift.report.evidence import Columns, Evidence, select, stack
 from nearlift.rounding import fixed
+from nearlift.stages.reduce import LIFT
 
 POINTS = 240
 #: The PQuad's rotor radius is published (120 mm), its rotor spacing is not: adjacent axes are

@@ -7,11 +7,11 @@ import numpy as np
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
-from nearlift.products import TRIALS
 from nearlift.report.evidence import Columns, Evidence, stack
 from nearlift.report.figures.fig2.points import force_unit, throttle_key
 from nearlift.report.figures.residuals.table import bins, covariates, ordered, residuals
 from nearlift.rounding import fixed, plain, plus_minus
+from nearlift.stages.ingest import TRIALS
 
 #: More dots than this are drawn in part, evenly in run order; means are always of all trials.
 DRAWN = 1000

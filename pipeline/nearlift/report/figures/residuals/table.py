@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood import noise
 from nearlift.likelihood.problem import height_slope, lift_ratio, usable
-from nearlift.products import TRIALS
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
 from nearlift.report.evidence import Columns, Evidence, lift_inf_N, select, stack, where
 from nearlift.results import Observations
 from nearlift.rounding import plain
+from nearlift.stages.ingest import TRIALS
 
 COLUMNS = (
     *("panel", "covariate", "kind", "trial", "x"),

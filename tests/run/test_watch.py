@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import os
 import shutil
@@ -11,21 +12,21 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from tests.unit import small_run
+from tests.unit import test_compare as compared
 
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import ManifestError
 from nearlift.results.diagnosis import NOTHING
 from nearlift.results.quotation import Results
 from nearlift.results.serial import decode
-from nearlift.run import graph
+from nearlift.run import engine
 from nearlift.run import watch as watching
 from nearlift.run.watch import Round, watch
+from nearlift.stages import STAGES, looks
 from nearlift.stages.asked import AskedQuestion
 
-from . import small_run
-from . import test_compare as compared
-
-pytestmark = pytest.mark.usefixtures("plain_pictures")
-FIRST = graph.STAGES[:2]
+FIRST = STAGES[:2]
 PERIOD_S = 0.05
 
 
@@ -46,6 +47,11 @@ def recording(tmp_path) -> tuple[Path, list[Path]]:
     return raw, late
 
 
+def watching_of(raw, tmp_path, stages=FIRST, asked=None, period_s=PERIOD_S):
+    look = functools.partial(looks.look, asked)
+    return watch(raw, tmp_path / "out", stages, "serial", 0, look, period_s)
+
+
 def until(rounds, wanted, limit_s: float = 60.0) -> list[Round]:
     """Rounds up to the first that is wanted."""
     seen = []
@@ -61,7 +67,7 @@ def until(rounds, wanted, limit_s: float = 60.0) -> list[Round]:
 def test_the_next_visits_are_said_after_each_look(recording, tmp_path):
     raw, late = recording
     asked = AskedQuestion.parsed("K_b", until=0.05)
-    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST, asked=asked)
+    rounds = watching_of(raw, tmp_path, asked=asked)
     places, stop = next(rounds).next
     assert places.startswith("next at the ground: ")
     assert places.count(" mm") == 10
@@ -83,7 +89,7 @@ def test_trials_are_taken_up_as_they_land(recording, tmp_path):
             shutil.copy2(path, raw / "trials" / f".{path.name}.part")
             (raw / "trials" / f".{path.name}.part").rename(raw / "trials" / path.name)
 
-    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST)
+    rounds = watching_of(raw, tmp_path)
     assert next(rounds).words == "84 of 112 trials"
     hand = threading.Thread(target=drop)
     hand.start()
@@ -93,7 +99,7 @@ def test_trials_are_taken_up_as_they_land(recording, tmp_path):
     assert seen[-1].ran == ("ingest", "reduce")
     # the same products as of a campaign that was whole from the start
     plain = small_run.job(raw, tmp_path / "plain")
-    list(graph.run(plain, FIRST))
+    list(engine.run(plain, FIRST))
     for name in ("trials.parquet", "lift.parquet"):
         assert (plain.processed / name).read_bytes() == (
             tmp_path / "out/processed/small" / name
@@ -104,7 +110,7 @@ def test_a_record_still_being_written_is_looked_at_again_though_nothing_changes(
     recording, tmp_path
 ):
     raw, late = recording
-    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST)
+    rounds = watching_of(raw, tmp_path)
     next(rounds)
     text = late[0].read_bytes()
     landing = raw / "trials" / late[0].name
@@ -116,7 +122,7 @@ def test_a_record_still_being_written_is_looked_at_again_though_nothing_changes(
 
 def test_a_schedule_half_saved_waits_for_the_rest(recording, tmp_path):
     raw, _ = recording
-    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=FIRST)
+    rounds = watching_of(raw, tmp_path)
     next(rounds)
     schedule = (raw / "trials.csv").read_text()
     (raw / "trials.csv").write_text(schedule[: schedule.rindex(",ground,") + 3])
@@ -130,24 +136,24 @@ def test_a_schedule_half_saved_waits_for_the_rest(recording, tmp_path):
 
 def test_nothing_new_is_no_round(recording, tmp_path, monkeypatch):
     raw, _ = recording
-    looks = []
+    slept = []
 
     def sleep(seconds: float) -> None:
-        looks.append(seconds)
-        if len(looks) == 5:
+        slept.append(seconds)
+        if len(slept) == 5:
             raise KeyboardInterrupt
 
     monkeypatch.setattr(watching.time, "sleep", sleep)
-    rounds = watch(raw, tmp_path / "out", "serial", 0, 7.0, stages=FIRST)
+    rounds = watching_of(raw, tmp_path, period_s=7.0)
     next(rounds)
     with pytest.raises(KeyboardInterrupt):
         next(rounds)
-    assert looks == [7.0] * 5
+    assert slept == [7.0] * 5
 
 
 def test_a_manifest_that_is_refused_is_not_waited_for(tmp_path):
     with pytest.raises(ManifestError, match=r"holds no campaign\.toml"):
-        next(watch(tmp_path, tmp_path / "out", "serial", 0))
+        next(watching_of(tmp_path, tmp_path))
 
 
 def test_ctrl_c_ends_it_with_130_and_products_stand(recording, tmp_path, monkeypatch):
@@ -157,7 +163,7 @@ def test_ctrl_c_ends_it_with_130_and_products_stand(recording, tmp_path, monkeyp
         raise KeyboardInterrupt
 
     monkeypatch.setattr(watching.time, "sleep", interrupted)
-    monkeypatch.setattr(watching.watch, "__defaults__", (*watching.watch.__defaults__[:-1], FIRST))
+    monkeypatch.setattr("nearlift.commands.run.STAGES", FIRST)
     found = small_run.nearlift(
         "run", raw, "--watch", "--every", "1", "--out", tmp_path, "--json", "--executor", "serial"
     )
@@ -184,12 +190,14 @@ def test_a_question_is_for_who_watches(tmp_path, words, told):
 
 
 def test_what_is_to_be_planned_is_asked_at_each_look(monkeypatch, tmp_path):
-    looks = []
-    monkeypatch.setattr("nearlift.run.watch.watch", lambda *given: looks.append(given[-1]) or [])
+    asked = []
+    monkeypatch.setattr(
+        "nearlift.run.watch.watch", lambda *given: asked.append(given[5].args[0]) or []
+    )
     words = ["--watch", "--next", "K_b", "--until", "0.05"]
     for more in ([], ["--rounds", "0.2"]):
         assert small_run.nearlift("run", tmp_path, *words, *more).exit_code == 0
-    assert looks == [AskedQuestion.parsed("K_b", 0.05), AskedQuestion.parsed("K_b", 0.05, 0.2)]
+    assert asked == [AskedQuestion.parsed("K_b", 0.05), AskedQuestion.parsed("K_b", 0.05, 0.2)]
 
 
 def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
@@ -201,14 +209,14 @@ def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
 def test_what_the_round_says_is_what_is_quoted(tmp_path):
     compared.write(tmp_path, "a", 0.125, 0.01)
     content = json.loads((tmp_path / "processed" / "a" / "results.json").read_text())
-    said = watching._headlines(decode(Results, content), NOTHING)
+    said = looks.headlines(decode(Results, content), NOTHING)
     assert next(said) == "ground K_b = 0.125 ± 0.010"
-    assert list(watching._headlines(Results(boundaries={}), NOTHING)) == []
+    assert list(looks.headlines(Results(boundaries={}), NOTHING)) == []
 
 
 def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
     raw, late = recording
-    rounds = watch(raw, tmp_path / "out", "serial", 0, PERIOD_S, stages=graph.STAGES[:4])
+    rounds = watching_of(raw, tmp_path, STAGES[:4])
     product = tmp_path / "out/processed/small/diagnosis.json"
     words = next(rounds).words
     assert (
@@ -222,21 +230,21 @@ def test_looks_are_paid_for_until_the_last_trial_is_in(recording, tmp_path):
     assert last.words.endswith("; ground adequate")
     # as of a campaign that nobody watched
     plain = small_run.job(raw, tmp_path / "plain")
-    list(graph.run(plain, graph.STAGES[:4]))
+    list(engine.run(plain, STAGES[:4]))
     assert (plain.processed / "diagnosis.json").read_bytes() == product.read_bytes()
 
 
 def test_a_schedule_that_grows_is_told_to_say_how_long_it_will_be(tmp_path, monkeypatch):
     """With no trial to come each look is the end; only the manifest can say otherwise."""
     stamps = iter(range(9))
-    monkeypatch.setattr(watching.manifests, "load", lambda root: SimpleNamespace(name="grows"))
+    monkeypatch.setattr(manifests, "load", lambda root: SimpleNamespace(name="grows"))
     monkeypatch.setattr(watching, "_stamps", lambda root: next(stamps))
     for planned in (False, True):
         rounds = iter(
             Round(ran=("fit",), scheduled=n, planned=planned, words="so far") for n in (80, 80, 96)
         )
         monkeypatch.setattr(watching, "_round", lambda *_, rounds=rounds: (next(rounds), False))
-        seen = watch(tmp_path, tmp_path, "serial", 0, 0.0)
+        seen = watch(tmp_path, tmp_path, (), "serial", 0, looks.look, 0.0)
         words = [next(seen).words for _ in range(3)]
         assert words[:2] == ["so far", "so far"]
         assert words[2] == ("so far" if planned else f"so far; {watching.GROWS}")

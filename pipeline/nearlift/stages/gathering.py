@@ -1,0 +1,76 @@
+"""Evidence of a report: all products that some figure or chapter reads, in memory."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from nearlift.report.evidence import Columns, Evidence
+from nearlift.results.serial import Json
+from nearlift.run import tables
+from nearlift.run.engine import Job, versions
+from nearlift.stages import PRODUCTS, overlays
+from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.flow import FLOW_PRODUCTS
+from nearlift.stages.ingest import TRIALS
+from nearlift.stages.observe import boundaries, observe
+from nearlift.stages.trial_table import trial_table
+
+if TYPE_CHECKING:
+    from nearlift.campaign.manifest import Campaign
+    from nearlift.report.figures.files import Draw
+
+#: Products without which there is nothing to report.
+NEEDED = (TRIALS, FIT, RESULTS)
+
+
+def gather(job: Job) -> Evidence:
+    """The products of a campaign that the report shows, and what the page says of their making."""
+    from nearlift.report.registry import CHAPTERS, FIGURES
+
+    read = (
+        {p for spec in FIGURES for p in spec.needs}
+        | {p for chapter in CHAPTERS for p in chapter.needs}
+        | {RESULTS}
+    )
+    read_tables: dict[str, tables.Table] = {}
+    documents: dict[str, Json] = {}
+    digests = {}
+    for product in PRODUCTS:
+        path = job.processed / product.file
+        gone = product in FLOW_PRODUCTS and job.campaign.piv is None
+        if product not in read or gone or (product not in NEEDED and not path.is_file()):
+            continue
+        if path.suffix == ".json":
+            documents[product.file] = job.read_json(product)
+        else:
+            read_tables[product.file] = job.read(product)
+        digests[product.file] = tables.sha256(path)
+    trials = read_tables[TRIALS.file]
+    fitted = documents[FIT.file]["boundaries"]
+    return Evidence(
+        campaign=job.campaign,
+        tables=read_tables,
+        documents=documents,
+        observations={
+            b: observe(trials, job.campaign, b) for b in boundaries(trials) if b in fitted
+        },
+        overlays=overlays.read(job.root, job.campaign),
+        digests=digests,
+        inputs=dict(job.inputs),
+        versions=versions(),
+        seed=job.seed,
+        trial_table=partial(trial_table, job),
+    )
+
+
+def for_print(draw: Draw, table: Columns, campaign: Campaign | None = None) -> dict[str, bytes]:
+    """The files of one figure that is not part of the report: pdf, png and csv, in the style that a
+    campaign asks for.
+    """
+    from nearlift.report.figures.files import render
+    from nearlift.report.figures.style import Style, style_of
+    from nearlift.report.tidy import to_csv
+
+    style = style_of(campaign) if campaign else Style()
+    return render(draw, table, style) | {"csv": to_csv(table)}

@@ -1,0 +1,70 @@
+"""What a campaign shows once its stages are up to date, in a line: for `run` of many campaigns, and
+for a campaign that is being recorded.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from nearlift.errors import NearliftError
+from nearlift.reduction.quality import rejected
+from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
+from nearlift.results.quotation import Results
+from nearlift.run import tables
+from nearlift.run.engine import Job
+from nearlift.run.watch import Round
+from nearlift.stages.asked import AskedQuestion
+from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
+
+
+def verdicts(job: Job) -> str:
+    """The verdict of each boundary, or the effects that explain it."""
+    diagnosed = tables.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
+    return ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in diagnosed.items())
+
+
+def _verdict(loop: BoundaryDiagnosis | NotDiagnosed) -> str:
+    return " + ".join(effect.name for effect in loop.effects) or loop.verdict
+
+
+def look(asked: AskedQuestion | None, job: Job, fresh: bool) -> Round:
+    """A round of `run.watch`: trials so far, what is quoted of them, and the next visits where they
+    are `asked` for and results are `fresh`.
+    """
+    quality = job.read(TRIALS)["quality"]
+    diagnosis = tables.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING)
+    quoted = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
+    good = len(quality) - int(rejected(quality).sum())
+    return Round(
+        good=good,
+        scheduled=len(quality),
+        planned=job.campaign.diagnose.planned_trials is not None,
+        words="; ".join([f"{good} of {len(quality)} trials", *headlines(quoted, diagnosis)]),
+        next=visits(asked, job) if asked and fresh else (),
+    )
+
+
+def headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
+    """Each boundary's first coefficient, as quoted, the verdict behind it, and the threshold of a
+    claim where trials are still to come.
+    """
+    for boundary, result in quoted.boundaries.items():
+        if result.headline:
+            yield f"{boundary} {result.headline_text}"
+        if result.verdict != NOT_DIAGNOSED:
+            diagnosed = diagnosis.boundaries.get(boundary)
+            interim = diagnosed.look if isinstance(diagnosed, BoundaryDiagnosis) else None
+            yield f"{boundary} {result.claim}" + (f" ({interim.text})" if interim else "")
+
+
+def visits(asked: AskedQuestion, job: Job) -> tuple[str, ...]:
+    """The next visits, or why there are none to propose."""
+    from nearlift.stages import next_visits
+
+    try:
+        batches, elsewhere = next_visits.run(job, asked)
+    except NearliftError as refusal:
+        return (f"next: {refusal.what}; {refusal.remedy}",)
+    return (*(line for batch in batches for line in batch.brief), *elsewhere)

@@ -1,0 +1,143 @@
+"""Flights near ground and ceiling, of the presets and of this campaign's models."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from dataclasses import replace
+
+from nearlift.campaign.forecasts import Simulate
+from nearlift.campaign.manifest import boundaries_of
+from nearlift.declare import Boundary
+from nearlift.flight import paper
+from nearlift.flight.crash_rate import refuse_few
+from nearlift.flight.fitted import FittedFlights, conditions, fitted_flights
+from nearlift.flight.paper import Rows
+from nearlift.flight.roll import Roll, roll_beside_wall
+from nearlift.flight.safety_result import PresetFlights, SafetyResult
+from nearlift.flight.vehicle import Craft
+from nearlift.randomness import generator
+from nearlift.results.fit import FitResults
+from nearlift.run.engine import Job, Say, subprogress
+from nearlift.stages.fit import FIT
+from nearlift.stages.quoted_lift import fitted_lift
+from nearlift.stages.simulate import SAFETY
+
+#: Air density where the manifest gives none, kg/m^3: the paper's.
+AIR = 1.2
+#: Number of draws of the sidewall's model behind the torque.
+ROLL_DRAWS = 400
+
+
+def simulated_flights(job: Job) -> tuple[SafetyResult, Rows, Rows, tuple[str, ...]]:
+    """The result, rows of crash rates and of sample flights, and notes."""
+    chosen = job.campaign.simulate or Simulate()
+    for risk in chosen.risks:
+        refuse_few(risk, chosen.flights)
+    for boundary in _flown(job):
+        job.campaign.contact_m(boundary)
+    key = int(generator(job.seed, "simulate").integers(2**63))
+    job = replace(job, say=_counting(job, chosen))
+    published, rates, samples = _presets(job, chosen, key)
+    fitted, fitted_rates = _fitted(job, chosen, key)
+    result = SafetyResult(
+        schema=SAFETY.schema, presets=published, fitted=fitted, roll=_roll(job, chosen)
+    )
+    tests = {
+        f"{name} {boundary}": flown.convergence
+        for name, preset in published.items()
+        for boundary, flown in preset.boundaries.items()
+    } | {f"fitted {boundary}": flown.convergence for boundary, flown in fitted.items()}
+    warned = [f"{what}: {test.warning}" for what, test in tests.items() if not test.converged]
+    return result, rates + fitted_rates, samples, tuple(warned)
+
+
+def _flown(job: Job) -> list[Boundary]:
+    """Boundaries at which this campaign's models are flown."""
+    return boundaries_of([b for b in job.read_json(FIT)["boundaries"] if b in paper.MODELS])
+
+
+def _counting(job: Job, chosen: Simulate) -> Say:
+    """Progress of the stage, one step for each boundary of each preset and fitted model."""
+    of = len(chosen.presets) * len(paper.MODELS) + len(_flown(job))
+    done = itertools.count()
+
+    def say_step(text: str, share: float | None = None, /) -> None:
+        subprogress(job.say, next(done), of)(text, share)
+
+    return say_step
+
+
+def vehicle(job: Job, chosen: Simulate) -> Craft:
+    """The campaign's vehicle as the simulation knows it, with the mass that it flies with."""
+    v, rig = job.campaign.vehicle, job.campaign.rig
+    fits, mass_kg = job.load(FitResults), chosen.mass or v.mass
+    most = max(
+        (e.value for b in fits.boundaries for e in fits.of_base(b).L_inf_N.values()), default=0.0
+    )
+    return Craft(
+        radius_m=v.rotor_radius,
+        mass_kg=mass_kg,
+        gravity_m_s2=rig.gravity,
+        density_kg_m3=rig.air_density or AIR,
+        C_L=chosen.lift_coefficient,
+        rotors=v.rotors,
+        motor_lag_s=v.motor_lag,
+        # a bench that never carried the weight does not show the largest lift
+        most_lift_N=v.thrust_limit or (most if most > mass_kg * rig.gravity else math.inf),
+    )
+
+
+def _presets(job: Job, chosen: Simulate, key: int) -> tuple[dict[str, PresetFlights], Rows, Rows]:
+    """The paper's models under each preset, with their crash rates, and sample histories."""
+    published: dict[str, PresetFlights] = {}
+    rates, samples = Rows(), Rows()
+    for name in chosen.presets:
+        preset = paper.preset(name)
+        how = preset.monte_carlo(chosen.flights, key, job.executor.map)
+        boundaries = {}
+        for boundary in paper.MODELS:
+            job.say(f"simulate {name} {boundary}")
+            boundaries[boundary], rows = paper.published_flights(
+                preset, boundary, how, chosen.risks
+            )
+            rates += rows
+            samples += paper.histories(preset, boundary, key) if name == "paper" else []
+        published[name] = PresetFlights(meaning=preset.meaning, boundaries=boundaries)
+    return published, rates, samples
+
+
+def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, FittedFlights], Rows]:
+    """The campaign's models at each boundary, with their crash rates."""
+    craft = vehicle(job, chosen)
+    fitted: dict[Boundary, FittedFlights] = {}
+    rates = Rows()
+    for boundary in _flown(job):
+        job.say(f"simulate fitted {boundary}")
+        lift = fitted_lift(job, boundary, chosen.draws)
+        contact_m = job.campaign.contact_m(boundary)
+        groups, how = conditions(
+            chosen, boundary, craft, contact_m, key, job.executor.map, job.campaign.vehicle.mass
+        )
+        held = job.campaign.rig.held
+        fitted[boundary], rows = fitted_flights(lift, chosen, groups, how, held, craft, job.seed)
+        rates += rows
+    return fitted, rates
+
+
+def _roll(job: Job, chosen: Simulate) -> Roll | None:
+    """Roll beside a wall by this campaign's fit; None without a sidewall or four rotors."""
+    v = job.campaign.vehicle
+    if "sidewall" not in job.read_json(FIT)["boundaries"] or v.rotors != 4 or not v.rotor_spacing:
+        return None
+    lift = fitted_lift(job, "sidewall", ROLL_DRAWS)
+    return roll_beside_wall(
+        lift.ratios,
+        lift.measured_z_hat[0],
+        weight_N=v.mass * job.campaign.rig.gravity,
+        arm_m=v.rotor_spacing / 2,
+        spacing_hat=v.rotor_spacing / v.rotor_radius,
+        inertia_kg_m2=chosen.roll_inertia,
+        u_inertia=chosen.roll_inertia_uncertainty,
+        rng=generator(job.seed, "roll"),
+    )

@@ -1,0 +1,228 @@
+"""Executors change no result; what dies is reported; several campaigns end as each alone would."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from tests.run.tasks import die, late_first, verdict
+from tests.unit import small_run
+
+from nearlift import blas, isolation
+from nearlift.errors import InputRefused, UsageError
+from nearlift.run import engine, workers
+from nearlift.run.workers import SerialExecutor, open_executor, ordered, run_campaigns
+from nearlift.stages import STAGES
+
+FIRST = STAGES[:1]
+
+
+def square(x):
+    return x * x
+
+
+@pytest.mark.parametrize("name", ["serial", "threads:2", "processes:2"])
+def test_results_come_in_order(name):
+    with open_executor(name) as pool:
+        assert list(ordered(pool, late_first, range(12))) == list(range(12))
+
+
+def test_at_most_so_many_tasks_are_in_flight():
+    drawn = []
+
+    def specs():
+        for x in range(100):
+            drawn.append(x)
+            yield x
+
+    with open_executor("serial") as pool:
+        results = ordered(pool, square, specs(), ahead=5)
+        for taken in range(20):
+            next(results)
+            assert len(drawn) <= taken + 6
+        results.close()
+
+
+def test_what_waits_is_cancelled_when_the_caller_stops():
+    started, gate = [], threading.Event()
+
+    def task(x):
+        started.append(x)
+        if x:
+            gate.wait(5)
+        return x
+
+    with concurrent.futures.ThreadPoolExecutor(1) as pool:
+        results = ordered(pool, task, range(8), ahead=8)
+        assert next(results) == 0
+        results.close()
+        gate.set()
+    assert len(started) < 8
+
+
+def test_serial_carries_faults_in_the_future_but_lets_an_interrupt_through():
+    def interrupt():
+        raise KeyboardInterrupt
+
+    assert isinstance(SerialExecutor().submit(int, "x").exception(), ValueError)
+    with pytest.raises(KeyboardInterrupt):
+        SerialExecutor().submit(interrupt)
+
+
+@pytest.mark.parametrize(
+    ("text", "what"),
+    [
+        ("gpu", r"is not an executor\n  use serial, threads:N, processes:N or dask:ADDRESS"),
+        ("serial:2", "is not an executor"),
+        ("dask:", "is not an executor"),
+        ("dask:tcp://a:1", "takes whole campaigns"),
+        ("threads:0", r"'threads:0' names no number of workers\n  write threads:2"),
+        ("processes:two", "names no number"),
+    ],
+)
+def test_an_executor_that_is_not_one_is_refused(text, what):
+    with pytest.raises(UsageError, match=what), open_executor(text):
+        pass
+
+
+def test_processes_import_nothing_from_the_current_folder_and_have_one_blas_thread(monkeypatch):
+    for name in (*blas.VARIABLES, isolation.SAFE_PATH):
+        monkeypatch.delenv(name, raising=False)
+    with open_executor("processes:1") as pool:
+        names = (isolation.SAFE_PATH, *blas.VARIABLES)
+        assert list(pool.map(os.getenv, names)) == ["1"] * 4
+    assert isolation.SAFE_PATH not in os.environ
+
+
+def test_trials_are_the_same_bytes_wherever_they_were_reduced(tmp_path):
+    root, found = small_run.write(tmp_path / "raw", form="parquet", visits=1), set()
+    for name in ("serial", "threads:2", "processes:2"):
+        with open_executor(name) as pool:
+            job = small_run.job(root, tmp_path / name.replace(":", ""), executor=pool)
+            list(engine.run(job, FIRST))
+            found.add((job.processed / "trials.parquet").read_bytes())
+    assert len(found) == 1
+
+
+def test_a_worker_that_dies_ends_the_stage_with_a_message(tmp_path):
+    def run(job):
+        list(job.executor.map(die, [0]))
+
+    stage = engine.Stage(name="dies", summary="dies", run=run)
+    root = small_run.write(tmp_path / "raw", visits=1)
+    with open_executor("processes:1") as pool:
+        job = small_run.job(root, tmp_path / "out", executor=pool, stages=(stage,))
+        with pytest.raises(InputRefused, match=r"--executor: a worker process died\n  use fewer"):
+            list(engine.run(job))
+
+
+# ---- several campaigns
+
+
+def campaigns(tmp_path, count=2):
+    roots = []
+    for i in range(count):
+        root = small_run.write(tmp_path / f"raw{i}", visits=1)
+        text = (root / "campaign.toml").read_text()
+        (root / "campaign.toml").write_text(text.replace(f'"{small_run.NAME}"', f'"c{i}"', 1))
+        roots.append(root)
+    return roots
+
+
+@pytest.mark.parametrize("executor", ["serial", "processes:2"])
+def test_campaigns_end_as_each_alone_would(tmp_path, executor):
+    one, two = campaigns(tmp_path)
+    (two / "trials.csv").unlink()
+    nowhere = tmp_path / "nowhere"
+    ends = list(run_campaigns([one, two, nowhere], tmp_path / "out", FIRST, executor, 0, verdict))
+    assert [end.campaign for end in ends][::2] == ["c0", str(nowhere)]
+    assert [end.exit_code for end in ends] == [0, 4, 2]
+    assert ends[0].words == "seen"
+    assert ends[0].ran == ("ingest",)
+    assert ends[1].words.startswith("exit code 4: ")
+    assert workers.gravest(ends) == 4
+    (again,) = run_campaigns([one], tmp_path / "out", FIRST, "serial", 0, verdict)
+    assert again.words == "seen; up to date"
+    (forced,) = run_campaigns([one], tmp_path / "out", FIRST, "serial", 0, verdict, "ingest")
+    assert forced.ran == ("ingest",)
+
+
+def test_two_campaigns_of_one_name_are_refused(tmp_path):
+    root = small_run.write(tmp_path / "raw", visits=1)
+    with pytest.raises(UsageError, match="has the same name as"):
+        list(run_campaigns([root, root], tmp_path, FIRST, "serial", 0, verdict))
+
+
+def test_a_campaign_whose_process_dies_ends_the_command(tmp_path):
+    with pytest.raises(InputRefused, match="a worker process died; campaigns without a line"):
+        list(run_campaigns(campaigns(tmp_path), tmp_path, FIRST, "processes:1", 0, die))
+
+
+# ---- dask
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler and a worker, as processes."""
+    pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
+    file, started = tmp_path / "scheduler.json", []
+
+    def start(module, *words):
+        command = [sys.executable, "-m", module, "--scheduler-file", str(file), *words]
+        quiet = subprocess.DEVNULL
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+        started.append(subprocess.Popen(command, stdout=quiet, stderr=quiet, env=environment))
+        return started[-1]
+
+    scheduler = start(
+        "distributed.cli.dask_scheduler", "--port", "0", "--host", "127.0.0.1", "--no-dashboard"
+    )
+    deadline = time.monotonic() + 60
+    while not file.exists() or not file.read_text():
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    import json
+
+    address = json.loads(file.read_text())["address"]
+    worker = start("distributed.cli.dask_worker", "--no-dashboard", "--no-nanny", "--nthreads", "1")
+    yield address, scheduler, worker
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+def test_a_cluster_takes_whole_campaigns(cluster, tmp_path):
+    address, _, _ = cluster
+    ends = list(run_campaigns(campaigns(tmp_path), tmp_path, FIRST, f"dask:{address}", 0, verdict))
+    assert [(end.campaign, end.exit_code) for end in ends] == [("c0", 0), ("c1", 0)]
+    assert (tmp_path / "processed/c1/trials.parquet").is_file()
+
+
+@pytest.mark.parametrize(
+    ("which", "what"), [(1, "the dask scheduler at .* died"), (2, "has had no worker for 2 s")]
+)
+def test_a_cluster_that_dies_ends_the_command(cluster, tmp_path, monkeypatch, which, what):
+    monkeypatch.setattr(workers, "WITHOUT_WORKERS_S", 2.0)
+    threading.Timer(3, cluster[which].kill).start()
+    with pytest.raises(InputRefused, match=what):
+        list(workers._on_cluster(cluster[0], time.sleep, [600]))
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "127.0.0.1:port", "silent"])
+def test_a_scheduler_that_does_not_answer_is_reported(address, monkeypatch):
+    pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
+    monkeypatch.setattr(workers, "ANSWER_S", 0.3)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        # somebody listens, who is no scheduler
+        address = address.replace("silent", f"tcp://127.0.0.1:{silent.getsockname()[1]}")
+        with pytest.raises(
+            UsageError, match=f"no dask scheduler answers at '{address}'.*\\n  start one"
+        ):
+            list(workers._on_cluster(address, square, [1]))
