@@ -20,7 +20,6 @@ from nearlift.readers.channel import Malformed
 from nearlift.readers.files import files_per_trial, per_trial, source_of
 from nearlift.readers.seam import MARK, Piece, Reader
 from nearlift.reduction import plausibility, quality
-from nearlift.reduction.record import prepare
 from nearlift.run import intact, store
 from nearlift.run.job import Job, Outcome
 from nearlift.schedule import Schedule, read_schedule, schedule_file
@@ -64,15 +63,9 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
 
 
 def soon(campaign: Campaign, workers: int) -> None:
-    """Make ready, while files are digested, what reads the records: machine code, or the processes
-    that will, and then what writes tables.
-    """
+    """Start, while files are digested, the processes that will read the records."""
     reader = readers.reader(campaign.records.reader)
-    if not reader.series:
-        return
-    in_child = reader.format is not None and reader.format.child
-    prepare()
-    if in_child and workers:
+    if reader.format is not None and reader.format.child and workers:
         guarded.run.start()
         # it begins a thread, after which no copies of this process are made
         store.ready()
