@@ -15,11 +15,6 @@ config = numba.core.config
 config._config_fname = os.devnull
 
 
-def inlined(function: Any) -> Any:
-    """A part that is set into a compiled function wherever it is called."""
-    return numba.njit(inline="always")(function)
-
-
 def compiled(function: Any, **how: Any) -> Any:
     """The function compiled, and kept for the next run where there is a folder for it."""
     how = {"nogil": True, "error_model": "numpy", **how}

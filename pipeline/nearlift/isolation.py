@@ -103,39 +103,6 @@ def code_folder() -> Path | None:
         return None
 
 
-def private_bytes(path: Path) -> bytes:
-    """What a file of the code folder holds; raises `OSError` where it is a link, another user's, or
-    others may read or write it.
-    """
-    descriptor = os.open(
-        path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_BINARY", 0)
-    )
-    with os.fdopen(descriptor, "rb") as file:
-        if os.name == "posix":
-            here = os.fstat(descriptor)
-            if (
-                not stat.S_ISREG(here.st_mode)
-                or here.st_uid != os.geteuid()
-                or here.st_mode & 0o077
-            ):
-                raise PermissionError(f"{path} is not this user's alone")
-        return file.read()
-
-
-def keep_private(path: Path, content: bytes) -> None:
-    """Put a file with mode 0600 into the code folder in one step."""
-    unfinished = path.with_name(f".{path.name}.{os.getpid()}")
-    unfinished.unlink(missing_ok=True)
-    with os.fdopen(
-        os.open(
-            unfinished, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o600
-        ),
-        "wb",
-    ) as file:
-        file.write(content)
-    unfinished.replace(path)
-
-
 def _is_private(folder: Path) -> bool:
     here = folder.lstat()
     if (

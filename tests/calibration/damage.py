@@ -99,14 +99,6 @@ def tally(subject: Subject, how: str, folder: Path) -> Counter[str]:
 
 def ours(name: str, column: str, dialect: dict[str, Any] | None = None) -> Read:
     """Nearlift's own reader of that name."""
-    if name == "csv":
-        from nearlift.readers.csv_trial import parse
-
-        def by_csv(path: Path) -> tuple[Sequence[float], Sequence[str]]:
-            force, _, codes = parse(path.read_bytes(), str(path), "force")
-            return list(force), codes
-
-        return by_csv
     form = readers.reader(name).format
     assert form is not None
 

@@ -39,7 +39,7 @@ def _file(data: bytes) -> Path:
 
 
 def csv(data: bytes) -> None:
-    csv_trial.parse(data, "f", "force", "t")
+    csv_trial.contents(_file(data), {}, ("force", "t"))
 
 
 def reduction(data: bytes) -> None:

@@ -507,7 +507,7 @@ STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
         "14 duplicate column names",
         everywhere(lambda c: b"force,force\n1,2\n"),
         4,
-        "line 1: more than one column 'force'",
+        "has more than one column 'force'",
     ),
     (
         "14 header repeated",

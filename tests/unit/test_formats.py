@@ -143,25 +143,6 @@ def test_a_clock_beside_the_force(tmp_path: Path) -> None:
         records(tmp_path, "hdf5", "/force", "gf", "{trial}.h5", time=time)
 
 
-@pytest.mark.parametrize(
-    ("dialect", "match"),
-    [
-        ({"seperator": ";"}, "did you mean 'separator'"),
-        ({"skip": "1"}, "'1' is no int"),
-        ({"skip": True}, "True is no int"),
-        ({"skip": -1}, "-1 is negative"),
-        ({"columns": ["a", 1]}, "holds more than texts"),
-        ({"columns": ["a"], "units": ["s", "N"]}, "names 2 units for 1 columns"),
-        ({"decimal": "'"}, "is no decimal sign"),
-        ({"encoding": "utf-99"}, "is no encoding"),
-    ],
-)
-def test_a_dialect_is_checked(tmp_path: Path, dialect: dict[str, Any], match: str) -> None:
-    written.put(tmp_path, "a.txt", written.german([1.0, 2.0]))
-    with pytest.raises(ManifestError, match=match):
-        records(tmp_path, "text", "Kraft", "mN", "{trial}.txt", dialect=dialect)
-
-
 # ---- names and units
 
 

@@ -80,17 +80,6 @@ def test_without_a_place_of_the_users_own_nothing_is_kept(tmp_path, monkeypatch,
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_kept_file_that_is_a_link_or_that_others_may_touch_is_not_read(tmp_path):
-    isolation.keep_private(tmp_path / "kept", b"code")
-    assert isolation.private_bytes(tmp_path / "kept") == b"code"
-    (tmp_path / "link").symlink_to(tmp_path / "kept")
-    with pytest.raises(OSError, match="link"):
-        isolation.private_bytes(tmp_path / "link")
-    (tmp_path / "kept").chmod(0o620)
-    with pytest.raises(PermissionError, match="not this user's alone"):
-        isolation.private_bytes(tmp_path / "kept")
-
-
 def twice(x):
     return 2 * x
 

@@ -152,7 +152,7 @@ def follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | N
 
     end_politely()
     call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
-    looks = watch(
+    rounds = watch(
         campaign,
         call.out,
         STAGES,
@@ -162,7 +162,7 @@ def follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | N
         period_s,
         call.progress,
     )
-    for latest in looks:
+    for latest in rounds:
         for line in (latest.words, *latest.next):
             call.line(line)
         if call.as_json:

@@ -140,14 +140,14 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
         content = guarded.call(packed.content, path)
         layout = sniff(content, str(path), text.given(dialect))
         lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
-        width, cells = len(layout.names), layout.cells
+        width = len(layout.names) if layout.trailing else None
         rows = tuple(
             tuple(
-                c.replace(",", ".") if cells.decimal == "," else c
-                for c in cells.split(line)[: width if cells.trailing else None]
+                c.replace(",", ".") if layout.decimal == "," else c
+                for c in layout.split(line)[:width]
             )
             for line in lines
-            if not cells.skips(line)
+            if not layout.skips(line)
         )
     except (InputRefused, Malformed, UnicodeDecodeError, csv.Error):
         return None

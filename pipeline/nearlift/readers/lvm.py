@@ -26,8 +26,7 @@ from nearlift.readers.channel import (
     unit_word,
     wanted,
 )
-from nearlift.readers.dialect import HEAD
-from nearlift.readers.layout import encoding_of
+from nearlift.readers.dialect import HEAD, encoding_of
 from nearlift.readers.per_file import Format, reader_of
 from nearlift.readers.table import no_nul, number, value_of
 

@@ -148,7 +148,7 @@ def record_of(contents: Contents, spec: ChannelSpec, trial: str, where: str, sou
     """The record of one trial from the channels of its file; `InputRefused` where one is not there,
     or contradicts the manifest's unit or rate.
     """
-    if not contents.channels and "NO_DATA" in contents.codes:
+    if not contents.channels and {"EMPTY", "NO_DATA"} & set(contents.codes):
         return Record(trial=trial, source=source, codes=contents.codes, notes=contents.notes)
     column, tick = spec.of_trial(trial)
     channel = pick(contents.channels, column, "records.force.column", where)

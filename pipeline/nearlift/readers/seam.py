@@ -48,8 +48,6 @@ class Record:
         Remarks for the user, without the file's name: alike ones of many records are told once.
     fault : str
         What is wrong with a MALFORMED record, in words.
-    sha256 : callable or None
-        Digest of the whole file, from bytes that the reader still holds; None where it holds none.
     """
 
     trial: str
@@ -59,7 +57,6 @@ class Record:
     codes: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     fault: str = ""
-    sha256: Callable[[], str] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,10 +20,10 @@ from nearlift.readers.channel import (
     fold,
     split_unit,
 )
-from nearlift.readers.layout import UNGIVEN, Layout
+from nearlift.readers.dialect import UNSTATED
 from nearlift.readers.per_file import Format, reader_of
 from nearlift.readers.seam import Reader
-from nearlift.readers.table import CellSyntax
+from nearlift.readers.table import Layout
 from nearlift.readers.text import from_text, head_of, with_rate
 
 #: A stand that shows this much lift turns, whatever its speed channel says, N.
@@ -85,14 +85,14 @@ def stand_reader(
             )
         layout = Layout(
             encoding="utf-8-sig" if head.startswith(b"\xef\xbb\xbf") else "utf-8",
-            cells=CellSyntax(trailing=trailing),
+            trailing=trailing,
             names=tuple(columns),
             units=tuple(split_unit(name)[1] for name in columns),
             first=2,
             texts=tuple(i for i, name in enumerate(columns) if fold(split_unit(name)[0]) in texts),
         )
         turning = tuple(name for name in columns if speeds(fold(split_unit(name)[0])))
-        file = from_text(path, UNGIVEN, names if names is None else (*names, *turning), layout)
+        file = from_text(path, UNSTATED, names if names is None else (*names, *turning), layout)
         codes = (*file.codes, *_dead(file.channels, turning))
         if not len(file.channels) or not len(file.channels[0].values):
             codes = (*codes, "NO_DATA")

@@ -1,14 +1,16 @@
-"""The numbers of a text table, strictly: every line has the cells that the header promises, every
-cell wanted is a number, or what loggers write where there is none.
+"""Rows of a text table as numbers, by one strict layout.
 
-Two ways to the same bits: pyarrow's, and, where there is a line that it cannot read, a slow one
-that reads the words for "no number" and names the first bad line.
+Every line has one cell for each column name. Every wanted cell is a number, or a word that loggers
+write for "no number". pyarrow parses; where it refuses, Python's csv reads line by line and names
+the first bad line. Both give the bits of Python's `float`.
 """
 
 from __future__ import annotations
 
 import csv
-import io
+import fnmatch
+import functools
+import glob
 import json
 import math
 import re
@@ -25,104 +27,166 @@ from nearlift.units import NUMBER
 if TYPE_CHECKING:
     import pyarrow as pa
 
-#: A separator that stands for runs of blanks and tabs, and one that never occurs: the line is one
-#: cell.
+#: Runs of blanks and tabs as the separator, and no separator: the line is one cell.
 BLANKS, NONE = " ", ""
-#: What loggers write where there is no number, in lower case.
+#: Names of separators in a manifest, in the order in which they are tried.
+SEPARATORS = {
+    "tab": "\t",
+    "semicolon": ";",
+    "comma": ",",
+    "bar": "|",
+    "blank": BLANKS,
+    "none": NONE,
+}
+#: Separators in a sentence.
+SPOKEN = {sign: f"{name}s" for name, sign in SEPARATORS.items()} | {NONE: "line ends"}
+#: Words of loggers for "no number", in lower case.
 NO_NUMBER = re.compile(
     r"(?:[-+]?(?:nan|inf)|over|ovf?l|o\.?l|#nv|#?n/a|na|null|-?1\.#(?:inf|qnan|ind))?"
 )
-
-
-def _stands_for(form: str, line: str) -> bool:
-    """Whether a line is the one of this form, in which ``*`` stands for anything."""
-    first, *between = form.split("*")
-    if not between:
-        return line == form
-    last, at = between.pop(), len(first)
-    if not line.startswith(first):
-        return False
-    for part in between:
-        at = line.find(part, at)
-        if at < 0:
-            return False
-        at += len(part)
-    return line.endswith(last) and len(line) - len(last) >= at
+#: The usual spellings of these words, for pyarrow; it knows nan and inf itself.
+_WORDS = [
+    spelling
+    for word in (
+        *("over", "ovfl", "ovl", "o.l", "ol", "#nv", "n/a", "#n/a", "na", "null"),
+        *(f"{sign}1.#{kind}" for sign in ("", "-") for kind in ("inf", "qnan", "ind")),
+    )
+    for spelling in (word, word.upper(), word.capitalize())
+]
+_DAMAGED = "the file is damaged; copy it anew from the rig, or take the trial out of the schedule"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CellSyntax:
-    """How the lines of a table are cut into cells and cells become numbers.
+class Layout:
+    """The complete dialect of a text table.
 
-    The `separator` is one character, `BLANKS` for any run of blanks and tabs, or `NONE` for one
-    cell to a line; the `decimal` sign is ``.`` or ``,``. `trailing`: every line ends with a
-    separator, so that a blank cell follows the last. `ignore` are whole lines (such as START) that
-    are no rows; ``*`` stands for anything in them. `labels`: cells are ``name: number``, with the
-    same names on every line.
+    Attributes
+    ----------
+    separator : str
+        One character, `BLANKS` or `NONE`.
+    decimal, thousands : str
+        The decimal sign, ``.`` or ``,``; the sign between thousands, if any.
+    trailing : bool
+        Every line ends with a separator, so that a blank cell follows the last.
+    ignore : tuple of str
+        Whole lines (such as START) that are no rows; ``*`` matches anything.
+    labels : bool
+        Cells are ``name: number``, with the same names on every line.
+    names, units : tuple of str
+        The columns.
+    first : int
+        Line of the first row, from 1.
+    preamble : tuple of str
+        Lines above the column names.
+    texts : tuple of int
+        Indices of the columns that hold text.
     """
 
+    encoding: str = "utf-8"
     separator: str = ","
     decimal: str = "."
+    thousands: str = ""
     trailing: bool = False
     ignore: tuple[str, ...] = ()
     labels: bool = False
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    first: int = 1
+    preamble: tuple[str, ...] = ()
+    texts: tuple[int, ...] = ()
 
     @property
-    def plain(self) -> bool:
-        """Whether pyarrow can cut the lines as they stand."""
-        return self.separator not in (BLANKS, NONE) and not self.labels and not self.ignore
+    def numeric(self) -> list[int]:
+        """Indices of the columns of numbers."""
+        return [i for i in range(len(self.names)) if i not in self.texts]
 
     def skips(self, line: str) -> bool:
         """Whether a line is no row: it is blank, or to be ignored."""
         plain = line.strip()
-        return not plain or any(_stands_for(form, plain) for form in self.ignore)
+        return not plain or any(matches(form, plain) for form in self.ignore)
 
     def split(self, line: str) -> list[str]:
-        """The cells of one line, blanks around them taken off; labels, if any, are kept."""
+        """The cells of one line without the blanks around them; labels are kept."""
         if self.separator == NONE:
             return [line.strip()]
         if self.separator == BLANKS:
             return line.split()
-        # a quote without its other half begins a cell with a line break in it, unless it stands for
-        # inches
+        # an odd quote begins a cell with a line break in it, or means inches
         halved = line.count('"') % 2 == 1
-        return [
-            cell.strip()
-            for cell in next(csv.reader([line], delimiter=self.separator, strict=halved), [])
-        ]
+        cells = next(csv.reader([line], delimiter=self.separator, strict=halved), [])
+        return [cell.strip() for cell in cells]
+
+    def value(self, cell: str) -> float | None:
+        """The number of a cell, as `value_of` gives it."""
+        return value_of(cell, self.decimal, self.thousands)
+
+    def spoken(self) -> str:
+        """The dialect in words; empty for plain CSV."""
+        parts = []
+        if self.encoding not in ("utf-8", "ascii"):
+            names = {"utf-8-sig": "UTF-8 with a byte order mark", "cp1252": "Windows-1252"}
+            parts.append(names.get(self.encoding, self.encoding.upper()))
+        if self.separator not in (",", NONE):
+            parts.append(f"separated by {SPOKEN.get(self.separator, repr(self.separator))}")
+        if self.decimal == ",":
+            parts.append("decimal commas")
+        if self.thousands:
+            parts.append(f"{self.thousands!r} between thousands")
+        if self.trailing:
+            parts.append("a separator at the end of every line")
+        if self.labels:
+            parts.append("labelled cells")
+        if self.preamble:
+            lines = f"{len(self.preamble)} line{'s' * (len(self.preamble) > 1)}"
+            parts.append(f"{lines} above the columns' names left out")
+        return ", ".join(parts)
 
 
-COMMAS = CellSyntax()
+def matches(form: str, line: str) -> bool:
+    """Whether a line has this form, in which ``*`` matches anything."""
+    return fnmatch.fnmatchcase(line, glob.escape(form).replace("[*]", "*"))
 
 
-def value_of(text: str, decimal: str = ".") -> float | None:
-    """The cell's number, NaN for a word that means "no number", None where it is neither."""
+@functools.lru_cache(maxsize=8)
+def _grouped(thousands: str, decimal: str) -> re.Pattern[str]:
+    """Whole parts in groups of three digits, and what may follow them."""
+    return re.compile(rf"([-+]?\d{{1,3}}(?:{re.escape(thousands)}\d{{3}})+)((?:[{decimal}eE].*)?)")
+
+
+def value_of(text: str, decimal: str = ".", thousands: str = "") -> float | None:
+    """The number of a cell; NaN for a word that means "no number", None where it is neither."""
     plain = text.strip()
+    if NO_NUMBER.fullmatch(plain.lower()):
+        return math.nan
+    if thousands and (groups := _grouped(thousands, decimal).fullmatch(plain)):
+        plain = groups[1].replace(thousands, "") + groups[2]
     if decimal == ",":
-        # a point in a file of decimal commas would be a thousands separator or another dialect:
-        # neither is a number here
-        if "." not in plain and plain.count(",") <= 1:
-            plain = plain.replace(",", ".")
-        elif not NO_NUMBER.fullmatch(plain.lower()):
-            plain = "?"
-    if NUMBER.fullmatch(plain):
-        value = float(plain)
-        return value if math.isfinite(value) else math.nan
-    words = {plain.lower(), text.strip().lower()}
-    return math.nan if any(map(NO_NUMBER.fullmatch, words)) else None
+        # a point would part thousands, or belong to another dialect: neither is a number here
+        if "." in plain or plain.count(",") > 1:
+            return None
+        plain = plain.replace(",", ".")
+        if NO_NUMBER.fullmatch(plain.lower()):
+            return math.nan
+    if not NUMBER.fullmatch(plain):
+        return None
+    value = float(plain)
+    return value if math.isfinite(value) else math.nan
 
 
-def number(text: str, at: str, column: str, decimal: str = ".") -> float:
-    """The cell's number, NaN for a word that means "no number"; `InputRefused` of anything else."""
-    value = value_of(text, decimal)
+def number(text: str, at: str, column: str, decimal: str = ".", thousands: str = "") -> float:
+    """The number of a cell, NaN for "no number"; `InputRefused` of anything else."""
+    value = value_of(text, decimal, thousands)
     if value is not None:
         return value
-    other = "point" if decimal == "." else "comma"
-    remedy = (
-        f"write decimals with a {other}"
-        if re.fullmatch(r"[-+]?\d+[.,]\d+", text)
-        else "every cell must be a number; mend the line, or take the trial out of the schedule"
-    )
+    remedy = "every cell must be a number; mend the line, or take the trial out of the schedule"
+    if re.fullmatch(r"[-+]?\d+[.,]\d+", text):
+        remedy = f"write decimals with a {'point' if decimal == '.' else 'comma'}"
+    elif re.fullmatch(r"[-+]?\d{1,3}([,.' ])\d{3}(\1\d{3})*([.,]\d*)?", text):
+        sign = re.sub(r"[-+\d]", "", text)[0]
+        remedy = (
+            f'if {sign!r} parts thousands: reader = "text" with dialect = {{ thousands ='
+            f' "{sign}" }} under [records]'
+        )
     raise InputRefused(at, f"{text!r} in column {column!r} is not a number", remedy)
 
 
@@ -132,61 +196,84 @@ def label(cell: str) -> tuple[str, str] | None:
     return (name.strip(), rest.strip()) if colon and len(rest.split()) <= 1 else None
 
 
-def cut_at(words: str) -> str:
-    """The manifest's lines that cut a record at lines of these words and a number."""
-    return (
-        "if it tells of the values beneath it:"
-        f' [segments] by = "markers", begin = "{words} {{level}}" cuts the record there, with'
-        ' dialect = { columns = ["force"] } under [records]'
-    )
+def no_nul(line: str, at: str) -> None:
+    """Refuse a line with NUL bytes, which a power cut leaves behind."""
+    if "\0" in line:
+        raise InputRefused(at, "holds NUL bytes", _DAMAGED)
 
 
-def read(
-    body: bytes,
-    where: str,
-    first: int,
-    header: Sequence[str],
-    wanted: Sequence[int],
-    cells: CellSyntax = COMMAS,
+def parse(
+    body: bytes, where: str, layout: Layout, first: int, wanted: Sequence[int]
 ) -> list[FloatArray]:
-    """The wanted columns of `body`, UTF-8 text whose lines end in a line feed and whose first is
-    line `first` of the file; `InputRefused` where a line has too few or too many cells, a cell
-    wanted is no number, or the bytes are no UTF-8.
+    """The wanted columns of some rows.
+
+    Parameters
+    ----------
+    body : bytes
+        UTF-8 text of whole lines, each with a line feed at its end.
+    first : int
+        Line of the file at which `body` begins.
+    wanted : sequence of int
+        Indices of the columns, each once.
+
+    Raises
+    ------
+    InputRefused
+        A line has too few or too many cells or holds NUL, a wanted cell is no number, or the bytes
+        are no UTF-8. The refusal names the line.
     """
-    columns = _by_arrow(body, len(header), wanted, cells) if cells.plain else None
-    return columns if columns is not None else _explained(body, where, first, header, wanted, cells)
+    columns = None if b"\0" in body else _by_arrow(body, layout, wanted)
+    return _line_by_line(body, where, layout, first, wanted) if columns is None else columns
 
 
-def _by_arrow(
-    body: bytes, columns: int, wanted: Sequence[int], cells: CellSyntax
-) -> list[FloatArray] | None:
-    """By pyarrow; None where there is a line that it cannot read."""
+def _by_arrow(body: bytes, layout: Layout, wanted: Sequence[int]) -> list[FloatArray] | None:
+    """The columns by pyarrow; None where it does not read every line."""
     import pyarrow as pa
     import pyarrow.csv as pc
 
-    names = [f"c{i}" for i in range(columns)]
+    if layout.labels or layout.thousands:
+        return None
+    if layout.ignore:
+        try:
+            lines = body.decode().splitlines(keepends=True)
+        except UnicodeDecodeError:
+            return None
+        body = "".join(line for line in lines if not layout.skips(line)).encode()
+    separator, quote = layout.separator, '"'
+    if separator == BLANKS:
+        body = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", body)
+        body, separator, quote = re.sub(rb"[ \t]+", b"\t", body), "\t", ""
+    elif separator == NONE:
+        # a character that no text holds
+        separator, quote = "\x1f", ""
+    names = [f"c{i}" for i in range(len(layout.names))]
     chosen = [names[i] for i in wanted]
-    kinds = dict.fromkeys(chosen, pa.float64())
-    # the phantom cell behind the last separator must be blank in every row
-    phantom = ["blank"] if cells.trailing else []
+    # the blank cell behind the last separator must be blank in every row
+    phantom = ["blank"] if layout.trailing else []
     try:
         table = pc.read_csv(
-            io.BytesIO(body),
+            pa.BufferReader(body),
             read_options=pc.ReadOptions(
                 column_names=names + phantom,
                 use_threads=False,
                 block_size=max(1 << 20, len(body) + 1),
             ),
-            parse_options=pc.ParseOptions(delimiter=cells.separator),
+            parse_options=pc.ParseOptions(delimiter=separator, quote_char=quote or False),
             convert_options=pc.ConvertOptions(
                 include_columns=chosen + phantom,
-                column_types={**kinds, **dict.fromkeys(phantom, pa.null())},
-                null_values=[""],
+                column_types={
+                    **dict.fromkeys(chosen, pa.float64()),
+                    **dict.fromkeys(phantom, pa.null()),
+                },
+                null_values=[""] if phantom else ["", *_WORDS],
                 check_utf8=False,
-                decimal_point=cells.decimal,
+                decimal_point=layout.decimal,
             ),
         )
     except pa.ArrowInvalid:
+        return None
+    # a quote without its other half may swallow lines
+    if b'"' in body and table.num_rows != sum(map(bool, map(bytes.strip, body.split(b"\n")))):
         return None
     arrays = [floats(table[name].combine_chunks()) for name in chosen]
     return [np.where(np.isfinite(values), values, np.nan) for values in arrays]
@@ -208,15 +295,10 @@ def floats(column: pa.Array) -> FloatArray:
     return np.asarray(np.from_dlpack(values), dtype=np.float64)
 
 
-def _explained(
-    body: bytes,
-    where: str,
-    first: int,
-    header: Sequence[str],
-    wanted: Sequence[int],
-    cells: CellSyntax,
+def _line_by_line(
+    body: bytes, where: str, layout: Layout, first: int, wanted: Sequence[int]
 ) -> list[FloatArray]:
-    """Line by line, so that the first bad line is named."""
+    """The columns by Python's csv, so that the first bad line is named."""
     try:
         lines = body.decode("utf-8").split("\n")
     except UnicodeDecodeError as fault:
@@ -228,18 +310,94 @@ def _explained(
         ) from None
     out: list[list[float]] = [[] for _ in wanted]
     for line_number, line in enumerate(lines, start=first):
-        if cells.skips(line):
+        if layout.skips(line):
             continue
         at = f"{where}, line {line_number}"
-        row = row_of(line.rstrip("\r"), at, header, cells)
-        for values, column in zip(out, wanted, strict=True):
-            values.append(number(row[column], at, header[column], cells.decimal))
+        row = row_of(line.rstrip("\r"), at, layout)
+        try:
+            for values, i in zip(out, wanted, strict=True):
+                values.append(number(row[i], at, layout.names[i], layout.decimal, layout.thousands))
+        except InputRefused:
+            if line_number > layout.first and _are_names(row, layout):
+                raise _another_table(line, at) from None
+            raise
     return [np.array(values) for values in out]
 
 
-def _way_out(line: str, cells: CellSyntax) -> str:
-    """What to do about a line whose cells are not the header's: it may be of a kind of its own."""
-    if not cells.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
+def row_of(line: str, at: str, layout: Layout) -> list[str]:
+    """The cells of one line, one for each column; `InputRefused` where they are too few, too many,
+    labelled otherwise, or the header again.
+    """
+    no_nul(line, at)
+    names = list(layout.names)
+    try:
+        row = layout.split(line)
+    except csv.Error as fault:
+        raise InputRefused(
+            at,
+            f"is not a row of cells: {fault}",
+            "mend the line, or take the trial out of the schedule",
+        ) from None
+    if layout.trailing and len(row) == len(names) + 1 and not row[-1]:
+        row = row[:-1]
+    if row == names:
+        raise InputRefused(
+            at,
+            "repeats the header: two records stand in one file",
+            "give each trial a file of its own",
+        )
+    if len(row) != len(names):
+        if _are_names(row, layout):
+            raise _another_table(line, at)
+        raise InputRefused(
+            at, f"has {len(row)} cells under {len(names)} column names", _way_out(line, layout)
+        )
+    if not layout.labels:
+        return row
+    pairs = [label(cell) for cell in row]
+    found = [pair[0] if pair else "" for pair in pairs]
+    if found != names:
+        raise InputRefused(
+            at,
+            f"is labelled {', '.join(found)}, not {', '.join(names)}",
+            "mend the line, or take the trial out of the schedule",
+        )
+    return [pair[1] for pair in pairs if pair]
+
+
+def _are_names(row: Sequence[str], layout: Layout) -> bool:
+    """Whether a row may be the header of another table: several words and no number."""
+    return (
+        len(row) > 1
+        and layout.separator not in (BLANKS, NONE)
+        and not layout.labels
+        and all(re.match(r"[\W_]*[^\W\d_]", cell) for cell in row)
+        and not any(layout.value(cell) is not None for cell in row)
+    )
+
+
+def _another_table(line: str, at: str) -> InputRefused:
+    text = json.dumps(line.strip()[:40], ensure_ascii=False)
+    return InputRefused(
+        at,
+        f"holds words and no number, as the header of another table: {text}",
+        "save each table as a file of its own; if the rig writes such lines, reader ="
+        f' "text" with dialect = {{ ignore = [{text}] }} under [records]',
+    )
+
+
+def cut_at(words: str) -> str:
+    """The remedy for numbers behind a line of words: cut the record there."""
+    return (
+        "if it tells of the values beneath it:"
+        f' [segments] by = "markers", begin = "{words} {{level}}" cuts the record there, with'
+        ' dialect = { columns = ["force"] } under [records]'
+    )
+
+
+def _way_out(line: str, layout: Layout) -> str:
+    """The remedy for a line whose cells are not those of the header."""
+    if not layout.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
         return (
             'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true }'
             " under [records]"
@@ -250,56 +408,8 @@ def _way_out(line: str, cells: CellSyntax) -> str:
             f'if the rig writes such lines, reader = "text" with dialect = {{ ignore = [{text}] }};'
             " else take the trial out of the schedule"
         )
-    other = "point" if cells.decimal == "." else "comma"
+    other = "point" if layout.decimal == "." else "comma"
     return (
         f"decimals want a {other} and no cell may be left out; mend the line, or take the trial out"
         " of the schedule"
     )
-
-
-def no_nul(line: str, at: str) -> None:
-    """Refuse a line with NUL bytes, which a power cut leaves behind."""
-    if "\0" in line:
-        raise InputRefused(
-            at,
-            "holds NUL bytes",
-            "the file is damaged; copy it anew from the rig, or take the trial out of the schedule",
-        )
-
-
-def row_of(line: str, at: str, header: Sequence[str], cells: CellSyntax) -> list[str]:
-    """One line's cells, one for each name of the header; `InputRefused` where they are too few or
-    too many, labelled otherwise, or the header once more.
-    """
-    no_nul(line, at)
-    try:
-        row = cells.split(line)
-    except csv.Error as fault:
-        raise InputRefused(
-            at,
-            f"is not a row of cells: {fault}",
-            "mend the line, or take the trial out of the schedule",
-        ) from None
-    if cells.trailing and len(row) == len(header) + 1 and not row[-1]:
-        row = row[:-1]
-    if row == list(header):
-        raise InputRefused(
-            at,
-            "repeats the header: two records stand in one file",
-            "give each trial a file of its own",
-        )
-    if len(row) != len(header):
-        raise InputRefused(
-            at, f"has {len(row)} cells under {len(header)} column names", _way_out(line, cells)
-        )
-    if not cells.labels:
-        return row
-    pairs = [label(cell) for cell in row]
-    names = [pair[0] if pair else "" for pair in pairs]
-    if names != list(header):
-        raise InputRefused(
-            at,
-            f"is labelled {', '.join(names)}, not {', '.join(header)}",
-            "mend the line, or take the trial out of the schedule",
-        )
-    return [pair[1] for pair in pairs if pair]

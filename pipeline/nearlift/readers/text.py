@@ -1,9 +1,9 @@
 """Delimited text in any usual dialect, and headerless numbers by recipe: one file per trial, read
 block by block.
 
-Found by `dialect.sniff` from the first bytes and held to from there on: a later line that breaks
-the dialect stops the run with its number. A last line without its end is left out and the record
-called truncated.
+The dialect of the first bytes holds for the whole file: a later line that breaks it stops the run
+with its number. It is found once for files that begin alike. A last line without its end is left
+out, and the record is called truncated.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import interleaved, packed, table
+from nearlift.readers import interleaved, packed
 from nearlift.readers.channel import (
     Channel,
     Contents,
@@ -29,17 +29,16 @@ from nearlift.readers.channel import (
     split_unit,
     wanted,
 )
-from nearlift.readers.dialect import HEAD, NoRows, sniff
-from nearlift.readers.interleaved import ONE, one_column
-from nearlift.readers.layout import Given, Layout
+from nearlift.readers.dialect import HEAD, Dialect, NoRows, encoding_of, sniff
 from nearlift.readers.per_file import Format, reader_of
-from nearlift.readers.table import NONE, CellSyntax, row_of
+from nearlift.readers.table import Layout, matches, parse, row_of
 
 BLOCK = 8 << 20
 OPTIONS = {
     "encoding": str,
     "separator": str,
     "decimal": str,
+    "thousands": str,
     "skip": int,
     "columns": list,
     "units": list,
@@ -47,11 +46,19 @@ OPTIONS = {
     "labels": bool,
     "lines": int,
 }
+#: Layouts found so far, by the dialect stated and the bytes above the first row.
+_found: dict[tuple[Dialect, bytes], Layout] = {}
+MOST_FOUND = 8
 
 
-def given(dialect: RecordsDialect) -> Given:
-    """The manifest's dialect as the sniffer takes it; `ManifestError` where a list holds something
-    that is no text, units are not as many as columns, or the decimal sign is none.
+def given(dialect: RecordsDialect) -> Dialect:
+    """The manifest's dialect as the sniffer takes it.
+
+    Raises
+    ------
+    ManifestError
+        A list holds more than texts, units are not as many as columns, a sign cannot be one, or
+        `skip` is negative.
     """
     said: dict[str, Any] = {key: value for key, value in dialect.items() if key in OPTIONS}
     for key in ("columns", "units", "ignore"):
@@ -71,6 +78,19 @@ def given(dialect: RecordsDialect) -> Given:
     if said.get("decimal", ".") not in (".", ","):
         raise ManifestError(
             "records.dialect.decimal", f"{said['decimal']!r} is no decimal sign", 'write "." or ","'
+        )
+    thousands = said.get("thousands", "")
+    if thousands and (len(thousands) > 1 or thousands.isalnum() or thousands in "+-"):
+        raise ManifestError(
+            "records.dialect.thousands",
+            f"{thousands!r} is no sign between thousands",
+            'write ",", ".", "\'" or " "',
+        )
+    if thousands and thousands == said.get("decimal"):
+        raise ManifestError(
+            "records.dialect.thousands",
+            f"{thousands!r} is the decimal sign as well",
+            "state another decimal sign",
         )
     if said.get("lines", 1) != 1 and said["lines"] != len(said["columns"]):
         raise ManifestError(
@@ -92,7 +112,7 @@ def given(dialect: RecordsDialect) -> Given:
             f"{said['encoding']!r} is no encoding",
             'such as "utf-8", "utf-16" or "latin-1"',
         ) from None
-    return Given(**said)
+    return Dialect(**said)
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -100,49 +120,82 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     return from_text(path, given(dialect), names)
 
 
-def from_text(path: Path, said: Given, names: Names, layout: Layout | None = None) -> Contents:
+def from_text(path: Path, said: Dialect, names: Names, layout: Layout | None = None) -> Contents:
     """The channels of a text file in a dialect known in part (`said`) or in whole (`layout`)."""
-    where = str(path)
     if said.lines > 1:
-        return interleaved.parted(path, said, from_text(path, one_column(said), None))
-    head, whole = head_of(path)
+        whole = from_text(path, interleaved.one_column(said), None)
+        marks = marked(path, interleaved.one_column(said), said.ignore) if said.ignore else []
+        return interleaved.parted(whole, said, marks, str(path))
+    head, whole_file = head_of(path)
     if not head.strip(b"\0"):
         return Contents(channels=(), kind="text", codes=("EMPTY",))
-    if layout is None:
+    if layout is not None:
+        return _read(path, layout, names)
+    if (layout := _known(head, said, str(path))) is not None:
         try:
-            layout = layout_of(path, said)
-        except NoRows:
-            if head.count(b"\n") > 2 or not whole:
-                raise
-            codes = ("NO_DATA",) if head.endswith((b"\n", b"\r")) else ("NO_DATA", "truncated")
-            return Contents(channels=(), kind="text", codes=codes)
+            return _read(path, layout, names)
+        except InputRefused:
+            # this file may be of another dialect; if not, it is refused again
+            pass
+    try:
+        layout = layout_of(path, said)
+    except NoRows:
+        if head.count(b"\n") > 2 or not whole_file:
+            raise
+        codes = ("NO_DATA",) if head.endswith((b"\n", b"\r")) else ("NO_DATA", "truncated")
+        return Contents(channels=(), kind="text", codes=codes)
+    file = _read(path, layout, names)
+    _keep(head, said, layout)
+    return file
+
+
+def _known(head: bytes, said: Dialect, where: str) -> Layout | None:
+    """The layout of an earlier file that began alike and was read."""
+    for (stated, top), layout in list(_found.items()):
+        if stated == said and head.startswith(top) and encoding_of(head, where) == layout.encoding:
+            return layout
+    return None
+
+
+def _keep(head: bytes, said: Dialect, layout: Layout) -> None:
+    """Keep the layout for files that begin alike; one with decimal commas is judged by each file,
+    whose commas may part thousands.
+    """
+    above = head.split(b"\n", layout.first - 1)
+    if layout.decimal == "." and len(above) == layout.first and len(_found) < MOST_FOUND:
+        _found[said, head[: len(head) - len(above[-1])]] = layout
+
+
+def _read(path: Path, layout: Layout, names: Names) -> Contents:
+    """The channels of a text file in a known layout."""
+    where = str(path)
     chosen = _chosen(layout, names, where)
     blocks = Blocks(path, layout)
     parts: list[list[FloatArray]] = [[] for _ in chosen]
-    above = _above(head, layout)
-    after = [0] if above and above[-1].strip() and layout.cells.skips(above[-1]) else []
+    after: list[int] = []
+    if layout.ignore:
+        above = _above(head_of(path)[0], layout)
+        after = [0] if above and above[-1].strip() and layout.skips(above[-1]) else []
     rows = 0
     for first, body in blocks:
-        if layout.cells.ignore:
-            behind, rows = _after_ignored(body, layout.cells, rows)
+        if layout.ignore:
+            behind, rows = _after_ignored(body, layout, rows)
             after += behind
-        for held, values in zip(
-            parts, table.read(body, where, first, layout.names, chosen, layout.cells), strict=True
-        ):
+        for held, values in zip(parts, parse(body, where, layout, first, chosen), strict=True):
             held.append(values)
-    if layout.cells.separator == NONE and parts and parts[0] and layout.names != (ONE,):
-        interleaved.refuse(np.concatenate(parts[0]), where, layout.first)
-    spoken = layout.spoken()
     channels = tuple(
         Channel(
             name=layout.names[i],
             unit=layout.units[i],
-            values=np.concatenate(held) if held else np.empty(0),
+            values=held[0] if len(held) == 1 else np.concatenate([np.empty(0), *held]),
         )
         for i, held in zip(chosen, parts, strict=True)
     )
+    if len(layout.names) == 1 and layout.names != (interleaved.ONE,):
+        interleaved.refuse(channels[0].values, where, layout.first)
     if names is not None or len(channels) == 1:
         _of_one_kind(channels[0], after, where)
+    spoken = layout.spoken()
     return Contents(
         channels=channels,
         kind="text" + (f": {spoken}" if spoken else ""),
@@ -151,11 +204,11 @@ def from_text(path: Path, said: Given, names: Names, layout: Layout | None = Non
     )
 
 
-def _after_ignored(body: bytes, cells: CellSyntax, rows: int) -> tuple[list[int], int]:
-    """The rows of a block that stand right behind an ignored line, and how many rows there are."""
+def _after_ignored(body: bytes, layout: Layout, rows: int) -> tuple[list[int], int]:
+    """The rows of a block right behind an ignored line, and the count of rows so far."""
     places, behind = [], False
     for line in map(str.strip, body.decode("utf-8", errors="replace").split("\n")):
-        if line and cells.skips(line):
+        if line and layout.skips(line):
             behind = True
         elif line:
             places += [rows] if behind else []
@@ -169,7 +222,7 @@ def _of_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
     A rig that writes THROTTLE, and its number on a line of its own, would otherwise have throttles
     among its forces.
     """
-    parts = [p for p in np.split(channel.values, after)[1:] if len(p) > 3]
+    parts = [p for p in np.split(channel.values, after)[1:] if len(p) > 3] if after else []
     ends = [(p[0], np.nanmin(p[1:]), np.nanmax(p[1:])) for p in parts if np.isfinite(p[1:]).any()]
     if len(ends) > 1 and all(
         x < low - (high - low) or x > high + (high - low) for x, low, high in ends
@@ -190,8 +243,8 @@ def head_of(path: Path) -> tuple[bytes, bool]:
     return head[:HEAD], len(head) <= HEAD
 
 
-def layout_of(path: Path, said: Given) -> Layout:
-    """The dialect of a file, known in part; raises as `sniff` does."""
+def layout_of(path: Path, said: Dialect) -> Layout:
+    """The layout of a file, known in part; raises as `sniff` does."""
     head, whole = head_of(path)
     if whole and not head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0\0\0" in head[-3:]:
         # the tail of a power cut
@@ -200,16 +253,24 @@ def layout_of(path: Path, said: Given) -> Layout:
 
 
 def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
-    """Which columns to read: those that `pick` may choose, or all that hold numbers."""
+    """Indices of the columns to read: those that `pick` may choose, or all of numbers."""
     if names is None:
         return layout.numeric
-    chosen = [i for i, name in enumerate(layout.names) if wanted(name, names)]
+    columns = list(enumerate(layout.names))
+    chosen: set[int] = set()
+    for name in names:
+        exact = {i for i, column in columns if column == name}
+        chosen |= exact or {i for i, column in columns if wanted(column, (name,))}
     if not chosen:
         channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
-        header = f"{where}, line {max(layout.first - 1, 1)}"
         # refuses: none of them fits
-        pick(channels, names[0], "records.force.column", header)
-    return chosen
+        pick(
+            channels,
+            names[0],
+            "records.force.column",
+            f"{where}, line {max(layout.first - 1, 1)}",
+        )
+    return sorted(chosen)
 
 
 class Blocks:
@@ -228,9 +289,11 @@ class Blocks:
         encoding = self.layout.encoding
         foreign = encoding not in ("utf-8", "utf-8-sig")
         decoder = codecs.getincrementaldecoder(encoding)() if foreign else None
+        # room for a whole block would be fetched for every small file
+        size = min(BLOCK, max(self.path.stat().st_size + 1, HEAD))
         with packed.opened(self.path) as file:
             while True:
-                raw = file.read(BLOCK)
+                raw = file.read(size)
                 if not raw:
                     break
                 held += raw if decoder is None else self._decoded(decoder, raw, line)
@@ -282,20 +345,23 @@ class Blocks:
             ) from None
 
 
-def marked(path: Path, said: Given, marks: Sequence[str]) -> list[tuple[int, str]]:
-    """Every line like one of `marks` (``*`` is anything), and how many rows stand above it."""
+def marked(path: Path, said: Dialect, marks: Sequence[str]) -> list[tuple[int, str]]:
+    """Every line like one of `marks` (``*`` matches anything), and the count of rows above it."""
     to_a_row = said.lines
     said = replace(said, ignore=tuple(dict.fromkeys((*said.ignore, *marks))))
-    layout = layout_of(path, said if to_a_row == 1 else one_column(said))
-    are = CellSyntax(ignore=tuple(marks))
+    layout = layout_of(path, said if to_a_row == 1 else interleaved.one_column(said))
+
+    def is_mark(line: str) -> bool:
+        return any(matches(form, line.strip()) for form in marks) and bool(line.strip())
+
     above = _above(head_of(path)[0], layout)
-    places = [(0, line.strip()) for line in above if line.strip() and are.skips(line)]
+    places = [(0, line.strip()) for line in above if is_mark(line)]
     rows = 0
     for _, line in _lines(path, layout):
-        if not layout.cells.skips(line):
-            rows += 1
-        elif line.strip() and are.skips(line):
+        if is_mark(line):
             places.append((rows // to_a_row, line.strip()))
+        elif not layout.skips(line):
+            rows += 1
     return places
 
 
@@ -312,9 +378,9 @@ def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
         )
     place = layout.names.index(column)
     return [
-        row_of(line, f"{path}, line {number}", layout.names, layout.cells)[place]
+        row_of(line, f"{path}, line {number}", layout)[place]
         for number, line in _lines(path, layout)
-        if not layout.cells.skips(line)
+        if not layout.skips(line)
     ]
 
 

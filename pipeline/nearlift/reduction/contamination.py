@@ -13,10 +13,8 @@ import math
 import numpy as np
 
 from nearlift.declare import BoolArray, FloatArray
-from nearlift.native import POINTER, WHOLE, Kernel, address
 from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
 
-LOOK = Kernel("nearlift.reduction.sums_kernel", "look", POINTER, *(WHOLE,) * 3, *(POINTER,) * 3)
 #: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is
 #: uncertain, more are asked for.
 APART, FEW = 6.5, 20
@@ -52,16 +50,22 @@ EDGE, FEWEST_TO_STEP = 0.25, 8
 def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
     """Whether single samples, and whether a segment, may stand apart: a first and cheap look."""
     n = len(values)
-    length = _length(n)
-    number = n // length
-    values = np.ascontiguousarray(values, dtype=np.float64)
-    room = 2 * max(FIRST_LOOK, BLOCKS)
-    work = np.empty(2 * room + 9)
-    places = (address(work) + k * room * work.itemsize for k in range(3))
-    LOOK(address(values), n, max(1, n // FIRST_LOOK), length, *places)
-    level, deviation, _, _, _, farthest, _, of_steps, _ = work[2 * room :].tolist()
+    few = values[:: max(1, n // FIRST_LOOK)]
+    level, deviation, _ = _spread(few)
     far = max(sums.high - level, level - sums.low) > NEARER * _apart(n) * SD_PER_MAD * deviation
-    return far, number >= FEWEST_BLOCKS and farthest > UNEVEN * SD_PER_MAD * of_steps / 2**0.5
+    means = blocks(values)
+    if len(means) < FEWEST_BLOCKS:
+        return far, False
+    farthest, of_steps = _spread(means)[2], _spread(np.diff(means))[1]
+    return far, farthest > UNEVEN * SD_PER_MAD * of_steps / 2**0.5
+
+
+def _spread(values: FloatArray) -> tuple[float, float, float]:
+    """The upper median of a few numbers, their median absolute and their largest deviation."""
+    middle = len(values) // 2
+    level = float(np.sort(values)[middle])
+    away = np.sort(np.abs(values - level))
+    return level, float(away[middle]), float(away[-1])
 
 
 def step_of(values: FloatArray) -> float:

@@ -25,7 +25,7 @@ from nearlift.reduction.samples import (
     stuck,
     without_strays,
 )
-from nearlift.reduction.stretch import SD_PER_MAD, STEADY, STRETCH, Stretch, median
+from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median
 from nearlift.reduction.tare import zero_of
 
 
@@ -181,12 +181,6 @@ def _unsettled(batches: FloatArray, lift: float) -> list[str]:
     scatter = SD_PER_MAD * median(np.abs(batches - level))
     away = abs(batches[0] - level)
     return ["unsettled"] if away > max(0.1 * abs(lift), 6 * scatter) else []
-
-
-def prepare() -> None:
-    """Make what is compiled ready."""
-    for kernel in (STRETCH, STEADY, contamination.LOOK):
-        kernel.prepare()
 
 
 def _drifts(change: float, u_change: float, tare_change: float, allowed: float) -> list[str]:

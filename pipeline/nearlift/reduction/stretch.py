@@ -9,14 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, IntArray
-from nearlift.native import POINTER, REAL, WHOLE, Kernel, address
 
-STRETCH = Kernel(
-    "nearlift.reduction.sums_kernel", "stretch", POINTER, WHOLE, WHOLE, POINTER, POINTER, POINTER
-)
-STEADY = Kernel("nearlift.reduction.sums_kernel", "steady", POINTER, WHOLE, REAL)
-#: Sums that the kernel gives before the batches' means.
-SUMS = 9
 #: Standard deviations of normal noise in one median absolute deviation.
 SD_PER_MAD = 1.4826
 
@@ -72,38 +65,58 @@ def numbered_pairs(major: NDArray[Any], minor: NDArray[Any]) -> IntArray:
 
 
 def stretch(values: FloatArray, half: int) -> Stretch:
-    """The stretch of some samples, in batches of twice `half`; with `half` 0 in none."""
+    """The stretch of some samples, in batches of twice `half`; with `half` 0 in none.
+
+    No sum is BLAS's, whose threads would change its last bits.
+    """
     n = len(values)
     if n == 0:
         return Stretch(0, np.empty(0), 1.0)
-    values = np.ascontiguousarray(values, dtype=np.float64)
-    sums = np.empty(SUMS + (n // half if half else 1))
-    window = _window(half)
-    STRETCH(address(values), n, half, *window.places, address(sums))
+    mean = float(np.add.reduce(values)) / n
+    low, high = float(values.min()), float(values.max())
+    away = values - mean
+    squared = away * away
+    squares = float(np.add.reduce(squared))
+    limit = 36.0 * squares / max(n - 1, 1)
+    few_far = max(high - mean, mean - low) ** 2 > limit
+    batches, gain = away, 1.0
+    if half:
+        (rising, falling), gain = _window(half)
+        halves = away[: n // half * half].reshape(n // half, half)
+        up, down = (np.einsum("ij,j->i", halves, side) for side in (rising, falling))
+        batches = up[:-1] + down[1:]
     return Stretch(
-        n, sums[SUMS:-1] if half else values - sums[0], window.gain, *sums[:SUMS].tolist()
+        n,
+        batches,
+        gain,
+        mean=mean,
+        squares=squares,
+        tilt=float(np.add.reduce(away * _ramp(n))),
+        low=low,
+        high=high,
+        repeats=float(np.count_nonzero(values[1:] == values[:-1])),
+        at_low=float(np.count_nonzero(values == low)),
+        at_high=float(np.count_nonzero(values == high)),
+        far=float(np.count_nonzero(squared > limit)) if few_far else 0.0,
     )
 
 
 def steady(clock: FloatArray, rate_Hz: float) -> bool:
     """Whether every step of a clock is one sample long, to a hundredth of it."""
-    clock = np.ascontiguousarray(clock, dtype=np.float64)
-    return bool(STEADY(address(clock), len(clock), rate_Hz))
+    steps = np.diff(clock) * rate_Hz
+    # a step that is no number is not steady
+    return len(steps) == 0 or bool(steps.min() > 0.99 and steps.max() < 1.01)
 
 
-class _Window(NamedTuple):
-    """The two halves of a Hann window of unit sum, where they stand, and its sum of squares."""
-
-    halves: FloatArray
-    places: tuple[int, int]
-    gain: float
+@functools.lru_cache(maxsize=8)
+def _ramp(n: int) -> FloatArray:
+    """The numbers of n samples less the middle one."""
+    return np.arange(n, dtype=float) - 0.5 * (n - 1)
 
 
 @functools.lru_cache(maxsize=64)
-def _window(half: int) -> _Window:
-    if half == 0:
-        return _Window(np.empty((2, 0)), (0, 0), 1.0)
+def _window(half: int) -> tuple[FloatArray, float]:
+    """The two halves of a Hann window of unit sum, and its sum of squares."""
     window = np.sin(np.pi * (np.arange(2 * half) + 0.5) / (2 * half)) ** 2
     window /= window.sum()
-    halves = window.reshape(2, half)
-    return _Window(halves, (address(halves[0]), address(halves[1])), float(window @ window))
+    return window.reshape(2, half), float(window @ window)

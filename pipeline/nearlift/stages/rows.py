@@ -178,8 +178,6 @@ def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
     campaign, conditions = task.campaign, conditions_of(task.campaign)
     reader = readers.reader(campaign.records.reader)
     for record in reader.read_piece(campaign, task.root, piece):
-        if record.sha256 and record.source not in digests:
-            digests[record.source] = record.sha256()
         tare_after_N = task.tare_after_N.get(record.trial, np.nan)
         sha = digest_of(task, record.source, digests)
         yield row_of(record, conditions, tare_after_N, sha)

@@ -181,19 +181,19 @@ class Study:
         import pandas as pd
 
         if isinstance(product, str):
-            tables = {
+            by_name = {
                 name: p
                 for p in PRODUCTS
                 if p.file.endswith(".parquet")
                 for name in (p.file, p.name)
             }
-            if product not in tables:
+            if product not in by_name:
                 raise UsageError(
                     product,
                     "is no table product",
-                    f"there are {', '.join(n for n in tables if n.endswith('.parquet'))}",
+                    f"there are {', '.join(n for n in by_name if n.endswith('.parquet'))}",
                 )
-            product = tables[product]
+            product = by_name[product]
         return pd.DataFrame(tables.read_table(self.processed / product.file, product))
 
     def _load(self, kind: type[tables.Loaded]) -> tables.Loaded:

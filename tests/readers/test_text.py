@@ -1,0 +1,576 @@
+"""One text reader: one dialect fits or the file is refused, pyarrow and Python's csv give the same
+bits, and every refusal names its line.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tests.unit.manifests import manifest
+from tests.unit.small_run import nearlift
+
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import csv_trial, dialect, reader, table, text
+from nearlift.readers.channel import Contents, pick
+from nearlift.readers.dialect import HEAD, Dialect, NoRows, sniff
+
+ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def layout(content: str | bytes, said: Dialect = dialect.UNSTATED) -> table.Layout:
+    return sniff(content if isinstance(content, bytes) else content.encode(), "f.txt", said)
+
+
+def put(folder: Path, content: str | bytes, name: str = "f.txt") -> Path:
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def read(folder: Path, content: str | bytes, said: Any = None, names: Any = None) -> Contents:
+    return text.contents(put(folder, content), text.TEXT.checked_dialect(said or {}), names)
+
+
+def plain(folder: Path, content: str | bytes, *names: str) -> Contents:
+    """The columns (`force` if none is named) by the reader of plain CSV."""
+    return csv_trial.contents(put(folder, content, "t.csv"), {}, names or ("force",))
+
+
+def values(found: Contents, column: int = 0) -> list[float]:
+    return list(found.channels[column].values.tolist())
+
+
+# ---- dialects
+
+
+@pytest.mark.parametrize(
+    ("content", "names", "separator", "decimal", "spoken"),
+    [
+        ("t,F\n1,5\n2,5\n", ("t", "F"), ",", ".", ""),
+        ("t,F\r\n1.5,5\r\n", ("t", "F"), ",", ".", ""),
+        ("t\tF\r0\t1\r1\t2\r", ("t", "F"), "\t", ".", "separated by tabs"),
+        ("t;F\n1;5\n2;7,5\n", ("t", "F"), ";", ",", "separated by semicolons, decimal commas"),
+        ("a b\n1 2\n 3  4\n", ("a", "b"), " ", ".", "separated by blanks"),
+        ("F\n1\n2\n", ("F",), "", ".", ""),
+        ("force\n1,5\n2,25\n", ("force",), "", ",", "decimal commas"),
+        ("a,b,\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
+        ("a,b\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
+        (
+            "# a log\nrate: 1000\nt,F\n0,1\n",
+            ("t", "F"),
+            ",",
+            ".",
+            "2 lines above the columns' names left out",
+        ),
+        ("# t,F\n0,1\n", ("t", "F"), ",", ".", ""),
+        ('"t, s",F\n0,1\n', ("t, s", "F"), ",", ".", ""),
+        ("t,F\n0,OVER\n1,#NV\n2,3\n", ("t", "F"), ",", ".", ""),
+    ],
+)
+def test_one_dialect_fits(
+    content: str, names: tuple[str, ...], separator: str, decimal: str, spoken: str
+) -> None:
+    found = layout(content)
+    assert (found.names, found.separator, found.decimal) == (names, separator, decimal)
+    assert found.spoken() == spoken
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("1,5\n2,5\n", "line 1: has no columns' names above .*\n  name them: dialect = { columns"),
+        ("966\n965\n", 'its rows of 1 cell\n  name them: dialect = { columns = \\["force"\\] }'),
+        ("t,F\n0,5,1,5\n", "line 2: has 4 cells under 2 column names\n  a decimal comma makes two"),
+        ("t;F\n1,234;5,678\n", "line 2: '1,234' may be 1.234 or 1234\n  say which: .*thousands"),
+        ("a;b\n1;2\n3;x\n", "line 3: 'x' in column 'b' is not a number"),
+        ("a,a\n1,2\n", "line 1: has more than one column 'a'"),
+        ("t,F\n2,3\nt,F\n4,5\n", "line 3: repeats the header"),
+        ("t,F\n2,3\n4\n5,6\n", "line 3: has 1 cells under 2 column names"),
+        ("t,F\n2,3\n\nt,F,T\n4,5,6\n", "line 4: holds words and no number, .* another table"),
+        ("a table\n-;-\n2;3\n4;5\n", "line 2: holds '-' where the columns' names should stand"),
+        (b"\x1f\x8b\x08\x00abc", "is compressed\n  unpack it"),
+        (b"t,F\n1,2\n\0\0\0\0\0\0 3,4\n", "is no text: it holds NUL bytes"),
+        (b"\xff\xfet\x00,", "holds no row of numbers"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_line(content: str | bytes, match: str) -> None:
+    with pytest.raises(InputRefused, match=match):
+        layout(content)
+
+
+def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
+    two = "1,5\n2,5\n"
+    assert layout(two, Dialect(columns=("a", "b"))).separator == ","
+    assert layout(two, Dialect(columns=("F",))).decimal == ","
+    assert layout("F;G\n1,234;5,678\n", Dialect(decimal=",")).decimal == ","
+    # both separators cut each line in two, at different places
+    mixed, columns = "x;1,2\ny;3,4\n", ("who", "force")
+    with pytest.raises(InputRefused, match=r"can be read in two ways: separated by semicolons"):
+        layout(mixed, Dialect(columns=columns))
+    assert layout(mixed, Dialect(columns=columns, separator="semicolon")).decimal == ","
+
+
+def test_a_stated_separator_that_no_line_holds_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="is one column"):
+        layout("F\n1\n2\n", Dialect(separator="comma"))
+    assert values(csv_trial.contents(put(tmp_path, "F\n1\n2\n"), {}, None)) == [1, 2]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObject) -> None:
+    separator = data.draw(st.sampled_from("\t;,| "))
+    number = st.sampled_from(["1", "1.5", "2,5", "1,234", "nan", "", "-3e2", "x"])
+    row = st.lists(number, min_size=1, max_size=3).map(separator.join)
+    usual = data.draw(row)
+    header = separator.join("abc"[: usual.count(separator) + 1])
+    lines = ["a log"] * data.draw(st.sampled_from([0, 2, 85, 120])) + [header] + [usual] * 150
+    for at in data.draw(st.lists(st.integers(0, len(lines) - 1), max_size=4)):
+        lines[at] = data.draw(row)
+
+    def answer() -> object:
+        try:
+            return layout("\n".join([*lines, ""]))
+        except InputRefused as refusal:
+            return str(refusal)
+
+    quick = answer()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(dialect, "SHORT", 10**9)
+        assert answer() == quick
+
+
+@pytest.mark.parametrize(
+    "encoding",
+    ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1", "cp1252"],
+)
+def test_every_usual_encoding(tmp_path: Path, encoding: str) -> None:
+    sign = "\u2013" if encoding == "cp1252" else "\u00b5"
+    content = f"t ({sign}s);Kraft [mN]\r\n0,5;1,25\r\n1,5;-2,75\r\n".encode(encoding)
+    found = read(tmp_path, content)
+    assert [c.name for c in found.channels] == [f"t ({sign}s)", "Kraft [mN]"]
+    assert found.channels[1].unit == "mN"
+    assert values(found, 1) == [1.25, -2.75]
+    assert found.notes[0].startswith("text read as ")
+
+
+def test_a_row_of_units_text_columns_and_words_for_no_number(tmp_path: Path) -> None:
+    found = read(tmp_path, "t,msg,F\ns,-,mN\n0,start,1\n1,,OVER\n2,,1.#INF\n")
+    assert [(c.name, c.unit) for c in found.channels] == [("t", "s"), ("F", "mN")]
+    np.testing.assert_array_equal(found.channels[1].values, [1, np.nan, np.nan])
+    beside = read(tmp_path, "side;z;F\nground;5;1,5\nground;10;2,25\n")
+    assert [(c.name, values(beside, i)) for i, c in enumerate(beside.channels)] == [
+        ("z", [5, 10]),
+        ("F", [1.5, 2.25]),
+    ]
+
+
+def test_the_dialect_of_one_file_is_tried_on_the_next_and_not_forced_on_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(text, "_found", {})
+    assert values(read(tmp_path, "t;F\n0;1\n1;2\n"), 1) == [1, 2]
+    monkeypatch.setattr(text, "sniff", lambda *_, **__: pytest.fail("sniffed again"))
+    assert values(read(tmp_path, "t;F\n0;3\n1;4.5\n"), 1) == [3, 4.5]
+    monkeypatch.undo()
+    assert values(read(tmp_path, "t;F\n0,5;3,5\n"), 1) == [3.5]
+    assert values(read(tmp_path, "\nt;F\n0;7\n"), 1) == [7]
+    with pytest.raises(InputRefused, match=r"'1,234' may be 1\.234 or 1234"):
+        read(tmp_path, "t;F\n1,234;5,678\n")
+
+
+@pytest.mark.parametrize(
+    ("content", "said", "want"),
+    [
+        ("t;F\n1;1,234.5\n2;12,345,678\n3;-7.25\n", ",", [1234.5, 12345678, -7.25]),
+        ("t;F\n1;1.234,5\n2;999,5\n", ".", [1234.5, 999.5]),
+        ("t\tF\n1\t1 234\n2\t2 345.5\n", " ", [1234, 2345.5]),
+        ("t;F\n1;1'234e1\n2;OVER\n", "'", [12340, np.nan]),
+        ('t,F\n1,"1,234"\n2,"5"\n', ",", [1234, 5]),
+    ],
+)
+def test_signs_between_thousands_are_read_where_they_are_declared(
+    tmp_path: Path, content: str, said: str, want: list[float]
+) -> None:
+    found = read(tmp_path, content, {"thousands": said})
+    np.testing.assert_array_equal(found.channels[1].values, want)
+    assert "between thousands" in found.notes[0]
+
+
+def test_groups_that_are_not_of_three_digits_are_no_number(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="line 3: '12,34' in column 'F' is not a number"):
+        read(tmp_path, "t;F\n1;1,234\n2;12,34\n", {"thousands": ",", "separator": "semicolon"})
+    with pytest.raises(InputRefused, match=r"'1,234\.5' .*\n.*thousands = \",\""):
+        plain(tmp_path, 'force\n1\n"1,234.5"\n')
+
+
+@pytest.mark.parametrize(
+    ("said", "match"),
+    [
+        ({"seperator": ";"}, "did you mean 'separator'"),
+        ({"skip": True}, "True is no int"),
+        ({"skip": -1}, "-1 is negative"),
+        ({"columns": ["a", 1]}, "holds more than texts"),
+        ({"columns": ["a"], "units": ["s", "N"]}, "names 2 units for 1 columns"),
+        ({"decimal": "'"}, "is no decimal sign"),
+        ({"thousands": "0"}, "is no sign between thousands"),
+        ({"thousands": ".", "decimal": "."}, "is the decimal sign as well"),
+        ({"encoding": "utf-99"}, "is no encoding"),
+        ({"columns": ["a", "b"], "lines": 3}, "says 3 lines to a row"),
+    ],
+)
+def test_a_dialect_is_checked(tmp_path: Path, said: dict[str, Any], match: str) -> None:
+    with pytest.raises(ManifestError, match=match):
+        read(tmp_path, "t;F\n1;2\n", said)
+
+
+# ---- files that are cut, damaged or large
+
+
+def test_a_header_alone_is_no_data_and_an_empty_file_empty(tmp_path: Path) -> None:
+    assert read(tmp_path, "t,F\n").codes == ("NO_DATA",)
+    assert read(tmp_path, "t,F").codes == ("NO_DATA", "truncated")
+    assert read(tmp_path, b"\0" * 50).codes == ("EMPTY",)
+    with pytest.raises(NoRows, match="holds no row of numbers"):
+        read(tmp_path, "so\nmuch\nfor\nthat\n")
+
+
+@pytest.mark.parametrize("tail", [b"3,4", b"3,45\0\0\0\0\0", b"\0\0\0\0"])
+def test_a_last_line_without_an_end_is_left_out(tmp_path: Path, tail: bytes) -> None:
+    found = read(tmp_path, b"t,F\n1,2\n2,3\n" + tail)
+    assert (found.codes, values(found, 1)) == (("truncated",), [2, 3])
+
+
+def test_utf16_cut_within_a_character(tmp_path: Path) -> None:
+    found = read(tmp_path, "t,F\n1,2\n2,3\n".encode("utf-16")[:-1])
+    assert (found.codes, values(found, 1)) == (("truncated",), [2])
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("block", [997, 4096])
+def test_blocks_give_what_the_whole_gives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, encoding: str, block: int
+) -> None:
+    force = np.random.default_rng(1).normal(size=3000).round(6)
+    rows = "".join(f"{i};{f}\r\n" for i, f in enumerate(force)).replace(".", ",")
+    monkeypatch.setattr(text, "BLOCK", block)
+    found = read(tmp_path, ("t;F\r\n" + rows).encode(encoding), names=("F",))
+    np.testing.assert_array_equal(found.channels[0].values, force)
+    assert found.codes == ()
+
+
+def test_a_bad_line_far_below_is_named(tmp_path: Path) -> None:
+    rows = b"".join(b"%d,%d\n" % (i, i) for i in range(20000))
+    with pytest.raises(InputRefused, match=r"f\.txt, line 20002: '7x' in column 'F' is not a"):
+        read(tmp_path, b"t,F\n" + rows + b"1,7x\n2,3\n")
+
+
+@pytest.mark.parametrize("by", ["text", "csv"])
+def test_a_zeroed_sector_is_named_wherever_it_falls(tmp_path: Path, by: str) -> None:
+    """Also within a column that nobody reads, where it makes one line of many."""
+    rows = b"".join(b"%d,log entry,%d\n" % (1000 + i, i % 7) for i in range(9000))
+    content = b"t,note,force\n" + rows
+    assert len(content) > 2 * HEAD
+    for at in np.random.default_rng(1).integers(HEAD, len(content) - 600, 6):
+        spoilt = content[:at] + bytes(512) + content[at + 512 :]
+        line = content[:at].count(b"\n") + 1
+        reading = plain if by == "csv" else lambda *c: read(*c, names=("force",))
+        with pytest.raises(InputRefused, match=f"line {line}: holds NUL bytes"):
+            reading(tmp_path, spoilt)
+
+
+def test_a_quote_without_its_other_half_swallows_no_lines(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="line 3: is not a row of cells: unexpected end"):
+        plain(tmp_path, 'note,force\na,1\n"a,2\nb,3\nc",4\n')
+    assert values(plain(tmp_path, 'prop,force\n5" prop,1\n5" prop,OVER\n'))[0] == 1
+
+
+# ---- recipes
+
+
+def test_a_recipe_reads_what_has_no_header(tmp_path: Path) -> None:
+    found = read(tmp_path, "965\r\n966\r\n", {"columns": ["count"], "units": ["count"]})
+    assert (found.channels[0].unit, values(found)) == ("count", [965, 966])
+    ramp = "START\r\n0.02, -0.33\r\n0.04, -0.00\r\nSTOP 2\r\n"
+    found = read(tmp_path, ramp, {"columns": ["thrust", "current"], "ignore": ["START", "STOP*"]})
+    assert values(found) == [0.02, 0.04]
+
+
+def test_labelled_cells(tmp_path: Path) -> None:
+    found = read(tmp_path, "T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n", {"labels": True})
+    assert [c.name for c in found.channels] == ["T", "C"]
+    assert values(found, 1) == [0.65, 0.7]
+    for content, match in (
+        ("T: 0.01 \t C: 0.65\nT: 0.02 \t V: 0.7\n", "line 2: is labelled T, V, not T, C"),
+        ("T: 0.01 \t C0.02 \t C: 0.7\n", "line 1: has a cell without a label: 'C0.02'"),
+    ):
+        with pytest.raises(InputRefused, match=match):
+            read(tmp_path, content, {"labels": True})
+
+
+def test_labels_that_differ_are_no_text_column(tmp_path: Path) -> None:
+    content = "".join(f"Throttle: {k}\n" + "Force: 10.1\n" * 9 for k in (1000, 1100, 1200))
+    with pytest.raises(InputRefused, match=r"labels its cells: 'Throttle: 1000'"):
+        read(tmp_path, content, {"columns": ["what", "force"]})
+    with pytest.raises(InputRefused) as refusal:
+        read(tmp_path, "".join(f"Throttle: {k}\n" + "10.1\n" * 60 for k in (10, 20)))
+    assert 'begin = "Throttle: {level}"' in str(refusal.value.remedy)
+
+
+@pytest.mark.parametrize(
+    ("line", "remedy"),
+    [
+        ("STOP", 'dialect = { ignore = ["STOP"] }'),
+        ("T: 0.01 \t C: 0.65 \t V: 1.48", "dialect = { labels = true }"),
+        ("1.5", "no cell may be left out"),
+        ("volts,amps,rpm", "save each table as a file of its own"),
+    ],
+)
+def test_a_line_of_another_kind_is_refused_with_what_would_read_it(line: str, remedy: str) -> None:
+    with pytest.raises(InputRefused, match=re.escape(remedy)):
+        table.row_of(line, "f, line 3", table.Layout(names=("a", "b")))
+
+
+@pytest.mark.parametrize("column", ["force", "force,n"])
+def test_throttles_among_forces_are_not_read_in_silence(tmp_path: Path, column: str) -> None:
+    """The markers are ignored as advised, and each number behind one is a throttle."""
+    lines = []
+    for throttle in (1100, 1200, 1300):
+        force = [f"{throttle / 10 - 100 + 0.1 * (i % 7):.1f}" for i in range(20)]
+        numbers = [f"{x},7" if "," in column else x for x in (str(throttle), *force)]
+        lines += ["START", *numbers, "STOP"]
+    said = {"ignore": ["START", "STOP"], "columns": column.split(",")}
+    with pytest.raises(InputRefused, match=r"another kind behind every ignored line: 1100, then 1"):
+        read(tmp_path, "\n".join(lines) + "\n", said, ("force",))
+    alike = ["START", *(str(10 + i % 5) for i in range(20)), "STOP"] * 4
+    said = {"ignore": ["START", "STOP"], "columns": ["force"]}
+    assert len(values(read(tmp_path, "\n".join(alike) + "\n", said))) == 80
+
+
+# ---- one number to a line
+
+FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60), 2)]
+PAIRS = [x for i, f in enumerate(FORCE) for x in (f"{f}", f"{1000 + 12 * i}")]
+
+
+@pytest.mark.parametrize("first", ["force", "millis"])
+def test_a_clock_between_the_values_is_no_force(tmp_path: Path, first: str) -> None:
+    lines = PAIRS if first == "force" else [PAIRS[i ^ 1] for i in range(len(PAIRS))]
+    names = ["force", "millis"] if first == "force" else ["millis", "force"]
+    content = "\n".join(lines) + "\n"
+    with pytest.raises(InputRefused) as refused:
+        read(tmp_path, content, {"columns": ["force"]})
+    remedy = ", ".join(f'"{name}"' for name in names)
+    assert f"dialect = {{ columns = [{remedy}], lines = 2 }}" in str(refused.value)
+    found = read(tmp_path, content, {"columns": names, "lines": 2})
+    assert list(pick(found.channels, "force", "k", "f").values) == FORCE
+    with pytest.raises(InputRefused, match="a clock between the values"):
+        plain(tmp_path, f"force\n{content}")
+
+
+@ANY
+@given(lost=st.integers(0, len(PAIRS) - 4), name=st.sampled_from(["millis", "second"]))
+def test_a_lost_line_is_named(lost: int, name: str, tmp_path: Path) -> None:
+    """A clock that is not called one shows by its first eight numbers."""
+    content = "\n".join(PAIRS[:lost] + PAIRS[lost + 1 :]) + "\n"
+    if name == "millis" or lost > 16:
+        with pytest.raises(InputRefused, match=r"a line is lost"):
+            read(tmp_path, content, {"columns": ["force", name], "lines": 2})
+
+
+def test_words_within_a_row_of_two_lines_are_named(tmp_path: Path) -> None:
+    said = {"columns": ["force", "millis"], "lines": 2, "ignore": ["Tare*"]}
+    between = "\n".join([*PAIRS[:40], "Tare done", *PAIRS[40:]]) + "\n"
+    assert values(read(tmp_path, between, said)) == FORCE
+    within = "\n".join([*PAIRS[:41], "Tare done", *PAIRS[41:]]) + "\n"
+    with pytest.raises(InputRefused, match="a row of 2 lines is broken by 'Tare done'"):
+        read(tmp_path, within, said)
+    assert "truncated" in read(tmp_path, "\n".join(PAIRS[:-1]) + "\n", said).codes
+
+
+# ---- plain CSV
+
+
+def test_columns_are_found_by_name(tmp_path: Path) -> None:
+    found = plain(tmp_path, "note,t,force\nx,0.000,1.5\ny,0.001,-2.25e1\n", "force", "t")
+    assert {c.name: c.values.tolist() for c in found.channels} == {
+        "force": [1.5, -22.5],
+        "t": [0, 0.001],
+    }
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "force\r\n1\r\n2\r\n",
+        "\ufeffforce\n1\n2\n",
+        'force\n"1"\n2\n',
+        "force\n 1 \n+2.\n",
+        "force\n1\n\n2\n",
+        "a,force,b\n,1,\n,2,\n",
+        "force\n1e0\n20E-1\n",
+    ],
+)
+def test_harmless_dialects(tmp_path: Path, content: str) -> None:
+    assert values(plain(tmp_path, content)) == [1, 2]
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(
+        st.one_of(
+            st.floats(allow_nan=False, allow_infinity=False).map(repr),
+            st.integers(-(10**18), 10**18).map(str),
+            st.decimals(-1000, 1000, places=4).map(str),
+        ),
+        min_size=1,
+    ),
+    st.sampled_from(["", ",", " "]),
+)
+def test_both_ways_give_the_bits_of_float(texts: list[str], separator: str) -> None:
+    want = np.array([float(t) for t in texts])
+    names = ("force", "x") if separator else ("force",)
+    rows = "".join(t + (f"{separator}7" if separator else "") + "\n" for t in texts)
+    one = table.Layout(separator=separator, names=names, first=2)
+    by_arrow = table._by_arrow(rows.encode(), one, [0])
+    assert by_arrow is not None
+    for found in (by_arrow, table._line_by_line(rows.encode(), "f", one, 2, [0])):
+        np.testing.assert_array_equal(found[0].view(np.int64), want.view(np.int64))
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    st.lists(st.integers(-(10**6), 10**6).map(str), min_size=3, max_size=9),
+    st.sampled_from(["{}\n", "{}\r\n", "7,{}\n", "{},x\n"]),
+    st.integers(0, 10**6),
+    st.sampled_from('x ;+e/:".,-\n0\0'),
+)
+def test_both_ways_agree_on_damage(texts: list[str], row: str, place: int, damage: str) -> None:
+    body = "".join(map(row.format, texts)).replace("\r\n", "\n").encode()
+    names = {"{": ("force",), "7": ("t", "force")}[row[0]]
+    one = table.Layout(names=("force", "t") if row == "{},x\n" else names, first=2)
+    place %= len(body) - 1
+    spoilt = body[:place] + damage.encode() + body[place + 1 :]
+
+    def answer(by_csv: bool) -> object:
+        wanted = [one.names.index("force")]
+        try:
+            if by_csv:
+                return table._line_by_line(spoilt, "f", one, 2, wanted)[0].tobytes()
+            return table.parse(spoilt, "f", one, 2, wanted)[0].tobytes()
+        except InputRefused as refusal:
+            return str(refusal)
+
+    assert answer(by_csv=False) == answer(by_csv=True)
+
+
+@pytest.mark.parametrize(
+    ("content", "force", "codes"),
+    [
+        (b"\0\0\0", [], ("EMPTY",)),
+        (b"force\n", [], ()),
+        (b"forc", [], ("NO_DATA", "truncated")),
+        (b"force\n1\n2\n3", [1, 2], ("truncated",)),
+        (b"force\n1\n2\n3.1\0\0\0\0", [1, 2], ("truncated",)),
+        (b"force\n12", [], ("truncated",)),
+    ],
+)
+def test_half_written_files(
+    tmp_path: Path, content: bytes, force: list[float], codes: tuple[str, ...]
+) -> None:
+    found = plain(tmp_path, content)
+    assert found.codes == codes
+    assert [x for c in found.channels for x in c.values] == force
+    given = manifest(records={"files": "{trial}.csv"})
+    (record,) = reader("csv").read(given, tmp_path, ["t"])
+    assert bool(len(record.force_N)) == bool(force)
+    assert bool({"EMPTY", "NO_DATA"} & {*record.codes}) == (not force)
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("force\n1\n2x\n3\n", r"t\.csv, line 3: '2x' in column 'force' is not a number"),
+        ("force\n1\n1_000\n", "line 3: '1_000'"),
+        ("force\n1\n0x10\n", "line 3: '0x10'"),
+        ('t,force\n0,"1,5"\n', "line 2: '1,5'.*\n  write decimals with a point"),
+        ("t,force\n0,1,5\n", "line 2: has 3 cells under 2 column names"),
+        ("t;force\n0;1\n", "line 1: is not separated by commas"),
+        ("0,1\n1,2\n", "line 1: holds numbers where the columns' names should stand"),
+        ("t,forze\n0,1\n", "line 1: has no column 'force'\n  records.force.column = \"forze\"?"),
+        ("t,lift\n0,1\n", "has no column 'force'\n  it has 't', 'lift'"),
+        ("t,force\n0,1\nt,force\n2,3\n", "line 3: repeats the header"),
+        ("t,force\ns,mN\n0,1\n", "line 2: 'mN' in column 'force' is not a number"),
+        ("t,force\n0,1\nvolts,amps\n0,1\n", "line 3: holds words and no number"),
+        ("force\n1\n\0\n2\n", "line 3: holds NUL bytes"),
+        ('force\n1\n"3\n0"\n', "line 3: is not a row of cells: unexpected end of data"),
+        (b"kr\xe4fte,force\n1,1\n", "line 1: is not UTF-8"),
+        (b"x,force\na,1\n\xe4,2x\n", "line 3: is not UTF-8"),
+        ("force\n1\n".encode("utf-16"), "UTF-16"),
+    ],
+)
+def test_the_first_bad_line_is_named(tmp_path: Path, content: str | bytes, match: str) -> None:
+    with pytest.raises(InputRefused, match=match):
+        plain(tmp_path, content)
+
+
+def test_a_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
+    put(tmp_path, "force,force\n0,1\n", "a.csv")
+    with pytest.raises(InputRefused, match="has more than one column 'force'"):
+        list(reader("csv").read(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"]))
+
+
+def test_sign_calibration_and_clock(tmp_path: Path) -> None:
+    put(tmp_path, "ms,counts\n0,130\n5,140\n", "a.csv")
+    force = {
+        "column": "counts",
+        "unit": "count",
+        "sign": -1,
+        "calibration": {"gain": "2 mN/count", "offset": "120 count"},
+    }
+    given = manifest(
+        records={"files": "{trial}.csv", "force": force, "time": {"column": "ms", "unit": "ms"}}
+    )
+    (record,) = reader("csv").read(given, tmp_path, ["a"])
+    np.testing.assert_allclose(record.force_N, [-0.02, -0.04])
+    np.testing.assert_allclose(record.time_s, [0, 0.005])
+    assert record.source == "a.csv"
+
+
+def test_a_clock_of_many_digits_beside_no_force_is_shown(tmp_path: Path) -> None:
+    """The clock comes first, and no name is that of a force."""
+    rows = "".join(f"{1690000000 + i / 400:.9f},{i % 3},{i % 5}\n" for i in range(200))
+    found = nearlift("inspect", put(tmp_path, "stamp,Inst,Val\n" + rows, "log.csv"))
+    assert found.exit_code == 0, found.output
+    assert "stamp" in found.output
+    assert "Val" in found.output
+
+
+# ---- Arrow arrays
+
+
+@pytest.mark.parametrize(("start", "length"), [(0, 5), (1, 3), (2, 1), (1, 0)])
+def test_a_null_is_not_a_number_and_its_neighbours_are_themselves(start: int, length: int) -> None:
+    whole = pa.array([1.5, None, 3.5, None, 5.5])
+    expected = np.array([1.5, np.nan, 3.5, np.nan, 5.5])[start : start + length]
+    np.testing.assert_array_equal(table.floats(whole.slice(start, length)), expected)
+    np.testing.assert_array_equal(table.floats(pa.array([7, None, -2])), [7, np.nan, -2])
+
+
+def test_one_blank_cell_does_not_load_pandas(tmp_path: Path) -> None:
+    path = put(tmp_path, "t,force\n,5\n0.1,6\n0.2,7\n")
+    code = (
+        "import sys; from pathlib import Path; from nearlift.readers import csv_trial\n"
+        "csv_trial.contents(Path(sys.argv[1]), {}, ('force', 't'))\n"
+        "sys.exit('pandas' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code, path], check=False).returncode == 0
