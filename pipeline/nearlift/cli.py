@@ -1,12 +1,19 @@
-"""The command line: names to commands. What a command imports is loaded only when it is asked
-for.
-"""
+"""Command line: a function for each command, which imports what it needs when it is called."""
 
 from __future__ import annotations
 
-import importlib
+import contextlib
+import functools
+import json
 import os
-from typing import TYPE_CHECKING
+import shlex
+import signal
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -14,80 +21,116 @@ from nearlift.blas import default_to_one_thread
 
 # before numpy is first imported
 default_to_one_thread()
-# what a manifest means is for nearlift to say, and to look for packages that would have a say takes
-# longer than to check it
+# looking for pydantic's plug-ins takes longer than checking a manifest
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
-from nearlift import __version__  # noqa: E402
-from nearlift.commands import GROUPS, everything  # noqa: E402
-from nearlift.errors import did_you_mean  # noqa: E402
-from nearlift.run.engine import stage_of  # noqa: E402
+from nearlift import __version__, terminal  # noqa: E402
+from nearlift.errors import ProductError, UsageError, brief, did_you_mean  # noqa: E402
+from nearlift.printing import say  # noqa: E402
 from nearlift.stages import ORDER, STAGES  # noqa: E402
+from nearlift.stages.asked import ROUNDS, AskedQuestion  # noqa: E402
+from nearlift.terminal import COMPUTES, OPENS, Call  # noqa: E402
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
 
+    from nearlift.run.engine import Option, Stage
 
-def _meant(word: str) -> str:
-    """What somebody may mean who calls a command by this word: an option of a stage's command, or a
-    name like it.
-    """
-    for stage in STAGES:
-        asked = stage.question.options if stage.question else ()
-        if option := next((o for o in (*stage.options, *asked) if o.name == word), None):
-            value = option.metavar or option.name.upper()
-            return f"try 'nearlift {stage.name} CAMPAIGN {option.flag} {value}'"
-    return did_you_mean(word, everything())
+#: Headings of the list of commands, in its order.
+HEADINGS = ("Begin", "Run", "Single stages, in the order of a run", "Afterwards", "Look up")
+BEGIN, RUN, SINGLE, AFTERWARDS, LOOK_UP = HEADINGS
+#: Formats of `export`: option and file.
+EXPORTS = {
+    "netcdf": "posterior.nc: draws of every model, for ArviZ and xarray",
+    "c": "export/lift_model.h: a C99 header for firmware, metres in",
+    "document": "export/lift_model.json, and its JSON Schema",
+    "python": "export/lift_model.py: a module that needs only Python",
+}
+PATH = click.Path(path_type=Path)
+CAMPAIGN = click.argument("campaign", type=PATH)
+DIALECT = click.option(
+    "--dialect",
+    default="",
+    metavar="KEYS",
+    help=(
+        'How to read the text, as [records] dialect in a manifest: \'separator = "semicolon",'
+        ' decimal = ",", encoding = "latin-1"\'.'
+    ),
+)
+REGISTRY = click.option(
+    "--registry",
+    type=PATH,
+    metavar="FILE",
+    help="Another list of data sets, in the form of nearlift's own.",
+)
 
 
 class Commands(click.Group):
-    """The commands by name, each loaded when it is called or its own help is asked for."""
+    """Group whose help lists commands by heading and whose refusals propose a command."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Every name."""
-        return list(everything())
-
-    def get_command(self, ctx: click.Context, name: str) -> click.Command | None:
-        """The command of that name."""
-        if name in ORDER:
-            from nearlift.commands.stage import command_of
-
-            return command_of(stage_of(STAGES, name))
-        if name not in everything():
-            return None
-        module = importlib.import_module(f"nearlift.commands.{name.replace('-', '_')}")
-        command: click.Command = module.command
-        return command
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Run the command line; an interrupt that is lost in a callback from C is repeated."""
+        before, sys.unraisablehook = sys.unraisablehook, _repeat_interrupt
+        try:
+            return super().main(*args, **extra)
+        finally:
+            sys.unraisablehook = before
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command that is meant; where none has that name, what may be meant is proposed."""
+        """Find the command; if there is none of that name, propose one."""
         try:
             return super().resolve_command(ctx, args)
         except click.UsageError as refusal:
-            hint = _meant(args[0])
+            hint = _proposal(args[0])
             advice = f"{refusal.message.rstrip('.')}: {hint}" if hint else refusal.message
             raise click.UsageError(advice, ctx) from None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Every name with its summary, under its group."""
-        listed = everything()
-        for group in GROUPS:
-            with formatter.section(group):
-                formatter.write_dl(
-                    [(f"{n:<12}", a.summary) for n, a in listed.items() if a.group == group]
-                )
+        """List every command with its summary, under its heading."""
+        for heading in HEADINGS:
+            rows = [
+                (f"{name:<12}", (command.help or "").split("\n")[0].rstrip("."))
+                for name, command in self.commands.items()
+                if getattr(command, "heading", "") == heading
+            ]
+            if rows:
+                with formatter.section(heading):
+                    formatter.write_dl(rows)
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names: a run's stages in their order, after all others by name."""
+        return sorted(self.commands.keys() - set(ORDER)) + [n for n in ORDER if n in self.commands]
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
-        """Names that begin so, then this group's options."""
+        """Complete a name without importing what its command needs."""
         from click.shell_completion import CompletionItem
 
         names = [CompletionItem(n) for n in self.list_commands(ctx) if n.startswith(incomplete)]
         return [*names, *click.Command.shell_complete(self, ctx, incomplete)]
 
 
-@click.command(
+def _repeat_interrupt(lost: sys.UnraisableHookArgs) -> None:
+    if issubclass(lost.exc_type, KeyboardInterrupt):
+        heard = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        again = signal.SIGINT if heard else signal.SIGTERM
+        threading.Timer(0.05, os.kill, (os.getpid(), again)).start()
+    else:
+        sys.__unraisablehook__(lost)
+
+
+def _proposal(word: str) -> str:
+    """Proposal for an unknown command: an option of a stage of this name, or a similar name."""
+    for stage in STAGES:
+        asked = stage.question.options if stage.question else ()
+        if option := next((o for o in (*stage.options, *asked) if o.name == word), None):
+            value = option.metavar or option.name.upper()
+            return f"try 'nearlift {stage.name} CAMPAIGN {option.flag} {value}'"
+    return did_you_mean(word, list(main.commands))
+
+
+@click.group(
     cls=Commands,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
@@ -99,3 +142,620 @@ def main() -> None:
     Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input unreadable or
     refused; 5 a fit did not converge; 130 interrupted.
     """
+
+
+command = functools.partial(terminal.command, main)
+
+
+# ---- begin
+
+
+@command(BEGIN, "demo", COMPUTES)
+def demo(call: Call) -> None:
+    """A simulated campaign, end to end.
+
+    It is written to demo-campaign/ and run; it needs nothing but the package.
+    """
+    from nearlift.synthetic.demo import write_demo
+
+    folder = call.out / "demo-campaign"
+    with call.busy("nearlift: simulating the demo's records"):
+        write_demo(folder)
+    call.line(f"simulated campaign in {folder}")
+    terminal.execute(call, folder)
+
+
+@command(BEGIN, "new raw/my-rig\nnew raw/my-rig --from logs/*.csv")
+@click.argument("folder", type=PATH, metavar="DIR")
+@click.argument("files", nargs=-1, type=PATH)
+@click.option(
+    "--from",
+    "given",
+    is_flag=True,
+    help=(
+        "Build the campaign from these files or folders: records and the table that lists them, or"
+        " one table of mean lifts."
+    ),
+)
+@DIALECT
+def new(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect: str) -> None:
+    """A campaign folder to fill in, empty or from records.
+
+    With --from FILES, the folder of a campaign whose records are FILES: those in the folder stay,
+    others are copied into it. What no file says is marked FILL IN.
+    """
+    from nearlift.onboarding.new import write_from, write_template
+
+    if given != bool(files):
+        raise UsageError(
+            "--from",
+            "names no files" if given else "is missing before the files",
+            "nearlift new DIR --from FILES",
+        )
+    made = write_from(folder, files, dialect_of(dialect)) if given else write_template(folder)
+    copied = [path for path in made.written if path.parent != folder]
+    lines = [str(path) for path in made.written if path.parent == folder]
+    if copied:
+        lines.append(f"{copied[0].parent}: {len(copied)} file{'s' * (len(copied) > 1)}")
+    lines += [f"note: {note}" for note in made.notes]
+    lines += ["still to fill in:", *(f"  {item}" for item in made.fill_in)]
+    lines.append(f"then: nearlift run {shlex.quote(str(folder))}")
+    content = {
+        "written": [str(path) for path in made.written],
+        "fill_in": list(made.fill_in),
+        "notes": list(made.notes),
+    }
+    call.answer(content, "\n".join(lines))
+
+
+@command(BEGIN, "inspect logs/run-1.csv\ninspect --cuts raw/my-rig", ("out",))
+@click.argument("files", type=PATH, nargs=-1, required=True, metavar="FILE...")
+@DIALECT
+@click.option(
+    "--cuts",
+    is_flag=True,
+    help=(
+        "Instead: cut records by [segments] of the manifest and draw them to"
+        " reports/NAME/segments.png. FILE is a campaign's folder or one of its records."
+    ),
+)
+def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> None:
+    """What a file holds, and the lines for the manifest.
+
+    Channel by channel, with the tables of a manifest that read it: [records] of a record, [piv] of
+    a velocity grid, the schedule's units of a table of means.
+    """
+    from nearlift.onboarding import cuts as cutting
+    from nearlift.onboarding import shown
+    from nearlift.onboarding.inspection import inspect
+
+    if cuts and dialect:
+        raise UsageError(
+            "--dialect", "was given with --cuts", "write it under [records] of the manifest"
+        )
+    if cuts:
+        call.answers("campaigns", cutting.answers(files, call.out))
+        return
+    found = [inspect(file, dialect_of(dialect)) for file in files]
+    call.answers("files", [(shown.as_json(one), shown.described(one)) for one in found])
+
+
+def dialect_of(text: str) -> dict[str, object]:
+    """Dialect of ``--dialect``, with or without its braces.
+
+    Raises
+    ------
+    UsageError
+        It is no TOML.
+    """
+    from nearlift.campaign import parsing
+    from nearlift.errors import ManifestError
+
+    plain = text.strip()
+    table = plain if plain.startswith("{") else f"{{ {plain} }}"
+    try:
+        dialect: dict[str, object] = parsing.loads(f"dialect = {table}".encode(), "it")["dialect"]
+    except ManifestError as fault:
+        raise UsageError(
+            "--dialect",
+            f"{brief(repr(text))} is not as a manifest has it: {fault.what}",
+            """such as --dialect 'separator = "semicolon", decimal = ","'""",
+        ) from None
+    return dialect
+
+
+@command(BEGIN, "design raw/my-rig --write raw/my-rig/planned.csv", OPENS)
+@CAMPAIGN
+@click.option(
+    "--noise-from",
+    metavar="NAME",
+    help="An earlier campaign under processed/ whose noise floor is expected.",
+)
+@click.option(
+    "--write",
+    type=PATH,
+    metavar="PATH",
+    help="Where the random schedule goes; never over a file.",
+)
+def design(call: Call, campaign: Path, noise_from: str | None, write: Path | None) -> None:
+    """Detectable effects of a planned campaign, and a random schedule.
+
+    For CAMPAIGN before it is run: detectable effects, confounded effects, and changes to the plan.
+    The plan is the folder's schedule, or the manifest's [design].
+    """
+    from nearlift.report.figures.design import text
+    from nearlift.results.serial import encode
+    from nearlift.stages import design
+
+    earlier = None if noise_from is None else call.out / "processed" / noise_from
+    with call.job(campaign, planned=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
+        answer = design.run(job, earlier=earlier, write=write)
+    call.answer(encode(answer), text(answer))
+
+
+@main.group(cls=Commands, epilog="\b\nFor example:\n  nearlift data list")
+def data() -> None:
+    """Public measured data: what there is, fetched as a campaign."""
+
+
+data.heading = BEGIN  # type: ignore[attr-defined]
+
+
+@terminal.command(data, BEGIN, "data list", name="list")
+@REGISTRY
+def list_data(call: Call, registry: Path | None) -> None:
+    """What there is: name, what was measured, licence, size."""
+    from nearlift.datasets.registry import OWN, datasets, described
+
+    listed = datasets(registry or OWN)
+    lines = [line for item in listed for line in described(item)]
+    call.answer([item.model_dump() for item in listed], "\n".join(lines))
+
+
+@terminal.command(data, BEGIN, "data get pitt-ras-2017", name="get")
+@click.argument("name")
+@click.argument("folder", type=PATH, required=False, metavar="[DIR]")
+@click.option("--trust", is_flag=True, help="Take files without a known digest.")
+@click.option(
+    "--cache",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Where fetched files are kept [default: NEARLIFT_CACHE, or the system's].",
+)
+@REGISTRY
+def get_data(
+    call: Call,
+    name: str,
+    folder: Path | None,
+    trust: bool,
+    cache: Path | None,
+    registry: Path | None,
+) -> None:
+    """Fetch NAME and make it a campaign.
+
+    It is made in DIR (default: raw/NAME). What the cache holds is not fetched again.
+    """
+    from nearlift.datasets.fetch import get
+    from nearlift.datasets.registry import OWN, dataset
+
+    wanted = dataset(name, registry or OWN)
+    made = get(wanted, folder or Path("raw") / name, trust=trust, cache=cache, say=call.line)
+    then = f"{wanted.next} {made}"
+    content = {
+        "campaign": str(made),
+        "licence": wanted.licence,
+        "citation": wanted.citation,
+        "next": then,
+    }
+    call.answer(
+        content, f"{made}\nlicence: {wanted.licence}; cite: {wanted.citation}\nnext: {then}"
+    )
+
+
+# ---- run
+
+
+@command(
+    RUN,
+    "run raw/my-rig\nrun raw/a raw/b --executor processes:2\nrun --dry-run raw/my-rig"
+    "\nrun --check raw/my-rig",
+    COMPUTES,
+)
+@click.argument("campaigns", type=PATH, nargs=-1, required=True, metavar="CAMPAIGN...")
+@click.option(
+    "--only",
+    type=click.Choice(ORDER),
+    metavar="STAGE",
+    help=f"Run this stage alone, even if it is up to date: {', '.join(ORDER)}.",
+)
+@click.option("--dry-run", is_flag=True, help="Run nothing; say which stages are stale, and why.")
+@click.option(
+    "--check",
+    is_flag=True,
+    help=(
+        "Run nothing; hash inputs and products, list those that differ from provenance.json,"
+        " and end with 4 if any does."
+    ),
+)
+@click.option(
+    "--watch",
+    is_flag=True,
+    help="Go on: run again whenever CAMPAIGN's folder has changed, until Ctrl-C.",
+)
+@click.option(
+    "--every",
+    type=click.FloatRange(min=0.1),
+    default=5.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="How often --watch looks.",
+)
+@click.option(
+    "--next",
+    "question",
+    metavar="QUESTION",
+    help="With --watch: say after each look what to visit next, as `nearlift next --for` does.",
+)
+@click.option(
+    "--until",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="U",
+    help="With --next: the coefficient's standard uncertainty at which to stop.",
+)
+@click.option(
+    "--rounds",
+    type=click.FloatRange(0, 1),
+    show_default=str(ROUNDS),
+    metavar="SHARE",
+    help="With --next: of the visits, how many go round all stations.",
+)
+def run(
+    call: Call,
+    campaigns: tuple[Path, ...],
+    only: str | None,
+    dry_run: bool,
+    check: bool,
+    watch: bool,
+    every: float,
+    **visits: Any,
+) -> None:
+    """Every stage of a campaign that is stale.
+
+    Of several campaigns, one after the other, or side by side with processes:N.
+    """
+    modes = {"--only": bool(only), "--dry-run": dry_run, "--check": check, "--watch": watch}
+    chosen = [mode for mode, asked in modes.items() if asked]
+    if len(chosen) > 1:
+        raise UsageError(chosen[0], f"was given with {chosen[1]}", "choose one of them")
+    question, until, rounds = visits["question"], visits["until"], visits["rounds"]
+    given = {"--next": question, "--until": until, "--rounds": rounds}
+    first = next((name for name, value in given.items() if value is not None), None)
+    if first and not (watch and question):
+        raise UsageError(
+            first,
+            f"needs {'--watch' if question else '--next'}",
+            "`nearlift next` plans the visits of a finished campaign",
+        )
+    if watch and len(campaigns) > 1:
+        raise UsageError(
+            "--watch",
+            f"was given {len(campaigns)} campaigns",
+            "watch one; run the others in terminals of their own",
+        )
+    if dry_run:
+        call.answers("campaigns", [_planned(call, campaign) for campaign in campaigns])
+    elif check:
+        _check(call, campaigns)
+    elif watch:
+        share = ROUNDS if rounds is None else rounds
+        asked = AskedQuestion.parsed(question, until, share) if question else None
+        _follow(call, campaigns[0], every, asked)
+    elif len(campaigns) == 1:
+        terminal.execute(call, campaigns[0], only)
+    else:
+        terminal.execute_many(call, campaigns, only)
+
+
+def _planned(call: Call, campaign: Path) -> tuple[dict[str, Any], str]:
+    """Stages with the reasons why they are stale, as JSON and as text."""
+    from nearlift.run import engine
+
+    with call.job(campaign) as job:
+        steps = [(stage.name, why) for stage, why in engine.plan(job)]
+    stages = [{"stage": name, "stale": bool(why), "why": why} for name, why in steps]
+    lines = (f"{name:<8} {'run: ' + why if why else 'up to date'}" for name, why in steps)
+    return {"campaign": job.campaign.name, "stages": stages}, "\n".join(lines)
+
+
+def _check(call: Call, campaigns: tuple[Path, ...]) -> None:
+    """List files that differ from provenance.json; exit with 4 if any does."""
+    from nearlift.campaign import manifest as manifests
+    from nearlift.run.engine import differences
+
+    answers, any_differs = [], False
+    for campaign in campaigns:
+        given = manifests.load(campaign)
+        checked, differing = differences(campaign, call.out, given, STAGES)
+        same = f"{checked - len(differing)} of {checked} files are what they were"
+        content = {"campaign": given.name, "checked": checked, "differing": differing}
+        answers.append((content, "\n".join([*differing, same])))
+        any_differs |= bool(differing)
+    call.answers("campaigns", answers)
+    if any_differs:
+        sys.exit(ProductError.exit_code)
+
+
+def _follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | None) -> None:
+    """Run a campaign that is being recorded until interrupted; with --json, one object a round."""
+    from nearlift.run.watch import watch
+    from nearlift.stages import looks
+
+    terminal.end_politely()
+    call.line(f"watching {campaign} every {period_s:g} s; Ctrl-C ends it")
+    look = functools.partial(looks.look, asked)
+    for latest in watch(
+        campaign, call.out, STAGES, call.executor, call.seed, look, period_s, call.progress
+    ):
+        for line in (latest.words, *latest.next):
+            call.line(line)
+        if call.as_json:
+            say(json.dumps(asdict(latest)))
+
+
+@command(
+    RUN,
+    "next raw/my-rig --for K_b --until 0.05\nnext raw/my-rig --for separate --csv"
+    "\nnext raw/my-rig --for drift",
+    OPENS,
+    name="next",
+)
+@CAMPAIGN
+@click.option(
+    "--for",
+    "question",
+    required=True,
+    metavar="QUESTION",
+    help=(
+        "A coefficient, such as K_b; separate=A,B for two effects, separate alone for those that"
+        " the diagnosis could not distinguish; drift for the supply against time."
+    ),
+)
+@click.option(
+    "--until",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="U",
+    help="Say how many more trials bring the coefficient's standard uncertainty to U.",
+)
+@click.option(
+    "--count",
+    type=click.IntRange(1, 1000),
+    default=10,
+    show_default=True,
+    help="Visits at each boundary.",
+)
+@click.option(
+    "--rounds",
+    type=click.FloatRange(0, 1),
+    default=ROUNDS,
+    show_default=True,
+    metavar="SHARE",
+    help="Of the visits, how many go round all stations, whatever the question.",
+)
+@click.option("--csv", "as_csv", is_flag=True, help="Rows for the campaign's schedule instead.")
+def next_visits(
+    call: Call,
+    campaign: Path,
+    question: str,
+    until: float | None,
+    count: int,
+    rounds: float,
+    as_csv: bool,
+) -> None:
+    """The next visits, for a coefficient or to distinguish two effects.
+
+    Chosen from the campaign's trials, with a share at all stations. Prints their gain, where to
+    stop, and their cost. Stages ingest and, for identified effects, diagnose must have run. Nothing
+    is written.
+    """
+    from nearlift.report.visits import text
+    from nearlift.stages import next_rows, next_visits
+
+    asked = AskedQuestion.parsed(question, until, rounds)
+    if as_csv and call.as_json:
+        raise UsageError("--csv", "was asked for with --json", "choose one of them")
+    with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
+        batches, elsewhere = next_visits.run(job, asked, count)
+        rows = next_rows.as_schedule(job, batches) if as_csv else ""
+    boundaries = {batch.boundary: batch.content for batch in batches}
+    call.answer(
+        {"campaign": job.campaign.name, "boundaries": boundaries, "notes": elsewhere},
+        rows or "\n\n".join([*map(text, batches), *elsewhere]),
+    )
+
+
+@command(RUN, "serve\nserve ~/lift --port 8765")
+@click.argument("folder", type=PATH, default=Path(), metavar="[WORKSPACE]")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    metavar="PORT",
+    help="Port of 127.0.0.1; without it, any free one.",
+)
+def serve(call: Call, folder: Path, port: int) -> None:
+    """Campaigns, live view and reports in a browser.
+
+    A read-only page for this machine alone, behind a link that is good once. WORKSPACE (default:
+    the current folder) holds processed/ and reports/. `nearlift run --watch` brings the page up to
+    date while a campaign is recorded.
+    """
+    if not folder.is_dir():
+        raise UsageError(str(folder), "is no folder", "name the folder that holds processed/")
+    from nearlift.serve.pages import responder
+    from nearlift.serve.server import Server
+
+    # Ctrl-C is the way to end: it may come as soon as the link is read
+    with contextlib.suppress(KeyboardInterrupt), Server(port, responder(folder)) as server:
+        call.answer(
+            {"workspace": str(folder.resolve()), "link": server.link},
+            f"{folder.resolve()}: open {server.link}\n"
+            "the link is good for one browser; Ctrl-C ends the page",
+        )
+        server.serve_forever()
+
+
+# ---- single stages
+
+
+def _explain(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
+    """Describe an effect, its detectable size in this campaign, and what is confounded with it."""
+    from nearlift.report.figures.explain import text
+    from nearlift.results.serial import encode
+    from nearlift.stages import explain
+
+    name = str(given["explain"])
+    with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {name}"):
+        explanation = explain.run(job, name)
+    call.answer(encode(explanation), text(explanation))
+
+
+def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
+    """Distance of the boundary by one reading; quantities are texts, as in the manifest."""
+    from nearlift.campaign.forecasts import LiftReading
+    from nearlift.campaign.parsing import validated
+    from nearlift.results.serial import encode
+    from nearlift.stages.proximity import read
+
+    for flag, example, why in (
+        ("boundary", "ground", "a reading is one of ground, ceiling or sidewall"),
+        ("u", "'1 percent'", "a reading has a standard uncertainty"),
+    ):
+        if flag not in given:
+            raise UsageError(f"--{flag}", f"is missing: {why}", f"add --{flag} {example}")
+    fields = {name.removesuffix("_u"): value for name, value in given.items()}
+    reading = validated(LiftReading, fields, "nearlift detect")
+    with call.job(campaign) as job:
+        result = read(job, reading)
+    call.answer(encode(result), result.text)
+
+
+#: Answers to the questions of stages, by stage.
+QUESTIONS = {"diagnose": _explain, "detect": _read_distance}
+
+
+def add_stage(group: click.Group, stage: Stage) -> None:
+    """Add the command that runs this stage, stale or not, or answers its question."""
+    asked = stage.question.options if stage.question else ()
+
+    def run_stage(call: Call, campaign: Path, **given: Any) -> None:
+        known = {name: value for name, value in given.items() if value is not None}
+        if known.keys() & {option.name for option in asked}:
+            QUESTIONS[stage.name](call, campaign, known)
+        else:
+            terminal.execute(call, campaign, stage.name, overrides=known)
+
+    written = ", ".join(product.file for product in stage.writes)
+    text = (
+        f"Writes {written}." if written else "",
+        stage.help,
+        "Runs even if it is up to date; earlier stages must have run.",
+    )
+    summary = stage.summary[0].upper() + stage.summary[1:]
+    run_stage.__doc__ = f"{summary}.\n\n{' '.join(filter(None, text))}"
+    for option in reversed((*stage.options, *asked)):
+        run_stage = _click_option(option)(run_stage)
+    question = f"\n{stage.name} raw/my-rig {stage.question.example}" if stage.question else ""
+    example = f"{stage.name} raw/my-rig{question}"
+    terminal.command(group, SINGLE, example, COMPUTES, name=stage.name)(CAMPAIGN(run_stage))
+
+
+def _click_option(option: Option) -> Any:
+    kind: Any = (
+        click.Choice(option.choices)
+        if option.choices
+        else click.IntRange(*option.limits)
+        if option.limits
+        else float
+        if option.real
+        else None
+    )
+    return click.option(option.flag, type=kind, metavar=option.metavar, help=option.help)
+
+
+for _stage in STAGES:
+    add_stage(main, _stage)
+
+
+# ---- afterwards
+
+
+@command(AFTERWARDS, "explain raw/my-rig supply_sag", OPENS)
+@CAMPAIGN
+@click.argument("effect")
+def explain(call: Call, campaign: Path, effect: str) -> None:
+    """One effect, and its visibility in this campaign.
+
+    The effect, its detectable size in this campaign, and the effects confounded with it. Stage
+    ingest must have run. `diagnose --explain` is the same.
+    """
+    _explain(call, campaign, {"explain": effect})
+
+
+@command(AFTERWARDS, "compare rig-a rig-b", ("out",))
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@click.option(
+    "--shared",
+    multiple=True,
+    metavar="COMPONENT",
+    help="An [[uncertainty]] that is one and the same error in all campaigns.",
+)
+def compare(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None:
+    """One coefficient over many campaigns, with a forest plot.
+
+    Table, forest plot and population mean over finished campaigns; without names, all. The mean
+    does not average down shared errors.
+    """
+    from nearlift import comparison
+    from nearlift.results.serial import encode
+
+    compared = comparison.run(call.out, names, shared)
+    plot = call.out / "reports" / comparison.FOLDER / "forest.pdf"
+    call.answer(encode(compared), "\n".join([*comparison.table(compared), str(plot)]))
+
+
+def _export_options(function: Any) -> Any:
+    for name, meaning in reversed(EXPORTS.items()):
+        function = click.option(f"--{name}", is_flag=True, help=f"{meaning}.")(function)
+    return function
+
+
+@command(AFTERWARDS, "export raw/my-rig --c --netcdf", ("out", "verbose"))
+@CAMPAIGN
+@_export_options
+def export(call: Call, campaign: Path, **formats: bool) -> None:
+    """The fitted model, in forms that other programs read.
+
+    Stage fit must have run.
+    """
+    from nearlift.stages.export import export
+
+    wanted = tuple(name for name, asked in formats.items() if asked)
+    if not wanted:
+        raise UsageError(
+            "export", "no format was asked for", f"add {', '.join(f'--{name}' for name in formats)}"
+        )
+    with call.job(campaign) as job:
+        written = export(job, wanted)
+    call.answer({"campaign": job.campaign.name, "written": written}, "\n".join(written))
+
+
+# ---- look up
+
+
+@command(LOOK_UP, "describe\ndescribe sanchez_cuevas")
+@click.argument("name", required=False)
+def describe(call: Call, name: str | None) -> None:
+    """A model, effect, product or symbol; or the catalogue."""
+    from nearlift.describe import describe
+
+    text = describe(name)
+    call.answer({"name": name, "text": text}, text)

@@ -163,7 +163,7 @@ def test_ctrl_c_ends_it_with_130_and_products_stand(recording, tmp_path, monkeyp
         raise KeyboardInterrupt
 
     monkeypatch.setattr(watching.time, "sleep", interrupted)
-    monkeypatch.setattr("nearlift.commands.run.STAGES", FIRST)
+    monkeypatch.setattr("nearlift.cli.STAGES", FIRST)
     found = small_run.nearlift(
         "run", raw, "--watch", "--every", "1", "--out", tmp_path, "--json", "--executor", "serial"
     )

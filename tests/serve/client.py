@@ -17,7 +17,7 @@ PATIENCE_S = 120.0
 #: Ctrl-C works in a child of a shell's background job too, which ignores it.
 START = (
     "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler);"
-    " sys.argv[0] = 'nearlift'; from nearlift.console import main; main()"
+    " sys.argv[0] = 'nearlift'; from nearlift.cli import main; main()"
 )
 
 

@@ -22,16 +22,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from nearlift import console
 from nearlift.campaign import manifest as manifests
-from nearlift.cli import main
-from nearlift.commands import ABOUT, GROUPS, About, everything
-from nearlift.commands.common import SETTINGS
+from nearlift.cli import HEADINGS, main
 from nearlift.errors import ManifestError
 from nearlift.run import engine, tables
 from nearlift.stages import ORDER, STAGES, fit
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
+from nearlift.terminal import COMPUTES, OPENS, SETTINGS
 
 from . import small_run, written
 from .small_run import nearlift, state
@@ -453,60 +451,60 @@ def test_describe_knows_models_effects_products_and_symbols(name, text):
 # ---- help, of every command
 
 
-def commands() -> list[tuple[str, click.Command, About]]:
+def commands() -> dict[str, click.Command]:
     """Every command by its whole name."""
-    context, found = click.Context(main, **main.context_settings), []
-    for name, about in everything().items():
-        command = main.get_command(context, name)
-        found.append((name, command, about))
-        for inner, own in getattr(command, "commands", {}).items():
-            found.append((f"{name} {inner}", own, ABOUT[f"{name} {inner}"]))
-    return found
+    inner = {f"data {name}": command for name, command in main.commands["data"].commands.items()}
+    return main.commands | inner
 
 
-def test_every_summary_stands_whole_in_a_list_of_80_columns():
+def test_every_summary_is_whole_in_a_list_of_80_columns():
     listed = CliRunner(env={"COLUMNS": "80"}).invoke(main, ["--help"]).stdout
     assert listed.count("...") == listed.count("[ARGS]...")
     assert max(map(len, listed.splitlines())) <= 80
-    for name, about in everything().items():
-        assert re.search(rf"^  {name} +{re.escape(about.summary)}$", listed, re.M), name
-    assert [line[:-1] for line in listed.splitlines() if line[:-1] in GROUPS] == list(GROUPS)
+    for name, command in main.commands.items():
+        summary = command.help.split("\n")[0].rstrip(".")
+        assert re.search(rf"^  {name} +{re.escape(summary)}$", listed, re.M), name
+    assert [line[:-1] for line in listed.splitlines() if line[:-1] in HEADINGS] == list(HEADINGS)
     inner = CliRunner(env={"COLUMNS": "80"}).invoke(main, ["data", "--help"]).stdout
     assert inner.count("...") == inner.count("[ARGS]...")
+    assert "list " in inner
+    assert "get " in inner
 
 
 def test_every_command_has_a_page_with_an_example_that_can_be_said():
-    for name, _, about in commands():
+    for name, made in commands().items():
         page = CliRunner(env={"COLUMNS": "80"}).invoke(main, [*name.split(), "--help"])
         assert page.exit_code == 0
-        assert about.summary + "." in " ".join(page.stdout.split())
-        assert "For example:" in page.stdout
-        for line in about.example.splitlines():
-            assert f"  nearlift {line}" in page.stdout
-            context, words = click.Context(main, **main.context_settings), shlex.split(line)
-            command = main
+        assert made.help.split("\n")[0] in " ".join(page.stdout.split())
+        example = page.stdout.split("For example:")[1]
+        calls = [line for line in example.splitlines() if line.strip()]
+        assert calls, name
+        for line in calls:
+            context = click.Context(main, **main.context_settings)
+            words, command = shlex.split(line)[1:], main
             while isinstance(command, click.Group):
                 _, command, words = command.resolve_command(context, words)
             command.make_context(command.name, words, parent=context)
 
 
-def test_options_stand_where_they_do_something():
+def test_settings_are_offered_where_they_do_something():
     """All that open a campaign take --out; what computes takes an executor and a seed; what only
     answers takes none of these.
     """
-    for name, command, about in commands():
+    for name, command in commands().items():
         if name == "data":
             continue
         options = {o for p in command.params if isinstance(p, click.Option) for o in p.opts}
         assert {"--json", "-q"} <= options
-        given = {name for name in SETTINGS if f"--{name}" in options}
-        assert given == set(about.settings), name
+        given = {setting for setting in SETTINGS if f"--{setting}" in options}
         opens = any(p.name in ("campaign", "campaigns") for p in command.params)
         assert not opens or "out" in given, name
-        computes = name in (*ORDER, "run", "demo")
-        assert ({"executor", "seed"} <= given) == computes, name
-    for name in ("new", "describe", "data list", "data get"):
-        assert not ABOUT[name].settings
+        if name in (*ORDER, "run", "demo"):
+            assert given == set(COMPUTES), name
+        elif name in ("new", "describe", "data list", "data get", "serve"):
+            assert not given
+        else:
+            assert given <= set(OPENS), name
 
 
 @pytest.mark.parametrize(
@@ -645,14 +643,3 @@ def test_the_demo_finds_what_is_in_it_and_says_that_it_is_simulated(demo):
     assert K_b["lo90"] < 2.0 < K_b["hi90"]
     assert {found[side]["verdict"] for side in ("ceiling", "sidewall")} == {"adequate"}
     assert "simulated" in (demo / "reports/demo/index.html").read_text().lower()
-
-
-def test_an_interrupt_while_modules_are_loaded_ends_in_words(monkeypatch, capsys):
-    def load() -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("nearlift.cli.main", load)
-    with pytest.raises(SystemExit) as end:
-        console.main()
-    assert end.value.code == 130
-    assert capsys.readouterr().err == "interrupted; nothing was begun\n"

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 import nearlift
-from nearlift.commands import compare
+from nearlift import comparison
 from nearlift.report import words
 from nearlift.report.chapters import diagnosis, verdict
 from nearlift.report.documents import methods
@@ -101,5 +101,5 @@ def test_python_answers_with_the_reason_and_draws_nothing(out: Path):
 
 
 def test_a_comparison_counts_it_as_not_diagnosed(out: Path):
-    [entry] = compare.entries(out / "processed/means")
+    [entry] = comparison.entries(out / "processed/means")
     assert entry.result.verdict == NOT_DIAGNOSED

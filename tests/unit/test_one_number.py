@@ -12,7 +12,7 @@ import re
 
 import pytest
 
-from nearlift.commands import compare
+from nearlift import comparison
 from nearlift.nomenclature import letter, mathematics
 from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results
@@ -98,7 +98,7 @@ def test_exports_say_one_number(job, quoted):
 
 def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     c = quoted.coefficients["K_b"]
-    (entry,) = compare.entries(job.processed)
+    (entry,) = comparison.entries(job.processed)
     assert entry.quoted == c
     models = job.load(FitResults).boundaries["ground"]
     fit = BoundaryFit(boundary="ground", base=models["sanchez_cuevas"], models=models)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import sys
-from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
 from tests.unit import small_run
 
 from nearlift import schedule
-from nearlift.cli import main
-from nearlift.commands.stage import command_of
+from nearlift.cli import QUESTIONS, Commands, add_stage, main
 from nearlift.describe import stages_page
 from nearlift.report.figures import budget
 from nearlift.report.registry import declared
@@ -45,19 +42,15 @@ WEIGH = Stage(
     writes=(HEIGHTS,),
     sections=("vehicle",),
     options=(Option(flag="--most", limits=(1, 9), help="Of how many."),),
-    question=StageQuestion(module="weighing", options=(Option(flag="--ask", help="Instead."),)),
+    question=StageQuestion(options=(Option(flag="--ask", help="Instead."),)),
 )
 
 
-@pytest.fixture
-def weighing(monkeypatch) -> SimpleNamespace:
-    module = SimpleNamespace(answer=lambda campaign, given, call: print(campaign.name, given))
-    monkeypatch.setitem(sys.modules, "weighing", module)
-    return module
-
-
-def test_a_declared_stage_has_a_command_with_its_options(weighing, tmp_path):
-    command = command_of(WEIGH)
+def test_a_declared_stage_has_a_command_with_its_options(monkeypatch):
+    monkeypatch.setitem(QUESTIONS, "weigh", lambda call, campaign, given: print(campaign, given))
+    group = Commands()
+    add_stage(group, WEIGH)
+    command = group.commands["weigh"]
     text = CliRunner().invoke(command, ["--help"]).output
     assert "Trials to heights." in text
     assert "Writes heights.parquet. Runs even if it is up to date" in text

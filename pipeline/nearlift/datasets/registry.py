@@ -13,6 +13,7 @@ from pydantic import Field, ValidationError, field_validator
 
 from nearlift.campaign.quantities import Section
 from nearlift.errors import InputRefused, UsageError
+from nearlift.rounding import bytes_text
 
 OWN = Path(__file__).with_name("registry.toml")
 #: What the list says of a file whose digest nobody has worked out.
@@ -118,3 +119,17 @@ def dataset(name: str, path: Path = OWN) -> Dataset:
             f"did you mean {close[0]!r}?" if close else f"there are {', '.join(known)}",
         )
     return known[name]
+
+
+def described(item: Dataset) -> list[str]:
+    """Lines of the list of data sets: name, title, size, licence, citation."""
+    sizes = [f.bytes for f in item.file]
+    held = "size unknown" if None in sizes else bytes_text(sum(size or 0 for size in sizes))
+    about = (
+        item.title,
+        f"{len(item.file)} file{'s' if len(item.file) > 1 else ''}, {held}; licence: {item.licence}",
+        item.citation,
+        item.note,
+        "its digest is not known: wants --trust" if item.unknown else "",
+    )
+    return [item.name, *(f"  {line}" for line in about if line)]

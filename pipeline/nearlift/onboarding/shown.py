@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -84,8 +85,18 @@ def notes(inspected: Inspection) -> list[str]:
     return said
 
 
-def described(inspected: Inspection, rows: list[str]) -> str:
-    """The whole answer as text; `rows` are those of the channels, padded."""
+def padded(rows: Sequence[Sequence[str]]) -> list[str]:
+    """A line for each row, in columns; the last cell is as long as it is."""
+    *wide, _ = (max(map(len, column)) for column in zip(*rows, strict=True))
+    return [
+        "  ".join((*(cell.ljust(w) for cell, w in zip(row, wide, strict=False)), row[-1])).rstrip()
+        for row in rows
+    ]
+
+
+def described(inspected: Inspection) -> str:
+    """The whole answer as text."""
+    rows = padded(channel_rows(inspected))
     about = f"{inspected.path}: {inspected.contents.kind}, {bytes_text(inspected.bytes)}"
     lines = [about, *(f"  {row}" for row in rows), *(f"note: {note}" for note in notes(inspected))]
     return "\n".join(line.rstrip() for line in lines) + "\n\n" + block(inspected)

@@ -88,10 +88,9 @@ class Option:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StageQuestion:
     """A question that a stage's command answers instead of running the stage, where one of its
-    options is given: by `module`'s function ``answer(campaign, given, settings)``.
+    options is given.
     """
 
-    module: str
     options: tuple[Option, ...]
     example: str = ""
 

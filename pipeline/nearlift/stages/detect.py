@@ -66,7 +66,6 @@ STAGE = Stage(
     sections=("vehicle", "rig", "detect"),
     where="detect",
     question=StageQuestion(
-        module="nearlift.commands.reading",
         example="--boundary ground --ratio 1.12 --u '1 percent'",
         options=(
             Option(

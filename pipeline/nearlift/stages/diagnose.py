@@ -58,7 +58,6 @@ STAGE = Stage(
     writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),
     question=StageQuestion(
-        module="nearlift.commands.explain",
         example="--explain supply_sag",
         options=(
             Option(

@@ -1,14 +1,13 @@
 """export: the posterior as netCDF, and the fitted lift models as C header, JSON and Python module.
 
 Lift models are written to export/ in the campaign's folder of products. A new format is one more
-entry of `FORMATS`.
+entry of `FORMATS`, and of the command line's `EXPORTS`.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
 from datetime import UTC, datetime
 
 import nearlift
@@ -24,15 +23,6 @@ from nearlift.stages.ingest import TRIALS
 from nearlift.stages.quoted_lift import fitted_lift
 
 DRAWS = 2000
-
-
-@dataclass(frozen=True, slots=True)
-class ExportFormat:
-    """A form of export: the name and help of its option, and its writer, which returns the path."""
-
-    name: str
-    meaning: str
-    write: Callable[[Job], str]
 
 
 def model_export(job: Job) -> ModelExport:
@@ -75,18 +65,15 @@ def write_json(job: Job) -> str:
     return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 
-FORMATS = (
-    ExportFormat(
-        "netcdf", "posterior.nc: draws of every model, for ArviZ and xarray", netcdf.write
-    ),
-    ExportFormat("c", "export/lift_model.h: a C99 header for firmware, metres in", write_c),
-    ExportFormat("document", "export/lift_model.json, and its JSON Schema", write_json),
-    ExportFormat(
-        "python", "export/lift_model.py: a module that needs nothing but Python", write_python
-    ),
-)
+#: Writer of each format, which returns the path.
+FORMATS: dict[str, Callable[[Job], str]] = {
+    "netcdf": netcdf.write,
+    "c": write_c,
+    "document": write_json,
+    "python": write_python,
+}
 
 
 def export(job: Job, names: tuple[str, ...]) -> list[str]:
     """Write these formats; returns the paths."""
-    return [f.write(job) for f in FORMATS if f.name in names]
+    return [FORMATS[name](job) for name in names]

@@ -1,4 +1,4 @@
-"""Where records are cut into trials by [segments] of the manifest, drawn before any fit."""
+"""Records cut into trials by [segments] of the manifest, drawn before any fit."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any
 
 from nearlift import readers
 from nearlift.campaign import manifest as manifests
-from nearlift.commands.common import Call
 from nearlift.errors import ManifestError, UsageError
 from nearlift.readers import segments
 from nearlift.readers.files import per_trial
@@ -62,9 +61,9 @@ def described(records: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
-def cuts(call: Call, campaign: Path, files: Collection[Path] = ()) -> tuple[dict[str, Any], str]:
+def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[str, Any], str]:
     """Cut the records of a campaign, or only these files of it; draw the first ones to
-    reports/<name>/segments.png. Returns the answer for machines and in words.
+    reports/<name>/segments.png under `out`. Returns the answer as JSON and as text.
 
     Raises
     ------
@@ -101,7 +100,7 @@ def cuts(call: Call, campaign: Path, files: Collection[Path] = ()) -> tuple[dict
         segments.read(given, campaign, reader, record, path) for record, path in paths.items()
     ]
     contents = [cuts_document(record, rate) for record in records]
-    place = call.out / "reports" / given.name / PICTURE
+    place = out / "reports" / given.name / PICTURE
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(picture(records, rate))
     answer = {"campaign": given.name, "picture": str(place), "records": contents}
@@ -124,7 +123,7 @@ def campaign_of(path: Path) -> Path:
     )
 
 
-def answer(call: Call, paths: Sequence[Path]) -> None:
+def answers(paths: Sequence[Path], out: Path) -> list[tuple[dict[str, Any], str]]:
     """Draw the cuts of each campaign, and of each file as a record of its campaign."""
     wanted: dict[Path, list[Path]] = {}
     for path in paths:
@@ -132,4 +131,4 @@ def answer(call: Call, paths: Sequence[Path]) -> None:
             wanted[path] = []
         else:
             wanted.setdefault(campaign_of(path), []).append(path)
-    call.answers("campaigns", [cuts(call, campaign, files) for campaign, files in wanted.items()])
+    return [cuts(campaign, out, files) for campaign, files in wanted.items()]

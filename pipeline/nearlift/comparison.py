@@ -1,8 +1,7 @@
-"""compare: one coefficient over many campaigns: a table, a forest plot, and a population fit that
-keeps what is shared shared.
+"""One coefficient over many campaigns: a table, a forest plot and a population fit in which shared
+errors do not average down.
 
-No stage of a campaign's own: it reads what finished runs left under ``processed/`` and writes
-``reports/comparison/``.
+It reads the results of finished runs under ``processed/`` and writes ``reports/comparison/``.
 """
 
 from __future__ import annotations
@@ -12,10 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
 import numpy as np
 
-from nearlift.commands.common import Call, declared
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
 from nearlift.fit.population import FEWEST, population
@@ -29,7 +26,6 @@ from nearlift.results.comparison import (
 from nearlift.results.estimate import UncertainValue
 from nearlift.results.provenance import ProvenanceLedger
 from nearlift.results.quotation import BoundaryResult, CoefficientResult, Results
-from nearlift.results.serial import encode
 from nearlift.rounding import like, plain
 from nearlift.run import tables
 from nearlift.run.tables import PROVENANCE
@@ -260,18 +256,3 @@ def _compared(members: Sequence[Entry], shared: Sequence[str]) -> ComparedCoeffi
         remarks=_remarks(members, together),
         population=together,
     )
-
-
-@declared("compare")
-@click.argument("names", nargs=-1, metavar="[NAME]...")
-@click.option(
-    "--shared",
-    multiple=True,
-    metavar="COMPONENT",
-    help="An [[uncertainty]] that is one and the same error in all campaigns.",
-)
-def command(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None:
-    """Table and forest plot."""
-    compared = run(call.out, names, shared)
-    plot = call.out / "reports" / FOLDER / "forest.pdf"
-    call.answer(encode(compared), "\n".join([*table(compared), str(plot)]))

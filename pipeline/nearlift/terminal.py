@@ -1,0 +1,355 @@
+"""What commands share: their settings, exit codes, progress and answers."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import json
+import signal
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import click
+
+from nearlift.errors import INTERRUPTED, SOME_TRIALS_REJECTED, NearliftError
+from nearlift.printing import printable, say
+from nearlift.rounding import bytes_text
+from nearlift.stages import STAGES
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
+
+    from nearlift.run.engine import Job, Stage, Step
+
+#: Rejected trials listed without -v.
+MAX_REJECTED_LISTED = 10
+#: Window of the estimate of the time left, s; one fold of a diagnosis may take a minute.
+SPEED_WINDOW_S = 3600.0
+#: Settings of a command that opens a campaign, and of one that computes.
+OPENS = ("out", "seed", "verbose")
+COMPUTES = ("out", "executor", "seed", "verbose")
+SETTINGS = {
+    "out": click.Option(
+        ["--out"],
+        type=click.Path(path_type=Path, file_okay=False),
+        show_default="the current folder, within raw/ the one that holds it",
+        help="Folder that holds processed/ and reports/.",
+    ),
+    "executor": click.Option(
+        ["--executor"],
+        default="threads:2",
+        show_default=True,
+        help="serial, threads:N, processes:N or dask:ADDRESS.",
+    ),
+    "seed": click.Option(
+        ["--seed"], type=int, default=0, show_default=True, help="Seed of everything random."
+    ),
+    "verbose": click.Option(["-v", "--verbose"], is_flag=True, help="Say more."),
+}
+EVERYWHERE = (
+    click.Option(
+        ["--json", "as_json"], is_flag=True, help="One JSON object on stdout instead of text."
+    ),
+    click.Option(["-q", "--quiet"], is_flag=True, help="Say nothing but errors."),
+)
+
+
+class Bar:
+    """Progress line on a terminal: the activity, the share done and the time left."""
+
+    def __init__(self, title: str) -> None:
+        from rich import progress
+        from rich.console import Console
+
+        self.activity = ""
+        self.progress: Progress = progress.Progress(
+            progress.SpinnerColumn(),
+            progress.TextColumn("{task.description}", markup=False),
+            progress.BarColumn(bar_width=20),
+            progress.TaskProgressColumn(),
+            progress.TimeElapsedColumn(),
+            progress.TimeRemainingColumn(compact=True),
+            progress.TextColumn("left"),
+            console=Console(stderr=True),
+            transient=True,
+            speed_estimate_period=SPEED_WINDOW_S,
+        )
+        self.task = self.progress.add_task(printable(title), total=None)
+
+    def show(self, text: str, share: float | None = None) -> None:
+        """Show an activity; another first word starts its clock again."""
+        activity, total = text.split(" ", 1)[0], None if share is None else 1.0
+        if activity != self.activity:
+            self.activity = activity
+            self.progress.remove_task(self.task)
+            self.task = self.progress.add_task(printable(text), total=None)
+        self.progress.update(self.task, description=printable(text), total=total, completed=share)
+
+    def line(self, text: str) -> None:
+        """Print a line that stays, above the progress line."""
+        self.progress.console.print(
+            printable(text), markup=False, highlight=False, emoji=False, soft_wrap=True
+        )
+
+
+@dataclass(kw_only=True)
+class Call:
+    """Settings of a call and its output: progress on a terminal, plain lines elsewhere, nothing
+    when quiet.
+    """
+
+    out: Path = Path()
+    executor: str = "serial"
+    seed: int = 0
+    as_json: bool = False
+    quiet: bool = False
+    verbose: bool = False
+    bar: Bar | None = None
+
+    @property
+    def silent(self) -> bool:
+        """Whether only the answer is printed."""
+        return self.quiet or self.as_json
+
+    def line(self, text: str) -> None:
+        """Print one line on stderr."""
+        if self.bar is not None:
+            self.bar.line(text)
+        elif not self.silent:
+            say(text, err=True)
+
+    def progress(self, text: str, share: float | None = None, /) -> None:
+        """Show an activity and the share done on a terminal; elsewhere print it with -v."""
+        if self.bar is not None:
+            self.bar.show(text, share)
+        elif self.verbose:
+            self.line(f"  {text}")
+
+    @contextlib.contextmanager
+    def busy(self, text: str) -> Iterator[None]:
+        """Show a progress line while the block runs, on a terminal only."""
+        if self.silent or sys.stderr is None or not sys.stderr.isatty():
+            yield
+            return
+        self.bar = Bar(text)
+        with self.bar.progress:
+            yield
+        self.bar = None
+
+    def answer(self, content: Any, text: str) -> None:
+        """Print the answer on stdout: JSON where asked for, else text unless quiet."""
+        if self.as_json:
+            say(json.dumps(content))
+        elif not self.quiet:
+            say(text.rstrip("\n"))
+
+    def answers(self, kind: str, each: Sequence[tuple[Any, str]]) -> None:
+        """Print answers for several files or campaigns; JSON lists more than one under `kind`."""
+        contents, texts = [content for content, _ in each], [text for _, text in each]
+        self.answer(contents[0] if len(each) == 1 else {kind: contents}, "\n\n".join(texts))
+
+    def job(
+        self, campaign: Path, executor: str = "serial", keep: bool = False, planned: bool = False
+    ) -> contextlib.AbstractContextManager[Job]:
+        """Open a campaign. `keep` caches the digests of its inputs; `planned`: no records yet."""
+        from nearlift.run.workers import open_campaign
+
+        return open_campaign(
+            campaign,
+            self.out,
+            STAGES,
+            executor,
+            self.seed,
+            say=self.progress,
+            keep=keep,
+            planned=planned,
+        )
+
+
+def command(
+    group: click.Group,
+    heading: str,
+    example: str,
+    settings: tuple[str, ...] = (),
+    name: str | None = None,
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    r"""Make a function a command with the contract's exit codes.
+
+    The function's docstring is the help: a summary line of at most 60 letters, then text. It gets
+    its settings as ``call``.
+
+    Parameters
+    ----------
+    group : click.Group
+        Group that gets the command.
+    heading : str
+        Heading of the list of commands under which it is listed.
+    example : str
+        Calls without ``nearlift``, a line each.
+    settings : tuple of str
+        Keys of `SETTINGS` that do something in this command.
+    name : str, optional
+        Name, unless it is the function's.
+    """
+    options = [*(SETTINGS[key] for key in settings), *EVERYWHERE]
+    calls = "\n".join(("For example:", *(f"  nearlift {line}" for line in example.splitlines())))
+
+    def made(function: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(function)
+        def guarded(**given: Any) -> None:
+            call = Call(**{str(option.name): given.pop(str(option.name)) for option in options})
+            try:
+                if call.out is None:
+                    one = [given["campaign"]] if "campaign" in given else []
+                    call.out = workspace(given.get("campaigns") or given.get("files") or one)
+                function(call=call, **given)
+            except NearliftError as refusal:
+                end(call, refusal, refusal.exit_code, f"error: {refusal}")
+            except (KeyboardInterrupt, click.Abort):
+                stopped = NearliftError(
+                    "nearlift",
+                    "interrupted",
+                    "finished products remain, and the same command continues from there",
+                )
+                end(call, stopped, INTERRUPTED, f"{stopped.what}; {stopped.remedy}")
+            except BrokenPipeError:
+                raise
+            except OSError as fault:
+                what = (fault.strerror or str(fault)).lower()
+                remedy = "check that it exists, its permissions, and the space on the disk"
+                failed = NearliftError(str(fault.filename or "nearlift"), what, remedy)
+                end(call, failed, failed.exit_code, f"error: {failed}")
+
+        registered = group.command(name or function.__name__, epilog=f"\b\n{calls}")(guarded)
+        registered.params.extend(options)
+        registered.heading = heading  # type: ignore[attr-defined]
+        return function
+
+    return made
+
+
+def end(call: Call, refusal: NearliftError, code: int, text: str) -> NoReturn:
+    """Print a refusal and exit."""
+    if call.as_json:
+        said = {"where": refusal.where, "what": refusal.what, "remedy": refusal.remedy}
+        say(json.dumps({"exit_code": code, **said}))
+    say(text, err=True)
+    sys.exit(code)
+
+
+def workspace(campaigns: Iterable[Path]) -> Path:
+    """Default of ``--out``: the current folder; within ``raw``, the folder that holds it."""
+    here = Path.cwd()
+    for campaign in campaigns:
+        raw = next((above for above in campaign.resolve().parents if above.name == "raw"), None)
+        return raw.parent if raw is not None and here.is_relative_to(raw) else Path()
+    return Path()
+
+
+def end_politely() -> None:
+    """Treat SIGTERM, a batch system's end, as an interrupt."""
+    with contextlib.suppress(ValueError):
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+
+
+def execute(
+    call: Call,
+    campaign: Path,
+    only: str | None = None,
+    overrides: Mapping[str, object] | None = None,
+) -> NoReturn:
+    """Run the stale stages of a campaign, or `only` one, and exit with the contract's code.
+
+    `overrides` replace keys of the manifest's section of that stage's name.
+    """
+    from nearlift.run import engine
+
+    end_politely()
+    if call.executor.startswith("dask"):
+        execute_many(call, (campaign,), only, overrides)
+    wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)
+    steps: list[Step] = []
+    with call.job(campaign, call.executor, keep=True) as job:
+        if only is not None and overrides:
+            job = job.overriding(only, overrides)
+
+        def begin(stage: Stage, why: str) -> None:
+            size = sum(size for size, _ in job.stamps.values())
+            held = f"; {len(job.stamps)} files with {bytes_text(size)}"
+            call.line(
+                f"{stage.name:<8} {stage.summary} ({why}{held if stage.name == 'ingest' else ''})"
+            )
+            if call.bar is not None:
+                call.bar.show(stage.name)
+
+        with call.busy(f"nearlift: {job.campaign.name}"):
+            for step in engine.run(job, wanted, begin=begin, force=only is not None):
+                if not step.why:
+                    call.line(f"{step.stage.name:<8} up to date")
+                for note in step.outcome.notes:
+                    call.line(f"  note: {note}")
+                steps.append(step)
+        report = job.reports / "index.html"
+    rejected = [trial for step in steps for trial in step.outcome.rejected]
+    _list_rejected(call, rejected)
+    code = SOME_TRIALS_REJECTED if rejected else 0
+    if call.as_json:
+        content = {
+            "campaign": job.campaign.name,
+            "exit_code": code,
+            "report": str(report) if report.is_file() else None,
+            "stages": [
+                {
+                    "stage": step.stage.name,
+                    "why": step.why,
+                    "notes": step.outcome.notes,
+                    "rejected": step.outcome.rejected,
+                    "wall_s": step.wall_s,
+                }
+                for step in steps
+            ],
+        }
+        say(json.dumps(content))
+    elif report.is_file() and not call.quiet and wanted[-1].report:
+        if (summary := report.with_name("summary.txt")).is_file():
+            call.line("\n" + summary.read_text(encoding="utf-8"))
+        say(str(report))
+    sys.exit(code)
+
+
+def _list_rejected(call: Call, rejected: Sequence[tuple[str, str]]) -> None:
+    if not rejected:
+        return
+    call.line(f"{len(rejected)} trial{'s' * (len(rejected) > 1)} rejected:")
+    for trial, reason in rejected if call.verbose else rejected[:MAX_REJECTED_LISTED]:
+        call.line(f"  {trial}: {reason}")
+    if len(rejected) > MAX_REJECTED_LISTED and not call.verbose:
+        call.line(f"  ... and {len(rejected) - MAX_REJECTED_LISTED} more (-v lists all)")
+
+
+def execute_many(
+    call: Call,
+    campaigns: Sequence[Path],
+    only: str | None = None,
+    overrides: Mapping[str, object] | None = None,
+) -> NoReturn:
+    """Run several campaigns, going on after a refusal; exit with the most serious code."""
+    from nearlift.run.workers import gravest, run_campaigns
+    from nearlift.stages import looks
+
+    ends = []
+    with call.busy(f"nearlift: {len(campaigns)} campaigns"):
+        for one in run_campaigns(
+            campaigns, call.out, STAGES, call.executor, call.seed, looks.verdicts, only, overrides
+        ):
+            call.line(f"{one.campaign:<24}{one.words}")
+            ends.append(one)
+            call.progress(
+                f"nearlift: {len(ends)} of {len(campaigns)} campaigns", len(ends) / len(campaigns)
+            )
+    if call.as_json:
+        say(json.dumps({"campaigns": [asdict(one) for one in ends]}))
+    sys.exit(gravest(ends))
