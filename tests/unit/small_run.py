@@ -16,7 +16,7 @@ from nearlift.cli import main
 from nearlift.report.evidence import Evidence
 from nearlift.report.page.render import page
 from nearlift.report.registry import CHAPTERS
-from nearlift.report.tidy import to_csv
+from nearlift.report.tables import csv
 from nearlift.run import engine
 from nearlift.run.engine import CACHE, Job, RawFiles
 from nearlift.run.workers import SerialExecutor
@@ -108,7 +108,7 @@ def undrawn(_: Any, table: Mapping[str, Any], look: Any) -> dict[str, bytes]:
     """In place of `figures.files.render`: what depends on the table and the style, without the
     seconds of drawing.
     """
-    told = hashlib.sha256(to_csv(dict(table)) + repr(look).encode()).hexdigest().encode()
+    told = hashlib.sha256(csv(dict(table)) + repr(look).encode()).hexdigest().encode()
     return {"pdf": b"%PDF " + told, "png": b"PNG " + told}
 
 

@@ -13,9 +13,9 @@ from nearlift.report import sources, words
 from nearlift.report.documents import methods, summary
 from nearlift.report.phrases import coverage, listed
 from nearlift.rounding import like, plain, plus_minus
-from nearlift.stages import report
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT
+from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
 
 from . import verdicts
@@ -24,7 +24,7 @@ from . import verdicts
 @pytest.fixture(scope="module", params=verdicts.MADE)
 def evidence(request, make_job):
     made = make_job(("ground",), diagnosed=True, **verdicts.MADE[request.param])
-    found = report.gather(made)
+    found = gather(made)
     assert found.quoted("ground").verdict == request.param
     return found
 

@@ -10,7 +10,7 @@ import pytest
 
 from nearlift.report import words
 from nearlift.report.chapters import doubts, verdict
-from nearlift.stages import report
+from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
 
 from . import quoted
@@ -19,7 +19,7 @@ from .test_report import DIAGNOSED
 
 @pytest.fixture(scope="module")
 def evidence(small_job):
-    return report.gather(small_job)
+    return gather(small_job)
 
 
 def said(evidence, change=None):

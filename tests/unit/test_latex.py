@@ -14,14 +14,16 @@ import pytest
 from matplotlib.mathtext import MathTextParser
 
 from nearlift.nomenclature import latex as symbol
-from nearlift.report.documents import methods, tables
-from nearlift.stages import report
+from nearlift.report import tables
+from nearlift.report.documents import methods
 from nearlift.stages.fit import RESULTS
+from nearlift.stages.gathering import gather
 
 WRITTEN = {
-    "coefficients": tables.coefficients_table,
-    "budget": tables.budget_table,
-    "comparison": tables.comparison_table,
+    **{
+        name: lambda evidence, make=make: tables.latex(make(evidence), "about")
+        for name, make in tables.TABLES.items()
+    },
     "methods": methods.tex,
 }
 #: Of booktabs, siunitx and LaTeX itself; what else stands in a text came from a file.
@@ -29,7 +31,7 @@ KNOWN = set(
     re.findall(
         r"\\[A-Za-z]+",
         r"\begin \end \toprule \midrule \bottomrule \addlinespace \num \qty \numrange \per \metre \newton \par"
-        r" \smallskip \footnotesize \cite \infty \nu \Delta \ln \hat \pm \alpha \lambda \gamma \textbackslash"
+        r" \smallskip \footnotesize \cite \chi \infty \nu \Delta \ln \hat \pm \alpha \lambda \gamma \textbackslash"
         r" \textasciitilde \textasciicircum",
     )
 )
@@ -46,7 +48,7 @@ DOCUMENT = r"""\documentclass{article}
 
 @pytest.fixture(scope="module")
 def evidence(small_job):
-    return report.gather(small_job)
+    return gather(small_job)
 
 
 def written(name, evidence):

@@ -20,6 +20,7 @@ from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.serial import decode
 from nearlift.stages import diagnose, report
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
+from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
 
 from . import quoted
@@ -176,7 +177,7 @@ def job(make_job):
 
 @pytest.fixture(scope="module")
 def evidence(job):
-    return report.gather(job)
+    return gather(job)
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +188,7 @@ def table(evidence):
 def edited(make_job, change, boundaries=("ground",)):
     found = {b: copy.deepcopy(FOUND[b]) for b in boundaries}
     change(found)
-    evidence = report.gather(diagnosed(make_job(boundaries=boundaries), found))
+    evidence = gather(diagnosed(make_job(boundaries=boundaries), found))
     return evidence, loop.summarise(evidence)
 
 
@@ -270,9 +271,7 @@ def test_before_and_after_have_the_same_axes_and_bins(table):
 
 
 def test_no_trial_is_lost_beyond_the_axis(make_job):
-    evidence = report.gather(
-        diagnosed(make_job(boundaries=("ground",)), {"ground": FOUND["ground"]})
-    )
+    evidence = gather(diagnosed(make_job(boundaries=("ground",)), {"ground": FOUND["ground"]}))
     wild = np.array(evidence.tables[LOOP_RESIDUALS.file]["before"])
     wild[5] = 3.0
     evidence.tables[LOOP_RESIDUALS.file]["before"] = wild
@@ -631,7 +630,7 @@ def test_a_real_diagnosis_can_be_drawn(make_job):
 
     job = make_job(boundaries=("ground",), repeats=4, edit=sag)
     diagnose.run(job)
-    evidence = report.gather(job)
+    evidence = gather(job)
     table = loop.summarise(evidence)
     assert (table["part"] == "residual").any()
     assert (table["part"] == "error").any()

@@ -10,8 +10,8 @@ import re
 import pytest
 
 from nearlift.report.documents import methods
-from nearlift.stages import report
 from nearlift.stages.fit import FIT
+from nearlift.stages.gathering import gather
 
 from . import quoted
 from .test_report import DIAGNOSED
@@ -19,7 +19,7 @@ from .test_report import DIAGNOSED
 
 @pytest.fixture(scope="module")
 def evidence(small_job):
-    return report.gather(small_job)
+    return gather(small_job)
 
 
 def test_numbers_are_those_of_the_products(evidence):

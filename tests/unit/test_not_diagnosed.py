@@ -18,6 +18,7 @@ from nearlift.report.documents import methods
 from nearlift.stages import report
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
+from nearlift.stages.gathering import gather
 
 from . import small_run
 
@@ -37,7 +38,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def evidence(out: Path) -> report.Evidence:
-    return report.gather(small_run.job(out / "raw", out))
+    return gather(small_run.job(out / "raw", out))
 
 
 def test_the_product_has_a_block_with_the_reason(out: Path):

@@ -14,7 +14,7 @@ import pytest
 from nearlift.report.page import chart
 from nearlift.report.page.render import Picture, page
 from nearlift.report.registry import charts
-from nearlift.stages import report
+from nearlift.stages.gathering import gather
 
 STYLE = (
     resources.files("nearlift.report.page")
@@ -48,7 +48,7 @@ class Outline(HTMLParser):
 
 @pytest.fixture(scope="module")
 def outline(small_job):
-    evidence = report.gather(small_job)
+    evidence = gather(small_job)
     picture = Picture(name="fig2", title="t", caption="c", alt="a")
     return Outline(page(evidence, [picture], charts=charts(evidence)).decode())
 

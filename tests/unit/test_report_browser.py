@@ -15,7 +15,7 @@ from PIL import Image
 from nearlift.report.figures.residuals import table as residuals
 from nearlift.report.page import render
 from nearlift.report.registry import charts
-from nearlift.stages import report
+from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
 
@@ -37,7 +37,7 @@ def job(make_job):
 
 @pytest.fixture(scope="module")
 def address(job):
-    evidence = report.gather(job)
+    evidence = gather(job)
     dot = io.BytesIO()
     Image.new("RGB", (1200, 600), "white").save(dot, "PNG")
     file = job.reports / "index.html"
@@ -236,7 +236,7 @@ def test_residuals_are_every_trial_and_the_means_of_the_printed_figure(page, add
     """
     page.open(address)
     unfold(page, "residuals")
-    table = residuals.summarise(report.gather(job))
+    table = residuals.summarise(gather(job))
     for covariate, word in (
         ("supply_V", "supply (V)"),
         ("session", "session, in order"),

@@ -24,8 +24,8 @@ from nearlift.report.chapters import verdict
 from nearlift.report.documents import methods
 from nearlift.results import Observations
 from nearlift.schedule import visits
-from nearlift.stages import report
 from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.gathering import gather
 
 from . import small_run
 
@@ -178,7 +178,7 @@ def test_card_chapter_methods_and_python_say_what_could_have_been_seen(out: Path
     assert block["verdict"] == "adequate"
     words = next(row["text"] for row in block["sensitivity"]["limits"] if row["size"] is not None)
     assert "≥" in words
-    evidence = report.gather(small_run.job(out / "raw", out))
+    evidence = gather(small_run.job(out / "raw", out))
     [card] = verdict.facts(evidence)["cards"]
     assert "no residual structure detected in 24 trials" in card["brief"].verdict
     chapter = unescape(small_run.chapter(evidence, "diagnosis"))

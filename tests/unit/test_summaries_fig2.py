@@ -18,7 +18,7 @@ from nearlift.report import curves, relative_lift
 from nearlift.report.figures.fig2 import caption as fig2_words
 from nearlift.report.figures.fig2 import table as fig2
 from nearlift.report.figures.residuals import table as residuals
-from nearlift.report.tidy import to_csv
+from nearlift.report.tables import csv as to_csv
 from nearlift.results.quotation import LargestShifts, Shift
 from nearlift.rounding import decimals, plus_minus, siunitx
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS

@@ -9,8 +9,8 @@ import pytest
 
 from nearlift.report.page.render import page
 from nearlift.run import tables
-from nearlift.stages import report
 from nearlift.stages.fit import FIT, RESULTS
+from nearlift.stages.gathering import gather
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.trial_table import trial_table
 
@@ -88,7 +88,7 @@ def test_the_page_shows_it_and_escapes_what_it_shows(make_job):
         table["completeness"][:] = "complete"
 
     job = make_job(boundaries=("ground",), repeats=4, edit=spoil, simulated=True)
-    text = page(report.gather(job), []).decode()
+    text = page(gather(job), []).decode()
     assert "Trial table and influence" in text
     # a page without charts has their empty list and its own script
     assert text.count("<script") == 2
@@ -126,7 +126,7 @@ def test_a_trial_that_stands_out_stays_in_and_is_named_with_what_it_is_worth(mak
     assert table.put_back["ground"].left_out["t0050"].change == suspect["shift"]
     in_u = table.put_back["ground"].left_out["t0050"].change_in_u
     assert in_u == pytest.approx(suspect["shift"] / parameter["u"])
-    text = page(report.gather(job), []).decode()
+    text = page(gather(job), []).decode()
     told = "t0050 is an outlier: without it the base fit’s K_b is "
     assert told in re.sub(r"<i>(\w)</i><sub>(\w)</sub>", r"\1_\2", text)
     assert "t0050 left out" in text

@@ -70,7 +70,7 @@ def for_print(draw: Draw, table: Columns, campaign: Campaign | None = None) -> d
     """
     from nearlift.report.figures.files import render
     from nearlift.report.figures.style import Style, style_of
-    from nearlift.report.tidy import to_csv
+    from nearlift.report.tables import csv
 
     style = style_of(campaign) if campaign else Style()
-    return render(draw, table, style) | {"csv": to_csv(table)}
+    return render(draw, table, style) | {"csv": csv(table)}

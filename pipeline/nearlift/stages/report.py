@@ -25,7 +25,7 @@ def run(job: Job) -> Outcome:
     from nearlift.report.figures.style import style_of
     from nearlift.report.page.render import Picture, page
     from nearlift.report.registry import FIGURES, charts
-    from nearlift.report.tidy import to_csv
+    from nearlift.report.tables import csv
     from nearlift.stages.gathering import gather
 
     look = style_of(job.campaign)
@@ -39,7 +39,7 @@ def run(job: Job) -> Outcome:
             for kind in ("pdf", "png", "csv"):
                 job.remove(f"reports/{spec.name}.{kind}")
             continue
-        files = render(spec.draw, rows, look) | {"csv": to_csv(rows)}
+        files = render(spec.draw, rows, look) | {"csv": csv(rows)}
         for kind, content in files.items():
             job.publish(f"{spec.name}.{kind}", content)
         pictures.append(
@@ -60,12 +60,14 @@ def run(job: Job) -> Outcome:
 
 def _documents(job: Job, evidence: Evidence) -> None:
     """Texts and tables."""
-    from nearlift.report.documents import methods, summary, tables
-    from nearlift.report.tidy import to_csv
+    from nearlift.report import tables
+    from nearlift.report.documents import methods, summary
 
-    for name in ("coefficients", "budget", "comparison"):
-        job.publish(f"tables/{name}.tex", getattr(tables, f"{name}_table")(evidence).encode())
-        job.publish(f"tables/{name}.csv", to_csv(getattr(tables, name)(evidence)))
+    for name, make in tables.TABLES.items():
+        table = make(evidence)
+        about = f"{job.campaign.name}: {table.caption}"
+        job.publish(f"tables/{name}.tex", tables.latex(table, about).encode())
+        job.publish(f"tables/{name}.csv", tables.csv(table.frame))
     for name, written in (
         ("summary.txt", summary.summary),
         ("methods.md", methods.markdown),

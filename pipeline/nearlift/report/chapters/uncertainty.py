@@ -4,23 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-
-import numpy as np
+from dataclasses import replace
 
 from nearlift.declare import Boundary
+from nearlift.nomenclature import letter
+from nearlift.report import tables
 from nearlift.report.evidence import Evidence
-from nearlift.report.figures.budget import fall
 from nearlift.report.number import Place, headline, quotation
-from nearlift.report.phrases import SCALES
 from nearlift.report.sources import badly_known
-from nearlift.results.fit import ModelComparison, ModelScore
-from nearlift.results.quotation import CoefficientResult
+from nearlift.results.fit import ModelScore
 from nearlift.rounding import fixed, plain
 from nearlift.stages.fit import FIT
 
-#: A source from repeats whose knowledge would lessen the uncertainty by less than this part is told
-#: by number only; a declared one has its line.
-LEAST = 0.0005
 #: A difference of predictive scores below so many units is none, whatever its interval: there the
 #: standard error is no guide.
 LEAST_SCORE = 4.0
@@ -28,8 +23,6 @@ LEAST_SCORE = 4.0
 AIC_APART = 10.0
 #: What is said of models that are better or worse.
 EXCLUDES = " The 95 % interval of the score difference over visits excludes zero."
-#: What is done to a criterion before it is printed.
-LESS = "less the base model's"
 TREATMENTS = {
     "slope": "enters to first order",
     "exact": (
@@ -44,39 +37,28 @@ TREATMENTS = {
 
 
 def budget(evidence: Evidence) -> dict[str, object]:
-    """A table for each coefficient that is quoted, and how errors of height enter."""
-    tables = [
-        _budget(evidence, b, name, c)
-        for b in evidence.boundaries
-        for name, c in evidence.quoted(b).coefficients.items()
-        if c.budget
-    ]
+    """A table for each coefficient to quote, and how errors of height enter."""
+    whole = tables.budget(evidence)
+    own = whole.frame["boundary"], whole.frame["coefficient"]
     return {
-        "tables": tables,
+        "tables": [
+            {
+                "boundary": b,
+                "quoted": headline(evidence, b, name),
+                "place": quotation(evidence, b, name),
+                "u": c.u,
+                "table": tables.html(
+                    replace(whole, main=whole.main & (own[0] == b) & (own[1] == name)),
+                    tables.typeset(f"{letter(name)}, {b}: {c.estimate}"),
+                ),
+                "badly_known": badly_known(c),
+            }
+            for b in evidence.boundaries
+            for name, c in evidence.quoted(b).coefficients.items()
+            if c.budget
+        ],
         "heights": [_heights(evidence, b) for b in evidence.boundaries],
         "treatments": TREATMENTS,
-        "scales": SCALES,
-    }
-
-
-def _budget(
-    evidence: Evidence, boundary: Boundary, name: str, coefficient: CoefficientResult
-) -> dict[str, object]:
-    here = quotation(evidence, boundary, name)
-    lines = sorted(enumerate(coefficient.budget), key=lambda pair: pair[1].u_without)
-    rows = [
-        (line, here.at("budget", i))
-        for i, line in lines
-        if line.kind != "A" or fall(line, coefficient.u) >= LEAST
-    ]
-    return {
-        "boundary": boundary,
-        "quoted": headline(evidence, boundary, name),
-        "place": here,
-        "u": coefficient.u,
-        "rows": rows,
-        "small": len(lines) - len(rows),
-        "badly_known": badly_known(coefficient),
     }
 
 
@@ -109,53 +91,22 @@ def limits(evidence: Evidence) -> dict[str, object]:
 
 
 def held_out(evidence: Evidence) -> dict[str, object]:
-    """Each boundary's models by their prediction of visits left out, with the criteria that
-    count parameters, and R².
+    """Models of each boundary by their prediction of visits left out, with the criteria that count
+    parameters, and R².
     """
-    comparisons = evidence.fits.comparison
+    whole = tables.comparison(evidence)
     return {
         "tables": [
-            _held_out(evidence, b, comparisons[b]) for b in evidence.boundaries if b in comparisons
-        ]
-    }
-
-
-def _held_out(
-    evidence: Evidence, boundary: Boundary, comparison: ModelComparison
-) -> dict[str, object]:
-    fits = evidence.fits.boundaries[boundary]
-    models, base = comparison.models, comparison.reference
-    scores = Place(evidence, FIT, ("comparison", boundary, "models"))
-    weighed = Place(evidence, FIT, ("boundaries", boundary))
-    reference = fits[base].log_evidence_value
-    rows = []
-    for name in sorted(
-        models,
-        key=lambda n: (models[n].visits != models[base].visits, -np.nan_to_num(models[n].d_elpd)),
-    ):
-        place = scores.at(name)
-        known = math.isfinite(reference + fits[name].log_evidence_value)
-        rows.append(
             {
-                "fit": fits[name],
-                "place": place,
-                "evidence": weighed.excess(name, "log_evidence", "value", over=reference, how=LESS)
-                if known
-                else None,
-                "criteria": [
-                    place.excess(key, over=getattr(models[base], key), how=LESS)
-                    for key in ("aic", "bic")
-                    if models[name].visits == models[base].visits
-                ],
+                "table": tables.html(
+                    replace(whole, main=whole.frame["boundary"] == b),
+                    f"{b.capitalize()}: {models[base].visits} {evidence.left_out}",
+                ),
+                "words": verdicts(models, base, {n: f.title for n, f in fits.items()}),
             }
-        )
-    return {
-        "boundary": boundary,
-        "base": base,
-        "rows": rows,
-        "visits": scores.number(base, "visits", digits=6),
-        "evidence": math.isfinite(reference),
-        "words": verdicts(models, base, {n: f.title for n, f in fits.items()}),
+            for b, c in evidence.fits.comparison.items()
+            for models, base, fits in [(c.models, c.reference, evidence.fits.boundaries[b])]
+        ]
     }
 
 

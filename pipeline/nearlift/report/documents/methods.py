@@ -17,11 +17,11 @@ from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
 from nearlift.reduction.quality import code, rejected
 from nearlift.report.documents.references import bibtex, keys
-from nearlift.report.documents.tables import escape
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
 from nearlift.report.phrases import SCALES, coverage, listed, sizes
 from nearlift.report.sources import badly_known
+from nearlift.report.tables import escaped
 from nearlift.report.words import rivals_of
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.results.quotation import CoefficientResult
@@ -329,10 +329,7 @@ def _programs(evidence: Evidence) -> str:
 
 def _tex(text: str) -> str:
     parts = APART.split(text)
-    return "".join(
-        _apart(p) if i % 2 else escape(p).replace("±", r"$\pm$").replace("−", "$-$")
-        for i, p in enumerate(parts)
-    )
+    return "".join(_apart(p) if i % 2 else escaped(p) for i, p in enumerate(parts))
 
 
 def _apart(part: str) -> str:

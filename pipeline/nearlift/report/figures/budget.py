@@ -16,7 +16,8 @@ from nearlift.nomenclature import letter, mathematics
 from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import SERIES, Style, effects, headed, note
-from nearlift.results.quotation import BudgetLine, CoefficientResult
+from nearlift.report.tables import fall
+from nearlift.results.quotation import CoefficientResult
 from nearlift.stages.fit import FIT
 
 #: A source from repeats whose knowledge would lessen no coefficient's uncertainty by this part is
@@ -71,13 +72,6 @@ def bars(budgets: Sequence[tuple[Boundary, str, CoefficientResult]]) -> Columns:
     return stack(rows, COLUMNS)
 
 
-def fall(line: BudgetLine, u: float) -> float:
-    """By which part of itself the coefficient's standard uncertainty `u` falls if the source of
-    `line` were known exactly.
-    """
-    return 1.0 - line.u_without / u if np.isfinite(u) else 0.0
-
-
 def caption(evidence: Evidence, table: Columns) -> str:
     """Caption, with the largest source of each coefficient."""
     words = []
@@ -115,12 +109,12 @@ def draw(table: Rows, look: Style) -> Figure:
     titles = headed([f"{mathematics(parameter)}, {boundary}" for boundary, parameter in panels])
     for title, ax, (boundary, parameter) in zip(titles, axes, panels, strict=False):
         mine = where(table, panel=boundary, parameter=parameter)
-        for y, (fall, kind) in enumerate(zip(mine["fall_percent"], mine["type"], strict=True)):
-            if np.isnan(fall):
+        for y, (percent, kind) in enumerate(zip(mine["fall_percent"], mine["type"], strict=True)):
+            if np.isnan(percent):
                 # no source of this coefficient
                 continue
-            ax.barh(y, fall, height=0.7, **LOOKS[kind])
-            note(ax, _percent(fall), (fall, y), (3, 0), va="center")
+            ax.barh(y, percent, height=0.7, **LOOKS[kind])
+            note(ax, _percent(percent), (percent, y), (3, 0), va="center")
         ax.set_yticks(range(len(components)), [effects(c) for c in components])
         ax.set_ylim(len(components) - 0.4, -0.6)
         ax.set_xlim(0, 124)

@@ -5,21 +5,19 @@ from __future__ import annotations
 import base64
 import functools
 import hashlib
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any
 
 import jinja2
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
-from nearlift import catalogue
-from nearlift.nomenclature import INDEXED, letter
 from nearlift.report.evidence import Evidence
 from nearlift.report.page.chart import Chart, embedded
 from nearlift.report.phrases import along
 from nearlift.report.registry import CHAPTERS, PARTS, Chapter
+from nearlift.report.tables import spoken, typeset
 
 #: The part that stands open.
 FIRST = "verdict"
@@ -51,22 +49,6 @@ def scripts() -> tuple[str, str]:
     return f"/*! {licence}*/\n{library}", here.joinpath("templates", "report.js").read_text(
         encoding="utf-8"
     )
-
-
-def spoken(text: str) -> str:
-    """A text of a product as a page says it: titles for names, words for covariates, Greek letters;
-    a percent sign stays with its number.
-    """
-    text = re.sub(
-        r"\b(?:alpha|gamma|lambda_)(?!\w)", lambda m: letter(m[0]), catalogue.titled(text)
-    )
-    text = re.sub(r"\balong (\w+)", lambda m: f"along {along(m[1])}", text)
-    return text.replace("z_hat", "ẑ").replace(" %", "\N{NO-BREAK SPACE}%")
-
-
-def typeset(text: str) -> Markup:
-    """Spoken text as HTML, letters with their index as symbols."""
-    return Markup(INDEXED.sub(r"<i>\1</i><sub>\2</sub>", str(escape(spoken(text)))))
 
 
 def templates() -> jinja2.Environment:

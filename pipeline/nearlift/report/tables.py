@@ -1,0 +1,363 @@
+"""Tables of a report: one DataFrame each, from it HTML for the page, LaTeX with siunitx, and CSV.
+
+A cell is a number of a product (`Number`), a plain value, or a name that the page and LaTeX spell
+out. CSV has every column, at nine digits; page and LaTeX show those in `shown`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup, escape
+
+from nearlift import catalogue
+from nearlift.declare import Boundary
+from nearlift.nomenclature import INDEXED, VERDICTS, letter, mathematics
+from nearlift.report.evidence import Evidence, Rows
+from nearlift.report.number import Number, Place, quotation
+from nearlift.report.phrases import SCALES, along
+from nearlift.results.quotation import BudgetLine
+from nearlift.results.serial import Json
+from nearlift.stages.fit import FIT, RESULTS
+
+#: A text cell that begins with one of these is a formula to a spreadsheet.
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+#: A source from repeats that would lower the uncertainty by a smaller part is in the CSV only.
+MIN_FALL = 0.0005
+SPECIAL = {
+    "\\": r"\textbackslash{}",
+    "~": r"\textasciitilde{}",
+    "^": r"\textasciicircum{}",
+    **{c: "\\" + c for c in "&%$#_{}"},
+    "Δ": r"$\Delta$",
+    "ν": r"$\nu$",
+    "∞": r"$\infty$",
+    "χ": r"$\chi$",
+    "ẑ": r"$\hat z$",
+    "−": "$-$",
+    "–": "--",
+    "±": r"$\pm$",
+    "α": r"$\alpha$",
+    "λ": r"$\lambda$",
+}
+DIGITS = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A table with its caption. `shown` has the heading of each column on page and paper, `main`
+    the rows there; None for all.
+    """
+
+    caption: str
+    frame: pd.DataFrame
+    shown: Mapping[str, str]
+    main: Any = None
+
+
+def csv(table: pd.DataFrame | Rows) -> bytes:
+    """UTF-8 text with line feeds. Values without end are left empty, and no cell is a formula to a
+    spreadsheet.
+    """
+    frame = pd.DataFrame({name: [_cell(v) for v in table[name]] for name in table})
+    return frame.to_csv(index=False, lineterminator="\n").encode()
+
+
+def _cell(value: Any) -> str:
+    if isinstance(value, Number):
+        value = value.value
+    if isinstance(value, bool | np.bool_):
+        return "yes" if value else "no"
+    if isinstance(value, float | np.floating):
+        return f"{value:.9g}" if math.isfinite(value) else ""
+    text = "" if value is None else str(value)
+    return f"'{text}" if text.startswith(FORMULA) and not isinstance(value, int) else text
+
+
+def html(table: Table, heading: Markup | str | None = None) -> Markup:
+    """The table as the page has it, each number with its product and key."""
+    style = _shown(table, _in_html, typeset).set_caption(str(heading or escape(table.caption)))
+    text = style.to_html(cell_ids=False, table_uuid="t", sparse_index=False)
+    text = re.sub(r"<style.*?</style>\s*|\sid=\"[^\"]*\"", "", text, flags=re.S)
+    text = re.sub(r"<th [^>]*>", '<th scope="col">', text)
+    return Markup(f'<div class="wide">{re.sub(r"<td [^>]*>", "<td>", text)}</div>')
+
+
+def latex(table: Table, about: str) -> str:
+    r"""The table for a paper; needs ``\usepackage{booktabs, siunitx}``."""
+    style = _shown(table, _in_latex, escaped)
+    kinds = [
+        isinstance(v, Number | int | np.integer) for v in table.frame[list(table.shown)].iloc[0]
+    ]
+    text = style.to_latex(hrules=True, column_format="".join("lr"[k] for k in kinds))
+    return f"% {' '.join(about.split())}\n% \\usepackage{{booktabs, siunitx}}\n{text}"
+
+
+def _shown(table: Table, cell: Callable[[str, Any], str], heading: Callable[[str], str]) -> Any:
+    """The main rows and shown columns, formatted."""
+    frame = table.frame if table.main is None else table.frame[table.main]
+    frame = frame[list(table.shown)].astype(object)
+    style = frame.style.hide(axis="index")
+    style = style.format({n: (lambda v, n=n: cell(n, v)) for n in frame})  # type: ignore[misc]
+    return style.relabel_index([str(heading(h)) for h in table.shown.values()], axis="columns")
+
+
+def _in_html(column: str, value: Any) -> str:
+    if not isinstance(value, Number):
+        return str(typeset(_word(column, value)))
+    if not math.isfinite(value.value):
+        return str(escape(value.text))
+    how = Markup(' data-how="{}"').format(value.how) if value.how else ""
+    return str(
+        Markup('<data value="{}" data-source="{}"{}>{}</data>').format(
+            value.exact, value.source, how, value.text
+        )
+    )
+
+
+def _in_latex(column: str, value: Any) -> str:
+    if isinstance(value, Number):
+        return DIGITS.sub(lambda m: rf"\num{{{m[0]}}}", escaped(value.text.replace("−", "-")))
+    if column in SYMBOLS:
+        return mathematics(str(value))
+    return escaped(_word(column, value))
+
+
+SYMBOLS = ("parameter", "coefficient")
+
+
+def _word(column: str, value: Any) -> str:
+    """A cell that is no number, spelled out."""
+    if column in SYMBOLS:
+        return letter(str(value))
+    if column in ("model", "base_model") and value in {m.name for m in catalogue.models()}:
+        return catalogue.model(str(value)).title
+    if column == "verdict":
+        return VERDICTS[value]
+    return catalogue.titled(str(value))
+
+
+def escaped(text: str) -> str:
+    """Text with nothing in it that LaTeX would act upon."""
+    return "".join(SPECIAL.get(c, c) for c in text if c.isprintable())
+
+
+def spoken(text: str) -> str:
+    """A text of a product with titles for names and words for covariates; a percent sign stays with
+    its number.
+    """
+    text = re.sub(
+        r"\b(?:alpha|gamma|lambda_)(?!\w)", lambda m: letter(m[0]), catalogue.titled(text)
+    )
+    text = re.sub(r"\balong (\w+)", lambda m: f"along {along(m[1])}", text)
+    return text.replace("z_hat", "ẑ").replace(" %", "\N{NO-BREAK SPACE}%")
+
+
+def typeset(text: str) -> Markup:
+    """Spoken text as HTML, letters with their index as symbols."""
+    return Markup(INDEXED.sub(r"<i>\1</i><sub>\2</sub>", str(escape(spoken(text)))))
+
+
+# the tables that are files too
+
+
+def coefficients(evidence: Evidence) -> Table:
+    """Every coefficient to quote; `base_model` with `effects` is the model that it belongs to."""
+    rows = []
+    for boundary in evidence.boundaries:
+        quoted = evidence.quoted(boundary)
+        for name, c in quoted.coefficients.items():
+            place = quotation(evidence, boundary, name)
+            known = {k: place.number(k, like_u=c.u) for k in ("value", "u", "lo90", "hi90")}
+            if not c.even:
+                known["u"] = replace(known["u"], text="")
+            rows.append(
+                {
+                    "boundary": boundary,
+                    "base_model": quoted.base_model,
+                    "verdict": quoted.verdict,
+                    "effects": " + ".join(quoted.effects),
+                    "parameter": name,
+                    "unit": c.unit,
+                    **{k: known.get(k, getattr(c, k)) for k in COEFFICIENT},
+                }
+            )
+    return Table(
+        caption=f"Coefficients to quote, from {RESULTS.file}; standard uncertainties (k = 1)",
+        frame=pd.DataFrame(rows),
+        shown={
+            "boundary": "boundary",
+            "base_model": "model",
+            "effects": "with",
+            "parameter": "coefficient",
+            "value": "value",
+            "u": "u",
+            "lo90": "90 % from",
+            "hi90": "to",
+            "verdict": "verdict",
+        },
+    )
+
+
+COEFFICIENT = (
+    *("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95"),
+    *("at_bound", "holds"),
+)
+
+
+def fall(line: BudgetLine, u: float) -> float:
+    """Part of a coefficient's standard uncertainty `u` that goes if the source is known exactly."""
+    return 1.0 - line.u_without / u if np.isfinite(u) else 0.0
+
+
+def budget(evidence: Evidence) -> Table:
+    """Every source of error of every coefficient to quote, the most important first; the combined
+    uncertainty is a row named so.
+    """
+    rows: list[dict[str, object]] = []
+    for boundary in evidence.boundaries:
+        quoted = evidence.quoted(boundary)
+        for name, c in quoted.coefficients.items():
+            head = {"boundary": boundary, "model": quoted.base_model, "coefficient": name}
+            place = quotation(evidence, boundary, name)
+            for i, line in sorted(enumerate(c.budget), key=lambda pair: pair[1].u_without):
+                main = line.kind != "A" or fall(line, c.u) >= MIN_FALL
+                rows.append(head | _source(place.at("budget", i), line) | {"main": main})
+            whole = {"source": "combined", "u": place.number("u", digits=3), "dof": _dof(place)}
+            known = {"u_without": Number(text="", value=0.0, source=place.source("u"))}
+            rows.append(head | whole | known | {"main": True})
+    frame = pd.DataFrame(rows, columns=[*BUDGET, "main"])
+    text = [n for n in BUDGET if n not in ("u_input", "sensitivity")]
+    frame[text] = frame[text].astype(object).where(frame[text].notna(), "")
+    empty = Number(text="", value=math.nan, source="")
+    frame = frame.astype(object).where(frame.notna(), empty)
+    return Table(
+        caption=f"Uncertainty budget of each coefficient to quote, from {RESULTS.file}",
+        frame=frame.drop(columns="main"),
+        main=frame["main"].astype(bool),
+        shown={
+            "coefficient": "coefficient",
+            "source": "source",
+            "type": "type",
+            "distribution": "distribution",
+            "scope": "shared by",
+            "u_input": "standard uncertainty",
+            "sensitivity": "sensitivity",
+            "u": "u",
+            "u_without": "u without",
+            "dof": "ν",
+        },
+    )
+
+
+BUDGET = (
+    *("boundary", "model", "coefficient", "source", "type", "distribution", "scope", "u_input"),
+    *("unit", "sensitivity", "u", "u_without", "dof"),
+)
+
+
+def _source(place: Place, line: BudgetLine) -> dict[str, object]:
+    scale, unit = SCALES[line.unit] if line.unit else (1.0, "")
+    row: dict[str, object] = {
+        "source": line.source,
+        "type": line.kind,
+        "unit": line.unit,
+        "distribution": line.distribution,
+        "scope": line.scope,
+        **{k: place.number(k, digits=2) for k in ("u", "u_without")},
+        "dof": _dof(place),
+    }
+    if line.u_input is not None and line.sensitivity is not None:
+        size = place.number("u_input", digits=3, scale=scale, how=f"in {unit}")
+        slope = place.number("sensitivity", digits=3, scale=1 / scale, how=f"per {unit}")
+        row["u_input"] = replace(size, text=f"{size.text} {unit}".strip())
+        row["sensitivity"] = replace(slope, text=f"{slope.text} per {unit}")
+    return row
+
+
+def _dof(place: Place) -> Number:
+    endless = Number(text="∞", value=math.inf, source=place.source("dof"))
+    return place.degrees("dof") or endless
+
+
+def comparison(evidence: Evidence) -> Table:
+    """Every model of each boundary, the best prediction first; `held_out_rmse` is in log lift, of
+    visits predicted from all others.
+    """
+    rows = [
+        row
+        for b, compared in evidence.fits.comparison.items()
+        for name in sorted(
+            compared.models, key=lambda n: -np.nan_to_num(compared.models[n].d_elpd, nan=-1e9)
+        )
+        for row in [_score(evidence, b, name)]
+    ]
+    return Table(
+        caption=f"Models compared by their prediction of visits left out, from {FIT.file}",
+        frame=pd.DataFrame(rows),
+        shown={
+            "boundary": "boundary",
+            "model": "model",
+            "free": "free",
+            "d_elpd": "Δ score",
+            "u_d_elpd": "its u",
+            "held_out_rmse": "held-out RMSE (%)",
+            "aic": "ΔAIC",
+            "bic": "ΔBIC",
+            "log_evidence": "Δ ln Z",
+            "r2": "R²",
+        },
+    )
+
+
+def _score(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, object]:
+    compared, fits = evidence.fits.comparison[boundary], evidence.fits.boundaries[boundary]
+    base, own = compared.models[compared.reference], compared.models[name]
+    at = Place(evidence, FIT, ("comparison", boundary, "models", name))
+    weighed = Place(evidence, FIT, ("boundaries", boundary, name, "log_evidence", "value"))
+    whole = own.visits == base.visits
+    over = {
+        key: replace(at.number(key), text=f"{own_value - base_value:.1f}".replace("-", "−"))
+        if whole and math.isfinite(own_value - base_value)
+        else replace(at.number(key), text="–")
+        for key, own_value, base_value in (
+            ("aic", own.aic, base.aic),
+            ("bic", own.bic, base.bic),
+        )
+    }
+    gain = fits[name].log_evidence_value - fits[compared.reference].log_evidence_value
+    evidence_of: Json = weighed.content
+    difference = f"{gain:.1f}".replace("-", "−") if math.isfinite(gain) else "–"
+    less = "less the base model's"
+    return {
+        "boundary": boundary,
+        "model": name,
+        "base": name == compared.reference,
+        "free": len(fits[name].parameters),
+        "visits": own.visits,
+        "skipped": own.skipped,
+        "elpd": own.elpd,
+        "d_elpd": at.number("d_elpd", places=1),
+        "u_d_elpd": at.number("u_d_elpd", places=1),
+        "held_out_rmse": at.percent("rmse", places=3),
+        "d_held_out_rmse": own.d_rmse,
+        "u_d_held_out_rmse": own.u_d_rmse,
+        **{key: replace(number, how=less) for key, number in over.items()},
+        "r2": at.number("r2", places=4),
+        "log_evidence": replace(weighed.number(), text=difference, how=less)
+        if evidence_of is not None
+        else Number(text="–", value=math.nan, source=weighed.source()),
+    }
+
+
+TABLES: dict[str, Callable[[Evidence], Table]] = {
+    "coefficients": coefficients,
+    "budget": budget,
+    "comparison": comparison,
+}
