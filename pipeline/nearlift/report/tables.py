@@ -65,7 +65,8 @@ def csv(table: pd.DataFrame | Rows) -> bytes:
     """UTF-8 text with line feeds. Values without end are left empty, and no cell is a formula to a
     spreadsheet.
     """
-    frame = pd.DataFrame({name: [_cell(v) for v in table[name]] for name in table})
+    whole: Any = table
+    frame = pd.DataFrame({name: [_cell(v) for v in whole[name]] for name in whole})
     return frame.to_csv(index=False, lineterminator="\n").encode()
 
 
@@ -235,7 +236,7 @@ def budget(evidence: Evidence) -> Table:
     frame = pd.DataFrame(rows, columns=[*BUDGET, "main"])
     text = [n for n in BUDGET if n not in ("u_input", "sensitivity")]
     frame[text] = frame[text].astype(object).where(frame[text].notna(), "")
-    empty = Number(text="", value=math.nan, source="")
+    empty: Any = Number(text="", value=math.nan, source="")
     frame = frame.astype(object).where(frame.notna(), empty)
     return Table(
         caption=f"Uncertainty budget of each coefficient to quote, from {RESULTS.file}",
