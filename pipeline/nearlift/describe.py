@@ -169,8 +169,8 @@ def stages_page() -> str:
         [
             "# Stages",
             (
-                "A stage runs when what it reads, one of its sections of the manifest, the seed or"
-                " nearlift itself has changed, or what it wrote has."
+                "A stage runs if its input, its output, one of its sections of the manifest, the"
+                " seed or nearlift itself has changed."
             ),
             _table(head, rows),
         ]

@@ -1,9 +1,8 @@
-"""No code from the folder of the data: what Python, numba and matplotlib would read in the current
-folder, they do not see.
+"""Isolation from code in the folder of the data, for Python, numba and matplotlib.
 
-Whoever analyses measurements that somebody else sent stands in a folder that somebody else filled.
-A fresh interpreter imports from there, numba and matplotlib take their settings from there; and
-compiled code that is kept for the next run is code too, whoever wrote it.
+Measurements from another person may be analysed in a folder that this person filled. A fresh
+interpreter imports modules from the current folder, numba and matplotlib read settings there. A
+cache of compiled code can hold foreign code as well.
 """
 
 from __future__ import annotations
@@ -80,12 +79,11 @@ def _await_end(sentinel: int) -> None:
 
 
 def code_folder() -> Path | None:
-    """Where compiled code is kept, ``nearlift/code`` in the user's cache (XDG_CACHE_HOME): made
-    with mode 0700.
+    """Folder of compiled code: ``nearlift/code`` in the user's cache (XDG_CACHE_HOME), mode 0700.
 
-    None where nobody but this user should be able to write, and somebody could: the folder is a
-    link, another user's, or of another mode; or one above it is another user's, or everybody's
-    without the sticky bit. None also where it cannot be made.
+    None if another user could write there: the folder is a link, another user's, or of another
+    mode; or one above it is another user's, or everybody's without the sticky bit. None also where
+    it cannot be made.
     """
     try:
         folder = Path(

@@ -286,7 +286,7 @@ GREEK = {r"\alpha": "α", r"\gamma": "γ", r"\lambda": "λ"}
 
 
 def latex(name: str) -> str:
-    """A name as LaTeX sets it, without dollars; one that has no symbol stands as it is."""
+    """LaTeX of a name, without dollars; a name without a symbol is unchanged."""
     return _BY_NAME[name].latex if name in _BY_NAME else name
 
 

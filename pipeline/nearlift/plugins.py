@@ -1,9 +1,9 @@
-"""What installed packages add to nearlift, by entry point.
+"""Models, effects and readers of installed packages, by entry point.
 
 A package adds a model by an entry point in the group `nearlift.models` that names one `LiftModel`
 value (`nearlift.effects`: one `Effect`; `nearlift.readers`: one `Reader`). Names are unique;
 nothing is overridden. A package that cannot be loaded, or offers something else, is refused by its
-name rather than left out: a run must not depend on what failed silently.
+name and not left out silently, since the results of a run depend on it.
 """
 
 from __future__ import annotations

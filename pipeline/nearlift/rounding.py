@@ -6,8 +6,9 @@ import math
 
 
 def decimals(u: float) -> int:
-    """Decimal places that show an uncertainty by one significant digit, by two if it begins with 1
-    or 2: rounding moves it by a sixth at most.
+    """Decimal places that show an uncertainty by one significant digit.
+
+    It is shown by two if it begins with 1 or 2: rounding moves it by a sixth at most.
     """
     exponent = math.floor(math.log10(u))
     leading = round(u / 10**exponent, 6)

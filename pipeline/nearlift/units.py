@@ -128,7 +128,7 @@ def _to_si(unit: str, dimension: str, where: str) -> tuple[float, float]:
     if (unit, dimension) in COMMON:
         return COMMON[unit, dimension]
     unknown = ManifestError(
-        where, f"unknown unit {brief(repr(unit))}", f"a {dimension} is wanted; use one of: {usual}"
+        where, f"unknown unit {brief(repr(unit))}", f"a {dimension} is needed; use one of: {usual}"
     )
     if len(unit) > UNIT_LENGTH or not _UNIT.fullmatch(unit):
         raise unknown

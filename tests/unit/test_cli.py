@@ -275,7 +275,7 @@ def test_5_for_a_base_model_that_cannot_be_fitted(tmp_path):
     found = nearlift("run", root, "--out", tmp_path)
     assert found.exit_code == 5
     assert (
-        "error: fit of sanchez_cuevas: 6 usable trials for 5 unknowns\n  at least 7 trials are wanted"
+        "error: fit of sanchez_cuevas: 6 usable trials for 5 unknowns\n  at least 7 trials are needed"
         in found.stderr
     )
     # what came before stands

@@ -157,7 +157,7 @@ def test_what_was_not_logged_is_untestable_and_says_what_to_log():
 
 def test_too_few_trials_are_refused_with_the_number_that_would_do():
     data = campaign(6, visits=1)
-    with pytest.raises(NotConverged, match=r"at least 45 trials are wanted, \d+ more"):
+    with pytest.raises(NotConverged, match=r"at least 45 trials are needed, \d+ more"):
         findings(data.take(np.arange(20)), GROUND)
 
 

@@ -233,7 +233,7 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
 
 def test_too_few_planned_trials_are_refused():
     data = campaign(3, visits=1).take(np.arange(4))
-    with pytest.raises(NotConverged, match="at least 45 trials are wanted"):
+    with pytest.raises(NotConverged, match="at least 45 trials are needed"):
         planned(data, GROUND, (), NOISE, Options(), np.array([2.0]))
 
 

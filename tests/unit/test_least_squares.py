@@ -271,13 +271,13 @@ def test_parameter_covariance_parts_what_is_determined_from_what_is_not():
 
 def test_too_few_trials_are_refused_with_the_number_that_would_do():
     data = campaign(3, visits=1)
-    text = r"fit of sanchez_cuevas: 6 usable trials for 5 unknowns\n  at least 7 trials are wanted"
+    text = r"fit of sanchez_cuevas: 6 usable trials for 5 unknowns\n  at least 7 trials are needed"
     with pytest.raises(NotConverged, match=text):
         fit(MODEL, data.take(np.array([0, 1, 2, 3, 4, 5])))
     assert fit(MODEL, data.take(np.arange(8)), (), SCATTER).problem.data.n == 8
     none = campaign(3, stations=(0.1, 0.2), ratio=lambda z: 1 + 0 * z)
     with pytest.raises(
-        NotConverged, match="0 usable trials for 1 unknowns\n  at least 3 trials are wanted"
+        NotConverged, match="0 usable trials for 1 unknowns\n  at least 3 trials are needed"
     ):
         fit(MODEL, none)
 

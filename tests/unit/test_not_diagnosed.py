@@ -23,7 +23,7 @@ from nearlift.stages.gathering import gather
 from . import small_run
 
 TABLE = "of a published table 15 in all, with lift_sd for each"
-REASON = f"24 usable trials are too few; at least 45 trials are wanted, 21 more ({TABLE})"
+REASON = f"24 usable trials are too few; at least 45 trials are needed, 21 more ({TABLE})"
 
 
 @pytest.fixture(scope="module")

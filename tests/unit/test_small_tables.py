@@ -137,11 +137,11 @@ def test_a_published_standard_deviation_is_a_trial_s_noise():
 def test_too_few_cells_and_cells_without_standard_deviation_are_refused():
     data = table("ground")
     with pytest.raises(
-        NotConverged, match=r"14 usable trials are too few\n.*at least 15 trials are wanted"
+        NotConverged, match=r"14 usable trials are too few\n.*at least 15 trials are needed"
     ):
         set_up(data.take(np.arange(14)), BASES["ground"], (), Options())
     with pytest.raises(
-        NotConverged, match=r"30 usable trials are too few\n.*at least 46 trials are wanted"
+        NotConverged, match=r"30 usable trials are too few\n.*at least 46 trials are needed"
     ):
         set_up(dataclasses.replace(data, ordered=True), BASES["ground"], (), Options())
     bare = dataclasses.replace(data, u_lift_N=np.where(np.arange(data.n) < 4, 0.0, data.u_lift_N))

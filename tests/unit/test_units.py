@@ -66,7 +66,7 @@ def test_quantity(text, dimension, value):
         (
             "1 furlongs2",
             "length",
-            "unknown unit 'furlongs2'\n  a length is wanted; use one of: mm, cm, m, in, um",
+            "unknown unit 'furlongs2'\n  a length is needed; use one of: mm, cm, m, in, um",
         ),
         ("5 N", "length", "'N' is not a unit of length\n  use one of: mm, cm, m, in, um"),
         ("1 count", "force", "'count' is not a unit of force"),

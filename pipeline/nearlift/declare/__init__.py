@@ -1,10 +1,9 @@
-"""What a model, an effect and a parameter are: frozen values that check themselves when they are
-made.
+"""Declarations of models, effects and parameters: frozen values, checked when they are made.
 
 A declaration is one immutable value at the end of its own file. Evaluation, fitting, sampling,
 documentation and tests all read it; nothing about it is written twice. The keyword-only names of
-`evaluate` are the table of what it needs, so a declaration whose function and table disagree cannot
-be imported.
+`evaluate` are the table of its needs, so a declaration whose function and table disagree cannot be
+imported.
 
 Broadcasting is part of the contract: with parameters of shape (m, 1) and x of shape (n,),
 `evaluate` returns (m, n).

@@ -1,5 +1,6 @@
-"""What models and effects declare: their evaluation, parameters, needs and checks, compared when
-they are made.
+"""Declarations of models and effects: evaluation, parameters, needs and checks.
+
+They are compared with each other when a declaration is made.
 """
 
 from __future__ import annotations
@@ -35,13 +36,12 @@ def keywords(evaluate: Evaluate) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Declaration:
-    """What models and effects have in common; see `LiftModel` and `Effect`. Each is equal to itself
-    alone.
+    """Common base of `LiftModel` and `Effect`. Each declaration is equal only to itself.
 
     Attributes
     ----------
     name, title : str
-        Identifier, and what a legend says.
+        Identifier, and label of a legend.
     formula : str
         LaTeX.
     evaluate : callable
@@ -50,7 +50,7 @@ class Declaration:
     needs : tuple of str
         Geometry (`spacing_hat`, ...) or trial covariates (`supply_V`, ...) that must be known.
     valid_z_hat : (float, float)
-        Open at the lower end where a formula has a pole; trials outside are left out of its fit,
+        Open at the lower end where a formula has a pole. Trials outside are left out of its fit,
         with the reason.
     source : Source
     checks : tuple of Check
@@ -94,11 +94,11 @@ class Declaration:
                 )
 
     def refusal(self, what: str, remedy: str = "") -> DeclarationError:
-        """What is wrong with this declaration."""
+        """Faults of this declaration."""
         return DeclarationError(f"declaration {self.name}", what, remedy)
 
     def __call__(self, x: Any, /, **arguments: Any) -> Any:
-        """Evaluate at `x`; parameters left out stand at their declared values."""
+        """Evaluate at `x`; parameters left out have their declared values."""
         known = {p.name: p.value for p in self.parameters}
         unknown = arguments.keys() - known.keys() - set(self.needs)
         if unknown:
@@ -137,7 +137,7 @@ class LiftModel(Declaration):
     (``"several"``), or either.
 
     `gradient`, where a model has one, has that signature too and returns the derivatives of the
-    ratio with respect to each parameter, a tuple in their order; it is compared with differences of
+    ratio with respect to each parameter, a tuple in their order. It is compared with differences of
     `evaluate` at every check. Without it, fits take differences.
     """
 
@@ -205,22 +205,39 @@ class LiftModel(Declaration):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effect(Declaration):
-    """Something that a model may lack; it does nothing at its declared parameter values.
+    """An effect that a model may lack; it vanishes at its declared parameter values.
 
-    `acts_on` says what `evaluate` takes and returns: ``"height"`` z_hat, ``"ratio"`` L / L_inf,
-    ``"force"`` lift in N. An `additive` force effect works in newtons, so a composed model then
-    needs `lift_inf_N`; any other is a factor. `mechanism` is the physical cause in one sentence;
-    `varies_with` the covariate along which its true shape may depart from the declared one;
-    `separated_by` what to measure to tell it from what it is confounded with; `log_next_time` what
-    to record where its needs are not met; `boundaries` where it can occur at all; `belongs_to`
-    whether a vehicle takes it along when it leaves the bench (then it flies in simulations);
-    `by_experiment` that what it needs is not to be had by logging but by running trials in two ways
-    on purpose, so that only campaigns that did hear of it. `error_of` is the input of a budget that
-    it is the unknown error of, as in ``on = "height"``; `loaded` says of an additive effect that it
-    is not there while the rotors stand; `within_trial` that its mark is a change during a record,
-    which no mean of a trial keeps.
-    `contains_line` states that a straight line of any slope along `varies_with` is a special or
-    limiting case of the form: a line in force if the effect is additive, else a line in gain.
+    Attributes
+    ----------
+    acts_on : str
+        Argument and result of `evaluate`: ``"height"`` z_hat, ``"ratio"`` L / L_inf, ``"force"``
+        lift in N.
+    additive : bool
+        A force effect in newtons: a composed model then needs `lift_inf_N`. Any other is a factor.
+    mechanism : str
+        The physical cause in one sentence.
+    varies_with : str
+        Covariate along which its true shape may depart from the declared one.
+    separated_by : str
+        Measurement that distinguishes it from confounded effects.
+    log_next_time : tuple of str
+        Quantities to record where its needs are not met.
+    boundaries : tuple of str
+        Boundaries near which it can occur.
+    belongs_to : str
+        Bench or vehicle; an effect of the vehicle is also in simulated flights.
+    by_experiment : bool
+        Its needs are met by running trials in two ways on purpose, not by logging. Only campaigns
+        that did so report it.
+    error_of : str
+        Input of a budget whose unknown error it is, as in ``on = "height"``.
+    loaded : bool
+        An additive effect that is absent while the rotors are at rest.
+    within_trial : bool
+        Its signature is a change during a record, which the mean of a trial does not show.
+    contains_line : bool
+        A straight line of any slope along `varies_with` is a special or limiting case of the form:
+        a line in force if the effect is additive, else a line in gain.
     """
 
     acts_on: Literal["height", "ratio", "force"]

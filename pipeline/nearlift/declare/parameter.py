@@ -82,12 +82,12 @@ class Parameter:
     bounds : (float, float)
         Closed interval that fits and samplers keep to.
     prior : Prior
-        What is believed before the data; for an effect the physically plausible size.
+        Distribution before the data; for an effect of physically plausible size.
     meaning : str
         One sentence, with sign.
     grid : tuple of float
-        For a shape (a length, a time constant, an exponent) that nothing depends on at the effect's
-        null: the values at which a search starts. Empty for a size.
+        Starting values of a search, for a shape (a length, a time constant, an exponent). Nothing
+        depends on a shape at the effect's null. Empty for a size.
     per : str
         ``"session"``: one such number for each session, passed to `evaluate` already spread over
         the trials.
@@ -120,7 +120,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Source:
-    """Where a formula came from, and every doubt about how it reached us.
+    """Source of a formula, with every doubt about its transmission.
 
     `bibtex` holds keys of `report/documents/references.py`. Without one the report makes an entry
     from the citation.

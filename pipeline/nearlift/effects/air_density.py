@@ -8,8 +8,7 @@ Mechanism: lift is proportional to density at a given speed and inflow.
 
 Convention: density_exponent 1 is the full effect, less at a fixed throttle, where the motor speeds
 up in thin air. rho_ref is the density at the campaign's median temperature and pressure and at
-humidity 0.5. Pressure and humidity that nobody recorded may stand at `STANDARD`: they then change
-nothing.
+humidity 0.5. Unrecorded pressure and humidity default to `STANDARD` and then have no effect.
 
 Size: -1.8 % for +5 degC, -2.3 % for -2.3 kPa, -0.8 % for humidity from 0 to 90 %.
 

@@ -2,15 +2,15 @@
 
     ratio -> ratio + stagnation z_hat^(-stagnation_power)
 
-Mechanism: close to the ground the wakes cannot leave freely; air dammed up beneath body, battery
+Mechanism: close to the ground the wakes cannot leave freely. Air dammed up beneath body, battery
 and arms presses on them, or the wall jets' speed sucks them down.
 
 Convention: stagnation > 0 gains lift (dammed up), < 0 loses it (suckdown); it is the share of L_inf
-one radius above the ground. The same at every throttle, since pressure and lift both go as the
-square of the jet's speed.
+one radius above the ground. It is the same at every throttle, since pressure and lift both scale as
+the square of the jet's speed.
 
 Size on a Crazyflie: 9e-4 m^2 of body at the disk loading of 40 Pa bound it by 36 mN, 14 % of the
-weight; realistic 0 to 3 % where trials begin. Published suckdown forms are powers z_hat^-1 to
+weight. Realistic are 0 to 3 % where trials begin. Published suckdown forms are powers z_hat^-1 to
 z_hat^-3; closer than 0.2 radii none was measured, and the form is held there.
 
 Confounded with image_strength (0.999 above ground), height_offset, plate_edge and K_b.
@@ -75,7 +75,7 @@ EFFECT = Effect(
     boundaries=("ground",),
     source=Source(
         citation=(
-            "Physics of the bench; ground, suckdown and fountain told apart by arXiv 2309.10919"
+            "Physics of the bench; arXiv 2309.10919 distinguishes ground, suckdown and fountain"
         ),
         doubts=(
             (

@@ -2,15 +2,15 @@
 
     z_hat -> z_hat + approach * backlash_m / (2 r)
 
-Mechanism: play between nut and screw. The rotor plane stands half the play to one side or the other
-of where the counter says, by the direction of the last move.
+Mechanism: play between nut and screw. The rotor plane is half the play to one side or the other of
+the counter's position, by the direction of the last move.
 
 Convention: approach is +1 when the last move was away from the boundary, -1 towards it, 0 where the
 traverse did not move. backlash_m > 0 where the vehicle is farther than recorded after a move away
-(it overshoots); a nut that trails the screw gives backlash_m < 0, so both signs are admitted. In
-free air nothing changes, whatever stands under `approach`.
+(it overshoots). A nut that trails the screw gives backlash_m < 0, so both signs are admitted. In
+free air nothing changes, whatever the value of `approach`.
 
-Size on a Crazyflie: play up to 0.3 mm; above ground up to 0.1 %, under a ceiling up to 11 % of lift
+Size on a Crazyflie: play up to 0.3 mm. Above ground up to 0.1 %, under a ceiling up to 11 % of lift
 at z_hat = 0.1.
 
 Confounded with height_offset where every station was approached from one side, as the nearest and

@@ -6,13 +6,13 @@ Mechanism: a loaded cell creeps, and recovers after the load is gone. A record t
 has recovered takes a tare that is too high or too low, in proportion to the load of the trial
 before.
 
-Convention: creep > 0 reads too much lift after a heavy trial; a tare that is taken during recovery
+Convention: creep > 0 reads too much lift after a heavy trial. A tare that is taken during recovery
 gives creep < 0, so both signs are admitted. previous_lift_N is 0 at the start of a session, rest_s
-the pause since the end of the trial before; where no times were recorded it may stand at 0, and the
-pause's part goes into creep.
+the pause since the end of the trial before. Without recorded times rest_s is 0, and creep takes up
+the pause's part.
 
-Size on a Crazyflie: 0 to 0.05 % of the load, 10 to 1000 s; below 0.02 gf on a cell of 1 kgf, ten
-times that on a cheap one.
+Size on a Crazyflie: 0 to 0.05 % of the load, 10 to 1000 s. It is below 0.02 gf on a cell of 1 kgf,
+ten times that on a cheap one.
 
 Confounded with the previous throttle's other traces: warm motors, a battery that recovers.
 Throttles in ascending order make it part of L_inf.

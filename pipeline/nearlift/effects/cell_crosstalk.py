@@ -6,15 +6,15 @@ Mechanism: a vehicle whose thrust does not pass through the cell's axis loads it
 which a single-axis cell reads a part as force. Turned about its own axis on the cell, the vehicle
 takes its arm along, and the part changes sign.
 
-Convention: turn_rad is the vehicle's angle about its thrust on the cell; crosstalk_along is what is
-read too much at 0, crosstalk_across at a quarter of a turn, as shares of lift.
+Convention: turn_rad is the vehicle's angle about its thrust on the cell. crosstalk_along is the
+excess reading at 0, crosstalk_across at a quarter of a turn, as shares of lift.
 
-Size on a Crazyflie: an arm of 1 mm at the 5 % for each millimetre of a cheap cell is 5 %; the 0.2
-N mm beside a wall up to 1 gf, as much as the whole loss of lift there.
+Size on a Crazyflie: an arm of 1 mm at the 5 % for each millimetre of a cheap cell is 5 %. The 0.2 N
+mm near a wall up to 1 gf, as much as the whole loss of lift there.
 
 Confounded with L_inf, wholly, where the vehicle was never turned; with session_gain where it was
-turned between sessions only. A measured moment does not separate them: it comes of the same air
-as lift, and a fit along it would explain away the boundary.
+turned between sessions only. A measured moment does not separate them: the same flow causes it and
+lift, and a fit along it would explain away the boundary.
 """
 
 from __future__ import annotations

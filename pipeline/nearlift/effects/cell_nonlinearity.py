@@ -2,14 +2,14 @@
 
     lift -> lift (1 + nonlinearity_per_N lift)
 
-Mechanism: the bridge's output is not quite proportional to force, more so under side load, or with
-a cell that was calibrated at two points of a far larger range.
+Mechanism: the bridge's output is not quite proportional to force. The departure is larger under
+side load, or with a cell that was calibrated at two points of a far larger range.
 
 Convention: nonlinearity_per_N > 0 reads large forces too large. It works in newtons, hence
-`additive`, although its share grows with lift. L_inf of each throttle takes up what does not vary
-with distance; gains at high throttle are then read larger.
+`additive`, although its share grows with lift. L_inf of each throttle takes up the part that does
+not vary with distance; gains at high throttle are then read larger.
 
-Size on a Crazyflie: 0.1 % of full scale, 1e-4 per N for a cell of 1 kgf, invisible; a cell of 1 N
+Size on a Crazyflie: 0.1 % of full scale, 1e-4 per N for a cell of 1 kgf, invisible. A cell of 1 N
 loaded off its axis 0.01 per N and more.
 
 Confounded with reynolds and zero_offset (gain against throttle), and with K_b at a single throttle.
@@ -55,8 +55,8 @@ EFFECT = Effect(
         citation="Data sheets of strain-gauge cells",
         doubts=(
             (
-                "A sound cell of 1 kgf has 1e-4 per N; the prior is that of a small cell badly"
-                " mounted, since the other cannot be seen."
+                "A sound cell of 1 kgf has 1e-4 per N, which is below the detection limit; the"
+                " prior is that of a small cell badly mounted."
             ),
         ),
     ),

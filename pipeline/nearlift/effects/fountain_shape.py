@@ -4,11 +4,11 @@
     0.5
 
 Mechanism: the wall jets of neighbouring rotors collide and rise between them. The fountain reaches
-the body, or is drawn in again by the rotors, only over a range of heights set by the spacing of the
-axes; the models' fountain term has one fixed shape.
+the body, or is drawn in again by the rotors, over a range of heights. The spacing of the axes sets
+that range; the models' fountain term has one fixed shape.
 
 Convention: fountain > 0 gains lift at its peak (it pushes on the body), < 0 loses it (drawn in
-again), as a share of L_inf; none at contact, where no room is left for it, and none far away. An
+again), as a share of L_inf. None at contact, where no room is left for it, and none far away. An
 isolated rotor has no fountain and no `spacing_hat`.
 
 Size on a Crazyflie: 2 to 4 % of lift between z_hat = 1 and 3, of which K_b takes what has its own

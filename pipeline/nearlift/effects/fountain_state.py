@@ -5,11 +5,11 @@
 with z = z_hat and b = diagonal_hat: K_b is larger by state_gap in one state, and smaller by as much
 in the other.
 
-Mechanism: the wall jets of neighbouring rotors collide; the fountain between them leans to one side
+Mechanism: the wall jets of neighbouring rotors collide. The fountain between them leans to one side
 and stays there, or is drawn in again by one rotor and then by the other.
 
 Convention: fountain_side is +1 in one state and -1 in the other, as tufts, smoke, a picture or the
-sign of a moment tell; 0 where neither is meant. state_gap > 0 lifts more at +1.
+sign of a moment show. It is 0 where neither is meant. state_gap > 0 lifts more at +1.
 
 Size on a Crazyflie: 0 to 3 % of lift between the states, a state_gap of 0 to 1. Switching at some 5
 Hz averages out within a trial; a state that holds for a trial or a visit does not.

@@ -5,7 +5,7 @@
 Mechanism: brushes, bearings and blades wear, the amplifier ages or follows the day, a supply
 settles: lift changes slowly and in one direction.
 
-Convention: elapsed_hat runs from -1 at the first trial to +1 at the last; drift > 0 reads more lift
+Convention: elapsed_hat runs from -1 at the first trial to +1 at the last. drift > 0 reads more lift
 later, and is half the change over the campaign.
 
 Size on a Crazyflie: 0 to 2 % over a day of runs; brushed motors lose several percent in ten hours.

@@ -3,14 +3,14 @@
     z_hat -> z_hat + offset_m / r
 
 Mechanism: the distance was set to zero at the duct, the guard, the feet or a feeler gauge, or the
-blades cone; every recorded distance is wrong by the same length.
+blades cone. Every recorded distance is wrong by the same length.
 
 Convention: offset_m > 0 where the rotor plane is farther from the boundary than recorded. In free
 air nothing changes. A distance carried to or behind the boundary is handed on as it is: the model
 then refuses it.
 
-Size on a Crazyflie: 0.43 % of L_inf per mm at z_hat = 1.14 above ground, 0.26 at 1.5, 0.19 at 2;
-under a ceiling 7.4 % per 0.1 mm at z_hat = 0.1, 1.7 at 0.2, 0.65 at 0.3, 0.18 at 0.5.
+Size on a Crazyflie: 0.43 % of L_inf per mm at z_hat = 1.14 above ground, 0.26 at 1.5, 0.19 at 2.
+Under a ceiling 7.4 % per 0.1 mm at z_hat = 0.1, 1.7 at 0.2, 0.65 at 0.3, 0.18 at 0.5.
 
 Confounded with K_b (correlation 0.98 to 0.997), alpha, the exponent n, near_wall_saturation (0.97
 under a ceiling); absorbed exactly by the amplitude of an exponential sidewall. More trials at the

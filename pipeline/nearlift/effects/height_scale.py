@@ -11,7 +11,7 @@ Size on a Crazyflie: 2 % at most, which is 0.2 % of lift at z_hat = 1.14 and 0.1
 fixed, below 0.1 % with K_b free.
 
 Confounded with whatever scales a length: under a ceiling with alpha exactly (alpha / z_hat^2),
-above ground with the spacing and nearly with K_b; near a sidewall with the decay length exactly. No
+above ground with the spacing and nearly with K_b. Near a sidewall with the decay length exactly. No
 measurement of lift under a ceiling separates them.
 """
 

@@ -1,13 +1,13 @@
-"""Ratio: what a trial holds constant.
+"""Ratio: the quantity that a trial holds constant.
 
     ratio -> ratio^held_exponent
 
 Mechanism: every published ratio is at constant something. Near a boundary a rotor's load changes,
-and with it rpm, current and the voltage at the motor; a trial at constant throttle holds none of
+and with it rpm, current and the voltage at the motor. A trial at constant throttle holds none of
 them.
 
 Convention: 1 leaves the model as it is; 2/3 turns a ratio of powers into one of thrusts at constant
-power; about 0.60 to 0.82 is a small rotor at constant rpm (blade-element momentum theory), falling
+power. About 0.60 to 0.82 is a small rotor at constant rpm (blade-element momentum theory), falling
 further as the gain grows. Below 1, gains and losses shrink.
 
 Size on a Crazyflie: under a ceiling at z_hat = 0.2 gamma is 1.516, against 1.28 to 1.33 at constant

@@ -4,16 +4,16 @@
     cancelled
 
 Mechanism: a rotor is no point source of uniform inflow and the ground no perfect mirror (roughness,
-boundary layer, load distribution); the images cancel more or less of the inflow than theory says.
+boundary layer, load distribution). The images cancel more or less of the inflow than in theory.
 
-Convention: strength > 1 gains more, 1 is the model. Where a model has a free fountain K_b beside
-its images, K_b takes up the fountain's part of the scaling, so that what is left is a coefficient
-on the images alone. Above ground only: models of a ceiling and a sidewall rest on no images.
+Convention: strength > 1 gains more, 1 is the model. Where a model has a free fountain K_b and
+images, K_b takes up the fountain's part of the scaling. The remainder is a coefficient on the
+images alone. Above ground only: models of a ceiling and a sidewall have no images.
 
 Refusal: nan where nothing of the inflow would be left.
 
-Size: on the same open data a coefficient of 1.1 with the datum fixed and 2.9 with it free; 0.2
-about 1 on a bench that knows its datum and its exponent.
+Size: on the same open data a coefficient of 1.1 with the datum fixed and 2.9 with it free. It
+is within 0.2 of 1 on a bench with known zero and exponent.
 
 Confounded with airframe_stagnation (0.999 above ground), height_offset, held_quantity, plate_edge;
 absorbed exactly by the coefficient of a model that has one on its only image.

@@ -2,12 +2,12 @@
 
     lift -> lift (1 + heating drift_hat / 2)
 
-Mechanism: in ten seconds at full throttle a coreless motor's winding warms by tens of kelvin,
-copper's resistance rises by 0.39 %/K, current, speed and lift sink. The mean of a record that falls
-by drift_hat in proportion, in a straight line, is less than the cold lift by half of that.
+Mechanism: in ten seconds at full throttle a coreless motor's winding warms by tens of kelvin.
+Copper's resistance rises by 0.39 %/K; current, speed and lift sink. The mean of a record that falls
+linearly by the fraction drift_hat is less than the cold lift by half of that.
 
 Convention: drift_hat is the slope of the record times its length over its mean, < 0 where lift
-sinks; heating 1 is the whole effect on the mean, 0 none.
+sinks. heating 1 is the whole effect on the mean, 0 none.
 
 Where it shows: within the records, early against late half. On the means of trials almost nothing
 is left, since L_inf of each throttle takes up what its trials have in common.
@@ -49,8 +49,8 @@ EFFECT = Effect(
             bounds=(-1.0, 3.0),
             prior=normal(0.0, 1.0),
             meaning=(
-                "share of the fall within a record that is missing from its mean; 1 where the"
-                " record falls in a straight line from the cold lift"
+                "share of the linear fall within a record that is missing from its mean, 1 if it"
+                " begins at the cold lift"
             ),
         ),
     ),

@@ -1,11 +1,11 @@
-"""Force: the mount stands in the wake of one of two ways up.
+"""Force: the mount is in the wake of one of two ways up.
 
     lift -> lift (1 - blockage inverted)
 
 Mechanism: upright, the vehicle draws its inflow past sting and cell; inverted, it blows its jets at
 them. The push of the jet on what carries the cell is read as lift, or taken from it.
 
-Convention: inverted is 1 where the vehicle hung upside down and 0 where it stood upright;
+Convention: inverted is 1 where the vehicle hung upside down and 0 where it was upright;
 blockage > 0 reads less lift inverted.
 
 Size on a Crazyflie: 0 to 8 %, by the sting's breadth and its distance from the disks.

@@ -2,14 +2,14 @@
 
     ratio -> 1 + (ratio - 1) (1 + gap_hat2 / z_hat^2)^(-saturation_power)
 
-Mechanism: in a gap no wider than a few boundary layers viscosity and turning losses hold the inflow
-back that the inviscid theory lets grow without limit. gap_hat2 is the square of a gap z_v, over
-rotor radius, below which the gain saturates.
+Mechanism: in inviscid theory the inflow grows without limit. In a gap no wider than a few boundary
+layers viscosity and turning losses limit it. gap_hat2 is the square of a gap z_v, over rotor
+radius, below which the gain saturates.
 
 Convention: gap_hat2 >= 0; gains shrink. The form is the ratio's own version of z_hat ->
-sqrt(z_hat^2 + z_v^2): identical for a gain that goes as z_hat^-2 with the power 1 (far away), as
-z_hat^-1 with the power 1/2 (close to a ceiling). The power 0.68 between them gives 1.60 in place of
-2.337 at z_hat = 0.1 with z_v = 0.15, as that height form does.
+sqrt(z_hat^2 + z_v^2). It is identical for a gain that scales as z_hat^-2 with the power 1 (far
+away), as z_hat^-1 with the power 1/2 (close to a ceiling). The power 0.68 between them gives 1.60
+in place of 2.337 at z_hat = 0.1 with z_v = 0.15, as that height form does.
 
 Size on a Crazyflie: z_v up to 0.3. Boundary layers (0.65 mm at z_hat = 0.1) displace 3 to 10 % of
 the gap, so that viscosity alone is a modest correction down to z_hat = 0.1.

@@ -3,12 +3,12 @@
     ratio -> 1 + (ratio - 1) (1 - edge_share exp(-edge_width_hat^2 / z_hat^2))
 
 Mechanism: a plate of half-width W mirrors only the part of the wake that it catches. The wake
-widens with the distance that it has travelled, so that beyond z = W / c, with c between 0.5 and 3,
-it flows past the edge and the effect fades sooner than above a plane without end.
+widens with the distance that it has travelled. Beyond z = W / c, with c between 0.5 and 3, it flows
+past the edge, and the effect fades sooner than above a plane without end.
 
 Convention: edge_width_hat = W / (c r) is the distance, in rotor radii, at which 1/e of the loss is
-reached; edge_share is the share of the gain (a sidewall's loss) that is lost far beyond it: 1 where
-nothing lies behind the plate, less where a floor goes on below its edge; 0 is a plane without end.
+reached. edge_share is the share of the gain (a sidewall's loss) that is lost far beyond it: 1 where
+nothing lies behind the plate, less where a floor goes on below its edge, 0 for a plane without end.
 The range goes beyond 1 because the form is approximate. A plate narrower than the vehicle is no
 ground: edge_width_hat is at least 2.
 
@@ -29,7 +29,7 @@ from nearlift.declare import Check, Effect, Parameter, Prior, Source, null
 
 
 def evaluate(ratio: Any, /, *, z_hat: Any, edge_share: Any, edge_width_hat: Any) -> Any:
-    """L / L_inf beside a boundary that ends. Shapes broadcast."""
+    """L / L_inf near a boundary that ends. Shapes broadcast."""
     # at contact the plate is all that the rotor sees, in free air (z_hat infinite) there is none
     return ratio - (ratio - 1.0) * edge_share * np.exp(
         -np.square(edge_width_hat / np.maximum(z_hat, 1e-6))

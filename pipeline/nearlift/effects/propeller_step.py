@@ -2,17 +2,17 @@
 
     lift -> lift (1 + propeller_gain other_propeller)
 
-Mechanism: a blade that is nicked, bent or exchanged has another lift at the same throttle, at once
-and for good.
+Mechanism: a blade that is nicked, bent or exchanged has another lift at the same throttle, suddenly
+and permanently.
 
 Convention: other_propeller is 0 with the propellers of the first trial, by their names in the
-column `propeller`, and 1 with any others; propeller_gain > 0 lifts more with those. A blade damaged
+column `propeller`, and 1 with any others. propeller_gain > 0 lifts more with those. A blade damaged
 in the course of a campaign is given a name of its own.
 
 Size on a Crazyflie: 1 to 5 %, for a nick or from one propeller to the next.
 
-Confounded with session_gain and gain_drift where propellers were exchanged once, between sessions;
-a step without a name in the schedule stays a step in time, and structure.
+Confounded with session_gain and gain_drift where propellers were exchanged once, between sessions.
+A step without a name in the schedule stays a step in time, and structure.
 """
 
 from __future__ import annotations

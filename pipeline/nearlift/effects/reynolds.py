@@ -3,14 +3,13 @@
     ratio -> 1 + (ratio - 1) (1 + reynolds_slope ln(throttle / throttle_ref))
 
 Mechanism: blades of 6 mm chord work at a Reynolds number near 13 000, where lift slope and losses
-change with speed; so does the viscous share of what happens in the gap. The gain is then not the
-same at every throttle.
+change with speed. So do the viscous losses in the gap. The gain then differs by throttle.
 
 Convention: reynolds_slope > 0 where the gain grows with throttle; throttle_ref is the median of the
 campaign's throttles, at which the base model's coefficients hold. L_inf at each throttle is free,
-so nothing is said about lift far away.
+so lift far away is unaffected.
 
-Size on a Crazyflie: C_L rises by 10 % from 25 to 92 % throttle; in the *ratio* that is second
+Size on a Crazyflie: C_L rises by 10 % from 25 to 92 % throttle. In the *ratio* that is second
 order, 0 to 1 % of lift, so a slope of 0.05.
 
 Confounded with zero_offset, cell_nonlinearity and supply_sag, which also act differently at each

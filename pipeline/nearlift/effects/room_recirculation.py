@@ -3,10 +3,10 @@
     lift -> lift (1 - recirculation (throttle / throttle_ref) (1 - exp(-z_hat /
     recirculation_reach_hat)))
 
-Mechanism: in a closed room the jet sets the air in motion, which comes back to the rotors as an
-axial inflow V_c and takes away 0.35 V_c / v_i of the lift. A boundary close by spreads the jet
-along itself and shields the rotors from it; far from it the inflow is complete. A record is shorter
-than the room's turnover (40 to 125 s), so the inflow rises with the jet.
+Mechanism: in a closed room the jet sets the air in motion. It comes back to the rotors as an axial
+inflow V_c and takes away 0.35 V_c / v_i of the lift. A boundary close by spreads the jet along
+itself and shields the rotors from it; far from it the inflow is complete. A record is shorter than
+the room's turnover (40 to 125 s), so the inflow rises with the jet.
 
 Convention: recirculation >= 0 loses lift; it is the loss in free air at the median throttle.
 

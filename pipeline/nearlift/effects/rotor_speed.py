@@ -3,19 +3,20 @@
     lift -> lift speed_hat^speed_exponent,   speed_hat = rpm / its median at the throttle
 
 Mechanism: a trial holds its throttle, not its speed. Supply, motor temperature and the boundary's
-own change of torque move the speed from trial to trial; at a given inflow geometry lift goes with
+own change of torque move the speed from trial to trial. At a given inflow geometry lift scales as
 its square.
 
 Convention: speed_exponent is 2 where C_L is constant, a little more where it rises with Reynolds
 number, less where the logged speed is noisy or that of a part of the rotors. 0 is no effect, and
-there is no mechanism by which lift falls with speed; more than 3 is beyond any measured rise of
+there is no mechanism by which lift falls with speed. More than 3 is beyond any measured rise of
 C_L. Speeds are relative to the throttle's own median, since L_inf is free for each throttle.
 
-Size: in Bitcraze's table of 2015 lift goes with speed to the power of 2.15; under a ceiling, at
-held pulse width, a quadrotor of 12-inch propellers turned 2.5 % faster, which is worth 5 % of lift.
+Size: in Bitcraze's table of 2015 lift scales as speed to the power of 2.15. Under a ceiling, at
+held pulse width, a quadrotor of 12-inch propellers turned 2.5 % faster, equivalent to 5 % of lift.
 
 Confounded with the coefficients, where the boundary itself changes the speed, and with supply_sag
-and warm_up, which act through it. What is named here is where lift changed, not why the speed did.
+and warm_up, which act through it. The effect locates the change of lift; it does not explain why
+the speed changed.
 """
 
 from __future__ import annotations

@@ -3,10 +3,10 @@
     lift -> lift (1 + gain[session])
 
 Mechanism: between sittings a propeller is changed, the vehicle is mounted again, the cell's
-excitation or range is set anew, another battery or day brings another density: all lift of the
-sitting is larger or smaller in proportion.
+excitation or range is set again, or the density differs. All lift of the sitting is larger or
+smaller in proportion.
 
-Convention: gain > 0 reads more lift. One number for each session; what all have in common is L_inf.
+Convention: gain > 0 reads more lift. One number for each session; L_inf takes up their mean.
 
 Size on a Crazyflie: span 0.5 %, mounting and propellers 1 to 5 %.
 

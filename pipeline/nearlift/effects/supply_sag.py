@@ -5,12 +5,12 @@
 Mechanism: throttle is a duty cycle; the motor sees it times the voltage at the board, which sags
 with current, leads and the battery's charge.
 
-Convention: sag_exponent > 0 where lift falls with voltage, about 2 for a motor at fixed duty; 0
-where the firmware compensates exactly, < 0 where it compensates too much. supply_ref_V is the
+Convention: sag_exponent > 0 where lift falls with voltage, about 2 for a motor at fixed duty. It
+is 0 where the firmware compensates exactly, < 0 where it compensates too much. supply_ref_V is the
 campaign's median; what sags with throttle alone is in L_inf.
 
 Size on a Crazyflie: exponent 1.5 to 2.5, the firmware's cubic up to 3. A power box gives 4.01 V
-idle and 3.30 V at 94 %; ten seconds of hover take 0.5 to 1 % of lift out of a battery.
+idle and 3.30 V at 94 %. Ten seconds of hover take 0.5 to 1 % of lift out of a battery.
 
 Confounded with gain_drift, warm_up and session_gain where each battery is a session.
 """

@@ -2,14 +2,14 @@
 
     lift -> lift + stiffness_N_per_m z_hat r
 
-Mechanism: leads and tether bend as the vehicle is moved; what the tare does not remove of their
-pull (it stiffens under current and in the jet) goes with the distance from the boundary.
+Mechanism: leads and tether bend as the vehicle is moved. The tare does not remove all of their pull
+(it stiffens under current and in the jet). The rest varies with the distance from the boundary.
 
 Convention: stiffness_N_per_m > 0 reads too much lift far from the boundary. Counted from contact;
-in free air, where no distance is on record, nothing is added. What is the same at all distances is
-`zero_offset`.
+in free air, where no distance is on record, nothing is added. A pull that is the same at all
+distances is `zero_offset`.
 
-Size on a Crazyflie: 0 to 20 mN/m, so 0 to 1 mN (0.4 % of the weight) over 50 mm; 5 mN at the
+Size on a Crazyflie: 0 to 20 mN/m, so 0 to 1 mN (0.4 % of the weight) over 50 mm. 5 mN at the
 farthest station of 265 mm.
 
 Confounded with K_b (a long tail), room_recirculation, plate_edge; at a single throttle with

@@ -6,7 +6,7 @@
 Mechanism: three of them. Tilted about another point than the vehicle's centre, the whole vehicle
 comes nearer or goes farther: first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one
 side come nearer by x_i t and gain more than the others lose: second order, 3 <x_i^2> t^2 / z^2 of a
-gain that goes as z^-2. And where the cell stands still, a tilted force acts on it by its cosine, at
+gain that scales as z^-2. Where the cell does not tilt, a tilted force acts on it by its cosine, at
 every distance.
 
 Convention: t > 0 as the schedule has it; tilt_first changes sign with it, tilt_second > 0 gains
@@ -15,11 +15,11 @@ wall jets), 2 for the rotors' distances. tilt_lean is 1 where the vehicle tilts 
 not, 0 where the plate tilts. In free air (a blank tilt allowed) nothing changes.
 
 Size on a Crazyflie: 1 degree is 0.8 mm across 90 mm; second order, by the sum over images at z_hat
-= 1, 0.03 % of lift at 1.5 degrees and 0.35 % at 5; a centre 10 mm off gives 0.1 % of lift per
+= 1, 0.03 % of lift at 1.5 degrees and 0.35 % at 5. A centre 10 mm off gives 0.1 % of lift per
 degree there; the cosine takes 0.4 % at 5 degrees.
 
-Confounded with height_offset and K_b at a constant tilt, and so by its zero: a coefficient beside a
-tilt that is known only to a degree is known less well than its fit says.
+Confounded with height_offset and K_b at a constant tilt, and so by its zero. If the tilt is known
+only to a degree, the uncertainty of a coefficient is larger than that of its fit.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ EFFECT = Effect(
             bounds=(-4.0, 6.0),
             prior=normal(0.0, 1.0),
             meaning=(
-                "how much of the cosine's loss of a tilted force is read, 1 - t^2 / 2 at every"
+                "share of the cosine's loss of a tilted force that the cell reads, at every"
                 " distance: 1 where the cell is fixed"
             ),
         ),

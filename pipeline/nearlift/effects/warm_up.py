@@ -5,12 +5,12 @@
 Mechanism: at the start of a sitting windings, bearings and grease are cold. Warm copper (+0.39 %/K)
 takes current away, warm grease gives speed; over the first minutes lift settles.
 
-Convention: warming is the excess of lift at the session's first trial over the settled state; > 0
-where lift sinks as motors warm (copper), < 0 where it rises (grease). since_start_s is the time
+Convention: warming is the excess of lift at the session's first trial over the settled state. It is
+> 0 where lift sinks as motors warm (copper), < 0 where it rises (grease). since_start_s is the time
 since the first trial of the session.
 
 Size on a Crazyflie: 0 to 8 % with 5 to 120 s for the winding alone, slower for motor and arm
-together; what a rest between trials lets cool is not in here.
+together. Cooling in a rest between trials is not included.
 
 Confounded with zero_drift (same time, additive), supply_sag of a battery, and distance where every
 session begins at the same station. A warm-up run before the first trial avoids it.

@@ -2,12 +2,12 @@
 
     lift -> lift + zero_N
 
-Mechanism: the tare is taken with rotors at rest, the lift with rotors turning. What turns on with
-them (current in the leads, vibration rectified by the cell, thrust on the wiring) is not in the
-tare, the same at every trial.
+Mechanism: the tare is taken with rotors at rest, the lift with rotors turning. Forces that turn on
+with them (current in the leads, vibration rectified by the cell, thrust on the wiring) are not in
+the tare. They are the same at every trial.
 
 Convention: zero_N > 0 reads too much lift. The larger the lift, the less it matters in proportion;
-L_inf of a throttle takes up what does not vary with distance.
+L_inf of a throttle takes up the part that does not vary with distance.
 
 Size on a Crazyflie: 0 to 0.5 gf (5 mN), 1.9 % of the weight.
 

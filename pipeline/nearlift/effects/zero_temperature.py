@@ -3,7 +3,7 @@
     lift -> lift + zero_N_per_K (temperature_K - temperature_ref_K)
 
 Mechanism: strain gauges, their glue and the amplifier are compensated only to so many counts per
-kelvin; between tare and trial, or where the tare is not that of the record, the rest stays in.
+kelvin. The remainder is an error if the temperature changes between tare and trial.
 
 Convention: zero_N_per_K > 0 reads too much lift when warm. temperature_ref_K is the campaign's
 median. The recorded temperature is the air's; the cell's follows it with a delay.

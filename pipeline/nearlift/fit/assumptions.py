@@ -44,9 +44,8 @@ def check(
 def linearised(fitted: LeastSquaresFit) -> tuple[Problem, FloatArray]:
     """The likelihood with every error in its covariance, and its optimum.
 
-    A shared height error that was integrated over is linearised about its posterior mean, and its
-    declared distribution is centred there too, which matters only if the trials hardly determine
-    it.
+    A shared height error that was integrated over is linearised about its posterior mean. Its
+    stated distribution is centred there too, which matters only if the trials hardly determine it.
     """
     problem, over = stand_in(fitted), fitted.marginal
     if over is None:

@@ -1,8 +1,9 @@
 """Batched nonlinear least squares: many small problems solved at once by the Levenberg-Marquardt
-method, with bounds and fixed parameters.
+method.
 
-Profiles, integrals over an unknown height, and resampled or left-out trials need the same minimum
-at dozens or thousands of nearby settings; one call of the model serves them all.
+Parameters may have bounds or be fixed. Profiles, integrals over an unknown height, and resampled or
+left-out trials need the same minimum at dozens or thousands of nearby settings. One call of the
+model serves them all.
 """
 
 from __future__ import annotations
@@ -191,8 +192,8 @@ def settled(
 
     A search that compares values of chi2 stops at steps of about 1e-8 sqrt(chi2), at a point that
     depends on the processor. Gauss-Newton steps, which omit the residuals' curvature, converge
-    slowly where the misfit is large, so the Hessian is taken by differences; where it shows no
-    minimum (a direction that the data do not determine), Gauss-Newton steps are used.
+    slowly where the misfit is large, so the Hessian is taken by differences. Gauss-Newton steps are
+    used where the Hessian shows no minimum, as along a direction that the data do not determine.
 
     Parameters
     ----------

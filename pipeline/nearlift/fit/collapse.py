@@ -1,8 +1,9 @@
 """Throttle collapse: whether Delta L is the same at all throttles, tested and bounded.
 
-Three F tests with the full covariance of the trials, the budget's shared errors included: of one
-headline coefficient per throttle, of one scale of the curve per throttle, and, without a model, of
-an interaction between distance and throttle. L_inf is free per throttle in all of them.
+Three F tests use the full covariance of the trials, with the budget's shared errors. The first is
+of one headline coefficient per throttle, the second of one scale of the curve per throttle. The
+third needs no model: it is of an interaction between distance and throttle. L_inf is free per
+throttle in all of them.
 """
 
 from __future__ import annotations

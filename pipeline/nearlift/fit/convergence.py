@@ -14,7 +14,7 @@ from nearlift.declare import FloatArray
 
 
 def _normal_scores(chains: FloatArray) -> FloatArray:
-    """Of the halves of chains (m, n), by ranks."""
+    """Normal scores of the halves of chains (m, n), by ranks."""
     from scipy.special import ndtri
 
     half = chains.shape[1] // 2

@@ -1,12 +1,12 @@
-"""Deletion diagnostics of a generalised least-squares fit: each trial or visit predicted from all
-the others, and the coefficients without it.
+"""Deletion diagnostics of a generalised least-squares fit, for each trial or visit.
 
-No refit is needed for a model that is linear near its optimum. With P the inverse covariance after
-projecting out coefficients and L_inf, y the log lift less the model's and G the estimator,
-``theta = G y``, deleting block B moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``; the error of
-predicting B from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact
-for a given covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033
-(leverage, influence and residuals in generalised least squares).
+They are the prediction from all other trials, and the coefficients without it. No refit is needed
+for a model that is linear near its optimum. P is the inverse covariance after projecting out
+coefficients and L_inf, y the log lift less the model's and G the estimator, ``theta = G y``.
+Deleting block B moves the coefficients by ``-G_B (P_BB)^-1 (P y)_B``. The error of predicting B
+from the rest is ``(P_BB)^-1 (P y)_B``, and its covariance ``(P_BB)^-1``. That is exact for a given
+covariance: the scatter is held fixed. Source: Martin 1992, J. Am. Stat. Assoc. 87, 1033 (leverage,
+influence and residuals in generalised least squares).
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ class Deletion:
     weighed : (m, b)
         (P y)_B.
     gain : (m, p, b)
-        Change of each coefficient per unit change of a trial's log lift; 0 for one at its bound or
-        without finite uncertainty.
+        Change of each coefficient per unit change of a trial's log lift; 0 for a coefficient at its
+        bound or without finite uncertainty.
     whole : (m,)
         Largest eigenvalue of the visit's information before anything is projected out.
     """

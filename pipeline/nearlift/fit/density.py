@@ -1,16 +1,15 @@
-"""Posterior density of a model's parameters: likelihood with L_inf and the noise scale integrated
-out, times the priors.
+"""Posterior density of a model's parameters: marginal likelihood times priors.
 
 Conventions, the same as those of least squares:
 
 - L_inf of each throttle has a prior flat in its logarithm and is integrated out in closed form; its
   constant is part of the evidence.
 - The noise is estimated from repeats and, where these are few, from the scatter of visits about the
-  base model's curve; how well the model fits does not otherwise inform it. The scale of the
+  base model's curve. The model's misfit does not otherwise inform it. The scale of the
   coefficients' covariance therefore has a scaled inverse chi-square distribution with `dof`, the
-  fewest effective degrees of freedom of any coefficient. Integrating it out turns exp(-D / 2), D =
-  chi2 less its minimum, into Student's (1 + D / dof)^-((dof + p) / 2): linear models get exactly
-  the t intervals of least squares.
+  fewest effective degrees of freedom of any coefficient. It is integrated out: exp(-D / 2) becomes
+  Student's (1 + D / dof)^-((dof + p) / 2), with D = chi2 less its minimum. Linear models get
+  exactly the t intervals of least squares.
 - The covariance, budget included, is that of the least-squares fit.
 """
 

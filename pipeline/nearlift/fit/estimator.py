@@ -1,9 +1,8 @@
-"""A fit linearised about the quoted values, from which uncertainty budget, influence and doubts
-follow.
+"""A fit linearised about the quoted values: the basis of uncertainty budget, influence and doubts.
 
-The base fit and the loop's result differ only in their covariance: effects, the uncertainty of
-their form and unexplained structure are columns of unit-variance unknowns in it, beside the noise
-of trials and the declared errors.
+The base fit and the loop's result differ only in their covariance. Effects, the uncertainty of
+their form and residual structure are columns of unit-variance unknowns in it, next to the noise of
+trials and the stated errors.
 """
 
 from __future__ import annotations

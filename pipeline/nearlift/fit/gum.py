@@ -1,5 +1,4 @@
-"""Uncertainty budget of a fit after the GUM: the contribution of each source of error to the
-variance of each coefficient.
+"""Uncertainty budget of a fit after the GUM: each source's contribution to each variance.
 
 The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with
 ``G = (J' P J)^-1 J' P`` and P the inverse covariance with L_inf projected out. The covariance is a
@@ -58,8 +57,8 @@ class Line:
     covariance : (p, p)
         Contribution to the covariance of the coefficients.
     sensitivity : (p,)
-        Change of each coefficient per unit of the input, signed where the input is one number; else
-        the root of the sum of squares over its elements, so that ``|sensitivity| standard`` is the
+        Change of each coefficient per unit of the input: signed where the input is one number, else
+        the root of the sum of squares over its elements. ``|sensitivity| standard`` is the
         contribution in both cases.
     dof : (p,)
         Effective degrees of freedom of the contribution; inf for a declared one.
@@ -104,7 +103,7 @@ def uncertainty_budget(fit: LeastSquaresFit) -> tuple[Line, ...]:
     """The budget of a fit.
 
     Where a shared height error was integrated over, the shares are those of the linear estimator at
-    its posterior mean, and each coefficient's lines are scaled by one factor to the variance of the
+    its posterior mean. Each coefficient's lines are scaled by one factor to the variance of the
     integral.
     """
     problem, offset, slope = linear_problem(fit)
@@ -277,9 +276,9 @@ def freedom(
 def effective_dof(budget: Sequence[Line], scatter: Noise, p: int) -> FloatArray:
     """Welch-Satterthwaite degrees of freedom (p,) of a budget, at least `LEAST_DOF`.
 
-    Their formula assumes independent variance estimates. The components of the scatter are
-    estimated together, so they are combined with their covariance from the fit of the noise; for
-    independent components this is the same formula.
+    The formula assumes independent variance estimates. The components of the scatter are estimated
+    together, so they are combined with their covariance from the fit of the noise. For independent
+    components this is the same formula.
     """
     variance: FloatArray = sum((np.diag(line.covariance) for line in budget), np.zeros(p))
     sizes = {name: size for line in budget for name, size in line.sizes.items()}

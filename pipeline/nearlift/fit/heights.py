@@ -1,12 +1,12 @@
-"""Height errors beyond first order: where the slope of the curve does not carry them, and what
-replaces it.
+"""Height errors beyond first order: where the slope of the curve is not sufficient, and their
+treatment.
 
-The covariance takes a height error e as ``e f'``, f the log ratio. This omits the even part,
-``(f(z + e) + f(z - e)) / 2 - f(z)``, which does not average to zero. Through the estimator's gain
-it shifts each coefficient; where a shift exceeds `LIMIT` standard uncertainties,
+The covariance takes a height error e as ``e f'``, f the log ratio. This omits the even part, ``(f(z
++ e) + f(z - e)) / 2 - f(z)``, which does not average to zero. Through the estimator's gain it
+shifts each coefficient; where a shift exceeds `LIMIT` standard uncertainties,
 
-- an error that all trials share (a datum) becomes an unknown with its declared distribution, and is
-  integrated over by quadrature;
+- an error that all trials share (a zero error) becomes an unknown with its declared distribution,
+  and is integrated over by quadrature;
 - errors of several elements (of each stop, each station) keep their covariance, and the prediction
   becomes its mean over them.
 """
@@ -40,8 +40,10 @@ NEGLIGIBLE = 16.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightPlan:
-    """Height errors that the slope does not carry: shared errors to integrate over, the standard
-    deviation to average the prediction over, and the assessment of every height error.
+    """Height errors beyond the linear range: shared ones to integrate over, and the rest.
+
+    The rest is a standard deviation over which the prediction is averaged. The assessment of every
+    height error is kept.
     """
 
     shared: tuple[Component, ...] = ()

@@ -1,12 +1,12 @@
 """The quantity that a trial holds constant, and the exponent of the lift ratio that follows from
 it.
 
-Every published ratio holds something constant: a model of the flow gives g, and lift goes as g^n.
-The paper, like Cheeseman and Bennett, takes n = 1; momentum theory at constant power gives 2/3,
+Every published ratio holds something constant: a model of the flow gives g, and lift scales as g^n.
+The paper, like Cheeseman and Bennett, takes n = 1. Momentum theory at constant power gives 2/3,
 blade-element theory at constant speed 0.60 to 0.82 for a rotor of this size. Lift alone hardly
-separates n from the coefficient. Logged quantities can: a quantity q that follows the load as q ~
-(L / L_inf)^s was not held, and s converts the exponent that theory gives at constant q into that at
-constant throttle, since lift goes as speed squared and, at fixed flow, as power to 2/3:
+separates n from the coefficient. Logged quantities can. A quantity q that varies with the load as q
+~ (L / L_inf)^s was not held. The exponent s converts that of theory at constant q into that at
+constant throttle, since lift scales as speed squared and, at fixed flow, as power to 2/3:
 
     n = n_speed / (1 - 2 s_speed)        n = (2/3) / (1 - (2/3) s_power)
 """
@@ -88,11 +88,11 @@ class Response:
 def examine(
     problem: Problem, theta: FloatArray, noise_dof: float, reach90: float, declared: str
 ) -> tuple[HeldQuantity, tuple[Response, ...]]:
-    """The first coefficient over the exponents that the logs support, else the plausible ones, from
-    the published model's optimum (p,); and the responses of the logged quantities.
+    """The first coefficient over the supported exponents, from the published model's optimum (p,).
 
-    `reach90` is half of its 90 % interval in standard uncertainties, `declared` what the manifest
-    says is held.
+    The exponents are those that the logs support, else the plausible ones; the responses of the
+    logged quantities are included. `reach90` is half of its 90 % interval in standard
+    uncertainties, `declared` the held quantity that the manifest states.
     """
     n, u_n, least = free_exponent(problem, theta)
     log_ratio = problem.log_ratio(theta)
@@ -279,8 +279,8 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     """Response of `quantity` to the change of lift at fixed throttle within a session; None where
     not estimable.
 
-    Least squares of its logarithm on `log_ratio` (n,), a level per throttle and one per session;
-    the covariance is the sandwich clustered by visit, since drift (of a battery) is common to a
+    Least squares of its logarithm on `log_ratio` (n,), a level per throttle and one per session.
+    The covariance is the sandwich clustered by visit, since drift (of a battery) is common to a
     visit's trials.
     """
     from scipy.stats import t

@@ -2,8 +2,8 @@
 without them.
 
 The closed form (`fit.deletion`) selects candidates; a fit without the trial, scatter included,
-decides. Outliers inflate the scatter that they are judged by, and two can mask each other, so the
-search goes forward: what stands out is left out, and the rest examined again.
+decides. Outliers inflate the scatter that they are judged by, and two can mask each other. The
+search therefore goes forward: an outlier is left out, and the rest is examined again.
 """
 
 from __future__ import annotations
@@ -44,8 +44,9 @@ def screen(
     odd: Collection[str] = (),
     odd_visits: Collection[int] | NDArray[np.int64] = (),
 ) -> Influence:
-    """Name the trials that are outlying or move the headline by `MOVES` of its standard
-    uncertainty, and the visits that do the latter.
+    """Name the outlying trials, and the trials and visits that move the headline.
+
+    The limit of such a move is `MOVES` of its standard uncertainty.
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def screen(
     Returns
     -------
     Influence
-        No fit is made where none of these stands out and none is near the limit.
+        No fit is made where none of these is an outlier and none is near the limit.
     """
     data = whole.problem.data
     if not whole.names:

@@ -1,14 +1,14 @@
-"""Inputs of a lift model that are known with an uncertainty: rotor radius, rotor spacing, exponent,
-air density, mass.
+"""Inputs of a lift model with an uncertainty: rotor radius and spacing, exponent, air density,
+mass.
 
-An input's error is an unknown of the likelihood like any other: it acts on log lift by the model's
+An input's error is an unknown of the likelihood like any other. It acts on log lift by the model's
 own derivative at the fitted coefficients, here per relative change of the input (per unit change of
 the exponent, whose nominal value is 1).
 
 - `rotor_radius` scales every distance and spacing at once, since a model sees them as multiples of
   it.
 - `rotor_spacing` scales the layout, except a diagonal or positions that the manifest gives.
-- `exponent` is that of ``(L / L_inf)^n``, which says what a trial held constant.
+- `exponent` is that of ``(L / L_inf)^n``, which depends on the held quantity.
 - `air_density` scales lift: an L_inf per throttle absorbs it unless it differs by session.
 - `mass` does not act on a tethered vehicle's lift.
 """

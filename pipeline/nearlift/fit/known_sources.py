@@ -35,9 +35,9 @@ def without_each(
     """Standard uncertainty of each coefficient, (p,), if one source of error were known exactly, by
     the source's name in the budget.
 
-    The source is removed from the covariance, and the trials are weighted anew. Sources are
-    correlated through the fit, so the result is not the variance less the source's contribution: a
-    datum that adds little may limit how much knowing another source helps.
+    The source is removed from the covariance, and the trials are weighted again. Sources are
+    correlated through the fit, so the result is not the variance less the source's contribution. A
+    zero error that adds little may limit the gain by knowing another source.
 
     Parameters
     ----------

@@ -27,12 +27,12 @@ VAGUE = 1e6
 class LeastSquaresFit:
     """A model fitted to the trials of one boundary.
 
-    `theta`, `covariance` and `names` go together; `levels` holds L_inf in N per throttle;
+    `theta`, `covariance` and `names` belong together. `levels` holds L_inf in N per throttle;
     `level_coefficients` multiply the trials' `level_columns`. `chi2` uses the scatter of repeats,
-    so chi2 well above `dof` means that the model, not the noise, is at fault. The covariance of the
-    likelihood `problem` was assembled from `slope` and `parts`; `plan` says which height errors are
-    not in it, and `marginal` is the integral over those. `effective` (p,) are each coefficient's
-    effective degrees of freedom (`gum`), used by its interval and its profile.
+    so chi2 well above `dof` shows a fault of the model, not of the noise. The covariance of the
+    likelihood `problem` was assembled from `slope` and `parts`. `plan` lists the height errors that
+    are not in it, and `marginal` is the integral over those. `effective` (p,) are each
+    coefficient's effective degrees of freedom (`gum`), used by its interval and its profile.
     """
 
     model: LiftModel
@@ -109,7 +109,7 @@ def fit(
         d log ratio / dz that carries height errors. Give every rival model the base model's: with
         its own, a flat curve would claim less noise, and likelihoods would not be comparable.
     plan : HeightPlan or None
-        Height errors that the slope does not carry; assessed anew if None. Give every rival the
+        Height errors that the slope does not carry; assessed again if None. Give every rival the
         base model's, for the same reason; ``HeightPlan()`` leaves all to the slope.
 
     Raises
@@ -133,7 +133,7 @@ def fit(
         raise NotConverged(
             f"fit of {model.name}",
             f"{data.n} usable trials for {p + levels} unknowns",
-            f"at least {p + levels + 2} trials are wanted",
+            f"at least {p + levels + 2} trials are needed",
         )
     theta = np.array([q.value for q in model.parameters])
     settled = scatter or Noise(relative=0.01)
@@ -178,7 +178,7 @@ def fit(
 
 
 def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
-    """The same fit with the shared height errors of its plan integrated over."""
+    """Fit with the shared height errors of its plan integrated over."""
     problem, data = fitted.problem, fitted.problem.data
     u = np.sqrt(np.diag(fitted.covariance))
     over = heights.integrate(problem, fitted.theta, np.where(u > 0, u, 1.0), fitted.plan.shared)
@@ -277,11 +277,11 @@ def _describe(
 def parameter_covariance(
     white: FloatArray, whole: FloatArray | None = None
 ) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and which of them
-    the trials determine.
+    """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and a mask of the
+    determined ones.
 
     Undetermined directions are left out of the inverse; an undetermined parameter has infinite
-    uncertainty. `whole` (p,) is the length of each row before L_inf was projected out: a parameter
+    uncertainty. `whole` (p,) is the length of each row before L_inf was projected out. A parameter
     that keeps none of it, as where all trials are at one distance, is undetermined.
     """
     seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)

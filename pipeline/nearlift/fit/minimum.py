@@ -15,8 +15,8 @@ from nearlift.likelihood.problem import Problem
 
 
 def priced(residuals: FloatArray) -> FloatArray:
-    """Where a model has no value, a residual greater than any real misfit: a search that steps over
-    a pole would else stop there.
+    """Replace residuals without a value by one above any real misfit, so that a search can leave a
+    pole.
     """
     return np.where(np.isfinite(residuals), residuals, 1e3)
 
@@ -28,8 +28,10 @@ def polished(
     bounds: tuple[FloatArray, FloatArray],
     scale: FloatArray,
 ) -> FloatArray:
-    """The minimum (1, p) of the sum of squares of `residuals`, by scipy from `start` (p,) and then
-    as `batched.settled`; `scale` (p,) is the typical size of each parameter.
+    """Minimum (1, p) of the sum of squares of `residuals`, by scipy from `start` (p,), refined by
+    `batched.settled`.
+
+    `scale` (p,) is the typical size of each parameter.
     """
     from scipy.optimize import least_squares
 

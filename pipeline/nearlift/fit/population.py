@@ -1,10 +1,10 @@
 """Random-effects analysis of one coefficient over campaigns: mean, spread between campaigns,
 prediction.
 
-``y = mu + spread * e + error``: the errors have each campaign's own uncertainty, and what campaigns
-share (one load cell, say) is common to them. The spread is hardly known from a few campaigns, so it
-is integrated over and never set to its most likely value, which is zero far too often; `mu` has a
-flat prior.
+``y = mu + spread * e + error``: each campaign's error has its own uncertainty and a part that
+campaigns share (by one load cell, say). A few campaigns hardly determine the spread. It is
+therefore integrated over, and not set to its most likely value, which is zero far too often. `mu`
+has a flat prior.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ def population(
 
     Notes
     -----
-    The spread's prior is half-Cauchy (Gelman 2006) with the typical uncertainty or the values' own
-    spread as its scale, whichever is larger: it allows zero and never excludes a large spread.
+    The spread's prior is half-Cauchy (Gelman 2006): it allows zero and never excludes a large
+    spread. Its scale is the typical uncertainty or the values' own spread, whichever is larger.
     """
     from scipy.stats import chi2
 

@@ -1,5 +1,6 @@
-"""Prior of a model's parameters: the declared distributions, truncated at the declared bounds; and
-a posterior compared with it and with the interval of least squares.
+"""Prior of a model's parameters: the declared distributions, truncated at the declared bounds.
+
+A posterior is compared with it and with the interval of least squares.
 """
 
 from __future__ import annotations
@@ -113,7 +114,7 @@ class JointPrior:
 
     @cached_property
     def _logarithmic(self) -> NDArray[np.bool_]:
-        """Which parameters are scales: those with a log-normal prior."""
+        """Mask of the scale parameters: those with a log-normal prior."""
         return np.array(
             [b.parameter.prior.distribution == "lognorm" for b in self.each], dtype=bool
         )
@@ -196,8 +197,9 @@ def compare_with_prior(prior: TruncatedPrior, draws: FloatArray) -> PriorCompari
 def compare_with_fit(
     prior: TruncatedPrior, draws: FloatArray, lo90: float, hi90: float
 ) -> tuple[float, str]:
-    """Ratio of the posterior's 90 % width to that of least squares, `lo90` to `hi90`, with a reason
-    where far from 1; nan where the latter has none.
+    """Ratio of the posterior's 90 % width to that of least squares, with a reason where far from 1.
+
+    Least squares gives `lo90` to `hi90`; the ratio is nan where it has no interval.
     """
     wide = hi90 - lo90
     if not (np.isfinite(wide) and wide > 0):

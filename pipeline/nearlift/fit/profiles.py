@@ -1,9 +1,9 @@
 """Profile likelihoods: each coefficient held at a row of values, all others optimised.
 
-The quadratic approximation behind ``value ± u`` is right where the profile is a parabola; the
+The quadratic approximation behind ``value ± u`` is right where the profile is a parabola. The
 profile shows where it is not, and its interval also holds where a curve saturates, at a bound, or
 for degenerate coefficients. L_inf is eliminated; the other coefficients are optimised from the
-quadratic approximation, all values in one batch; so is a shared height error that the slope does
+quadratic approximation, all values in one batch. So is a shared height error that the slope does
 not carry, under its declared distribution.
 """
 

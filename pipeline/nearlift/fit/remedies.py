@@ -1,9 +1,8 @@
-"""What would halve a coefficient's uncertainty: an independent measurement of another quantity, or
-more trials.
+"""Remedies that halve a coefficient's uncertainty: measuring another quantity, or more trials.
 
 All unknowns are estimated together - coefficients, log L_inf, the budget's shared unknowns with
 their declared uncertainty - and the inverse of their information is their covariance. An
-independent measurement of a quantity adds to its diagonal element; N repeats of the whole campaign
+independent measurement of a quantity adds to its diagonal element. N repeats of the whole campaign
 multiply the trials' information and leave the declared part as it is.
 """
 
@@ -55,8 +54,10 @@ class _Unknowns:
 
 
 def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
-    """What would halve the uncertainty of every determined coefficient; sufficient remedies first,
-    then by the uncertainty that they leave.
+    """Remedies that would halve the uncertainty of every determined coefficient.
+
+    Sufficient remedies come first; within each group they are ordered by the uncertainty that they
+    leave.
     """
     known = [
         i

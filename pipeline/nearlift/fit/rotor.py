@@ -4,8 +4,8 @@
 
 Carter, Bouchard and Quinn 2021 hold C_L at 1.6 at every speed. With a logged speed, or a map from
 throttle to speed, it is estimated per throttle and its trend with speed is tested. For one rotor in
-air of one viscosity the Reynolds number is in proportion to speed, so the exponent of C_L ~ f^m is
-that of the Reynolds number.
+air of one viscosity the Reynolds number is in proportion to speed. The exponent of C_L ~ f^m is
+therefore that of the Reynolds number.
 """
 
 from __future__ import annotations

@@ -61,8 +61,9 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
 
 
 def closeness(fit: LeastSquaresFit) -> tuple[float, float, float | None]:
-    """Root mean square of residuals of log lift over trials; R² of cell means of Delta L; at the
-    ground also that of the cells in `NEAR_GROUND`, nan where too few are.
+    """Root mean square of residuals of log lift over trials; R² of cell means of Delta L.
+
+    At the ground also R² of the cells in `NEAR_GROUND`, nan where these are too few.
     """
     data, offset_m = fit.problem.data, fit.marginal.offset()[0] if fit.marginal else 0.0
     log_ratio = fit.problem.log_ratio(fit.theta, offset_m)

@@ -2,7 +2,7 @@
 
 Without a boundary the estimate of L / L_inf scatters about 1 with standard deviation sigma(T). An
 alarm is raised when it departs, in the boundary's direction, by more than k_fa sigma, with k_fa the
-normal quantile of the false-alarm rate; a boundary that changes lift by D is missed at the given
+normal quantile of the false-alarm rate. A boundary that changes lift by D is missed at the given
 rate when D = (k_fa + k_miss) sigma. The range is the largest z_hat at which |L / L_inf - 1| is D.
 
     sigma(T)^2 = short^2 / T + floor^2 + payload^2 + supply^2
@@ -75,8 +75,9 @@ class HeightTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SignificantHeight:
-    """Largest z_hat at which the boundary changes lift by at least `change` (a fraction), with its
-    90 % interval over draws of the model; nan where no measured height has such a change.
+    """Largest z_hat with a change of lift of at least `change` (a fraction), and its 90 % interval.
+
+    The interval is over draws of the model; nan where no measured height has such a change.
     """
 
     change: float

@@ -1,6 +1,6 @@
 """Power to hover near a boundary over power far away, at the same thrust (the weight).
 
-Its relation to L / L_inf depends on what was held while L / L_inf was measured or derived:
+Its relation to L / L_inf depends on the quantity held while L / L_inf was measured or derived:
 
 power              thrusts at the same power: T scales as P^(2/3) at a fixed inflow factor, so
                    cost = ratio^(-3/2), as the paper takes it for all.

@@ -1,8 +1,8 @@
-"""Monte Carlo flights of the campaign's vehicle: fitted lift, best estimate and draws, under the
-manifest's controller and gusts or the paper's scaled to it.
+"""Monte Carlo flights of the campaign's vehicle with its fitted lift, best estimate and draws.
 
-Below the nearest station nothing was measured. Lift there is extrapolated in two ways, by the
-model's own form and by its value at the station; a set-point is advised where both agree.
+Controller and gusts are the manifest's, or the paper's scaled to the vehicle. Below the nearest
+station nothing was measured. Lift there is extrapolated in two ways, by the model's own form and by
+its value at the station. A set-point is advised where both agree.
 """
 
 from __future__ import annotations
@@ -143,15 +143,17 @@ def conditions(
     spread: Spread,
     bare_kg: float | None = None,
 ) -> tuple[Groups, MonteCarlo]:
-    """Groups, scheme and step of a campaign's flights: the manifest's, else the paper's scaled to
-    the vehicle. `contact_m` is the height of the rotor plane at contact, `bare_kg` the mass that
-    gains and gusts are for (by default the craft's).
+    """Groups, scheme and step of a campaign's flights.
+
+    They are the manifest's, else the paper's scaled to the vehicle. `contact_m` is the height of
+    the rotor plane at contact, `bare_kg` the mass that gains and gusts are for (by default the
+    craft's).
 
     Raises
     ------
     ManifestError
-        The gains make an unstable loop, the step is no whole part of the gusts' hold, a flight is
-        shorter than a gust, or the rotors cannot lift the manifest's mass.
+        The loop is unstable, the step does not divide the gusts' hold, a flight is shorter than a
+        gust, or the rotors cannot lift the manifest's mass.
     """
     like = paper.preset("converged")
     carried = like.groups(boundary)
@@ -210,11 +212,11 @@ def fitted_flights(
     craft: Craft,
     seed: int,
 ) -> tuple[FittedFlights, Rows]:
-    """Flights without a boundary, with the best estimate by its own form and held below the nearest
-    station, and with every draw; their entry in safety.json, and rows of crash_rates.parquet.
+    """Entry in safety.json and rows of crash_rates.parquet.
 
-    Draws are flown as often as the manifest asks; the others, whose levels are advised, at least
-    ADVISED_FLIGHTS times. The supply sags alike with and without a boundary.
+    Flights are without a boundary, with every draw, and with the best estimate: by its own form,
+    and held below the nearest station. Draws are flown as often as the manifest asks, the others at
+    least ADVISED_FLIGHTS times. The supply sags alike with and without a boundary.
 
     Raises
     ------

@@ -1,10 +1,10 @@
 """Counter-based random numbers: the n-th normal is a function of key, flight and n alone.
 
-splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``; the ziggurat of 256 layers
+splitmix64 (Steele, Lea and Flood 2014) scrambles ``start + n * golden``. The ziggurat of 256 layers
 (Marsaglia and Tsang 2000, with Doornik's separate bits for layer and position) makes an exact
 normal of it. A rejected word, one in eighty, starts a chain of its own, so no normal depends on how
-many words another took. A flight thus meets the same gusts in any order, block or thread, at every
-set-point, with every model (common random numbers) and any step of integration.
+many words another took. A flight thus meets the same gusts in any order, block or thread. They are
+also the same at every set-point, with every model (common random numbers) and any step.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ TAIL = 3.6541528853610088
 
 
 def _layers() -> tuple[FloatArray, FloatArray]:
-    """Right ends of the 256 layers of equal area under exp(-x^2 / 2), with a last zero; and the
-    share of each layer that lies wholly under the curve.
+    """Right ends of the 256 layers of equal area under exp(-x^2 / 2), with a last zero.
+
+    Also the share of each layer that is wholly under the curve.
     """
     area = TAIL * math.exp(-0.5 * TAIL**2) + math.sqrt(math.pi / 2) * math.erfc(TAIL / math.sqrt(2))
     x = np.zeros(257)

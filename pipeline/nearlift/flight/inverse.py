@@ -1,9 +1,8 @@
-"""Posterior of z_hat given a lift ratio, or the throttle at which a vehicle hovers; and the
-farthest z_hat with a given change of lift.
+"""Posterior of z_hat given a lift ratio or a hover throttle, and the detection range.
 
 On a grid, the prior is multiplied by the likelihood of the measured ratio, averaged over draws of
-the model; "beyond" is the hypothesis of no boundary within the range. Where a model has the same
-ratio at two heights, lift cannot distinguish them, and the inversion is refused.
+the model. The hypothesis "beyond" is that of no boundary within the range. Where a model has the
+same ratio at two heights, lift cannot distinguish them, and the inversion is refused.
 """
 
 from __future__ import annotations
@@ -77,7 +76,7 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
         raise InputRefused(
             where,
             f"the model folds at z_hat = {turn:.3g}: one lift ratio has two heights",
-            f"only heights above {turn:.3g} can be told",
+            f"only heights above {turn:.3g} can be distinguished",
         )
 
 
@@ -186,7 +185,9 @@ def reaches(
     ratios: Sequence[Ratio], change: float, low: float, high: float
 ) -> tuple[float, float, float]:
     """Detection range of the first ratio (the best estimate), and its 90 % interval over the
-    others, of which those without a range count as zero.
+    others.
+
+    Ratios without a range count as zero.
     """
     heights = [reach(f, change, low, high) for f in ratios]
     lo90, hi90 = (

@@ -45,8 +45,9 @@ UNTRACKED: FloatArray = np.empty((0, 0))
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curves:
-    """Tables (m, NODES) of L / L_inf over a common range of z_hat, from `low` to `TOP`; beyond both
-    the ratio is constant, so that `low` is the bound that the paper puts at 0.5.
+    """Tables (m, NODES) of L / L_inf over a common range of z_hat, from `low` to `TOP`.
+
+    The ratio is constant beyond both, so `low` is the bound that the paper sets to 0.5.
     """
 
     low: float
@@ -104,9 +105,11 @@ def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSetting:
-    """A set-point with its lift curve and controller, whose f0 allows for the boundary there, as in
-    the paper: `curve` is a row of the tables, `droop` the relative change of lift by the end of the
-    flight as the supply sags (linear in time).
+    """A set-point with its lift curve and controller.
+
+    The controller's f0 allows for the boundary there, as in the paper. `curve` is a row of the
+    tables, `droop` the relative change of lift by the end of the flight as the supply sags (linear
+    in time).
     """
 
     target_z_hat: float
@@ -146,8 +149,9 @@ class FlightPlan:
         return self.weather.hold / self.steps_per_hold
 
     def columns(self) -> tuple[FloatArray, IntArray]:
-        """Settings as the compiled loop reads them, (WIDTH, n), and the start of each one's table;
-        raises ManifestError if they differ in hold, correlation, duration, lag or delay.
+        """Settings for the compiled loop, (WIDTH, n), and the start of each one's table.
+
+        Raises ManifestError if they differ in hold, correlation, duration, lag or delay.
         """
         times = {
             (g.hold, g.correlation, g.duration, g.motor_lag, g.delay)
@@ -242,9 +246,10 @@ def trace(plan: FlightPlan, flight: int, key: int) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StepTest:
-    """Change of crash rates on halving the time step, in so many settings with so many flights
-    each: the largest, its set-point, and the number of settings `beyond`, whose two crash rates lie
-    outside each other's binomial 90 % intervals. Converged is a step with none beyond.
+    """Change of crash rates on halving the time step: the largest, and its set-point.
+
+    `beyond` is the number of settings whose two crash rates lie outside each other's binomial 90 %
+    intervals. A step has converged if it is 0.
     """
 
     converged: bool
@@ -290,11 +295,11 @@ class MonteCarlo:
     spread: Spread = map
 
     def halved(self) -> MonteCarlo:
-        """The same flights with half the step."""
+        """Repeat the flights with half the step."""
         return replace(self, step_s=self.step_s / 2, steps_per_hold=2 * self.steps_per_hold)
 
     def others(self) -> MonteCarlo:
-        """As many flights with other gusts."""
+        """Repeat the flights with other gusts."""
         return replace(self, key=self.key ^ OTHERS)
 
     def crashed(

@@ -201,8 +201,8 @@ def published_flights(
 def histories(preset: FlightPreset, boundary: Boundary, key: int) -> Rows:
     """Rows of flights.parquet: the first flights that end differently with and without the model.
 
-    Above a ground those that crash only without the model, below a ceiling only with it, as in the
-    paper's own illustration; the crash rates count all flights.
+    Above a ground they crash only without the model, below a ceiling only with it, as in the
+    paper's own illustration. The crash rates count all flights.
     """
     groups = preset.groups(boundary)
     plan = FlightPlan(

@@ -19,9 +19,10 @@ SAG_EXPONENT = 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightReading:
-    """A reading and its posterior; `beyond` is the probability of no boundary within
-    `within_z_hat`, `alike` the heights of other boundaries with the same ratio, which one reading
-    cannot exclude.
+    """A reading and its posterior.
+
+    `beyond` is the probability of no boundary within `within_z_hat`. `alike` are the heights of
+    other boundaries with the same ratio, which one reading cannot exclude.
     """
 
     boundary: Boundary

@@ -1,8 +1,7 @@
-"""Roll torque and angular acceleration beside a sidewall, from the difference of lift between the
-near and the far rotors.
+"""Roll torque and angular acceleration near a sidewall, from the lifts of near and far rotors.
 
 Positive torque tips the vehicle towards the wall (the near rotors lose lift). Changes of lift are
-fractions of each rotor's own share of the weight; the arm is the distance of a pair's axis from the
+fractions of each rotor's own share of the weight. The arm is the distance of a pair's axis from the
 roll axis, half the ADJACENT spacing.
 """
 
@@ -44,9 +43,10 @@ class RollTorque:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Roll:
-    """Roll torque by the campaign's fitted sidewall model over `z_hat`, the gap of the nearest tip,
-    under two assumptions: no change of the far pair's lift, or the same law for both pairs. The
-    inertia is the manifest's, `u_inertia` its relative standard uncertainty.
+    """Roll torque by the campaign's fitted sidewall model over `z_hat`, the gap of the nearest tip.
+
+    It is given under two assumptions: no change of the far pair's lift, or the same law for both
+    pairs. The inertia is the manifest's, `u_inertia` its relative standard uncertainty.
     """
 
     arm_m: float

@@ -22,7 +22,7 @@ class PresetFlights:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SafetyResult:
-    """Flights of the paper's and the fitted models near the boundaries, and roll beside a wall."""
+    """Flights of the paper's and the fitted models near the boundaries, and roll near a wall."""
 
     schema: str
     presets: Mapping[str, PresetFlights]

@@ -1,9 +1,10 @@
-"""Rotorcraft in vertical flight, its PID controller and gusts, and the dimensionless groups that
-alone decide crash rates: the paper's Eq. 5 and 6, and more.
+"""Rotorcraft in vertical flight, its PID controller and gusts, and their dimensionless groups.
+
+Crash rates depend on these groups alone: the paper's Eq. 5 and 6, and more.
 
 The controller of rotor frequency is f = max(0, kP (z - z0) + kD z' + kI integral(z - z0) + f0),
-with z the distance to the boundary. Above a ground a vehicle that is too low (z < z0) must turn its
-rotors faster, so the gains are negative; below a ceiling it must slow them, so they are positive.
+with z the distance to the boundary. Above a ground the gains are negative: a vehicle that is too
+low (z < z0) must turn its rotors faster. Below a ceiling it must slow them: gains are positive.
 The paper prints positive gains for both, with which the loop above a ground is unstable.
 
 Scales of the groups: length r, time sqrt(r/g), force m g, frequency hover_Hz. With
@@ -71,10 +72,10 @@ class Disturbance:
     """Random vertical force: standard deviation in N, hold and correlation time in s.
 
     The force is constant for `hold_s`, then drawn again with an autocorrelation of exp(-hold_s /
-    correlation_s) (0: white). A standard deviation alone says nothing without a bandwidth: the
-    paper's 0.015 N "white noise" is one value per step of 0.1 s, that is hold_s = 0.1, a two-sided
-    power spectral density of sd^2 hold = 2.25e-5 N^2 s at low frequency, with its first zero at
-    10 Hz. The same sd drawn for every 0.01 s step has a tenth of it, and no vehicle crashes.
+    correlation_s) (0: white). A standard deviation is incomplete without a bandwidth. The paper's
+    0.015 N "white noise" is one value per step of 0.1 s, that is hold_s = 0.1. Its two-sided power
+    spectral density at low frequency is sd^2 hold = 2.25e-5 N^2 s, with its first zero at 10 Hz.
+    The same sd drawn for every 0.01 s step has a tenth of it, and no vehicle crashes.
     """
 
     sd_N: float
@@ -156,10 +157,11 @@ def stable(gains: Gains, craft: Craft, boundary: Boundary) -> Gains:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Groups:
-    """Dimensionless groups of a flight. Gains carry the sign of Eq. 5; `delta` is 1 where f0
-    balances the weight far from the boundary; the controller sees the state of `delay` ago, rotor
-    frequency follows its command with time constant `motor_lag`, and `most_lift` is the largest
-    lift far away over weight.
+    """Dimensionless groups of a flight.
+
+    Gains carry the sign of Eq. 5; `delta` is 1 where f0 balances the weight far from the boundary.
+    The controller sees the state of `delay` ago. Rotor frequency follows its command with time
+    constant `motor_lag`. `most_lift` is the largest lift far away over weight.
     """
 
     alpha: float

@@ -30,8 +30,10 @@ WANTED = 1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MeanConvergence:
-    """How the mean moves as fields are added: at numbers `n` of fields (k,), doubling, the last one
-    all of them, by how much the mean `moved` since half as many (k,), nan for the first.
+    """Change of the mean as fields are added, at doubling numbers `n` of fields (k,).
+
+    The last number is all of them. `moved` (k,) is the change since half as many, nan for the
+    first.
 
     Changes and the mean's standard error are root mean squares over the mean's own; a thousandth is
     what the paper states of its 150 pairs.
@@ -45,12 +47,13 @@ class MeanConvergence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Average:
-    """The mean of `n` fields, nan where no field has a vector; its `u_m_s` is the correlating
-    software's own uncertainty of a mean vector, where it gave one.
+    """The mean of `n` fields, nan where no field has a vector.
+
+    `u_m_s` is the correlating software's own uncertainty of a mean vector, where it gave one.
 
     `var_x` and `var_y` (ny, nx) are variances of one field's component in (m/s)^2, nan where fewer
-    than two fields have a vector; `count` (ny, nx) the fields with a vector there; `tau` the fields
-    per independent one, 1 if they are independent.
+    than two fields have a vector. `count` (ny, nx) is the number of fields with a vector there.
+    `tau` is the number of fields per independent one, 1 if they are independent.
     """
 
     mean: VelocityField
@@ -168,11 +171,12 @@ class Lags:
 
 
 def integrated(autocovariance: FloatArray, n: float) -> float:
-    """1 + 2 sum of autocorrelations, summed in pairs of lags as long as they are positive (Geyer
-    1992); at least 1.
+    """Autocorrelation time: 1 + 2 sum of autocorrelations; at least 1.
 
-    `n` observations of a series whose mean was taken from them lower every autocovariance by
-    var(mean) = var tau / n; that is put back to first order.
+    They are summed in pairs of lags as long as they are positive (Geyer 1992).
+
+    Subtracting the mean of `n` observations lowers every autocovariance by var(mean) = var tau / n.
+    That is corrected to first order.
     """
     if len(autocovariance) < 3 or not autocovariance[0] > 0 or n < 8:
         return 1.0

@@ -63,10 +63,10 @@ def recorded(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlowCase:
-    """A case worked out; z_hat is inf without a boundary, and only a ground has a topology.
+    """Results of one case; z_hat is inf without a boundary, and only a ground has a topology.
 
-    `measured` (nx,) are the columns that were seen, not mirrored; `refused` files with the reason;
-    `cuts` those beneath each measured rotor by its place, and beneath all of them.
+    `measured` (nx,) are the columns that were measured, not mirrored; `refused` files with the
+    reason. `cuts` are those beneath each measured rotor, by its place, and beneath all of them.
     """
 
     name: str

@@ -30,9 +30,7 @@ def wake_speed_m_s(
 def refuse_what_cannot_be(
     mean: VelocityField, scene: Scene, cut: Cut, expected_m_s: float, where: str
 ) -> None:
-    """Raise `InputRefused` with the reason and the key that would mend it; returns if there is
-    none.
-    """
+    """Raise `InputRefused`, with the key that corrects it, if the field is implausible."""
     x0, x1, y0, y1 = (1e3 * v for v in (mean.x_m[0], mean.x_m[-1], mean.y_m[0], mean.y_m[-1]))
     spans = (
         f"the field spans x = {x0:.4g} to {x1:.4g} mm and y = {y0:.4g} to {y1:.4g} mm about the"

@@ -1,8 +1,8 @@
 """Downwash through a cut across the wake beneath each rotor, and its reduction against the control.
 
-The cut is a line one rotor diameter below the rotor plane unless said otherwise: that is the wake,
-not the inflow at the disk. Far from boundaries the two are in proportion; where the cut stands in
-the zone in which the ground turns the jet, they are not, and the result says so.
+By default the cut is a line one rotor diameter below the rotor plane: that is the wake, not the
+inflow at the disk. Far from boundaries the two are in proportion. They are not where the ground
+turns the jet; a cut in that zone has a warning.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ class Cut:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutDownwash:
-    """Mean downwash through a cut, m/s, and what it is uncertain by.
+    """Mean downwash through a cut, m/s, with its uncertainty by source.
 
     Attributes
     ----------
@@ -110,8 +110,9 @@ class DownwashReduction:
 
 
 def along_cut(vy: FloatArray, y_m: FloatArray, below_m: float) -> FloatArray:
-    """Downwash (..., nx) of vy (..., ny, nx) at y = -below_m, linear between rows; nan outside the
-    grid or beside a missing vector.
+    """Downwash (..., nx) of vy (..., ny, nx) at y = -below_m, linear between rows.
+
+    It is nan outside the grid or next to a missing vector.
     """
     position = (-below_m - y_m[0]) / (y_m[1] - y_m[0])
     low = math.floor(position + 1e-9)
@@ -125,9 +126,7 @@ def along_cut(vy: FloatArray, y_m: FloatArray, below_m: float) -> FloatArray:
 
 
 def span_weights(x_m: FloatArray, centres_m: tuple[float, ...], half_span_m: float) -> FloatArray:
-    """Share of the span that each node (nx,) stands for; sums to 1 over a grid that holds the whole
-    span.
-    """
+    """Share of the span that each node (nx,) represents; their sum is 1 if the grid holds it."""
     dx = x_m[1] - x_m[0]
     total = np.zeros(len(x_m))
     for centre in centres_m:
@@ -152,9 +151,10 @@ def measure(
     scene: Scene,
     stagnant: NDArray[np.bool_] | None = None,
 ) -> CutDownwash:
-    """Downwash through one cut of a mean field in vehicle axes; `series` (n, nx) is the downwash
-    along it of each field, as `along_cut` gives it, `stagnant` (ny, nx) the measured stagnation
-    zone.
+    """Downwash through one cut of a mean field in vehicle axes.
+
+    `series` (n, nx) is the downwash along it of each field, by `along_cut`; `stagnant` (ny, nx) is
+    the measured stagnation zone.
     """
     x, y, vy = average.mean.x_m, average.mean.y_m, average.mean.vy_m_s
     weights = span_weights(x, cut.centres_m, cut.half_span_m)

@@ -66,7 +66,7 @@ class VelocityField:
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Where there is a vector."""
+        """Mask of the nodes with a vector."""
         return np.isfinite(self.vx_m_s) & np.isfinite(self.vy_m_s)
 
     @property
@@ -77,7 +77,7 @@ class VelocityField:
 
 
 def same_grid(a: VelocityField, b: VelocityField) -> bool:
-    """Whether two fields stand on the same nodes."""
+    """Whether two fields have the same nodes."""
     if a.shape != b.shape:
         return False
     ends = ((a.x_m, b.x_m, a.dx_m), (a.y_m, b.y_m, a.dy_m))
@@ -104,7 +104,7 @@ def on_grid(
         raise InputRefused(
             where,
             f"has {len(x)} vectors on a grid of {len(across)} x {len(up)} nodes",
-            "a rectangular grid with at least half its nodes is wanted",
+            "export a rectangular grid with at least half of its nodes",
         )
     grids = np.full((len(values), len(up), len(across)), np.nan)
     grids[:, j, i] = values
@@ -151,12 +151,12 @@ def orient(
     origin_m: tuple[float, float] = (0.0, 0.0),
     v_sign: int = 1,
 ) -> VelocityField:
-    """The same field in vehicle axes.
+    """Transform a field to vehicle axes.
 
     `thrust` and `across` are the picture's directions of thrust (+y of the vehicle) and of the
-    vehicle's +x, by default the picture's other axis; `origin_m` is where the vehicle's origin
-    stands in the picture; `v_sign` is -1 where the second velocity component was written positive
-    against the second axis.
+    vehicle's +x, by default the picture's other axis. `origin_m` is the vehicle's origin in the
+    picture. `v_sign` is -1 where the second velocity component was written positive against the
+    second axis.
     """
     right = across or ("+x" if thrust[1] == "y" else "+y")
     axes = {"x": field.x_m - origin_m[0], "y": field.y_m - origin_m[1]}
@@ -195,8 +195,10 @@ def masked(
 
 
 def mirrored(field: VelocityField, half: Half) -> VelocityField:
-    """The whole of which one half was measured: on an even grid that is symmetric about x = 0, with
-    vx of the other sign on the other side.
+    """Mirror a field of which one half was measured.
+
+    The result is on an even grid that is symmetric about x = 0, with vx of the other sign on the
+    other side.
     """
     dx, side = field.dx_m, 1.0 if half == "right" else -1.0
     reach = field.x_m[-1] if half == "right" else -field.x_m[0]
@@ -259,8 +261,9 @@ def stands_transposed(field: VelocityField) -> bool:
 
 
 def difference(case: VelocityField, control: VelocityField) -> FloatArray:
-    """Airspeed of the case less that of the control, in vehicle axes, on the case's nodes (ny, nx);
-    linear between the control's nodes, nan outside them and beside missing vectors.
+    """Airspeed of the case less that of the control, in vehicle axes, on the case's nodes (ny, nx).
+
+    Linear between the control's nodes; nan outside them and next to missing vectors.
     """
 
     def at(values: FloatArray, position: FloatArray) -> FloatArray:

@@ -20,12 +20,12 @@ ENOUGH = 4
 
 
 def spurious(vx: FloatArray, vy: FloatArray, threshold: float) -> NDArray[np.bool_]:
-    """Vectors (ny, nx) that stray from the median of their neighbours by more than `threshold` of
-    those neighbours' own scatter.
+    """Vectors (ny, nx) that deviate from the median of their neighbours.
 
-    The scatter has a floor, the field's median scatter, in place of the usual 0.1 pixel, since
-    exported fields seldom say what a pixel is. Nodes with fewer than four neighbours are left
-    alone.
+    The limit is `threshold` times the scatter of those neighbours.
+
+    The scatter has a floor, the field's median scatter. The usual floor of 0.1 pixel needs a pixel
+    size, which exported fields seldom state. Nodes with fewer than four neighbours are not tested.
     """
     bad = np.zeros(vx.shape, dtype=bool)
     if threshold <= 0:

@@ -1,4 +1,4 @@
-"""Where rotors and boundary stand in vehicle axes."""
+"""Positions of rotors and boundary in vehicle axes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Scene:
     """One case's geometry: a ground beneath the wake, a ceiling above the inflow, or neither.
 
     `distance_m` is from the origin (midway between the rotors) to the boundary along its normal,
-    inf without one; the tilt is positive where the +x side is farther from the boundary; `rotors_m`
+    inf without one. The tilt is positive where the +x side is farther from the boundary. `rotors_m`
     are x of the rotor axes in the light sheet.
     """
 
@@ -40,7 +40,7 @@ class Scene:
         return result
 
     def boundary_y_m(self, x_m: FloatArray) -> FloatArray:
-        """Where the boundary stands at `x_m`."""
+        """Height of the boundary at `x_m`."""
         side = 1.0 if self.boundary == "ground" else -1.0
         result: FloatArray = (
             -side * (self.distance_m + x_m * math.sin(self.tilt_rad)) / math.cos(self.tilt_rad)

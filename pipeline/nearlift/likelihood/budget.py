@@ -1,10 +1,10 @@
-"""Errors that repeats do not show: each declared component as shared unknowns in the likelihood.
+"""Errors shared by trials: each declared component as shared unknowns in the likelihood.
 
 A component is one unknown per element of its scope. In log lift a gain error counts 1, a force
 error 1 / L, a height error the slope d log ratio / dz, an error of a model's input the model's own
-derivative (`fit.inputs`). Scopes `sample` and `trial` are independent from trial to trial and
-only widen each trial's variance; every other scope is a column (or several) of `shared`, and no
-number of repeats averages it down.
+derivative (`fit.inputs`). Scopes `sample` and `trial` are independent from trial to trial and only
+widen each trial's variance. Every other scope is a column (or several) of `shared`, and no number
+of repeats averages it down.
 """
 
 from __future__ import annotations
@@ -82,8 +82,10 @@ def stated(parts: Iterable[Component]) -> list[str]:
 
 
 def components(campaign: Campaign) -> tuple[Component, ...]:
-    """The budget of a campaign: its `[[uncertainty]]` list, the load cell's accuracy, the zero that
-    the trials of a record share, and an offset where nothing was tared.
+    """The budget of a campaign.
+
+    It has the `[[uncertainty]]` list, the load cell's accuracy, the zero that the trials of a
+    record share, and an offset where nothing was tared.
     """
     listed = [_declared(u, campaign) for u in campaign.uncertainty]
     cell = campaign.load_cell

@@ -1,10 +1,9 @@
-"""The covariance of the trials' log lift, held as what it is made of, and an inverse square root of
-it applied in O(n).
+"""Covariance of the trials' log lift, kept as its components, with an inverse square root applied
+in O(n).
 
-Layers: a variance of each trial's own; what a trial shares with those before it in run order (the
-height of a visit of the traverse, what else its trials have in common, slow drift); and a few
-shared unknowns (a budget's components), each with its column of sensitivities. Nothing n x n is
-ever formed.
+The first layer is each trial's own variance, the second the components shared with earlier trials
+in run order (the height of a visit, its other common errors, slow drift). The third is a few shared
+unknowns (a budget's components), each with its column of sensitivities. No n x n matrix is formed.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""What trials let an effect know: their covariates, what follows from these, and which effects
-cannot be tested.
+"""Covariates of trials: the measured and derived ones, and the effects that cannot be tested for
+lack of one.
 """
 
 from __future__ import annotations
@@ -36,10 +36,10 @@ def derive(
     the start of a session), `order_in_visit`, `speed_hat` (rotor speed over its median at the
     throttle, or over its curve), `drift_hat` (relative change of lift within a record),
     `lift_inf_N` (as given, in N, (n,); times the base model's lift `ratio`, (n,), what the trial
-    before it held); and, as geometry, the medians `supply_ref_V`, `temperature_ref_K`,
-    `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`.
-    Where the order of the trials is unknown, all that follows from it is constant. What has a
-    stand-in and was not logged whole is one value for all, and no covariate.
+    before it held). Geometry: the medians `supply_ref_V`, `temperature_ref_K`,
+    `pressure_ref_Pa`, that of the throttles, `throttle_ref`, and `radius_m`. Where the order of the
+    trials is unknown, all that follows from it is constant. A covariate with a default that was not
+    logged for every trial takes that value for all, and is no covariate.
     """
     known = dict(data.covariates)
     n = data.n
@@ -131,8 +131,9 @@ def varies(data: Observations, name: str) -> bool:
 
 
 def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
-    """What the effect needs that these trials do not tell; empty if it can be tested. What it
-    varies with has no stand-in.
+    """Needs of the effect that these trials do not meet; empty if it can be tested.
+
+    Its covariate `varies_with` has no default.
     """
 
     def known(name: str) -> bool:
@@ -145,6 +146,6 @@ def missing(effect: Effect, data: Observations) -> tuple[str, ...]:
 
 
 def unlogged(effect: Effect, data: Observations) -> tuple[str, ...]:
-    """What the effect's declaration asks to record and these trials do not have."""
+    """Covariates that the effect's declaration asks to record and these trials do not have."""
     known = {name.split("_")[0] for name in data.covariates} | {"session"}
     return tuple(name for name in effect.log_next_time if name not in known)

@@ -1,5 +1,6 @@
-"""Linear maps of rows some of which have no value: BLAS kernels differ in what they make of inf and
-nan, so none is shown any.
+"""Linear maps of rows some of which have no value.
+
+BLAS kernels differ in their results for inf and nan, so such rows never reach them.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
-"""The curve that stands for L_inf where throttles do not repeat: its range, the throttles that it
-shows, and its degree, judged by visits left out.
+"""Curve of L_inf where throttles do not repeat: its range, the throttles that it shows, and its
+degree, judged by visits left out.
 """
 
 from __future__ import annotations
@@ -77,12 +77,11 @@ def _range(name: str, values: FloatArray | None) -> tuple[float, float, float]:
 
 
 def held_out(data: Observations) -> dict[int, FloatArray]:
-    """Squared errors of log lift by visit (v,), for every degree that the trials can carry: L_inf
-    by a curve of that degree, any smooth curve of distance beside it, and each visit left out in
-    turn.
+    """Squared errors of log lift by visit (v,), for every possible degree of the curve of L_inf.
 
-    Trials beyond the range of the others are not counted. Where visits are fewer than three, tenths
-    of the campaign are left out.
+    A smooth curve of distance is fitted as well, and each visit is left out in turn. Trials beyond
+    the range of the others are not counted. Where visits are fewer than three, tenths of the
+    campaign are left out.
     """
     assert data.curve is not None
     visit = np.unique(data.visit, return_inverse=True)[1]
@@ -112,8 +111,9 @@ def held_out(data: Observations) -> dict[int, FloatArray]:
 
 
 def at_shown(data: Observations) -> FloatArray:
-    """The trials' lift, N, moved along the curve to the throttle of `levels` that is nearest, by
-    least squares beside any smooth curve of distance: for tables, before any model is fitted.
+    """The trials' lift, N, moved along the curve to the nearest throttle of `levels`.
+
+    Least squares, with a smooth curve of distance; for tables, before any model is fitted.
     """
     assert data.curve is not None
     columns = data.level_columns

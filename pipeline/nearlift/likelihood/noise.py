@@ -1,20 +1,20 @@
-"""How trials scatter: variance components of log lift, estimated once for each mean model by
-penalised restricted maximum likelihood.
+"""Scatter of trials: variance components of log lift, by penalised restricted maximum likelihood.
 
-A trial's noise has a part within its record (known), one in proportion to lift and one of force;
-the trials of a visit share an error of height, which acts through the slope of the curve, and
-whatever else a stop may bring; and slow drift ties neighbours in time: four Ornstein-Uhlenbeck
-processes that forget over fixed numbers of trials, so that only their sizes are unknown.
+A trial's noise has a part within its record (known), one in proportion to lift and one of force.
+The trials of a visit share an error of height, which acts through the slope of the curve, and a
+gain. Slow drift correlates neighbours in time: four Ornstein-Uhlenbeck processes with fixed
+correlation lengths in trials, so that only their sizes are unknown. All are estimated once for each
+mean model.
 
-What the mean model may lack (structure) is no noise. It takes part as unknowns of a generous size,
+Structure that the mean model may lack is not noise. It takes part as unknowns of a generous size,
 so that neither hides in the other and nothing runs out of degrees of freedom. Every size has a weak
 prior, half-t, maximised in its logarithm (see `PRIORS`): none is ever zero, and few visits do not
-let one grow without bound. Where the posterior has several modes (heights that scatter much, or
-little and more of what else a stop brings), the covariance is the mean over them, so that no trial
-decides between them. Trials that stand beyond `CLIP` standard deviations from all others are pulled
-in to there. Sources: Patterson & Thompson 1971, Biometrika 58, 545 (restricted likelihood);
-Gilmour, Thompson & Cullis 1995, Biometrics 51, 1440 (average information); Gelman 2006, Bayesian
-Anal. 1, 515 (half-t priors on standard deviations).
+let one grow without bound. The posterior may have several modes: much scatter of heights, or little
+and a larger gain per visit. The covariance is then the mean over them, so that no trial decides
+between them. Trials beyond `CLIP` standard deviations from all others are winsorised. Sources:
+Patterson & Thompson 1971, Biometrika 58, 545 (restricted likelihood); Gilmour, Thompson & Cullis
+1995, Biometrics 51, 1440 (average information); Gelman 2006, Bayesian Anal. 1, 515 (half-t priors
+on standard deviations).
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def estimate(
     start: Noise | None = None,
     source: str = "trials with every family and effect",
 ) -> tuple[Noise, FloatArray]:
-    """Variance components, and the log lift with outliers pulled in.
+    """Variance components, and the log lift with outliers winsorised.
 
     Parameters
     ----------
@@ -109,19 +109,18 @@ def estimate(
     log_lift : (n,)
         Log lift less the model's prediction.
     mean : (n, q)
-        Levels and model Jacobian: what is free.
+        Free columns: levels and model Jacobian.
     structure : list of (n, k)
-        What the model may lack, one entry for each family.
+        Structure that the model may lack, one entry for each family.
     slope : (n,)
         d log ratio / dz per metre, which carries a visit's height error.
     shared, extra
-        What the budget declares, as in `trial_covariance`: scatter that it accounts for is not
-        counted again.
+        Stated errors, as in `trial_covariance`: scatter that they explain is not counted again.
     start : Noise or None
-        Of nearly the same trials, about a model much like this one: where the search begins, which
-        saves steps, if it has the same sizes.
+        Noise of nearly the same trials about a similar model: a starting value that saves steps, if
+        it has the same sizes.
     source : str
-        What `Noise.source` is to say, before the degrees of freedom of a typical trial's variance.
+        First part of `Noise.source`; the degrees of freedom of a typical trial's variance follow.
 
     Returns
     -------
@@ -130,7 +129,7 @@ def estimate(
     Raises
     ------
     NotConverged
-        Variances of trials that no arithmetic can hold beside one another.
+        The trials' variances are too different in size for floating-point arithmetic.
     """
     mean = orthonormal(mean)
     rms = float(np.sqrt(np.mean((log_lift - mean @ (mean.T @ log_lift)) ** 2)))
@@ -203,8 +202,9 @@ def estimate(
 
 
 def _condensed(columns: FloatArray) -> FloatArray:
-    """As few columns B (n, r) as have the same ``B B'``: families overlap, and time goes with the
-    square of their number.
+    """Reduced columns B (n, r) with the same ``B B'``.
+
+    Families overlap, and time grows with the square of their number.
     """
     if not columns.shape[1]:
         return columns
@@ -214,13 +214,12 @@ def _condensed(columns: FloatArray) -> FloatArray:
 
 
 def curves(data: Observations) -> tuple[list[FloatArray], str]:
-    """What a model of distance and throttle may lack, and in words what trials scatter about beside
-    it.
+    """Saturated mean columns of distance and throttle, and the label of the scatter about them.
 
-    Free means of distances and of (distance, throttle) cells, where distances were visited again
-    often enough to tell what a visit's trials share. Else how far distances lie apart is left to
-    the model, and throttles alone are free to differ from each other at a distance, smoothly where
-    trials repeat too rarely for means.
+    They are free means of distances and of (distance, throttle) cells, where distances were
+    revisited often enough to estimate a visit's common error. Otherwise the model gives the
+    differences between distances. Throttles are then free to differ from each other at a distance,
+    smoothly where trials repeat too rarely for means.
     """
     _, distance = np.unique(data.z_hat, return_inverse=True)
     label, level = cells(data), np.eye(len(data.levels))[data.level]

@@ -2,10 +2,9 @@
 
 Forces are measured, ratios are not: the unit is the trial, ``log lift = a[throttle] + log
 ratio(z_hat; theta) + error``. The levels a = log L_inf are nuisances, one per throttle, or a curve
-of throttle and supply; they are linear, so they are eliminated in closed form and never divided by.
-Working in the logarithm makes a gain error additive and lets one covariance serve all throttles;
-trials scatter by a percent or less, so the difference to a likelihood in force is of second order
-in that percent.
+of throttle and supply. They are linear, so they are eliminated in closed form and never divided by.
+In the logarithm a gain error is additive, and one covariance serves all throttles. Trials scatter
+by a percent or less, so the difference to a likelihood in force is of second order in that percent.
 """
 
 from __future__ import annotations
@@ -53,13 +52,13 @@ class Problem:
 
     @cached_property
     def known(self) -> dict[str, object]:
-        """What the model needs besides its parameters: geometry, and per-trial covariates."""
+        """Arguments of the model besides its parameters: geometry, and per-trial covariates."""
         return needed(self.model, self.data)
 
     def log_ratio(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
         """Log L / L_inf of each trial; nan where the model has no value.
 
-        `offset_m` is added to every height: one number, or (m, 1) beside theta of shape (m, p).
+        `offset_m` is added to every height: one number, or (m, 1) with theta of shape (m, p).
         """
         if not self.blur_m:
             return self._log_ratio_at(theta, offset_m)
@@ -143,7 +142,7 @@ class Problem:
         return self.left(self.log_ratio(theta, offset_m))
 
     def left(self, log_ratio: FloatArray) -> FloatArray:
-        """`residuals` beside a log ratio of each trial, (..., n)."""
+        """Whitened residuals for a log ratio of each trial, (..., n)."""
         return self._target - self.project(log_ratio)
 
     def chi2(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
@@ -168,7 +167,7 @@ class Problem:
         return self._shown_levels(rest), self.shown_covariance(self.level_covariance)
 
     def shown_covariance(self, covariance: FloatArray) -> FloatArray:
-        """Covariance of log L_inf at each throttle that is told, from that of what multiplies
+        """Covariance of log L_inf at each shown throttle, from that of the coefficients of
         `level_columns`.
         """
         return self.data.shown(self.data.shown(covariance).T)
@@ -181,13 +180,14 @@ class Problem:
         return np.asarray(inverse @ inverse.T, dtype=np.float64)
 
     def _shown_levels(self, x: FloatArray) -> FloatArray:
-        """The level at each throttle that is told, from rows of trials (..., n)."""
+        """The level at each shown throttle, from rows of trials (..., n)."""
         return self.data.shown(self.best_levels(x).T).T
 
     def best_levels(self, x: FloatArray) -> FloatArray:
-        """What multiplies the trials' `level_columns` (the level per throttle, or a curve's
-        coefficients) where it fits rows of trials (..., n) best, (..., K); nan where a row has a
-        value that is not finite.
+        """Least-squares coefficients of `level_columns` for rows of trials (..., n), (..., K).
+
+        They are the level per throttle, or a curve's coefficients; nan where a row has a value that
+        is not finite.
         """
         q, r = self._levels
         return where_finite(
@@ -198,13 +198,13 @@ class Problem:
         )
 
     def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
-        """Change of log L_inf at each throttle that is told per unit change of each parameter,
-        from the Jacobian (n, p) of log ratio.
+        """Derivatives of log L_inf at each shown throttle by the parameters, from the Jacobian (n,
+        p).
         """
         return self.data.shown(self.level_toll(jacobian))
 
     def level_toll(self, jacobian: FloatArray) -> FloatArray:
-        """The same of what multiplies `level_columns`, (K, p)."""
+        """Derivatives of the coefficients of `level_columns` by the parameters, (K, p)."""
         return -self.best_levels(jacobian.T).T
 
     def linearised(
@@ -228,7 +228,7 @@ class Problem:
         """D log ratio / d theta, shape (..., p, n): the declared derivatives where the model has
         them, else central differences.
 
-        Whoever makes `log_ratio` another function must make this its derivative.
+        A change of `log_ratio` must be repeated in its derivative here.
         """
         if self.model.gradient is None or not self.names:
             return self._differences(theta, offset_m)
@@ -325,8 +325,6 @@ def height_slope(model: LiftModel, data: Observations, parameters: dict[str, flo
 
 
 def usable(model: LiftModel, data: Observations) -> NDArray[np.bool_]:
-    """Which trials the model can speak about: inside `valid_z_hat` (its lower end excluded), or in
-    free air.
-    """
+    """Mask of the trials inside the model's `valid_z_hat` (lower end excluded), or in free air."""
     low, high = model.valid_z_hat
     return (data.z_hat > low) & ((data.z_hat <= high) | np.isinf(data.z_hat))

@@ -1,12 +1,11 @@
-"""A covariance of noise that trials pass on in run order, factored and applied in time linear in
-the trials.
+"""Covariance with memory in run order, factored and applied in time linear in the trials.
 
 ``K = diag(variance) + sum_k A_k M_k A_k``: process k has an amplitude at every trial, and keeps the
-part `memory[i, k]` of itself from trial i - 1 to trial i (0 where it begins anew), so that two
-trials share the product of the memories between them. An Ornstein-Uhlenbeck drift keeps exp(-dt /
-tau); what a visit has in common is kept whole within it. Such a matrix has a Cholesky factor ``L =
-1 + tril(A W')`` of the same kind, found in one pass. Source: Foreman-Mackey 2018, Res. Notes AAS 2,
-31 (celerite's recursions), with memories of any kind.
+part `memory[i, k]` of itself from trial i - 1 to trial i (0 where it restarts). Two trials share
+the product of the memories between them. An Ornstein-Uhlenbeck drift keeps exp(-dt / tau); the
+common error of a visit is kept whole within it. Such a matrix has a Cholesky factor ``L = 1 +
+tril(A W')`` of the same kind, found in one pass. Source: Foreman-Mackey 2018, Res. Notes AAS 2, 31
+(celerite's recursions), with memories of any kind.
 
 All arrays are in run order, C-contiguous: `variance` (n,), `amplitude` and `memory` (n, J),
 right-hand sides (n, m).
@@ -137,9 +136,10 @@ def _squares(amplitude: Any, memory: Any, x: Any) -> Any:
 
 
 def _log_det_slopes(d: Any, w: Any, amplitude: Any, memory: Any) -> Any:
-    """Derivatives of ``log det K`` by each variance, which are the inverse's diagonal, (n,), and by
-    the logarithm of each process's amplitude, (J,): the factor's recursion, differentiated from its
-    end.
+    """Derivatives of ``log det K`` by each variance, (n,), and by the log amplitude of each
+    process, (J,).
+
+    The first are the inverse's diagonal. The factor's recursion is differentiated from its end.
     """
     n, count = amplitude.shape
     state = np.zeros((n, count, count))
@@ -247,8 +247,9 @@ def _near_inverse(d: Any, w: Any, amplitude: Any, memory: Any, reach: Any) -> An
 
 
 def __getattr__(name: str) -> Any:
-    """One of the above without its underscore, compiled; whoever only reads results needs no numba,
-    which takes 0.2 s to import.
+    """Compiled version of a function above, by its name without the underscore.
+
+    It is compiled on demand: reading results needs no numba, whose import takes 0.2 s.
     """
     kernels = ("factor", "forward", "backward", "product", "squares", "log_det_slopes")
     if name not in (*kernels, "near_inverse"):

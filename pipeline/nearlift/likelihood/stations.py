@@ -1,9 +1,9 @@
-"""chi2 of thousands of parameter vectors at once, exactly, at the price of the distinct stations
-instead of the trials.
+"""Exact chi2 of thousands of parameter vectors at once, at the cost of distinct stations instead of
+trials.
 
-The model's log ratio takes one value per station (distance, and whatever else of a trial the model
-asks for), whitening is linear, so ``chi2 = |t - A f(theta)|^2`` with one column of A per station;
-the triangle of ``[A t]`` holds all of it.
+The model's log ratio takes one value per station (distance, and any other need of the model).
+Whitening is linear, so ``chi2 = |t - A f(theta)|^2`` with one column of A per station. The triangle
+of ``[A t]`` holds all of it.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ class Stations:
         )
 
     def chi2(self, theta: FloatArray) -> FloatArray:
-        """As `Problem.chi2`, for theta (m, p): (m,), inf where the model has no value."""
+        """Chi2 for theta (m, p), (m,); inf where the model has no value. See `Problem.chi2`."""
         return np.concatenate([np.zeros(0), *(self._chi2(some) for some in self._batches(theta))])
 
     def _batches(self, theta: FloatArray) -> Iterator[FloatArray]:

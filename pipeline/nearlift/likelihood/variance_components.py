@@ -52,7 +52,7 @@ def elapsed_trials(order: FloatArray) -> FloatArray:
 
 
 def ages(data: Observations) -> FloatArray:
-    """When each trial was run, in units of the time over which each drift forgets, (n, drifts)."""
+    """Time of each trial in units of each drift's correlation length, (n, drifts)."""
     known = data.covariates
     if "elapsed_trials" in known:
         # of the whole campaign, where these trials are a part of it
@@ -241,8 +241,8 @@ class VarianceComponents:
         )
 
     def maximise(self, x: FloatArray, y: FloatArray, last: float) -> tuple[FloatArray, SizesAt]:
-        """The likeliest sizes by average-information steps from `x` until one is smaller than
-        `last`, y as the trials stand.
+        """Most probable sizes for the data `y`, by average-information steps from `x` until one is
+        smaller than `last`.
         """
         y = y[self.order]
         here = self.at(x, y)
@@ -281,8 +281,8 @@ class VarianceComponents:
 
 
 def pulled_in(y: FloatArray, at: SizesAt) -> FloatArray:
-    """The data with trials that stand beyond `CLIP` standard deviations from what all others say of
-    them moved to it.
+    """The data, with trials beyond `CLIP` standard deviations from their prediction by all others
+    moved to that limit.
     """
     root = np.sqrt(at.precision)
     z = at.weighed / root

@@ -1,3 +1,3 @@
-"""Diagnosis of a base fit's residuals: the test for structure, the physical effect that explains
-it, and the effects that the design cannot tell from it.
+"""Diagnosis of a base fit's residuals: a test for structure, the effect that explains it, and its
+rivals.
 """

@@ -32,8 +32,8 @@ def shifts(
     """Correlation of each named effect with each coefficient, and the coefficient's shift.
 
     The correlation is between the effect's contribution and the coefficient's derivative over
-    trials, whitened and with L_inf projected out: where it is large, a fit without the effect
-    charges the effect to the coefficient.
+    trials, whitened and with L_inf projected out. Where it is large, a fit without the effect
+    assigns the effect to the coefficient.
     """
     absorbing = []
     for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
@@ -70,8 +70,9 @@ def shifts(
 
 
 def unidentifiable_coefficients(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
-    """Coefficients that rest on a single visit, or that a gain per session (or per visit, where
-    visits are few) would absorb, at a fit to measured or planned trials.
+    """Coefficients that a single visit determines, or that gains per session absorb, at a fit.
+
+    Gains per visit are used where visits are few. Trials may be measured or planned.
     """
     jacobian = best.jacobian
     beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))

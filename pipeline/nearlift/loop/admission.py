@@ -41,7 +41,7 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
     if data.ordered:
         # ordered trials may drift, and the false-alarm rate of so few has not been measured
         least = LEAST_TRIALS + unknowns
-        remedy = f"at least {least} trials are wanted, {least - data.n} more"
+        remedy = f"at least {least} trials are needed, {least - data.n} more"
         if np.all(data.n_eff <= 1):
             # means without records may come from a published table
             remedy += f" (of a published table {LEAST_CELLS} in all, with lift_sd for each)"
@@ -51,7 +51,7 @@ def admit(where: str, data: Observations, base: LiftModel) -> None:
         raise NotConverged(
             where,
             f"{data.n} usable trials are too few",
-            f"at least {wanted} trials are wanted ({unknowns} levels and coefficients are unknown),"
+            f"at least {wanted} trials are needed ({unknowns} levels and coefficients are unknown),"
             " each with its standard deviation",
         )
     bare = int(np.sum(~(data.u_lift_N > 0)))

@@ -30,8 +30,10 @@ SESSION_SPREADS = (0.1, 0.3, 1.0, 3.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Slot:
-    """Entries `start` to `stop` of one parameter in the flat vector, one per session where it
-    differs by session; `effect` is empty for the base model's.
+    """Entries `start` to `stop` of one parameter in the flat vector: one per session where it
+    differs by session.
+
+    `effect` is empty for a parameter of the base model.
     """
 
     parameter: Parameter
@@ -108,7 +110,7 @@ class Candidate:
         return np.array([s.stop - s.start for s in self.slots], dtype=np.int64)
 
     def _each(self, value: Callable[[Slot], float]) -> FloatArray:
-        """What each slot says, at all of its entries, (P,)."""
+        """Attribute of each slot, repeated for all of its entries, (P,)."""
         return np.repeat(np.array([value(s) for s in self.slots], dtype=float), self._widths)
 
     @cached_property
@@ -124,8 +126,10 @@ class Candidate:
 
     @cached_property
     def prior(self) -> tuple[FloatArray, FloatArray]:
-        """Prior mean and standard deviation of each entry, (P,) each: sizes scaled by `WIDE`, or by
-        `session_spread` where they differ by session; the base model's flat (infinite).
+        """Prior mean and standard deviation of each entry, (P,) each.
+
+        Standard deviations of sizes are scaled by `WIDE`, or by `session_spread` where they differ
+        by session. Those of the base model are infinite.
         """
         mean, sd = self.null.copy(), np.full(self.size, np.inf)
         for s in self.slots:
@@ -151,8 +155,10 @@ class Candidate:
         return self.entries(lambda s: s.effect == effect)
 
     def jacobian(self, vector: FloatArray) -> FloatArray:
-        """D log ratio / d vector, (n, P), or (m, n, P) at (m, P), by central differences in one
-        broadcast call; 0 where the ratio has no value.
+        """Derivative of log ratio by the vector, (n, P), or (m, n, P) at (m, P); 0 where the ratio
+        has no value.
+
+        Central differences in one broadcast call.
 
         Entries that differ by session step together: each moves the trials of its session alone.
         """
@@ -220,8 +226,11 @@ class Candidate:
         return np.hstack([*columns, self.restarts(vector, sd)])
 
     def restarts(self, vector: FloatArray, sd: float) -> FloatArray:
-        """Columns (n, t), unknowns of unit variance: what effects that restart with every session
-        contribute to each, for their size differs each time, by a relative standard deviation `sd`.
+        """Columns (n, t) of unit-variance unknowns: differences between sessions of effects that
+        restart.
+
+        The size of such an effect differs from session to session by a relative standard deviation
+        `sd`.
         """
         columns = [np.zeros((self.data.n, 0))]
         for effect in self.effects:

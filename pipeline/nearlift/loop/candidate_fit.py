@@ -54,7 +54,7 @@ class Fitted:
 
     @property
     def cost(self) -> float:
-        """What the fit makes least."""
+        """Objective that the fit minimises."""
         return self.chi2 + self.penalty
 
 

@@ -32,8 +32,8 @@ def spread(
     """Value and standard uncertainty of the base model's coefficients at a fit.
 
     `nuisance` (n, t) are columns of further unit-variance unknowns, such as the form or undetected
-    effects: they widen the covariance, and the coefficients move to where the data then want them
-    (one Gauss-Newton step).
+    effects. They widen the covariance. The coefficients move to their new optimum by one
+    Gauss-Newton step.
     """
     p = len(stage.theta)
     mean, sd = fitted.candidate.prior
@@ -82,8 +82,10 @@ def inverse(information: FloatArray) -> FloatArray:
 def declared_sizes(
     parts: tuple[budget.Component, ...], library: tuple[Effect, ...]
 ) -> dict[str, float]:
-    """Declared standard uncertainty of each effect that is the error of a budget input, over the
-    scale of its prior: root sum of squares of the components that all trials share.
+    """Declared standard uncertainty of each effect that is the error of a budget input, over its
+    prior's scale.
+
+    It is the root sum of squares of the components that all trials share.
     """
     sizes = {}
     for effect in library:
@@ -125,8 +127,8 @@ def constrained_columns(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
-    """The p coefficients under what may be the truth, each as value and standard uncertainty, two
-    arrays (p,).
+    """The p coefficients under each explanation, as value and standard uncertainty: two arrays
+    (p,).
 
     Attributes
     ----------
@@ -136,18 +138,18 @@ class Answers:
     before : pair of arrays
         By the base fit alone.
     members : tuple of (str, pair of arrays)
-        Every explanation that was accepted, the best first, its form uncertain; else the base fit,
-        with what is left carried.
+        Accepted explanations with uncertain form, best first; else the base fit with residual
+        structure as random effects.
     weights : (m,)
-        How likely each of them is beside the others.
+        Relative probability of each member.
     conditional : pair of arrays
-        If the best answer is exactly the truth.
+        If the best answer is exactly true.
     constrained : pair of arrays
-        With every effect that was not named as a nuisance of its physical size.
+        With every unidentified effect as a nuisance of its physical size.
     carried : tuple of str
-        The covariates along which structure without a name is carried.
+        The covariates of residual structure that is included as random effects.
     unnamed : (n, t)
-        What is carried, as columns of log lift with unknowns of unit variance.
+        Columns of log lift of these random effects, with unknowns of unit variance.
     """
 
     names: tuple[str, ...]
@@ -200,8 +202,8 @@ class Answers:
 
 
 def answers(answer: Answer, declared: dict[str, float]) -> Answers:
-    """What the coefficients are before and after the loop; where visits are few, with jackknife
-    uncertainties over visits.
+    """Coefficients before and after the loop; where visits are few, with jackknife uncertainties
+    over visits.
     """
     stage, best, p = answer.stage, answer.best, len(answer.stage.theta)
 
@@ -245,9 +247,7 @@ def answers(answer: Answer, declared: dict[str, float]) -> Answers:
 
 
 def weights(answer: Answer) -> FloatArray:
-    """How likely each explanation that was accepted is beside the others, (m,); 1 where the base
-    fit stands alone.
-    """
+    """Relative probability of each accepted explanation, (m,); 1 for the base fit alone."""
     from scipy.special import softmax
 
     return softmax([e.evidence.plausibility for e in answer.accepted] or [0.0])
@@ -264,11 +264,11 @@ def _freedom(stage: SearchProblem) -> FloatArray:
 def silent(
     stage: SearchProblem, effects: tuple[Effect, ...], limit: float
 ) -> tuple[SilentEffect, ...]:
-    """Effects that the coefficients and L_inf absorb, and the bias they may do unseen.
+    """Effects that the coefficients and L_inf absorb, and the bias by undetected ones.
 
-    `bias_at_detection_limit` is the shift of the headline coefficient, in its own standard
-    uncertainties, by an effect just too small to be seen (non-centrality 16), or at its physical
-    prior's size where it can never be seen. `u` is that uncertainty, of the base fit under the
+    `bias_at_detection_limit` is the shift of the headline coefficient in its own standard
+    uncertainties. The effect is at the detection limit (non-centrality 16), or at its physical
+    prior's size if it can never be detected. `u` is that uncertainty, of the base fit under the
     loop's noise floor; the one in fit.json has the noise of repeats.
     """
     if not stage.base.parameters:

@@ -29,8 +29,8 @@ OUTLIER = 4.0
 class HeldOut:
     """Relative held-out residuals of every trial, nan where it cannot be predicted.
 
-    `before` is by the base model, `after` by what each fold's search chose (`chosen`), `named` by
-    the explanation found in all visits, refitted in each fold; `visit` holds the `blocks`.
+    `before` is by the base model, `after` by the answer of each fold's search (`chosen`). `named`
+    is by the explanation found in all visits, refitted in each fold. `visit` holds the `blocks`.
     """
 
     before: FloatArray
@@ -82,10 +82,11 @@ def held_out(
     named: tuple[Effect, ...] = (),
     progress: Progress = ignore_progress,
 ) -> HeldOut:
-    """Held-out residuals of the search, repeated by `again` in every fold, and of the effects
-    `named`, refitted in every fold; of these alone where `again` is None.
+    """Held-out residuals of the search, repeated in every fold, and of the effects `named`,
+    refitted there.
 
-    Declared errors that visits share are predicted too: the trials of a fold tell them.
+    `again` is the search; if it is None, only the effects are refitted. Stated errors that visits
+    share are predicted from the trials of the fold.
     """
     data, declared = stage.data, declared_errors(stage)
     before, after, by_name = np.full((3, data.n), np.nan)
@@ -165,9 +166,9 @@ def improves(stage: SearchProblem, scored: HeldOut) -> bool:
     """Whether the named effects reduce the held-out `misfit` by more than one standard error over
     visits.
 
-    What each fold chose does not count: with a third of the trials less, a search that finds
-    nothing has lost its power and refutes nothing. Residuals are whitened by the noise floor, else
-    a few visits near a ceiling with a wrong height would decide alone.
+    The answers of the folds' own searches do not count. With a third fewer trials a search that
+    finds nothing has lost its power and refutes nothing. Residuals are whitened by the noise floor,
+    else a few visits near a ceiling with a wrong height would decide alone.
     """
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     before, named = (
@@ -208,8 +209,9 @@ def _half90(without: FloatArray) -> float:
 
 
 def rmse(residual: FloatArray, visit: IntArray) -> tuple[float, float, float]:
-    """Root mean square and its 90 % interval, by the jackknife of its logarithm over visits; nan
-    ends for fewer than three visits or no residual.
+    """Root mean square and its 90 % interval, by the jackknife of its logarithm over visits.
+
+    The ends are nan for fewer than three visits or no residual.
     """
     _, label = np.unique(visit, return_inverse=True)
     squares, count = np.bincount(label, residual**2), np.bincount(label)

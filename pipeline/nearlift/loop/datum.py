@@ -1,8 +1,8 @@
-"""The distance datum, where it is declared so uncertain that the slope of the curve does not carry
-its error: taken to first order about its likeliest value, and not about zero.
+"""Zero error of the distance, where its stated uncertainty is too large for the slope of the curve.
 
-With a datum error e, likeliest m, and f the log ratio, ``f(z + e) = f(z + m) + (e - m) f'(z + m)``.
-So trials count at z + m, their log lift greater by ``m f'``, and e has its declared distribution.
+It is linearised about its most probable value instead of zero. With an error e, most probable value
+m, and f the log ratio, ``f(z + e) = f(z + m) + (e - m) f'(z + m)``. So trials count at z + m, their
+log lift greater by ``m f'``, and e has its stated distribution.
 """
 
 from __future__ import annotations
@@ -30,8 +30,10 @@ NEAR = 0.25
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Datum:
-    """Trials as `recorded`, the declared errors of their datum that the slope does not carry, and
-    its likeliest error, which leaves the nearest trial some distance: `least_m`, negative.
+    """Trials as `recorded`, the stated zero errors beyond the linear range, and their most probable
+    value.
+
+    `least_m` (negative) is its bound, which leaves the nearest trial some distance.
     """
 
     recorded: Observations
@@ -55,7 +57,7 @@ class Datum:
         return self.recorded.lift_N * np.exp(self.error_m * slope)
 
     def at(self, error_m: float) -> Datum:
-        """The same with another likeliest error, as far as it is allowed for."""
+        """Copy with another most probable error, clipped to its bounds."""
         most = FARTHEST * self._standard_m
         return replace(self, error_m=float(np.clip(error_m, max(-most, self.least_m), most)))
 
@@ -68,7 +70,7 @@ class Datum:
         return self if near else moved
 
     def take(self, keep: NDArray[np.bool_]) -> Datum:
-        """The same of the trials that a mask selects."""
+        """Copy with the trials that a mask selects."""
         return replace(self, recorded=self.recorded.take(keep))
 
     @property

@@ -61,9 +61,9 @@ USUAL = Noise(
 class LoopDiagnosis:
     """One boundary's block of diagnosis.json, its part of results.json, and the residuals.
 
-    `residuals` holds arrays (n,): `trial`; `before` and `after`, relative, about the fit to all
-    trials; with cross-validation `held_out_before` and `held_out_after`, about fits without the
-    trial's visit (nan if it could not be predicted).
+    `residuals` holds arrays (n,). `before` and `after` are relative, about the fit to all trials.
+    With cross-validation, `held_out_before` and `held_out_after` are about fits without the trial's
+    visit, nan if it could not be predicted.
     """
 
     findings: BoundaryDiagnosis
@@ -105,8 +105,8 @@ def diagnose(
     Raises
     ------
     NotConverged
-        Too few trials or visits to tell a noise floor from structure, no trial near the boundary,
-        or the base model cannot be fitted.
+        Too few trials or visits to distinguish noise from structure, no trial near the boundary, or
+        the base model cannot be fitted.
     """
     ground, library, untestable = set_up(data, base, parts, options, effects)
     declared = coefficients.declared_sizes(parts, library)
@@ -213,12 +213,12 @@ def decide(
     shortlist: Shortlist | None = None,
     progress: Progress = ignore_progress,
 ) -> Decided:
-    """Search, and with `confirm` cross-validate by visits; where the search agrees with `like`, the
-    confirmation and contradictions of the latter are taken over, and where it does not, everything
-    is tried, and not what is on the `shortlist` alone.
+    """Search, and with `confirm` cross-validate by visits.
 
-    `rate` is the false-alarm rate of a claim. At an interim look it is below that of the options,
-    and an adequate model is not tested for contradictions.
+    Where the search agrees with `like`, the confirmation and contradictions of `like` are kept.
+    Where it does not, the search is repeated without the `shortlist`. `rate` is the false-alarm
+    rate of a claim. At an interim analysis it is below that of the options, and an adequate model
+    is not tested for contradictions.
     """
     few = few_visits.applies(stage.data)
     answer = few_visits.run(stage) if few else search_to_convergence(stage, shortlist)
@@ -325,13 +325,13 @@ def set_up(
     where = f"diagnosis of the {data.boundary}"
     if kept.n and not np.isfinite(kept.z_hat).any():
         raise NotConverged(
-            where, "all trials are in free air", "at least two visits near the boundary are wanted"
+            where, "all trials are in free air", "measure at least two visits near the boundary"
         )
     if len(np.unique(kept.visit)) == 1 < kept.n:
         raise NotConverged(
             where,
             "all trials belong to one visit",
-            "at least two visits are wanted, to leave one out",
+            "measure at least two visits, so that one can be left out",
         )
     admit(where, kept, base)
     first = fit(base, kept, parts, USUAL, plan=HeightPlan())

@@ -1,13 +1,14 @@
 """Model discrepancy: unexplained structure as random effects in the coefficients' uncertainty.
 
-Structure that no declared effect explains is no noise, and intervals that allow for noise alone
-cover a coefficient half as often as they say. Random effects stand for it: every family along a
-covariate in which structure was found, curves of distance that change with time where the order of
-the trials is known, and coefficients that differ by throttle. The coefficients of a family share
-one variance s^2, by the method of moments: with W its whitened columns, L_inf and model
-coefficients projected out, and r the whitened residual, ``E |W'r|^2 = |W|^2 + s^2 |W'W|^2``
-(Frobenius norms). A negative estimate counts as zero. Families overlap, and each is sized as if
-alone, which errs on the wide side.
+Residual structure is not noise: intervals with noise alone cover a coefficient half as often as
+they state. The random effects are every family along a covariate in which structure was found,
+curves of distance that change with time where the order of the trials is known, and coefficients
+that differ by throttle.
+
+The coefficients of a family share one variance s^2, by the method of moments, ``E |W'r|^2 = |W|^2 +
+s^2 |W'W|^2`` (Frobenius norms). W are its whitened columns with L_inf and model coefficients
+projected out, r is the whitened residual. A negative estimate counts as zero. Families overlap, and
+each is sized as if alone, which errs on the wide side.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """Evidence for an explanation: the marginal likelihood of the trials, linearised about its fit.
 
-In an orthonormal basis of whitened log lift, entries of the fit's vector are either free and
-projected out, or integrated over their priors, as columns of prior size in the covariance with the
-residual taken at the priors' centres. The uncertainty of an effect's form is integrated over in the
-same way. The search asks for one residual, the planning of a campaign for many drawn ones.
+Entries of the fit's vector are either free and projected out, or integrated over their priors. The
+latter are columns of prior size in the covariance, with the residual taken at the priors' centres.
+The uncertainty of an effect's form is integrated over in the same way. All is done in an
+orthonormal basis of whitened log lift. The search evaluates one residual, the planning of a
+campaign many drawn ones.
 
 The form of an effect may be exact or discrepant: an explanation is judged by both, with equal prior
 probability.
@@ -94,8 +95,10 @@ class RandomEffectsWhitener:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Integrated:
-    """Scores (d, m) with `removed` (d, q, orthonormal) projected out and the rest of the unknowns
-    in the covariance, by `deform`; `log_det` that of all that could have been there.
+    """Scores (d, m) with `removed` (d, q, orthonormal) projected out and the other unknowns in the
+    covariance.
+
+    `deform` whitens by them; `log_det` is that of all possible unknowns.
     """
 
     scores: FloatArray

@@ -26,12 +26,12 @@ class Explanation:
     """A fitted candidate with its evidence.
 
     Its form is uncertain by `form_sd`; `random_walk_gain` is the size of the gain's random walk.
-    `left` is the test for structure on its residuals; None where it cannot be named anyway.
+    `left` is the test for structure on its residuals, None if other tests exclude it.
 
     `gain` is the drop of chi2 by its declared form, with a size for each session where an effect
-    restarts. `needed` says whether each of its effects accounts by that for the greater part of the
-    structure that is there without it: a form's uncertainty, granted to a large effect that the
-    coefficients absorb, could account for anything.
+    restarts. `needed` is whether each of its effects explains, by that, most of the structure that
+    is there without it. The form's uncertainty is not used for that, since with a large effect that
+    the coefficients absorb it could explain anything.
     """
 
     fitted: Fitted

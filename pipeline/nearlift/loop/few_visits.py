@@ -2,9 +2,9 @@
 
 They identify neither the noise floor, which shows only between visits, nor the correlation within a
 visit. Trials are therefore fitted as if independent, which is consistent whatever their correlation
-(working independence), uncertainties are jackknifed over visits, and a candidate is accepted for
-its prediction of visits left out. A gain per visit predicts nothing there and can never be
-accepted. See docs/decisions.md#few-visits.
+(working independence). Uncertainties are jackknifed over visits. A candidate is accepted for its
+prediction of visits left out. A gain per visit predicts nothing there and can never be accepted.
+See docs/decisions.md#few-visits.
 """
 
 from __future__ import annotations
@@ -66,8 +66,10 @@ def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
 def _levels(
     stage: SearchProblem, weight: FloatArray
 ) -> Callable[[FloatArray, IntArray], FloatArray]:
-    """Weighted least squares of log L_inf: a function of log lift (k, c, n) and of the rows (k,) of
-    `weight` (visits, n) that apply to it.
+    """Weighted least squares of log L_inf, as a function of log lift (k, c, n) and of rows (k,) of
+    `weight`.
+
+    `weight` is (visits, n); each row of log lift uses one of its rows.
     """
     columns = stage.data.level_columns
     weighted = columns * weight[:, :, None]

@@ -1,10 +1,9 @@
-"""What a design could see: of any effect its signature, the size at which it shows, what it would
-pass for, and the harm it does unseen.
+"""Power of a design: the signature of each effect, its detection limit, its rivals, and its bias.
 
-Nothing here needs measured lift. A stage (trials, base model, noise) is enough: noiseless data with
-one effect in them are given to every candidate, and the noise is drawn about those fits, which are
-linear in it. `diagnose.set_up` makes the stage of a campaign that was run, `planned` does all of it
-for one that was not.
+No measured lift is needed. A search problem (trials, base model, noise) is enough: noiseless data
+with one effect in them are fitted by every candidate. The noise is drawn about those fits, which
+are linear in it. `diagnose.set_up` makes the problem of a measured campaign, `planned` that of a
+planned one.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ class Foresight:
 
     @property
     def _basis(self) -> FloatArray:
-        """Of the reduced space, (n, d)."""
+        """Orthonormal basis of the reduced space, (n, d)."""
         return self.stage.hypotheses[1]
 
     @cached_property
@@ -76,7 +75,7 @@ class Foresight:
 
     @cached_property
     def candidates(self) -> tuple[Effect, ...]:
-        """The effects that leave any mark beside theta and L_inf."""
+        """The effects that theta and L_inf do not absorb entirely."""
         return visible(self.stage)
 
     def vector(self, handle: Handle, size: float) -> FloatArray:
@@ -98,7 +97,7 @@ class Foresight:
         return np.clip(vector, low, high)
 
     def _added(self, handle: Handle, size: float) -> FloatArray:
-        """What an effect of this size adds to log lift, (n,)."""
+        """Contribution of an effect of this size to log lift, (n,)."""
         candidate = self.stage.candidate(handle.effect)
         return candidate.contribution(self.vector(handle, size), handle.effect)
 
@@ -108,8 +107,8 @@ class Foresight:
         return base.candidate.log_ratio(base.vector) + self._added(handle, size)
 
     def signature(self, handle: Handle, size: float) -> tuple[FloatArray, FloatArray]:
-        """What the effect adds to the log lift of each trial, and what of it theta and L_inf do not
-        absorb; both (n,).
+        """Contribution of the effect to the log lift of each trial, and its part that theta and
+        L_inf do not absorb; both (n,).
         """
         raw, base = self._added(handle, size), self.stage.base_fit
         columns = np.hstack([self.stage.data.level_columns, base.candidate.jacobian(base.vector)])
@@ -148,8 +147,8 @@ class Foresight:
         return _standard(rng.standard_normal(count))
 
     def seen(self, signal: FloatArray) -> NDArray[np.bool_]:
-        """Of each draw, whether the test of everything exceeds its threshold with this signal (d,)
-        or (m, d) in the reduced space.
+        """Whether the test of all hypotheses exceeds its threshold, for each draw with this signal
+        (d,) or (m, d) in the reduced space.
         """
         absorbed, (draws, scale) = self.stage.absorbed, self._noise
         scores = draws + signal
@@ -277,7 +276,7 @@ class Foresight:
         return np.stack([printed[0], uncertain[0], mean_evidence(printed[1], uncertain[1])])
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
-        """Of every draw of the noise, the chi2 that a fit in its declared form leaves, (m,)."""
+        """Chi2 of a fit in its declared form, for each draw of the noise, (m,)."""
         basis, draws = self._basis, self._noise[0] + elsewhere
         _, sd = fitted.candidate.prior
         low, high = fitted.candidate.bounds
@@ -307,9 +306,7 @@ class Foresight:
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
     def harm(self, handle: Handle, size: float) -> FloatArray:
-        """Shift of the base model's coefficients by an effect of this size that nobody noticed;
-        (p,).
-        """
+        """Shift (p,) of the base model's coefficients by an undetected effect of this size."""
         base, log_lift = self.stage.base_fit, self._foretold(handle, size)
         moved = fit(base.candidate, self.stage.space, log_lift, base.vector)
         return np.asarray(moved.vector - base.vector)

@@ -1,9 +1,9 @@
 """Sequential design: the next visits of a campaign for one question, and the information they add.
 
-A question is one unknown: a coefficient, or the weight of one explanation against another, whose
-inverse variance is the evidence that discriminates the two (T-optimality). The trials have an
-information matrix on it and on its nuisance parameters (log L_inf, other coefficients, named
-effects and their forms, declared errors), to which every visit adds.
+A question is one unknown: a coefficient, or the weight of one explanation against another. The
+inverse variance of that weight is the evidence that discriminates the two (T-optimality). The
+trials have an information matrix on the unknown and on its nuisance parameters: log L_inf, other
+coefficients, named effects and their forms, stated errors. Every visit adds to it.
 
 A share of each batch visits the stations in rotation, whatever the question: visits chosen for the
 question alone would never reveal that the model is wrong.
@@ -148,8 +148,8 @@ class Plan:
     ----------
     menu : Menu
     now : (Q, Q)
-        Information of the trials so far: on the `q` unknowns (the question's, L_inf and the
-        declared errors), then on a departure at each station.
+        Information of the trials so far. The first `q` unknowns are the question's, L_inf and the
+        stated errors; then follows a departure at each station.
     added : (m, Q, Q)
         Information of each visit of the menu.
     made : (s,) int
@@ -191,9 +191,10 @@ class Plan:
         rng: np.random.Generator,
         before: IntArray | None = None,
     ) -> IntArray:
-        """The next `count` visits, (count,) indices into the menu: the rotating share, then those
-        that reduce the target's uncertainty most, in random order without repeating a station in
-        succession where possible.
+        """The next `count` visits, (count,) indices into the menu, in random order.
+
+        First come those of the rotating share, then those that reduce the target's uncertainty
+        most. No station is repeated in succession where that is possible.
 
         Parameters
         ----------

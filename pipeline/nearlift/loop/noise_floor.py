@@ -50,10 +50,11 @@ def prepare(
 ) -> SearchProblem:
     """The search problem at its noise floor, by penalised restricted maximum likelihood.
 
-    The noise is estimated about the base model, from `theta` on in alternation with the
-    coefficients, or about an explanation, a candidate at a vector: where an effect is many times
-    the noise, the base model's slope and the families' curvature cannot tell noise from outliers.
-    `start` is the noise of nearly the same trials, as a starting value.
+    The noise is estimated in alternation with the coefficients, from `theta` on, about the base
+    model or about an explanation (a candidate at a vector). The latter serves where an effect is
+    many times the noise: there, the base model's slope and the families' curvature cannot
+    distinguish noise from outliers. `start` is the noise of nearly the same trials, as a starting
+    value.
     """
     p, noise_floor = len(theta), start
     data = datum.data

@@ -1,5 +1,6 @@
-"""What a design shows: before it is run the effects that it detects or confounds, and the smallest
-changes that separate these; of few trials, once diagnosed, the detection limits.
+"""Report of a design: effects detected or confounded, and the smallest changes that separate them.
+
+For few trials, once diagnosed, it gives the detection limits.
 """
 
 from __future__ import annotations
@@ -39,19 +40,19 @@ def outlook(
     expected: Noise,
     variants: Mapping[str, Observations],
 ) -> BoundaryOutlook:
-    """Power, confounding, bias and proposed changes of a stage's design.
+    """Power, confounding, bias and proposed changes of a design.
 
     Parameters
     ----------
     foresight : Foresight
+        Power of the design, at the noise floor that the loop would find.
     library : tuple of Effect
         The testable effects.
     untestable : tuple of UntestableEffect
     expected : Noise
-        What the plan assumes; the stage's is the floor that the loop would find.
+        Noise that the plan assumes.
     variants : mapping of str to Observations
-        The same trials run otherwise (throttles in another order, from both sides), with derived
-        covariates.
+        The trials in other orders (of throttles, from both sides), with derived covariates.
     """
     stage = foresight.stage
     rows: list[EffectOutlook] = []

@@ -2,7 +2,7 @@
 run otherwise, or further logging.
 
 Changes are ranked by the expected evidence per trial of the linearised model (T-optimality); the
-best are checked by the foresight of the changed design.
+best are checked by the power of the changed design.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Random-walk gain: the nuisance that rivals every effect whose signature is a change with time.
 
-Its columns are cosines along the run order with amplitudes as in the Karhunen-Loeve expansion of a
-random walk; one size for all, fitted by maximum likelihood and charged as one unknown.
+Its columns are cosines along the run order, with the amplitudes of the Karhunen-Loeve expansion of
+a random walk. All share one size, fitted by maximum likelihood and charged as one unknown.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ SIZES = np.geomspace(1e-4, 2e-2, 16)
 
 
 def waves(data: Observations) -> FloatArray:
-    """Columns (n, k) of log lift of unit size; k = 0 where the order of the trials is unknown or
-    visits are fewer than `ENOUGH`.
+    """Columns (n, k) of log lift of unit size.
+
+    k is 0 where the order of the trials is unknown or visits are fewer than `ENOUGH`.
     """
     visits = len(np.unique(data.visit))
     if not data.ordered or visits < ENOUGH:

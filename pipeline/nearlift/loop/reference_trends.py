@@ -18,7 +18,8 @@ def log_evidence(stage: SearchProblem, e: Explanation) -> float:
 
     The references are straight lines in gain and in force along the covariate of each effect, and
     one step in gain at any time where a size differs by session. A line that an effect's form
-    contains (`Effect.contains_line`) is no reference: it can only win by having fewer parameters.
+    contains (`Effect.contains_line`) is no reference, since it could win only by having fewer
+    parameters.
 
     Evidence is to first order, with unit information; minus infinity where no reference exists.
     """

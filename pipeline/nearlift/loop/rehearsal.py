@@ -1,4 +1,4 @@
-"""Foresight of planned trials, at the noise floor estimated from simulated campaigns."""
+"""Power of planned trials, at the noise floor estimated from simulated campaigns."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ def planned(
     theta: FloatArray,
     effects: tuple[Effect, ...] | None = None,
 ) -> tuple[Foresight, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
-    """Foresight of trials that are only planned.
+    """Power of planned trials.
 
-    Simulated campaigns give the noise floor: a variance component that is hardly identified is not
-    estimated as zero, so the floor exceeds the noise a little, and the loop detects a little less.
+    Simulated campaigns give the noise floor. A variance component that is hardly identified is not
+    estimated as zero, so the floor slightly exceeds the noise.
 
     Parameters
     ----------
     data : Observations
         Their `lift_N` is L_inf of the throttle; lift is predicted by `base` at `theta`.
     base, parts, options, effects
-        As for `diagnose.set_up`.
+        See `diagnose.set_up`.
     noise : Noise
         Expected noise.
     theta : (p,)
@@ -52,12 +52,12 @@ def planned(
 
     Returns
     -------
-    Foresight, testable effects, and the untestable ones with what to log.
+    Its `Foresight`, the testable effects, and the untestable ones with their remedies.
 
     Raises
     ------
     NotConverged
-        As `admission.admit`.
+        See `admission.admit`.
     """
     kept = data.take(usable(base, data))
     admit(f"design of the {data.boundary}", kept, base)
@@ -83,7 +83,7 @@ def planned(
 
 
 def _rehearsed(stage: SearchProblem) -> Foresight:
-    """Foresight at the root mean square of the noise floors of simulated campaigns."""
+    """Power at the root mean square of the noise floors of simulated campaigns."""
     root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
     floors, quiet = [], []
     for i in range(REHEARSALS):

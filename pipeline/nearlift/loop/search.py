@@ -49,8 +49,10 @@ ALSO = {"previous_lift_N": ("previous_throttle", "previous_distance")}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Shortlist:
-    """Names of the effects of each explanation that may come first where a few trials are left out,
-    and how many single effects it was chosen from.
+    """Explanations that may lead where a few trials are left out, and the number of single effects
+    tried.
+
+    Each explanation is the names of its effects.
     """
 
     explanations: frozenset[tuple[str, ...]]
@@ -83,7 +85,7 @@ def search_to_convergence(stage: SearchProblem, shortlist: Shortlist | None = No
 
 
 def large(answer: Answer) -> tuple[Candidate, FloatArray] | None:
-    """The best explanation, named or not, where it is large beside the noise."""
+    """The best explanation, named or not, where it is large compared with the noise."""
     tried = answer.accepted or sorted(
         (*answer.singles, *answer.pairs), key=lambda e: -e.evidence.log
     )
@@ -94,10 +96,10 @@ def large(answer: Answer) -> tuple[Candidate, FloatArray] | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Answer:
-    """What one pass found. `accepted` is ordered, best first; `singles` and `pairs` are all that
+    """Outcome of one pass. `accepted` is ordered, best first; `singles` and `pairs` are all that
     were tried.
 
-    `contradicted` says what speaks against a base model that nothing structured does.
+    `contradicted` lists the evidence against a base model without residual structure.
     """
 
     stage: SearchProblem
@@ -230,11 +232,11 @@ def credible_set(
 ) -> tuple[Explanation, ...]:
     """The explanations that this design cannot distinguish, best first; empty if none was accepted.
 
-    Pairs replace a tenable single effect only if the best pair leads it under both form models, by
-    a price that grows with the number of pairs and with the dispersion of the residuals. The reason
-    is that one effect of uncertain form can imitate two, and two can imitate one of strange form. A
-    pair that a single effect leads under either form model is not accepted. `n_singles` is the
-    number of single effects tried, if `singles` are not all.
+    Pairs replace a tenable single effect only if the best pair leads it under both form models. The
+    required lead grows with the number of pairs and with the dispersion of the residuals, because
+    one effect of uncertain form can imitate two, and two can imitate one of unusual form. A pair
+    that a single effect leads under either form model is not accepted. `n_singles` is the number of
+    single effects tried, if `singles` are not all.
     """
     if not any(e.accepted for e in (*singles, *pairs)):
         return ()
@@ -303,12 +305,12 @@ def accept_marginal_misfit(
 def promising(
     stage: SearchProblem, gains: dict[str, float], visible: list[Effect], alone: Explanation | None
 ) -> list[tuple[Effect, Effect]]:
-    """Pairs by what they could gain, the best first; beside an effect that will do alone, those
-    that could gain plainly more; else, beyond the first few, those that could account for the
-    greater part of what each effect leaves.
+    """Pairs of effects worth a fit, by their possible gain, largest first.
 
-    `gains` are those of the single effects: what one gains beyond first order it gains beside
-    another, too.
+    If one effect is sufficient `alone`, they are the pairs that could gain more by
+    `RIVAL_MAX_2LNB`. Else they are the first few, and those that could explain most of the
+    remainder of each effect. `gains` are those of the single effects. A gain beyond first order of
+    one effect is assumed to persist in its pairs.
     """
     if not stage.options.pairs:
         return []
@@ -340,8 +342,10 @@ def promising(
 
 
 def pair_gains(stage: SearchProblem) -> dict[tuple[str, str], float]:
-    """Drop of chi2 that two effects could give to first order, over their shapes, beside the
-    coefficients; by names, in either order; by "" and a name that of one alone.
+    """First-order drop of chi2 by two effects next to the coefficients, the largest over their
+    shapes.
+
+    Keys are the two names in either order; "" and a name are one effect alone.
     """
     hypotheses, basis = stage.hypotheses
     named = tuple(h for h in hypotheses if h.effect)

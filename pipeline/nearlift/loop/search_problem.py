@@ -1,5 +1,5 @@
-"""What one boundary's search stands on: trials, base fit, noise, whitened hypotheses, and how an
-explanation is judged by them.
+"""Input of one boundary's search (trials, base fit, noise, whitened hypotheses) and the judgement
+of an explanation.
 """
 
 from __future__ import annotations
@@ -66,10 +66,10 @@ class Options:
 class SearchProblem:
     """Trials, base fit, noise and hypotheses of one boundary.
 
-    With `independent`, trials are fitted as if nothing tied them together; see `few_visits`. The
-    noise was estimated about the candidate and vector `about`, about the base model if None;
-    `drawn` is the null distribution of nearly the same trials, if that was drawn already. `data`
-    are at the likeliest heights of their `datum`.
+    With `independent`, trials are fitted without correlation; see `few_visits`. The noise was
+    estimated about the candidate and vector `about`, about the base model if None. `drawn` is the
+    null distribution of nearly the same trials, if that was drawn already. `data` are at the most
+    probable heights of their `datum`.
     """
 
     data: Observations
@@ -131,7 +131,9 @@ class SearchProblem:
         return Candidate(base=self.base, effects=effects, data=self.data)
 
     def candidates(self, *effects: Effect) -> list[Candidate]:
-        """The same, one of each of the `SESSION_SPREADS` where something differs by session."""
+        """The base model with these effects, once for each of `SESSION_SPREADS` if one differs by
+        session.
+        """
         candidate = self.candidate(*effects)
         if not candidate.by_session.any():
             return [candidate]
@@ -149,7 +151,7 @@ class SearchProblem:
 
     @cached_property
     def starts(self) -> Starts:
-        """Where the fits of candidates begin."""
+        """Starting values of candidates' fits."""
         return Starts(self.space, self.candidate(), self.base_fit.vector)
 
     @cached_property
@@ -180,13 +182,13 @@ class SearchProblem:
 
     @cached_property
     def absorbed(self) -> FloatArray:
-        """What the base model's coefficients absorb of the reduced space, orthonormal (d, p)."""
+        """Part of the reduced space absorbed by the base coefficients, orthonormal (d, p)."""
         return orthonormal(self.hypotheses[1].T @ self.base_jacobian)
 
     @cached_property
     def null(self) -> Null:
-        """What the most significant of all tests does by chance: one for everything that this
-        search tries, and with visits held out.
+        """Null distribution of the smallest p-value of all tests: one for all explanations of this
+        search, and with visits held out.
         """
         if self.drawn is not None:
             return self.drawn
@@ -267,7 +269,7 @@ class SearchProblem:
         return structure.least_log10_p(reading.without_each.T, stacked, ranks)
 
     def left_by(self, e: Explanation) -> Structure:
-        """The whole test on what an explanation leaves, made now if nobody asked before."""
+        """Test for structure on the residuals of an explanation, computed if it was not yet."""
         if e.left is not None:
             return e.left
         return self.remaining(self.linearised(e.fitted, e.form_sd, e.random_walk_gain).left)
@@ -275,8 +277,9 @@ class SearchProblem:
     def explain(
         self, effects: tuple[Effect, ...], without: tuple[float, ...] = (0.0,)
     ) -> Explanation:
-        """Fit one candidate and test what it leaves; `without` are the gains of what stands when
-        each of its effects is taken away.
+        """Fit one candidate and test its residuals.
+
+        `without` are the gains of the explanations that lack one of its effects.
         """
         first, *others = self.candidates(*effects)
         fits = [search(first, self.starts, self.log_lift)]
@@ -340,7 +343,7 @@ class SearchProblem:
         )
 
     def tested(self, e: Explanation) -> Explanation:
-        """The same; what it leaves is tested where its effects could then be named."""
+        """Explanation with its residuals tested, if its effects could then be named."""
         if e.eligible and e.evidence.over_none > CREDIT:
             return dataclasses.replace(e, left=self.left_by(e))
         return e

@@ -80,8 +80,9 @@ def menu(data: Observations, not_feasible: tuple[str, ...] = ()) -> list[Proposa
 
 
 def session(data: Observations, places: tuple[float, ...], trials: int = SESSION) -> Observations:
-    """Trials at these distances as part of the last session: every throttle at each visit (of more
-    than eight, four quantiles), all other covariates at their medians.
+    """Trials at these distances as part of the last session, with every throttle at each visit.
+
+    Of more than eight throttles four quantiles are used; all other covariates are at their medians.
     """
     levels = (
         data.levels
@@ -197,7 +198,7 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
 
 
 def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment, ...]:
-    """What to measure where coefficients rest on one distance or are absorbed by session gains; see
+    """Visits to add where one distance determines coefficients or session gains absorb them; see
     `absorption.unidentifiable_coefficients`.
     """
     experiments = []

@@ -1,12 +1,12 @@
 """Case deletion: whether the answer depends on a single trial or visit.
 
-Three kinds of trials are candidates: the one of largest closed-form influence on the headline
-coefficient, those that contribute most to a narrow decision (see `influential_decisions`), and
-those without which a test would turn. The whole diagnosis, noise and search included, is repeated
-without each. The repeat first tries the explanations of `search.Shortlist`, and all of them where
-these name another. The answer depends on a trial if the headline then moves by more than one
-standard uncertainty, or the verdict changes. Visits are selected by the first two criteria. Each
-trial and each visit of a small table is left out.
+Three kinds of trials are candidates. One is that of largest closed-form influence on the headline
+coefficient. The others contribute most to a narrow decision (see `influential_decisions`), or flip
+a test when they are left out. The whole diagnosis, noise and search included, is repeated without
+each. The repeat first tries the explanations of `search.Shortlist`, and all of them where these
+name another. The answer depends on a trial if the headline then moves by more than one standard
+uncertainty, or the verdict changes. Visits are selected by the first two criteria. Each trial and
+each visit of a small table is left out.
 """
 
 from __future__ import annotations
@@ -63,8 +63,8 @@ def likeliest(answer: Answer) -> Explanation | None:
 def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice]:
     """Decisions of the search that influence the headline, each with its margin of log evidence.
 
-    They are whether an effect is named, and where the headline moves by more than its standard
-    uncertainty, which optimum the fit takes and which rivals are in the set.
+    One is whether an effect is named. The others are the choice of optimum and of rivals, if the
+    headline moves by more than its standard uncertainty.
     """
     first, stage = likeliest(answer), answer.stage
     if first is None or not quoted.headline:
@@ -160,8 +160,9 @@ def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
 
 
 def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
-    """Visits to leave out: each one of a small table; else those that decide the name, and the one
-    that moves the headline by more than its standard uncertainty.
+    """Visits to leave out: each one of a small table, else the influential ones.
+
+    These decide the name, or move the headline by more than its standard uncertainty.
     """
     data = answer.stage.as_recorded
     if few(data, answer.stage.base):
@@ -183,11 +184,11 @@ def each_of(label: NDArray[Any], data: Observations) -> tuple[Shift, ...]:
 def with_decisive_trial(
     quoted: BoundaryResult, without: Callable[[str], Without | None], others: Sequence[Shift] = ()
 ) -> BoundaryResult:
-    """The result with the exact shift of the headline without its most influential trial, and
-    `rests_on` if that exceeds one standard uncertainty or the verdict changes.
+    """The result with the exact shift of the headline without its most influential trial.
 
-    `without` repeats the diagnosis without one trial, by its id, and is None where the other trials
-    cannot be diagnosed; the `others` are tried, too.
+    `rests_on` is set if that exceeds one standard uncertainty or the verdict changes. `without`
+    repeats the diagnosis without one trial, by its id; None where the other trials cannot be
+    diagnosed. The `others` are tried, too.
     """
     name = quoted.headline
     most = quoted.coefficients[name].influence.trial if name else None
@@ -221,11 +222,10 @@ def with_decisive_trial(
 def with_decisive_visits(
     quoted: BoundaryResult, without: Callable[[str], Without | None], visits: Sequence[Shift]
 ) -> BoundaryResult:
-    """The result with a doubt for each of these visits whose omission changes the verdict, and the
-    exact shift of the headline without the most influential one.
+    """The result with a doubt for each of these visits whose omission changes the verdict.
 
-    `without` repeats the diagnosis without a visit, by its label; None where the other visits
-    cannot be diagnosed.
+    It also has the exact shift of the headline without the most influential one. `without` repeats
+    the diagnosis without a visit, by its label; None where the other visits cannot be diagnosed.
     """
     name = quoted.headline
     if not name or not np.isfinite(quoted.coefficients[name].u):

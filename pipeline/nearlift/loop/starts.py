@@ -1,8 +1,8 @@
-"""Where the fits of candidates begin: every combination of shapes, fitted to first order about the
+"""Starting values of candidates' fits: every combination of shapes, fitted to first order about the
 base model.
 
-Beside an effect of size zero no other has anything to act on: a candidate's first-order columns are
-those of its effects one by one, so that all candidates share them and their products.
+At size zero effects do not interact. A candidate's first-order columns are therefore those of its
+effects, and all candidates share them and their products.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Starts:
         return self._signatures[effect.name]
 
     def _product(self, one: str, two: str) -> FloatArray:
-        """Of the columns of two effects, "" the base model's, (m, m', k, k')."""
+        """Products of the columns of two effects, "" the base model's, (m, m', k, k')."""
         if (one, two) not in self._products:
             a, b = (self._signatures[name].columns for name in (one, two))
             flat = a.reshape(-1, a.shape[-1]) @ b.reshape(-1, b.shape[-1]).T

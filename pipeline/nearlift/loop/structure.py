@@ -1,9 +1,9 @@
 """Test for structure along all families and library effects at once, corrected for multiplicity.
 
 Each family or effect gives a chi-square in the space that the model leaves. The statistic is the
-smallest p-value of them all, with its threshold from the null distribution of that same minimum, so
-the false-alarm rate does not grow with the number of candidates. The distribution is simulated once
-per search, for all tests of the search.
+smallest p-value of all. Its threshold is from the null distribution of that minimum, so the
+false-alarm rate does not grow with the number of candidates. The distribution is simulated once per
+search, for all tests of the search.
 """
 
 from __future__ import annotations
@@ -32,8 +32,10 @@ SAME = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Hypothesis:
-    """One family, or one shape of the library effect named in `effect`: columns of log lift (n, k),
-    or (d, k) in a reduced space with unit noise, and the covariate along which they vary.
+    """One family, or one shape of the library effect named in `effect`.
+
+    Columns are of log lift (n, k), or (d, k) in a reduced space with unit noise. `covariate` is the
+    one along which they vary.
     """
 
     name: str
@@ -46,8 +48,8 @@ class Hypothesis:
 class Structure:
     """Outcome of the test.
 
-    `log10_p` holds each hypothesis's own log10 p-value, `p_value` is that of the smallest one
-    corrected for multiplicity, `threshold` the log10 p below which a single one is significant at
+    `log10_p` holds each hypothesis's own log10 p-value; `p_value` is the smallest one, corrected
+    for multiplicity. `threshold` is the log10 p below which a single hypothesis is significant at
     the false-alarm rate.
     """
 

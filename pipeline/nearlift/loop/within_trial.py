@@ -18,8 +18,9 @@ HARMLESS = 5e-4
 
 
 def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> WithinTrial | None:
-    """Student's t test and 90 % interval of the mean relative change of lift over a record; None
-    where records are unknown or visits too few.
+    """Student's t test and 90 % interval of the mean relative change of lift over a record.
+
+    None where records are unknown or visits too few.
 
     Visits, not trials, are the independent units: the trials of one visit follow within a minute.
     """
@@ -42,8 +43,10 @@ def heating(data: Observations, library: tuple[Effect, ...], rate: float) -> Wit
 
 
 def power(data: Observations, rate: float, chance: float) -> WithinTrialPower | None:
-    """Mean relative change over a record that `heating` detects with the power `chance` at the
-    level `rate`; None where records are unknown or visits too few.
+    """Mean relative change over a record that `heating` detects with power `chance` at level
+    `rate`.
+
+    None where records are unknown or visits too few.
     """
     from scipy.optimize import brentq
     from scipy.stats import nct, t

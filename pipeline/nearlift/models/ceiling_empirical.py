@@ -4,7 +4,7 @@
 
 published with c = 1 / K_1 and e = K_2 / R.
 
-Convention: c > 0 gains lift; e > 0 moves the pole behind the ceiling, so that the lift stays finite
+Convention: c > 0 gains lift. e > 0 moves the pole behind the ceiling, so that the lift stays finite
 at contact while sqrt(c) < e. z_hat is rotor plane to ceiling over rotor radius.
 
 Approximation: empirical, after the image of a ground; any number of rotors. The strength is c
@@ -12,7 +12,7 @@ rather than K_1 because K_1 runs to infinity where there is no effect.
 
 Refusal: nan at and below the pole z_hat = sqrt(c) - e, and where z_hat is not positive.
 
-Traps: e acts as an error of the height datum does and cannot be told from one.
+Traps: e is not distinguishable from a zero error of the distance.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from nearlift.models.inflow import clear_of_boundary, gain
 
 
 def cancelled(z_hat: Any, c: Any, e: Any) -> Any:
-    """What the form puts in place of the inflow cancelled by an image."""
+    """Fraction of inflow that the form takes as cancelled by an image."""
     # beyond the pole, where the shifted height is not positive, the square would come back finite
     return c / np.square(clear_of_boundary(clear_of_boundary(z_hat) + e))
 
@@ -81,8 +81,8 @@ MODEL = LiftModel(
         doubts=(
             "The form is from memory and was not verified against the original.",
             (
-                "K_1 and K_2 are unknown: the values here are a start for a fit, in the middle of"
-                " what the theory of gamma predicts, and not published numbers."
+                "K_1 and K_2 are unknown. The values here are no published numbers: they are a"
+                " start for a fit, in the middle of the range predicted by the theory of gamma."
             ),
         ),
     ),

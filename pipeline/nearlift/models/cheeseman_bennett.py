@@ -4,18 +4,17 @@
 
 Convention: z_hat is rotor plane to ground over rotor radius; k > 0 gains lift, k = 1 is the theory,
 k < 0 loses lift. The theory holds power constant and leaves the induced velocity v_i as it was
-without the image. What a trial holds constant matters as much as k does: see
+without the image. The quantity that a trial holds constant matters as much as k: see
 `cheeseman_bennett_constant_power`.
 
 Approximation: potential flow; one point source for the image; inflow uniform over an infinitely
 thin disk; hover.
 
 Refusal: at and below the pole, z_hat = sqrt(k) / 4, the ratio is nan. A fit must treat that as
-impossible; a finite stand-in would let it step over the pole and come back with a k that no station
-allows.
+impossible; with a finite value it could step over the pole and return a k that no station allows.
 
-Quadrotors: the same form with k fitted is the "coefficient on Cheeseman-Bennett" of Danjun et al.;
-Nobahari and Sharifi's equivalent radius of 2.5 R is k = 6.25, whose pole stands at z_hat = 0.625.
+Quadrotors: the same form with k fitted is the "coefficient on Cheeseman-Bennett" of Danjun et al..
+Nobahari and Sharifi's equivalent radius of 2.5 R is k = 6.25, whose pole is at z_hat = 0.625.
 """
 
 from __future__ import annotations
@@ -84,9 +83,9 @@ MODEL = LiftModel(
                 " Flight' out of the title."
             ),
             (
-                "The coefficient is Danjun et al. 2015 (10.1109/ChiCC.2015.7260521): its role is"
-                " confirmed by a thesis that cites it; the value 8.6 often quoted is from memory"
-                " and unverified, and is not used here."
+                "The coefficient is Danjun et al. 2015 (10.1109/ChiCC.2015.7260521); a thesis that"
+                " cites it confirms its role. The value 8.6 often quoted is from memory and"
+                " unverified, and is not used here."
             ),
             (
                 "The equivalent radius 2.5 R of Nobahari and Sharifi 2014"
@@ -191,8 +190,8 @@ Ground: Cheeseman and Bennett as they published it, nothing free.
 
     L / L_inf = 1 / (1 - 1 / (16 z_hat^2))
 
-The theory curve: what a fit of `cheeseman_bennett` has to beat, and what the paper calls "classic
+The theory curve, which a fit of `cheeseman_bennett` has to beat; the paper calls it "classic
 helicopter theory". Convention, approximation and refusal are those of `cheeseman_bennett` with k =
-1; the pole stands at z_hat = 0.25, and below z_hat = 0.5 the theory is not to be trusted.
+1. The pole is at z_hat = 0.25, and below z_hat = 0.5 the theory is not reliable.
 """,
 )

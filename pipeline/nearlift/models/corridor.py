@@ -5,22 +5,21 @@
     L / L_inf = mean over i of 1 / (1 - s_i),   I(H, h) = (H / 4) / (h^2 + H^2)^(3/2)
 
 with z = z_hat from the ground, g = `[rig] gap` over r from ground to ceiling, h_ij the distance of
-rotors i and j. n = 1 has the ceiling's own image (2 g - 2 z), the image in both planes with the
-ground last (2 g + 2 z), and the two that are mirrored twice (2 g): those blow as the rotor does and
-draw more air through it, where a single mirror turns the rotor round.
+rotors i and j. n = 1 has the ceiling's own image (2 g - 2 z), and the image in both planes with the
+ground last (2 g + 2 z). It also has the two that are mirrored twice (2 g): they blow as the rotor
+does and draw more air through it, whereas a single mirror turns the rotor round.
 
 Convention: kappa is the share of an image that the ceiling gives, and counts once for each
-reflection in it: 1 is a mirror, 1/2 what Hsiao and Chirarattananon's theory comes to far away
-(gamma = 1 + 1 / (32 z^2), an image 1 + 1 / (16 z^2)), 0 no ceiling. Trials are counted from the
+reflection in it. 1 is a mirror, 0 no ceiling. 1/2 is the far limit of Hsiao and Chirarattananon's
+theory: gamma = 1 + 1 / (32 z^2), where an image has 1 + 1 / (16 z^2). Trials are counted from the
 ground, as `boundary = "ground"`; free air has neither boundary.
 
-Approximation: that of `images`. Near the ceiling radial inflow takes over, which no image has; the
-wake that fills a corridor and returns is not in it. Sixteen orders: in a gap of 2 radii or more
-what is left out cancels less than 1e-5 of the inflow.
+Approximation: that of `images`. Near the ceiling radial inflow dominates, which no image has; the
+wake that fills a corridor and returns is not in it. Sixteen orders: in a gap of 2 radii or more the
+omitted ones cancel less than 1e-5 of the inflow.
 
-Two sidewalls are no model of this kind: the image of a rotor in a wall beside it makes no axial
-inflow at it, nor does any image of that (`sidewall_none`), and a sum of two fitted losses would be
-a claim that nobody has measured.
+Two sidewalls have no model of this kind. The image of a rotor in a wall makes no axial inflow at
+it, nor does any image of that (`sidewall_none`). No one has measured a sum of two losses.
 
 Refusal: nan at or behind either boundary, and where nothing of the inflow is left.
 
@@ -44,9 +43,7 @@ REFLECTIONS = 16
 
 
 def reflected(z_hat: Any, layout_hat: Any, gap_hat: float) -> Iterator[FloatArray]:
-    """What the images of each order cancel at each rotor, shape (..., rotors): n = 0 the ground
-    alone.
-    """
+    """Inflow cancelled at each rotor by the images of order n, (..., rotors); 0 is the ground."""
     z = np.asarray(z_hat, dtype=float)
     free = np.isposinf(z)
     z = np.where(free, 0.5 * min(gap_hat, 2.0), z)
@@ -124,8 +121,8 @@ MODEL = LiftModel(
     valid_z_hat=(0.25, math.inf),
     source=Source(
         citation=(
-            "Own sum of the images of Cheeseman and Bennett in two planes, per rotor after"
-            " Sanchez-Cuevas, Heredia and Ollero 2017 (10.1155/2017/1823056); the ceiling's share"
+            "Own sum of the images of Cheeseman and Bennett in two planes. Per rotor after"
+            " Sanchez-Cuevas, Heredia and Ollero 2017 (10.1155/2017/1823056). The ceiling's share"
             " after Hsiao and Chirarattananon 2019 (10.1109/TMECH.2019.2929589)"
         ),
         bibtex=("cheeseman1955", "sanchezcuevas2017", "hsiao2019"),

@@ -6,11 +6,10 @@ Convention: a > 0 gains lift; b > 0 is the decay per rotor radius. z_hat is roto
 over rotor radius.
 
 Approximation: empirical. It decays faster than any sum of images (which falls as 1 / z_hat^2), so
-it fits near stations well and far ones badly; and it is finite at contact, where the images are
-not.
+it fits near stations well and far ones badly. It is finite at contact, where the images are not.
 
-Traps: published fits carry a constant other than 1 (1.028 in a flight fit), which is an error of
-datum or of the lift far away; here L_inf takes that part. Amplitude and decay are strongly
+Traps: published fits have a constant other than 1 (1.028 in a flight fit), which is an error of
+zero or of the lift far away. Here L_inf takes that part. Amplitude and decay are strongly
 correlated where no station lies below z_hat = 1 / b.
 """
 
@@ -70,7 +69,7 @@ MODEL = LiftModel(
         doubts=(
             (
                 "The default values are an own fit to open data of a rotor pair, R = 165 mm, with"
-                " the lift far away left free; that fit is rejected by the data (chi2 150 on 7)."
+                " the lift far away left free. The data reject that fit (chi2 150 on 7)."
             ),
             (
                 "The form of Del Cont Bernard et al. is known from abstracts only; that of He and"

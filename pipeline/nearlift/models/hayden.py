@@ -10,7 +10,7 @@ Approximation: a regression, not a theory, and not an extension of the images; h
 rotor, hover. Nothing is free.
 
 Traps: it does not tend to 1 far away but to A^(2/3) = 0.9951, so a free L_inf absorbs half a
-percent; the ratio crosses 1 near z_hat = 4.5. B multiplies the square of *diameter* over height.
+percent. The ratio crosses 1 near z_hat = 4.5. B multiplies the square of *diameter* over height.
 """
 
 from __future__ import annotations

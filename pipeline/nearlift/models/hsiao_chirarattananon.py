@@ -13,7 +13,7 @@ What is held: gamma is the ratio of *powers* at the same thrust, P_inf / P. As a
 is right to the power 2/3 at constant power, and to a falling power below 0.8 at constant rpm. The
 paper and others use the power 1, the default here; `hsiao_chirarattananon_constant_power` and
 `_free_exponent` are its rivals. A power of 1 overpredicts close to the ceiling, which the paper
-puts down to viscosity; alpha, n, the height datum and a viscous gap nearly trade places.
+attributes to viscosity. alpha, n, the zero of the distance and a viscous gap are nearly confounded.
 
 Refusal: nan where z_hat is not positive, or alpha so negative that the root has no value.
 
@@ -224,15 +224,15 @@ Ceiling: Hsiao and Chirarattananon's gamma raised to a free power.
 
     L / L_inf = gamma^n,   gamma = 1/2 + 1/2 sqrt(1 + alpha / z_hat^2)
 
-Convention: alpha as `hsiao_chirarattananon`; n says what a trial holds constant: 1 the paper's
-convention, 2/3 constant power, less than 0.8 and falling towards the ceiling at constant rpm.
+Convention: alpha as `hsiao_chirarattananon`. n depends on the held quantity: 1 is the paper's
+convention, 2/3 constant power. At constant rpm it is below 0.8 and falls towards the ceiling.
 
 Approximation: n is a constant. At constant rpm it is not: the ratio saturates near 2.1 to 2.4 as
 gamma grows without bound, without any viscosity.
 
 Refusal: nan where z_hat is not positive.
 
-Traps: far away only the product n alpha is seen; n needs stations below z_hat = 0.3, where a datum
-error looks the same (correlation 0.997).
+Traps: far away only the product n alpha is identifiable. n needs stations below z_hat = 0.3, where
+a zero error is nearly the same (correlation 0.997).
 """,
 )

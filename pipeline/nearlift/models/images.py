@@ -3,8 +3,9 @@
     s_i = (1/4) sum_j w_ij (z_i + z_j) / (h_ij^2 + (z_i + z_j)^2)^(3/2)
     L / L_inf = mean over i of 1 / (1 - s_i)
 
-with z_i the distance of rotor i from the boundary, h_ij the distance of rotors i and j along it,
-w_ij the share of the image that exists: 1 without an edge; all over rotor radius. Nothing is free.
+with z_i the distance of rotor i from the boundary and h_ij the distance of rotors i and j along it,
+both over rotor radius. w_ij is the share of the image that exists: 1 without an edge. Nothing is
+free.
 
 Convention: `layout_hat` has a row (x, y) per rotor, in the rotor plane. A positive tilt lifts the
 rotors at positive x; the distance z_hat is then from the layout's origin, along the boundary's
@@ -13,12 +14,12 @@ normal.
 Shapes: z_hat and tilt broadcast; functions "per rotor" add a last axis of rotors.
 
 Approximation: potential flow, point sources, equal rotors of equal lift far away, no fountain.
-Inflow is counted along the boundary's normal, as in the published per-rotor form; along the rotor
+Inflow is counted along the boundary's normal, as in the published per-rotor form. Along the rotor
 axis the sum over rotors differs by the square of the tilt.
 
 Refusal: nan for a rotor at or behind the boundary, and where nothing of the inflow is left.
 
-One rotor gives Cheeseman and Bennett; four in a square give Sanchez-Cuevas with K_b = 0; tilt 0
+One rotor gives Cheeseman and Bennett; four in a square give Sanchez-Cuevas with K_b = 0. Tilt 0
 gives the flat boundary, an edge far away the whole one.
 """
 
@@ -64,13 +65,13 @@ def cancelled_per_rotor(
 
 
 def share(edge_hat: Any, height_hat: Any, separation_hat: Any) -> Any:
-    """Share of an image that a boundary gives that ends at a straight edge, so far beyond the point
-    midway between rotor and source. Shapes broadcast.
+    """Share of an image in a boundary that ends at a straight edge. Shapes broadcast.
 
-    An image stands for sources spread over the boundary. Their part in a rotor's inflow, counted up
-    to the edge, is 1/2 + 3/4 t - t^3 / 4, t the sine of the angle between the boundary's normal and
-    the edge: 1/2 with the edge beneath. Exact for a rotor's own image; between two rotors sources
-    count by their distance from the midpoint.
+    The distance of the edge is from the point midway between rotor and source. An image represents
+    sources spread over the boundary. Their part in a rotor's inflow, counted up to the edge, is
+    1/2 + 3/4 t - t^3 / 4. t is the sine of the angle between the boundary's normal and the edge:
+    1/2 with the edge beneath. The share is exact for a rotor's own image; between two rotors
+    sources count by their distance from the midpoint.
     """
     sine = np.sin(np.arctan2(edge_hat, 0.5 * np.hypot(height_hat, separation_hat)))
     return 0.5 + sine * (0.75 - 0.25 * np.square(sine))
@@ -218,20 +219,21 @@ TILTED = replace(
     notes="""\
 Ground, any layout, tilted: each rotor at its own distance.
 
-The formula is that of `images`, with the distance of each rotor from the boundary as the tilt puts
-it: theta is each trial's `tilt`, a column of the schedule or one of `[trials] constants`. At tilt 0
-it is `images`.
+The formula is that of `images`, with the distance of each tilted rotor from the boundary. theta is
+each trial's `tilt`, a column of the schedule or one of `[trials] constants`. At tilt 0 it is
+`images`.
 
 Convention: the tilt is about y, positive where rotors at positive x are farther from the boundary;
 z_hat is measured to the layout's origin.
 
-Approximation: that of `images`; lift is along the rotor axes, so a cell that stands still while the
-vehicle tilts reads less by the cosine. Wakes and wall jets that a tilt turns are not in it.
+Approximation: that of `images`; lift is along the rotor axes, so a cell that does not tilt with the
+vehicle reads less by the cosine. Wakes and wall jets that a tilt turns are not in it.
 
 Refusal: nan where a rotor is at or behind the boundary.
 
-Traps: a tilt about another point than the layout's origin is a change of distance, of first order;
-the effect `tilt` has it, and has the second order of this model with a free strength. Not both.
+Traps: a tilt about another point than the layout's origin is a change of distance, of first order.
+The effect `tilt` has it, and has the second order of this model with a free strength. Use one of
+the two.
 """,
 )
 
@@ -259,13 +261,13 @@ EDGE = replace(
         bibtex=("cheeseman1955", "sanchezcuevas2017"),
         doubts=(
             (
-                "The sources on the boundary are those of a boundary without end: what the edge"
-                " itself adds (diffraction, a jet that separates there) is left out."
+                "The sources on the boundary are those of a boundary without end. The edge's own"
+                " part (diffraction, a jet that separates there) is left out."
             ),
             (
-                "Between two rotors the share is that about their midpoint: against the sum over"
-                " the boundary a Crazyflie's lift is off by at most 0.35 % at z_hat 0.5, 0.18 % at"
-                " 1 and 0.05 % at 2."
+                "Between two rotors the share is that about their midpoint. Compared with the sum"
+                " over the boundary, a Crazyflie's lift is off by at most 0.35 % at z_hat 0.5,"
+                " 0.18 % at 1 and 0.05 % at 2."
             ),
             (
                 "No published form says what the fountain does when part of the vehicle has no"
@@ -297,17 +299,17 @@ EDGE = replace(
     notes="""\
 Ground, any layout, that ends at a straight edge: a vehicle over the rim of a table.
 
-Each image counts by the share of it that exists (`t` is the sine of the angle at which a point
-midway between rotor and source sees the edge), from 1 through 1/2 with the edge beneath to 0. The
-nearer the boundary the sharper the step; far above it an edge matters from as far away as the
-distance to the ground. Nothing is free.
+Each image counts by the share of it that exists, from 1 through 1/2 with the edge beneath to 0. `t`
+is the sine of the angle of the edge from a point midway between rotor and source. The nearer the
+boundary, the sharper is the step. Far above it an edge matters from as far away as the distance to
+the ground. Nothing is free.
 
-Convention: the boundary fills x <= e, e = `[rig] edge` over rotor radius, from the layout's origin;
-negative where the vehicle's centre is beyond the edge.
+Convention: the boundary fills x <= e, e = `[rig] edge` over rotor radius, from the layout's origin.
+e is negative where the vehicle's centre is beyond the edge.
 
 Approximation: that of `images`; no fountain, nothing below the edge.
 
-Traps: the effect `plate_edge` is for a plate whose end is not in the manifest, by how far the wake
-spreads; with the edge known, this is the model and that effect what it lacks.
+Traps: the effect `plate_edge` is for a plate whose end is not in the manifest; it estimates the
+spread of the wake. With the edge known, this is the model, and the effect is a possible remainder.
 """,
 )

@@ -1,8 +1,8 @@
-"""From the inflow that images cancel to the lift gained: what every image model shares.
+"""Lift gained from the inflow that images cancel: the common part of all image models.
 
 A boundary mirrors each rotor. Seen from above, the mirrored rotor is a source whose flow opposes
-the induced inflow at the real one; the fraction `s` of the inflow that all images cancel together
-turns into lift as 1 / (1 - s).
+the induced inflow at the real one. All images together cancel the fraction `s` of the inflow; the
+lift ratio is 1 / (1 - s).
 
 Lengths are scaled by rotor radius. A rotor plane on or behind the boundary has no lift ratio: nan,
 never a wrong number. Written in 1/height, so that a height of infinity (free air) gives exactly no
@@ -29,8 +29,8 @@ def clear_of_boundary(z_hat: Any) -> FloatArray:
 def image(height_hat: Any, separation_hat: Any = 0.0) -> Any:
     """Fraction of a rotor's induced inflow cancelled by one image, positive where lift is gained.
 
-    Shapes broadcast. Approximation: a point source at the image's centre, strength (rotor area) x
-    (induced velocity), its velocity taken at the rotor's centre and along the boundary's normal.
+    Shapes broadcast. Approximation: a point source at the image's centre of strength (rotor area) x
+    (induced velocity). Its velocity is taken at the rotor's centre, along the boundary's normal.
 
     Parameters
     ----------

@@ -4,15 +4,15 @@
 
 Convention: a > 0 gains lift, p > 0. z_hat is rotor plane to ground over rotor radius.
 
-Approximation: empirical. p = 2 and a = 1/16 is Cheeseman and Bennett to first order; a quadrotor's
+Approximation: empirical. p = 2 and a = 1/16 is Cheeseman and Bennett to first order. A quadrotor's
 images add up to a = 1/4 with p = 2 far away and less near by, so a single power fits either range
 and not both. No pole above contact.
 
 Refusal: nan where z_hat is not positive.
 
-Traps: a and p are strongly correlated; a is the gain at z_hat = 1, wherever the stations are. The
-ground term of a widely used simulator is this form with p = 2 and a = 11.36859 / 16, some 3.5 times
-the gain that the paper measures.
+Traps: a and p are strongly correlated; a is the gain at z_hat = 1, even without stations there. The
+ground term of a widely used simulator is this form with p = 2 and a = 11.36859 / 16. That is some
+3.5 times the gain that the paper measures.
 """
 
 from __future__ import annotations
@@ -74,9 +74,9 @@ MODEL = LiftModel(
         doubts=(
             "The paper states no power and no amplitude.",
             (
-                "The simulator's coefficient 11.36859 (gym-pybullet-drones) is said to be inspired"
-                " by a published model; its height is clipped, and a fork disables it for want of"
-                " data."
+                "The simulator's coefficient 11.36859 (gym-pybullet-drones) is stated to be"
+                " inspired by a published model. Its height is clipped, and a fork disables it for"
+                " lack of data."
             ),
         ),
     ),
@@ -127,10 +127,10 @@ Ceiling: a power law of distance.
 Convention: a > 0 gains lift, p > 0. z_hat is rotor plane to ceiling over rotor radius.
 
 Approximation: empirical. gamma goes from p = 2, a = alpha / 4 far away to p = 1, a = sqrt(alpha) /
-2 close to the ceiling; one power fits either range and not both.
+2 close to the ceiling. One power fits either range and not both.
 
 Refusal: nan where z_hat is not positive.
 
-Traps: as the ground's `power_law`.
+Traps: those of the ground's `power_law`.
 """,
 )

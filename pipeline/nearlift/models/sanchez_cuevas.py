@@ -7,20 +7,20 @@
 with z = z_hat, d = `spacing_hat` the distance of ADJACENT rotor axes and b = `diagonal_hat` the
 distance of OPPOSITE ones.
 
-Convention: K_b > 0 gains lift (the fountain pushes on the body), K_b < 0 loses it (the fountain is
-drawn in again), K_b = 0 leaves the images of four rotors in a square. The fountain term is K_b
-times four images at the distance b.
+Convention: K_b > 0 gains lift: the fountain pushes on the body. K_b < 0 loses it: the fountain is
+drawn in again. K_b = 0 leaves the images of four rotors in a square. The fountain term is K_b times
+four images at the distance b.
 
 Approximation: potential flow, point sources, uniform inflow, four rotors in a square. K_b is
 empirical. The paper takes the ratio at constant throttle, the theory at constant power with v_i
-unchanged; the exponent n in (L / L_inf)^n, K_b and an error of the height datum nearly trade
-places, so no K_b is evidence for a fountain unless datum and n are pinned otherwise.
+unchanged. The exponent n in (L / L_inf)^n, K_b and a zero error of the distance are nearly
+confounded. K_b is evidence for a fountain only if zero and n are known from elsewhere.
 
 Refusal: nan where the images cancel the whole inflow (z_hat just above 0.25). Measured curves start
 near z_hat = 0.5.
 
 Traps: the paper prints this equation with K_b in the denominator and one spacing throughout
-(`sanchez_cuevas_as_printed`), and calls 90 mm the spacing; a Crazyflie's rotors are 65 mm apart, 92
+(`sanchez_cuevas_as_printed`), and calls 90 mm the spacing. A Crazyflie's rotors are 65 mm apart, 92
 mm across the diagonal.
 """
 
@@ -179,8 +179,7 @@ The formula is that of `sanchez_cuevas` with K_b = 2 and the vehicle's own geome
 between ADJACENT axes, b across the diagonal. Convention, approximation, refusal and traps are those
 of `sanchez_cuevas`.
 
-What it is for: the fit of K_b has to beat it by more than the trials' errors, or the fit says no
-more than that K_b = 2 will do.
+Purpose: the fit of K_b has to beat it by more than the trials' errors, or K_b = 2 is sufficient.
 """,
 )
 
@@ -257,16 +256,16 @@ Ground, quadrotor: Sanchez-Cuevas raised to a free power.
 
     L / L_inf = (1 / (1 - s))^n,   s as in `sanchez_cuevas`
 
-Convention: K_b as in `sanchez_cuevas`; n says what a trial holds constant. n = 1 is the paper's
-convention (v_i unchanged by the image), 2/3 constant power with momentum conserved, about 0.6 to
-0.8 constant rpm (falling as the gain grows). The paper's models "scaled by powers of 0.6 ... 1.4"
-are this family.
+Convention: K_b as in `sanchez_cuevas`; n depends on the held quantity. n = 1 is the paper's
+convention (v_i unchanged by the image), 2/3 constant power with momentum conserved. At constant rpm
+n is about 0.6 to 0.8, falling as the gain grows. The paper's models "scaled by powers of 0.6 ...
+1.4" are this family.
 
 Approximation: n is a constant, which only the first two cases are.
 
 Refusal: nan where nothing of the inflow is left.
 
-Traps: thrust alone cannot tell K_b from n (correlation -0.99 to -1.00); record rpm and power, or
-believe the product only.
+Traps: thrust alone cannot distinguish K_b from n (correlation -0.99 to -1.00). Record rpm and
+power, or use the product only.
 """,
 )

@@ -5,18 +5,18 @@
     z^2)^(3/2))
 
 with z = z_hat and l = `spacing_hat`. The print has K_b in the denominator and the adjacent spacing
-where the original has the diagonal, which makes the fountain 7 to 11 times too small at K_b = 2 and
-lets it *shrink* as K_b grows.
+where the original has the diagonal. The fountain is then 7 to 11 times too small at K_b = 2, and
+*shrinks* as K_b grows.
 
-Convention: the fountain's strength here is `inverse_K_b` = 1 / K_b, so that a fit is bounded:
-fitted as K_b it runs to infinity on data that want no fountain and jumps through 0 on data that
-want a strong or a negative one. The printed K_b = 2 is inverse_K_b = 0.5; the term equals an
-original one with b = l and K_b = inverse_K_b / 4.
+Convention: the fountain's strength here is `inverse_K_b` = 1 / K_b, so that a fit is bounded. A
+fitted K_b would run to infinity on data without a fountain. It would jump through 0 on data with a
+strong or a negative one. The printed K_b = 2 is inverse_K_b = 0.5; the term equals an original one
+with b = l and K_b = inverse_K_b / 4.
 
 Approximation and refusal: as `sanchez_cuevas`; nan where nothing of the inflow is left.
 
-Traps: with the printed K_b = 2 the gain at z_hat = 1 is 8.7 %, while the text reports up to 20 %
-and a good match.
+Traps: with the printed K_b = 2 the gain at z_hat = 1 is 8.7 %. The text reports up to 20 % and a
+good match.
 """
 
 from __future__ import annotations
@@ -98,8 +98,8 @@ MODEL = LiftModel(
                 " throughout."
             ),
             (
-                "l = 90 mm is called the distance between centres of rotors; on a Crazyflie that is"
-                " about the diagonal (92 mm), the sides are 65 mm."
+                "l = 90 mm is called the distance between centres of rotors. On a Crazyflie that is"
+                " about the diagonal (92 mm); the sides are 65 mm."
             ),
             (
                 "Bounds and prior are four times those of K_b in the original, which the term then"

@@ -3,15 +3,15 @@
     L / L_inf = 1 - a exp(-z_hat / lambda_)
 
 Convention: z_hat is the gap between the wall and the nearest blade *tip* over rotor radius (from
-the rotor axis it would be larger by 1); a > 0 loses lift, and is the loss of the whole vehicle at
+the rotor axis it would be larger by 1). a > 0 loses lift, and is the loss of the whole vehicle at
 contact; lambda_ > 0 in rotor radii.
 
-Approximation: empirical. No verified closed form of a sidewall's effect exists; potential images
+Approximation: empirical. No verified closed form of a sidewall's effect exists. Potential images
 predict none at first order (`sidewall_none`), so the loss comes from wake, entrainment or
 recirculation.
 
-Traps: a datum error is absorbed by a exactly (a exp(-dz / lambda_)) and can never be seen. With a
-near 0, lambda_ is anything.
+Traps: a absorbs a zero error of the distance exactly (a exp(-dz / lambda_)). With a near 0,
+lambda_ is not identifiable.
 """
 
 from __future__ import annotations
@@ -69,8 +69,8 @@ MODEL = LiftModel(
         bibtex=("carter2021",),
         doubts=(
             (
-                "a and lambda_ follow from 'less than 5 %' read as 5 % at contact and '|dL| > 2 %"
-                " for z_hat < 0.3'; the paper fits no sidewall model."
+                "The paper fits no sidewall model. a and lambda_ follow from 'less than 5 %', read"
+                " as 5 % at contact, and from '|dL| > 2 % for z_hat < 0.3'."
             ),
             (
                 "The paper measures from 'the rotor nearest to the wall'; z_hat < 0.3 can only be"

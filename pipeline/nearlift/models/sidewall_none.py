@@ -1,15 +1,15 @@
-"""Sidewall: no change of lift, which is what the images predict.
+"""Sidewall: no change of lift, as the images predict.
 
     L / L_inf = 1
 
-The image of a rotor in a wall stands beside it at the same height; a source there moves no air
-along the rotor's axis, so at first order lift does not change. A sidewall model that cannot beat
-this one has found nothing.
+The image of a rotor in a wall is at the same height. A source there moves no air along the rotor's
+axis, so at first order lift does not change. A sidewall model that cannot beat this one has found
+nothing.
 
 Convention: z_hat is the gap between the wall and the nearest blade tip over rotor radius.
 
-Approximation: potential flow; wake, entrainment and recirculation are left out, and they are what a
-measured loss must come from.
+Approximation: potential flow. Wake, entrainment and recirculation are left out; a measured loss
+must come from them.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
     L / L_inf = 1 - a (1 + z_hat)^(-p)
 
 Convention: z_hat is the gap between the wall and the nearest blade tip over rotor radius, so 1 +
-z_hat is the distance of the rotor axis; a > 0 loses lift, and is the loss at contact; p > 0.
+z_hat is the distance of the rotor axis. a > 0 loses lift, and is the loss at contact; p > 0.
 
 Approximation: empirical, the rival of `sidewall_decay` with a longer reach; finite at contact.
 

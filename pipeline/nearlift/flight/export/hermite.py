@@ -1,7 +1,7 @@
 """Cubic Hermite table of L / L_inf on nodes equally spaced in w = 1 / (1 + z_hat).
 
-w maps any gap to a number between 0 and 1 with one division, and lift, steep near a boundary and
-flat far from it, varies evenly in w. A piece has value and slope at either end, so the table is
+w maps any gap to a number between 0 and 1 with one division. Lift, steep near a boundary and flat
+far from it, varies evenly in w. A piece has value and slope at either end, so the table is
 continuously differentiable; it is refined to single precision.
 """
 
@@ -118,8 +118,9 @@ def hermite_table(ratio: Ratio, low: float, high: float) -> HermiteTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UncertaintyTable:
-    """Standard uncertainty of L / L_inf and of its slope in z_hat at nodes equally spaced in w from
-    a `HermiteTable`'s `w_low` on, `per_w` pieces per unit; linear between nodes.
+    """Standard uncertainty of L / L_inf and of its slope in z_hat, linear between nodes.
+
+    Nodes are equally spaced in w from a `HermiteTable`'s `w_low` on, `per_w` pieces per unit.
     """
 
     per_w: float
@@ -128,8 +129,9 @@ class UncertaintyTable:
 
 
 def uncertainty_table(drawn: Ratio, low: float, high: float) -> UncertaintyTable:
-    """Standard deviations of L / L_inf and its slope over the draws, the rows of `drawn`; any draw
-    that is not finite somewhere is left out.
+    """Standard deviations of L / L_inf and its slope over the draws, the rows of `drawn`.
+
+    Draws that are not finite everywhere are left out.
 
     The number of pieces doubles, up to MOST, until midpoints are interpolated within 5 % of their
     value or 1 % of the largest.

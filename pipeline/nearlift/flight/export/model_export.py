@@ -61,8 +61,8 @@ class ExportedLift:
     formula : str
         LaTeX of the base model.
     effects, omitted : tuple of str
-        Effects within the ratio, and effects that were found and are left out: they act in time, or
-        belong to the bench.
+        Effects within the ratio, and identified effects that are left out, since they act in time
+        or belong to the bench.
     covariance : mapping of str to tuple of float
         Rows of the parameters' covariance matrix over the draws.
     known : mapping of str to float
@@ -187,8 +187,10 @@ def _stated(lift: FittedLift, z_hat: FloatArray) -> dict[float, ExportedNumber]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ModelExport:
-    """Exported lift models of one campaign, with their provenance: `digest` is the SHA-256 of
-    trials.parquet, `date` that of the newest raw file, `held` the quantity held in each trial.
+    """Exported lift models of one campaign, with their provenance.
+
+    `digest` is the SHA-256 of trials.parquet, `date` that of the newest raw file, `held` the
+    quantity held in each trial.
     """
 
     campaign: str
