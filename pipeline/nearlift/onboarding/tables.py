@@ -140,11 +140,11 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
         content = guarded.call(packed.content, path)
         layout = sniff(content, str(path), text.given(dialect))
         lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
-        width = len(layout.names) if layout.trailing else None
+        width = len(layout.names)
         rows = tuple(
             tuple(
                 c.replace(",", ".") if layout.decimal == "," else c
-                for c in layout.split(line)[:width]
+                for c in layout.split(line)[: width if layout.trailing else None]
             )
             for line in lines
             if not layout.skips(line)
