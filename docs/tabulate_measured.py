@@ -20,13 +20,12 @@ from tests.measured import jirs
 
 from nearlift.campaign import manifest as manifests
 from nearlift.cli import main
-from nearlift.datasets import pitt_ras, registry
+from nearlift.datasets import garofano_soldado_table, pitt_ras, registry
 from nearlift.errors import NotConverged
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import decide, set_up
 from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
-from nearlift.readers import garofano_soldado
 from nearlift.results import Observations
 from nearlift.run import tables
 from nearlift.stages.choices import choice
@@ -126,7 +125,7 @@ def garofano(along_axes: bool) -> Callable[[Path, Path], Path]:
     def make(data: Path, folder: Path) -> Path:
         table = data / "garofano-soldado-2023" / "thrust_vs_height.csv"
         name = "garofano-soldado" + ("-axes" if along_axes else "")
-        return garofano_soldado.convert(table, folder, along_axes=along_axes, name=name)
+        return garofano_soldado_table.convert(table, folder, along_axes=along_axes, name=name)
 
     return make
 

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from nearlift.cli import main
-from nearlift.readers.garofano_soldado import convert, read
+from nearlift.datasets.garofano_soldado_table import convert, read
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, context
 
 HERE = Path(__file__).resolve().parent

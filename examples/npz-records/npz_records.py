@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.readers.channel import Channel, Contents, Malformed, split_unit, wanted
-from nearlift.readers.per_file import Format, reader_of
+from nearlift.readers.base import Channel, Contents, Reader, split_unit, wanted
+from nearlift.readers.guarded import Malformed
 
 
 def contents(path: Path, dialect: Mapping[str, Any], names: tuple[str, ...] | None) -> Contents:
@@ -48,10 +48,9 @@ def recognises(head: bytes, name: str) -> bool:
     return head.startswith(b"PK\x03\x04") and name.endswith(".npz")
 
 
-NPZ = Format(
+READER = Reader(
     name="npz",
     title="NumPy archives, one file per trial",
     recognises=recognises,
     contents=contents,
 )
-READER = reader_of(NPZ)

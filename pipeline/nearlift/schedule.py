@@ -28,9 +28,9 @@ from nearlift.campaign.segments import ColumnOfRecord, Segments
 from nearlift.declare import BOUNDARIES, Boundary, FloatArray, IntArray
 from nearlift.errors import InputRefused, ManifestError, NearliftError, brief, did_you_mean
 from nearlift.nomenclature import CARRIED
-from nearlift.readers import guarded, packed
-from nearlift.readers.channel import Malformed
-from nearlift.readers.files import inside
+from nearlift.readers import guarded
+from nearlift.readers.files import content_of, inside, is_packed
+from nearlift.readers.guarded import Malformed
 from nearlift.units import NUMBER
 
 #: Cells without a value, in lower case.
@@ -260,7 +260,8 @@ def text_of(path: Path) -> str:
             "the schedule lists every trial; name it under [trials] file = ...",
         )
     try:
-        return guarded.call(packed.content, path).decode("utf-8-sig")
+        content = guarded.run(content_of, path) if is_packed(path) else content_of(path)
+        return content.decode("utf-8-sig")
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "save the schedule as CSV") from None
     except UnicodeDecodeError as fault:

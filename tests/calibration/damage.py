@@ -24,8 +24,7 @@ from tests.unit import manifests, written
 
 from nearlift import readers
 from nearlift.errors import NearliftError
-from nearlift.readers import guarded
-from nearlift.readers.channel import Malformed, pick
+from nearlift.readers.base import Malformed, pick
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
 
@@ -99,13 +98,12 @@ def tally(subject: Subject, how: str, folder: Path) -> Counter[str]:
 
 def ours(name: str, column: str, dialect: dict[str, Any] | None = None) -> Read:
     """Nearlift's own reader of that name."""
-    form = readers.reader(name).format
-    assert form is not None
+    form = readers.reader(name)
 
     def by_format(path: Path) -> tuple[Sequence[float], Sequence[str]]:
         if path.stat().st_size == 0:
             return [], ("EMPTY",)
-        found = guarded.contents(form, path, dialect or {}, (column,))
+        found = form.open(path, dialect or {}, (column,))
         if not found.channels:
             return [], found.codes
         return list(pick(found.channels, column, "k", "f").values), found.codes

@@ -19,14 +19,13 @@ import nearlift.campaign.manifest as manifests
 from nearlift import units
 from nearlift.campaign import parsing
 from nearlift.errors import NearliftError
-from nearlift.readers import crazyflie, csv_trial, flight_stand, lvm, rcbenchmark, text
-from nearlift.readers.channel import Malformed
+from nearlift.readers import lvm, stands, text
+from nearlift.readers.guarded import Malformed
 from nearlift.readers.piv.cases import DIALECTS
 from nearlift.readers.piv.fields import Setting, settle
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import reduce_record
 from nearlift.schedule import read_schedule
-from nearlift.stages import sums
 
 #: In memory where there is such a place.
 SCRATCH = Path("/dev/shm") if Path("/dev/shm").is_dir() else Path(tempfile.gettempdir())
@@ -39,7 +38,7 @@ def _file(data: bytes) -> Path:
 
 
 def csv(data: bytes) -> None:
-    csv_trial.contents(_file(data), {}, ("force", "t"))
+    text.csv_contents(_file(data), {}, ("force", "t"))
 
 
 def reduction(data: bytes) -> None:
@@ -64,11 +63,11 @@ def labels(data: bytes) -> None:
     text.contents(_file(data), {"labels": True}, None)
 
 
-def stands(data: bytes) -> None:
+def stand_logs(data: bytes) -> None:
     path = _file(data)
-    for module in (rcbenchmark, flight_stand, crazyflie):
+    for stand in stands.STANDS:
         try:
-            module.READER.format.contents(path, {}, None)
+            stands.contents(stand, path, {}, None)
         except NearliftError:
             continue
 
@@ -79,13 +78,6 @@ def labview(data: bytes) -> None:
 
 def manifest(data: bytes) -> None:
     manifests.parse(parsing.loads(data, "f"))
-
-
-def listed(data: bytes) -> None:
-    folder = SCRATCH / f"nearlift-fuzz-{os.getpid()}.s"
-    folder.mkdir(exist_ok=True)
-    (folder / sums.NAME).write_bytes(data)
-    sums.stated(folder, folder / sums.NAME)
 
 
 def schedule(data: bytes) -> None:
@@ -162,14 +154,13 @@ TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
     ),
     "recipe": (recipe, (b"START\r\n1, 2\r\n3, 4\r\n", b"1,5;2,5\n")),
     "labels": (labels, (b"T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n",)),
-    "stands": (stands, (written.rcbenchmark(FORCE), written.tyto(FORCE), written.crazyflie(FORCE))),
+    "stands": (stand_logs, (written.rcbenchmark(FORCE), written.tyto(FORCE), written.crazyflie(FORCE))),
     "labview": (
         labview,
         (written.lvm(FORCE), written.lvm(FORCE, decimal=".", columns="No", segments=2)),
     ),
     "manifest": (manifest, (MANIFEST.encode(),)),
     "grids": (grids, tuple(_grid(*form) for form in GRIDS)),
-    "sums": (listed, (b"0" * 64 + b"  a.csv\n\\" + b"F" * 64 + b" *b\\nc\n",)),
     "schedule": (schedule, (b"trial,boundary,distance,throttle\na,ground,30,50\nb,none,,50\n",)),
 }
 

@@ -362,7 +362,7 @@ def test_hdf5_that_leads_elsewhere_is_refused(tmp_path):
 def test_an_extra_that_is_not_installed_is_named(tmp_path, monkeypatch):
     import sys
 
-    from nearlift.readers.hdf5 import open_hdf5
+    from nearlift.readers.piv.binary import open_hdf5
 
     monkeypatch.setitem(sys.modules, "h5py", None)
     path = put(tmp_path, b"\x89HDF\r\n\x1a\n" + bytes(100), "a.nc")

@@ -14,17 +14,14 @@ import pytest
 
 from nearlift import readers
 from nearlift.errors import InputRefused
-from nearlift.readers import guarded
-from nearlift.readers.channel import Contents, pick
+from nearlift.readers.base import Contents, pick
 
 DATA = Path(__file__).parents[2].parent / "shared" / "data"
 pytestmark = pytest.mark.skipif(not DATA.is_dir(), reason=f"{DATA} is not here")
 
 
 def read(name: str, path: Path, dialect: Mapping[str, Any] | None = None) -> Contents:
-    form = readers.reader(name).format
-    assert form is not None
-    return guarded.contents(form, path, dialect or {}, None)
+    return readers.reader(name).open(path, dialect or {}, None)
 
 
 def unpacked(path: Path, folder: Path) -> Path:

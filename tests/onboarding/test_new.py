@@ -19,7 +19,7 @@ from nearlift.campaign.parsing import validated
 from nearlift.campaign.piv import Piv
 from nearlift.onboarding import meaning
 from nearlift.onboarding.inspection import inspect
-from nearlift.readers.channel import Channel
+from nearlift.readers.base import Channel
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
 

@@ -16,8 +16,8 @@ from tests.unit.test_formats import records
 from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.onboarding.inspection import inspect
-from nearlift.readers import guarded, parquet, reader
-from nearlift.readers.seam import Record
+from nearlift.readers import parquet, reader
+from nearlift.readers.base import Record
 
 PARQUET: dict[str, Any] = {
     "records": {
@@ -29,9 +29,7 @@ PARQUET: dict[str, Any] = {
 
 
 def contents(name: str, path: Path, names: Any = None) -> Any:
-    form = readers.reader(name).format
-    assert form is not None
-    return guarded.contents(form, path, {}, names)
+    return readers.reader(name).open(path, {}, names)
 
 
 @pytest.mark.filterwarnings("ignore::pandas.errors.Pandas4Warning")

@@ -22,7 +22,7 @@ from tests.unit import written
 from nearlift import readers
 from nearlift.errors import InputRefused
 from nearlift.readers import guarded, text
-from nearlift.readers.channel import Channel, Contents, Malformed
+from nearlift.readers.base import Channel, Contents, Malformed
 from nearlift.readers.dialect import NoNames
 
 FORCE = [1.0, 2.0, 3.0]
@@ -57,7 +57,7 @@ def test_a_refusal_keeps_its_type_and_all_that_it_says(
     ("function", "arguments", "match"),
     [
         (bytes, (2 << 30,), "needs more memory than its reader is allowed"),
-        (np.zeros, (40 << 20,), "unpacks to more than 256 MB"),
+        (np.zeros, (40 << 20,), "unpacks to more than 128 MB"),
         (os.abort, (), rf"crashed \(exit code -{signal.SIGABRT.value}\), at most 1024 MiB"),
     ],
 )
@@ -123,9 +123,8 @@ def test_nothing_is_imported_from_the_current_folder(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend("")
     fresh = guarded.Guarded()
-    form = readers.reader("hdf5").format
-    assert form is not None
-    assert fresh(form.contents, path, {}, None).channels[0].values.tolist() == FORCE
+    read = readers.reader("hdf5").contents
+    assert fresh(read, path, {}, None).channels[0].values.tolist() == FORCE
     fresh.close()
     assert not (tmp_path / "pwned").exists()
 
@@ -239,13 +238,12 @@ def test_a_small_file_fills_no_memory(
 
 def test_a_packed_text_is_read_as_the_text(tmp_path: Path) -> None:
     content = b"t,force\n0,1.5\n0.001,2.5\n"
-    form = readers.reader("text").format
-    assert form is not None
+    reader = readers.reader("text")
     plain = written.put(tmp_path, "a.csv", content)
     packed = written.put(tmp_path, "b.csv.gz", gzip.compress(content))
-    here, there = (guarded.contents(form, path, {}, None) for path in (plain, packed))
+    here, there = (reader.open(path, {}) for path in (plain, packed))
     for one, other in zip(here.channels, there.channels, strict=True):
         assert (one.name, one.values.tolist()) == (other.name, other.values.tolist())
     packed.write_bytes(packed.read_bytes()[:-3])
     with pytest.raises(InputRefused, match="damaged or cut off"):
-        guarded.contents(form, packed, {}, None)
+        reader.open(packed, {})

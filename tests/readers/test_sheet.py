@@ -12,7 +12,7 @@ from tests.unit.manifests import manifest
 from nearlift.errors import InputRefused
 from nearlift.onboarding.inspection import inspect
 from nearlift.onboarding.new import write_from
-from nearlift.readers import packed, reader
+from nearlift.readers import files, reader
 from nearlift.schedule import text_of
 
 Rows = Sequence[Sequence[object]]
@@ -163,7 +163,7 @@ def test_times_and_truths_are_written_as_text() -> None:
 
     stamp = datetime.datetime(2026, 3, 1, 14, 5)
     cells = [stamp, stamp.time(), datetime.timedelta(seconds=1.5), True, 3.0, 0.1, "a\nb", ""]
-    assert [packed._text(cell) for cell in cells] == [
+    assert [files._cell(cell) for cell in cells] == [
         "2026-03-01T14:05:00",
         "14:05:00",
         "0:00:01.500000",

@@ -19,8 +19,8 @@ from tests.unit.manifests import manifest
 from tests.unit.small_run import nearlift
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import csv_trial, dialect, reader, table, text
-from nearlift.readers.channel import Contents, pick
+from nearlift.readers import dialect, reader, table, text
+from nearlift.readers.base import Contents, pick
 from nearlift.readers.dialect import HEAD, Dialect, NoRows, sniff
 
 ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -42,7 +42,7 @@ def read(folder: Path, content: str | bytes, said: Any = None, names: Any = None
 
 def plain(folder: Path, content: str | bytes, *names: str) -> Contents:
     """The columns (`force` if none is named) by the reader of plain CSV."""
-    return csv_trial.contents(put(folder, content, "t.csv"), {}, names or ("force",))
+    return text.csv_contents(put(folder, content, "t.csv"), {}, names or ("force",))
 
 
 def values(found: Contents, column: int = 0) -> list[float]:
@@ -122,7 +122,7 @@ def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
 def test_a_stated_separator_that_no_line_holds_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputRefused, match="is one column"):
         layout("F\n1\n2\n", Dialect(separator="comma"))
-    assert values(csv_trial.contents(put(tmp_path, "F\n1\n2\n"), {}, None)) == [1, 2]
+    assert values(text.csv_contents(put(tmp_path, "F\n1\n2\n"), {}, None)) == [1, 2]
 
 
 @settings(max_examples=60, deadline=None)
@@ -253,19 +253,6 @@ def test_a_last_line_without_an_end_is_left_out(tmp_path: Path, tail: bytes) -> 
 def test_utf16_cut_within_a_character(tmp_path: Path) -> None:
     found = read(tmp_path, "t,F\n1,2\n2,3\n".encode("utf-16")[:-1])
     assert (found.codes, values(found, 1)) == (("truncated",), [2])
-
-
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-@pytest.mark.parametrize("block", [997, 4096])
-def test_blocks_give_what_the_whole_gives(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, encoding: str, block: int
-) -> None:
-    force = np.random.default_rng(1).normal(size=3000).round(6)
-    rows = "".join(f"{i};{f}\r\n" for i, f in enumerate(force)).replace(".", ",")
-    monkeypatch.setattr(text, "BLOCK", block)
-    found = read(tmp_path, ("t;F\r\n" + rows).encode(encoding), names=("F",))
-    np.testing.assert_array_equal(found.channels[0].values, force)
-    assert found.codes == ()
 
 
 def test_a_bad_line_far_below_is_named(tmp_path: Path) -> None:
@@ -569,8 +556,8 @@ def test_a_null_is_not_a_number_and_its_neighbours_are_themselves(start: int, le
 def test_one_blank_cell_does_not_load_pandas(tmp_path: Path) -> None:
     path = put(tmp_path, "t,force\n,5\n0.1,6\n0.2,7\n")
     code = (
-        "import sys; from pathlib import Path; from nearlift.readers import csv_trial\n"
-        "csv_trial.contents(Path(sys.argv[1]), {}, ('force', 't'))\n"
+        "import sys; from pathlib import Path; from nearlift.readers import text\n"
+        "text.csv_contents(Path(sys.argv[1]), {}, ('force', 't'))\n"
         "sys.exit('pandas' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code, path], check=False).returncode == 0

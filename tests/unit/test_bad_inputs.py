@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from nearlift.run import intact, tables
+from nearlift.run import tables
+from nearlift.stages import reduce_records
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
@@ -387,14 +388,14 @@ def test_5_a_file_that_is_still_being_written_is_left_for_later(raw: Path) -> No
 
 
 def test_5_a_file_that_changes_while_it_is_read(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = intact.moving
+    real = reduce_records._moving
 
     def meanwhile(job: Any) -> Any:
         with record(raw).open("ab") as file:
             file.write(b"270.1\n")
         return real(job)
 
-    monkeypatch.setattr(intact, "moving", meanwhile)
+    monkeypatch.setattr(reduce_records, "_moving", meanwhile)
     code, _, quality = ingest(raw)
     assert (code, quality[TRIAL]) == (3, "PENDING")
 
@@ -402,13 +403,13 @@ def test_5_a_file_that_changes_while_it_is_read(raw: Path, monkeypatch: pytest.M
 def test_5_a_schedule_that_changes_while_it_is_read_stops(
     raw: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = intact.moving
+    real = reduce_records._moving
 
     def meanwhile(job: Any) -> Any:
         (raw / "trials.csv").touch()
         return real(job)
 
-    monkeypatch.setattr(intact, "moving", meanwhile)
+    monkeypatch.setattr(reduce_records, "_moving", meanwhile)
     code, said, quality = ingest(raw)
     assert (code, quality) == (4, {})
     assert "trials.csv: was changed while it was being read" in said
@@ -769,7 +770,7 @@ def test_32_the_size_is_told_before_anything_is_read(raw: Path) -> None:
 def test_30_32_a_line_without_an_end_costs_no_memory(
     raw: Path, tail: bytes, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("nearlift.readers.text.BLOCK", 4096)
+    monkeypatch.setattr("nearlift.readers.text.LONGEST_LINE", 4096)
     by_text(lambda c: c)(raw)
     record(raw).write_bytes(record(raw).read_bytes() + 9 * 4096 * tail)
     os.utime(record(raw), (1e9, 1e9))

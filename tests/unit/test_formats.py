@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from nearlift import readers, units
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import guarded
-from nearlift.readers.channel import fold, pick, split_unit, unit_word
+from nearlift.readers.base import fold, pick, split_unit, unit_word
 
 from . import written
 from .bench_campaign import write_schedule
@@ -25,7 +24,7 @@ NUMBERS = st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=40)
 
 
 def contents(name: str, path: Path, dialect: Any = None, names: Any = None) -> Any:
-    return guarded.contents(readers.reader(name).format, path, dialect or {}, names)
+    return readers.reader(name).open(path, dialect or {}, names)
 
 
 def records(
@@ -37,7 +36,7 @@ def records(
     rate: str = "1000 Hz",
     **changes: Any,
 ) -> list[Any]:
-    """Records of trials a, b through the seam."""
+    """Records of trials a, b by their reader."""
     given_manifest = manifest(
         load_cell={"sample_rate": rate},
         records={
@@ -71,7 +70,7 @@ def test_what_is_written_comes_back(tmp_path_factory: pytest.TempPathFactory, na
 
 
 @pytest.mark.parametrize("name", list(written.WRITERS))
-def test_records_are_newtons_of_lift_through_the_seam(tmp_path: Path, name: str) -> None:
+def test_records_are_newtons_of_lift(tmp_path: Path, name: str) -> None:
     write, column, unit, suffix = written.WRITERS[name]
     force = [1.5, 2.25, 3.5, 4.0, 5.75, 6.5]
     written.put(tmp_path, f"trials/a.{suffix}", write(force))
@@ -111,7 +110,7 @@ def test_one_file_may_hold_all_trials(tmp_path: Path) -> None:
         file["a/force"], file["b/force"] = np.arange(3.0), np.arange(4.0)
     a, b = records(tmp_path, "hdf5", "/{trial}/force", "N", "all.h5")
     assert (len(a.force_N), len(b.force_N)) == (3, 4)
-    with pytest.raises(ManifestError, match="does not say where the trial's id stands"):
+    with pytest.raises(ManifestError, match="does not say where the trial's id is"):
         records(tmp_path, "hdf5", "/a/force", "N", "all.h5")
     with pytest.raises(ManifestError, match="both say where"):
         records(tmp_path, "hdf5", "/{trial}/force", "N", "{trial}.h5")

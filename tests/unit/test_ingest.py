@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
-from nearlift.readers import csv_trial
+from nearlift.readers.text import CSV
 from nearlift.run import workers
 from nearlift.run.engine import Job
 from nearlift.run.tables import sha256
@@ -242,7 +242,7 @@ def test_whatever_is_raised_over_a_record_is_its_row(root: Path, tmp_path: Path,
     task = Task(
         root=root,
         campaign=given,
-        piece=csv_trial.READER.plan(given, root, ["t00", "t01", "t02"]).pieces[0],
+        piece=CSV.plan(given, root, ["t00", "t01", "t02"]).pieces[0],
         tare_after_N={},
         inputs={},
     )
@@ -275,7 +275,7 @@ def test_the_machines_faults_and_the_manifests_are_no_rows(
     task = Task(
         root=root,
         campaign=given,
-        piece=csv_trial.READER.plan(given, root, ["t00", "t01"]).pieces[0],
+        piece=CSV.plan(given, root, ["t00", "t01"]).pieces[0],
         tare_after_N={},
         inputs={},
     )

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 
 from nearlift import readers
 from nearlift.errors import InputRefused
-from nearlift.readers import packed
-from nearlift.readers.channel import Contents, pick
+from nearlift.readers import files
+from nearlift.readers.base import Contents, pick
 
 from . import written
 
@@ -23,8 +23,8 @@ ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped
 
 
 def read(name: str, path: Path, **dialect: Any) -> Contents:
-    form = readers.reader(name).format
-    assert form is not None
+    form = readers.reader(name)
+    assert form.contents is not None
     return form.contents(path, form.checked_dialect(dialect), None)
 
 
@@ -70,7 +70,7 @@ def test_a_packed_text_cut_anywhere_is_refused(cut: int, tmp_path: Path) -> None
 def test_a_packed_text_of_too_much_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(packed, "MOST_BYTES", 1 << 20)
+    monkeypatch.setattr(files, "MOST_UNPACKED", 1 << 20)
     path = put(tmp_path, gzip.compress(b"t,force\n" + b"1,2\n" * 500_000))
     with pytest.raises(InputRefused, match="holds more than 1 MB"):
         read("text", path)

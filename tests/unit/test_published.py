@@ -7,12 +7,12 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
+from nearlift.datasets.garofano_soldado_table import convert
 from nearlift.errors import InputRefused, UsageError
 from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options
-from nearlift.readers.garofano_soldado import convert
 from nearlift.schedule import read_schedule
 
 from .simulated import campaign, findings, hsiao

@@ -5,7 +5,7 @@ from click.testing import CliRunner
 import nearlift
 from nearlift import readers
 from nearlift.cli import main
-from nearlift.readers.channel import Malformed
+from nearlift.readers.guarded import Malformed
 from npz_records import READER, contents
 
 MANIFEST = """

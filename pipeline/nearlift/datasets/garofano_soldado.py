@@ -1,5 +1,5 @@
 """Garofano-Soldado et al.: the MATLAB script of their figures as the table that
-`readers.garofano_soldado` makes a campaign of.
+`datasets.garofano_soldado_table` makes a campaign of.
 
 The script assigns, per configuration, a row of mean forces and one of standard deviations; the
 heights stand in `z` as multiples of R.
@@ -11,8 +11,8 @@ import hashlib
 import re
 from pathlib import Path
 
+from nearlift.datasets import garofano_soldado_table
 from nearlift.errors import InputRefused
-from nearlift.readers import garofano_soldado
 
 #: Of the table that the published numbers make, 149 rows as `table` writes them.
 NUMBERS_SHA256 = "73877bf965146079ee3b7990bd62a96ae6dcfe45038ee6afe61a227a211a9802"
@@ -45,7 +45,7 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
     (folder / "published").mkdir()
     rows = folder / "published" / "thrust_vs_height.csv"
     rows.write_text(text, encoding="utf-8")
-    garofano_soldado.convert(rows, folder / "campaign", name=name)
+    garofano_soldado_table.convert(rows, folder / "campaign", name=name)
     for made in (folder / "campaign").iterdir():
         made.rename(folder / made.name)
     (folder / "campaign").rmdir()
@@ -68,7 +68,7 @@ def table(script: str, where: str) -> str:
         [float(cell.split("*")[0]) for cell in row["values"].split(",")]
         for row in HEIGHTS.finditer(script)
     ]
-    lines = [",".join(garofano_soldado.COLUMNS)]
+    lines = [",".join(garofano_soldado_table.COLUMNS)]
     for case, row in rows.items():
         if row["std"]:
             continue

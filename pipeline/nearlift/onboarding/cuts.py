@@ -83,7 +83,7 @@ def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[
             "where a record holds many trials, add [segments] with by, settle and shortest",
         )
     reader = readers.reader(given.records.reader)
-    segments.format_of(reader).checked_dialect(given.records.dialect)
+    segments.cutting(reader).checked_dialect(given.records.dialect)
     pieces = per_trial(given, campaign, read_schedule(given, campaign).trial.tolist())
     paths = {record: path for record, (path, _) in pieces.items()}
     if files:

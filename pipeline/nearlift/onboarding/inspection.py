@@ -18,12 +18,12 @@ from nearlift.errors import InputRefused
 from nearlift.onboarding import grids, meaning, tables
 from nearlift.onboarding.grids import Grid
 from nearlift.onboarding.tables import Table
-from nearlift.readers import csv_trial, guarded, sheet
-from nearlift.readers.channel import Channel, Contents, Malformed, RecordsDialect
+from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
 from nearlift.readers.dialect import NoNames
-from nearlift.readers.per_file import Format
+from nearlift.readers.files import head_of
+from nearlift.readers.guarded import Malformed
 from nearlift.readers.ramp import Ramp, ramp_of
-from nearlift.readers.text import TEXT
+from nearlift.readers.text import CSV, SHEET, TEXT
 from nearlift.reduction.start import RotorStart, start_of
 from nearlift.reduction.wrap import wrap_of
 
@@ -156,8 +156,7 @@ def inspect(
     """
     said = dict(dialect or {})
     length = _regular(path)
-    with path.open("rb") as file:
-        head = file.read(HEAD)
+    head = head_of(path, HEAD)
     if not (said or record) and (grid := grids.grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
     if head.startswith(DATAFLASH):
@@ -191,11 +190,11 @@ def inspect(
         contents, channels=channels, notes=(*contents.notes, *_notes(channels, clock))
     )
     plain = form is TEXT and not (said or columns) and _plain_csv(path, force or channels[0], clock)
-    listed = form is TEXT or form is sheet.FORMAT
+    listed = form is TEXT or form is SHEET
     table = tables.table_of(path, said) if listed and not columns else None
     return Inspection(
         path=path,
-        reader=csv_trial.READER.name if plain else form.name,
+        reader=CSV.name if plain else form.name,
         contents=contents,
         force=force,
         clock=clock,
@@ -259,7 +258,7 @@ def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
     """Whether the stricter and faster reader of plain CSV reads the same numbers."""
     wanted = {c.name: c for c in (force, clock) if c is not None}
     try:
-        found = csv_trial.contents(path, {}, tuple(wanted)).channels
+        found = CSV.open(path, {}, tuple(wanted)).channels
     except InputRefused:
         return False
     return {c.name for c in found} == set(wanted) and all(
@@ -267,17 +266,17 @@ def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
     )
 
 
-def recognised(head: bytes, name: str) -> Format:
-    """The format of a file; text where no other claims it."""
+def recognised(head: bytes, name: str) -> Reader:
+    """The reader of a file; that of text where no other claims it."""
     for reader in readers.readers():
-        if reader.format is not None and reader.format.recognises(head, name.casefold()):
-            return reader.format
+        if reader.recognises(head, name.casefold()):
+            return reader
     return TEXT
 
 
-def _contents(form: Format, path: Path, dialect: RecordsDialect) -> Contents:
+def _contents(form: Reader, path: Path, dialect: RecordsDialect) -> Contents:
     try:
-        contents = guarded.contents(form, path, form.checked_dialect(dialect), None)
+        contents = form.open(path, form.checked_dialect(dialect))
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "copy it again from the rig") from None
     if not contents.channels:

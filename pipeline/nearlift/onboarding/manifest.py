@@ -17,7 +17,7 @@ from nearlift.onboarding import meaning
 from nearlift.onboarding.inspection import Inspection, usual_head
 from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
-from nearlift.readers.channel import AS_FORCE, FORCE_UNITS
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS
 from nearlift.schedule import BY_NAME, RADII
 
 FACTS = """\

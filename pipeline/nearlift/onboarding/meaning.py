@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from nearlift import units
 from nearlift.errors import ManifestError
-from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Channel, fold, rate_of, split_unit
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS, Channel, fold, rate_of, split_unit
 from nearlift.schedule import BY_NAME, KNOWN, RADII
 
 
@@ -54,7 +54,7 @@ _SUFFIXES = {
 } | _pairs(
     "v:V a:A w:W hz:Hz sec:s pct:percent pc:percent C:degC lbs:lbf lb:lbf oz:ozf volts:V amps:A"
 )
-#: Units that instruments write and `readers.channel` does not know, folded.
+#: Units that instruments write and `readers.base` does not know, folded.
 _WRITTEN = _pairs(
     "lbs:lb pounds:lb ounces:oz grams-force:gf gram-force:gf g-f:gf p:gf kp:kgf 1/min:rpm volts:V"
     " pct:percent"

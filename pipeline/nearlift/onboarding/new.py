@@ -13,9 +13,9 @@ from nearlift.errors import InputRefused, UsageError
 from nearlift.onboarding import manifest
 from nearlift.onboarding.inspection import COVARIATES, Inspection, inspect
 from nearlift.onboarding.tables import ProposedSchedule, Table, table_of
-from nearlift.readers import csv_trial, parquet
-from nearlift.readers.channel import RecordsDialect
-from nearlift.readers.text import TEXT
+from nearlift.readers import parquet
+from nearlift.readers.base import RecordsDialect
+from nearlift.readers.text import CSV, TEXT
 from nearlift.run import tables
 from nearlift.schedule import csv_text
 
@@ -239,7 +239,7 @@ def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> lis
 
 def _of_one_kind(inspected: list[Inspection]) -> None:
     """See that one reader reads all, with the same channels."""
-    if {f.reader for f in inspected} == {csv_trial.READER.name, TEXT.name}:
+    if {f.reader for f in inspected} == {CSV.name, TEXT.name}:
         # the one that reads plain CSV as well
         inspected[:] = [replace(f, reader=TEXT.name) for f in inspected]
     for other in inspected[1:]:

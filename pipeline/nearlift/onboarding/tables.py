@@ -12,9 +12,11 @@ from pathlib import Path
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import meaning
-from nearlift.readers import guarded, packed, text
-from nearlift.readers.channel import AS_FORCE, FORCE_UNITS, Malformed, RecordsDialect
+from nearlift.readers import guarded, text
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect
 from nearlift.readers.dialect import sniff
+from nearlift.readers.files import content_of, is_packed
+from nearlift.readers.guarded import Malformed
 from nearlift.schedule import BY_NAME, MEANS, REQUIRED, csv_text
 from nearlift.units import NUMBER
 
@@ -137,7 +139,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
     if path.stat().st_size > MOST_BYTES:
         return None
     try:
-        content = guarded.call(packed.content, path)
+        content = guarded.run(content_of, path) if is_packed(path) else content_of(path)
         layout = sniff(content, str(path), text.given(dialect))
         lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
         width = len(layout.names)

@@ -10,17 +10,17 @@ from nearlift.errors import ManifestError, did_you_mean
 from nearlift.plugins import gather
 
 if TYPE_CHECKING:
-    from nearlift.readers.seam import Reader
+    from nearlift.readers.base import Reader
 
-#: Each built-in reader by name: the module whose `READER` it is, imported when it is asked for.
+#: Built-in readers by name: module, and its value or the key in its `READERS`.
 BUILT_IN = {
     "parquet": "parquet",
-    "csv": "csv_trial",
-    "text": "text",
-    "rcbenchmark": "rcbenchmark",
-    "flight-stand": "flight_stand",
-    "crazyflie": "crazyflie",
-    "sheet": "sheet",
+    "csv": "text.CSV",
+    "text": "text.TEXT",
+    "rcbenchmark": "stands",
+    "flight-stand": "stands",
+    "crazyflie": "stands",
+    "sheet": "text.SHEET",
     "lvm": "lvm",
     "tdms": "tdms",
     "mat": "mat",
@@ -33,15 +33,17 @@ __all__ = ["BUILT_IN", "built_in", "reader", "readers"]
 
 
 def built_in(name: str) -> Reader:
-    """The built-in reader of that name."""
-    declared: Reader = importlib.import_module(f"{__name__}.{BUILT_IN[name]}").READER
-    return declared
+    """The built-in reader of that name, its module imported now."""
+    file, _, value = BUILT_IN[name].partition(".")
+    module = importlib.import_module(f"{__name__}.{file}")
+    found: Reader = module.READERS[name] if file == "stands" else getattr(module, value or "READER")
+    return found
 
 
 @functools.cache
 def readers() -> tuple[Reader, ...]:
     """The built-in readers, then those of installed packages: entry points `nearlift.readers`."""
-    from nearlift.readers.seam import Reader
+    from nearlift.readers.base import Reader
 
     return gather(GROUP, Reader, map(built_in, BUILT_IN))
 
@@ -49,7 +51,7 @@ def readers() -> tuple[Reader, ...]:
 @functools.cache
 def reader(name: str) -> Reader:
     """The reader of that name; `ManifestError` with the nearest name where there is none."""
-    # nothing is overridden, so what packages add need not be known
+    # nothing is overridden, so the readers of packages are asked last
     if name in BUILT_IN:
         return built_in(name)
     known = {r.name: r for r in readers()}

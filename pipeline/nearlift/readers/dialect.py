@@ -19,7 +19,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from nearlift.errors import InputRefused
-from nearlift.readers.channel import split_unit, unit_word
+from nearlift.readers.base import split_unit, unit_word
 from nearlift.readers.table import (
     BLANKS,
     NONE,

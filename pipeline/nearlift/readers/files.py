@@ -1,28 +1,68 @@
-"""The files that a manifest names: inside the campaign's folder, regular, one for each trial."""
+"""Files that a manifest names: inside the campaign's folder, regular, one for each trial; plain,
+compressed by gzip, or a spreadsheet, whose first sheet is read.
+"""
 
 from __future__ import annotations
 
-import contextlib
+import csv
 import errno
 import functools
 import glob
+import io
 import os
 import re
 import stat
 import unicodedata
+import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers.seam import MARK, Piece, ReadingPlan
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
 
+#: Placeholder of a trial's id in ``[records] files``.
+MARK = "{trial}"
 _NOT_IN_NAMES = re.compile(r"[/\\\0]")
-#: Files of one task, so that it costs more than sending it; and bytes: whatever is reached first.
-PER_PIECE, BYTES_PER_PIECE = 32, 64 << 20
+#: Files of one task, and bytes, whatever is reached first.
+FILES_PER_PIECE, BYTES_PER_PIECE = 32, 64 << 20
+#: Missing files named one by one in a note.
+MOST_NAMED = 5
+GZIP = b"\x1f\x8b"
+#: First bytes of spreadsheets, and suffixes of their names.
+SHEETS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+SHEET_NAMES = (".xlsx", ".xlsm", ".xlsb", ".xls", ".ods")
+#: Largest text, bytes: 1 GB plain, and as much as the guarded process holds if it is compressed.
+MOST_BYTES, MOST_UNPACKED = 1 << 30, 256 << 20
+#: Largest number up to which whole numbers are exact.
+EXACT = 2.0**53
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Piece:
+    """The work of one task: some trials, their files, and (where a file holds many trials) rows.
+
+    `paths` has one entry per trial, or a single one for all; `rows` one (first, end) pair per
+    trial, or none.
+    """
+
+    trials: tuple[str, ...]
+    paths: tuple[Path, ...]
+    rows: tuple[tuple[int, int], ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReadingPlan:
+    """The pieces of a campaign, and notes on the files. Trials in no piece have no record."""
+
+    pieces: tuple[Piece, ...]
+    notes: tuple[str, ...] = ()
+
+
+# ---- places
 
 
 def inside(root: Path, relative: str, key: str) -> Path:
@@ -36,10 +76,10 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
     """The path that `inside` gives, and the file's size: None where there is no file."""
     path = root / relative
     try:
-        # the folder's own links are followed once for all its files; a file is followed only if it
+        # a folder's own links are followed once for all its files; a file is followed only if it
         # is a link itself
-        status = path.lstat()
-        if stat.S_ISREG(status.st_mode) and _holds(root.absolute(), path.parent.absolute()):
+        status = os.lstat(f"{root}{os.sep}{relative}")
+        if stat.S_ISREG(status.st_mode) and _holds(root, path.parent):
             return path, status.st_size
         resolved = path.resolve()
         status = resolved.stat()
@@ -47,18 +87,13 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
         resolved, status = path.resolve(), None
     # Python before 3.13 raises RuntimeError on a loop of links
     except (OSError, RuntimeError) as fault:
-        what = (
-            "is a loop of symbolic links"
-            if isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP
-            else f"cannot be read: {fault.strerror}"
-        )
+        loop = isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP
         raise InputRefused(
-            f"{key} = {relative!r}", what, "put a readable file into the campaign's folder"
+            f"{key} = {relative!r}",
+            "is a loop of symbolic links" if loop else f"cannot be read: {fault}",
+            "put a readable file into the campaign's folder",
         ) from None
-    if (
-        not resolved.is_relative_to(_resolved(root.absolute()))
-        or ".." in path.parts[len(root.parts) :]
-    ):
+    if not resolved.is_relative_to(root.resolve()) or ".." in path.parts[len(root.parts) :]:
         raise InputRefused(
             f"{key} = {relative!r}",
             f"leads outside the campaign's folder, to {resolved}",
@@ -74,126 +109,10 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
 
 
 @functools.lru_cache(maxsize=256)
-def _resolved(folder: Path) -> Path:
-    return folder.resolve()
-
-
-@functools.lru_cache(maxsize=256)
 def _holds(root: Path, folder: Path) -> bool:
-    """Whether a folder is in `root`, links followed, and gets there straight."""
-    return (
-        _resolved(folder).is_relative_to(_resolved(root))
-        and ".." not in folder.parts[len(root.parts) :]
-    )
-
-
-def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
-    """File and size in bytes of each trial that has one, where the manifest's pattern gives one
-    file to every trial; `ManifestError` where it has no ``{trial}``, or a trial's id cannot stand
-    in a file name, `InputRefused` as by `inside`.
-    """
-    pattern = campaign.records.pattern
-    if MARK not in pattern:
-        raise ManifestError(
-            "records.files",
-            f"{pattern!r} does not say where the trial's id stands",
-            'write {trial} in it, as in "trials/{trial}.csv"',
-        )
-    files: dict[str, tuple[Path, int]] = {}
-    folder = root.as_posix()
-    # one folder for all records is looked at once
-    common = (root / pattern).parent
-    plain = MARK not in str(common) and os.path.isdir(common) and _holds(root, common)  # noqa: PTH112 - False whatever is wrong with it
-    for trial in trials:
-        if _NOT_IN_NAMES.search(trial) or trial in (".", ".."):
-            raise ManifestError(
-                f"trial {trial!r}",
-                "has an id that cannot stand in a file name",
-                "use letters, digits, '-', '_' and '.'",
-            )
-        name = pattern.replace(MARK, trial)
-        if plain:
-            with contextlib.suppress(OSError):
-                # by text: paths made one by one take longer than the system
-                status = os.lstat(f"{folder}/{name}")
-                if stat.S_ISREG(status.st_mode):
-                    files[trial] = root / name, status.st_size
-                    continue
-        path, size = _checked(root, name, "records.files")
-        if size is not None:
-            files[trial] = path, size
-    return files
-
-
-def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[str, ...]:
-    """A note where files stand among the records that no trial of the schedule names: its row may
-    be lost, or its id mistyped.
-    """
-    pattern = campaign.records.pattern
-    head, tail, times = pattern.partition(MARK)[0], pattern.rpartition(MARK)[2], pattern.count(MARK)
-    listed, names = set(trials), []
-    folder, slash, _ = pattern.rpartition("/")
-    if MARK in folder:
-        there = [
-            source_of(root, path) for path in root.glob(glob.escape(pattern).replace(MARK, "*"))
-        ]
-    else:
-        # one folder is listed in a tenth of the time that a search takes
-        listing = os.listdir(root / folder) if (root / folder).is_dir() else []  # noqa: PTH208
-        there = [f"{folder}{slash}{name}" for name in listing]
-    for name in there:
-        length = (len(name) - len(pattern) + times * len(MARK)) // times
-        trial = name[len(head) : len(head) + length]
-        if (
-            name.endswith(tail)
-            and pattern.replace(MARK, trial) == name
-            and trial not in listed
-            and name != campaign.trials.file
-            and (root / name).is_file()
-        ):
-            names.append(name)
-    alike, names = _misspelt(pattern, trials, names, there)
-    if not names:
-        return alike
-    more = f" and {len(names) - 1} more are" if len(names) > 1 else " is"
-    note = (
-        f"{min(names)}{more} no trial's record: the schedule has no such row, so left out; a row"
-        " lost, or an id mistyped?"
-    )
-    return (*alike, note)
-
-
-def _misspelt(
-    pattern: str, trials: Collection[str], names: list[str], there: Collection[str]
-) -> tuple[tuple[str, ...], list[str]]:
-    """Notes on files that differ from a trial's file only in case, or in the form of
-    their accents, and the other names.
-    """
-    present = set(there)
-    wanted = {
-        _folded(name): name
-        for trial in trials
-        if (name := pattern.replace(MARK, trial)) not in present
-    }
-    notes, others = [], []
-    for name in names:
-        meant = wanted.get(_folded(name))
-        if meant is None:
-            others.append(name)
-            continue
-        same = unicodedata.normalize("NFC", name) == unicodedata.normalize("NFC", meant)
-        how = "in the Unicode form of its accents (NFC, NFD)" if same else "in case"
-        notes.append(
-            f"{meant} is missing, but {name} is there, which differs only {how}: rename the file,"
-            " or the id in the schedule"
-        )
-    few = 5
-    more = [f"... and {len(notes) - few} more such files"] if len(notes) > few else []
-    return (*notes[:few], *more), others
-
-
-def _folded(name: str) -> str:
-    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+    """Whether a folder is in `root`, links followed, without ``..`` on its way."""
+    inside = folder.resolve().is_relative_to(root.resolve())
+    return inside and ".." not in folder.parts[len(root.parts) :]
 
 
 def source_of(root: Path, path: Path) -> str:
@@ -204,15 +123,30 @@ def source_of(root: Path, path: Path) -> str:
     return inside if os.sep == "/" else inside.replace(os.sep, "/")
 
 
-def files_per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
-    """`Reader.files` where every trial has a file of its own."""
-    return [path for path, _ in per_trial(campaign, root, trials).values()]
-
-
-def plan_per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
-    """`Reader.plan` where every trial has a file of its own."""
-    there = per_trial(campaign, root, trials)
-    return ReadingPlan(pieces=tuple(pieces(there)), notes=unlisted(campaign, root, trials))
+def per_trial(campaign: Campaign, root: Path, trials: Sequence[str]) -> dict[str, tuple[Path, int]]:
+    """File and size in bytes of each trial that has one, where the manifest's pattern gives one
+    file to every trial; `ManifestError` where it has no ``{trial}``, or a trial's id cannot be part
+    of a file name, `InputRefused` as by `inside`.
+    """
+    pattern = campaign.records.pattern
+    if MARK not in pattern:
+        raise ManifestError(
+            "records.files",
+            f"{pattern!r} does not say where the trial's id is",
+            'write {trial} in it, as in "trials/{trial}.csv"',
+        )
+    there: dict[str, tuple[Path, int]] = {}
+    for trial in trials:
+        if _NOT_IN_NAMES.search(trial) or trial in (".", ".."):
+            raise ManifestError(
+                f"trial {trial!r}",
+                "has an id that cannot be part of a file name",
+                "use letters, digits, '-', '_' and '.'",
+            )
+        path, size = _checked(root, pattern.replace(MARK, trial), "records.files")
+        if size is not None:
+            there[trial] = path, size
+    return there
 
 
 def pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
@@ -222,6 +156,145 @@ def pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
     for i, (trial, (_, length)) in enumerate(there.items(), start=1):
         trials.append(trial)
         size += length
-        if len(trials) == PER_PIECE or size > BYTES_PER_PIECE or i == len(there):
-            yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials), bytes=size)
+        if len(trials) == FILES_PER_PIECE or size > BYTES_PER_PIECE or i == len(there):
+            yield Piece(trials=tuple(trials), paths=tuple(there[t][0] for t in trials))
             trials, size = [], 0
+
+
+def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[str, ...]:
+    """Notes on files among the records that no trial of the schedule names: a row may be lost, or
+    an id mistyped.
+    """
+    pattern, listing = campaign.records.pattern, campaign.trials.file
+    form = re.escape(pattern)
+    form = form.replace(re.escape(MARK), "(?P<trial>.+)", 1).replace(re.escape(MARK), "(?P=trial)")
+    found = root.glob(glob.escape(pattern).replace(MARK, "*"))
+    there = {name for path in found if (name := source_of(root, path)) != listing}
+    wanted = {pattern.replace(MARK, trial): trial for trial in trials}
+    other = sorted(
+        name
+        for name in there - wanted.keys()
+        if re.fullmatch(form, name, re.DOTALL) and (root / name).is_file()
+    )
+    # a name that differs from a missing one only in case, or in the form of its accents
+    missing = {_folded(name): name for name in wanted.keys() - there}
+    alike = {name: meant for name in other if (meant := missing.get(_folded(name)))}
+    notes = []
+    for name, meant in alike.items():
+        same = unicodedata.normalize("NFC", name) == unicodedata.normalize("NFC", meant)
+        how = "in the Unicode form of its accents (NFC, NFD)" if same else "in case"
+        notes.append(
+            f"{meant} is missing, but {name} is there, which differs only {how}: rename the file,"
+            " or the id in the schedule"
+        )
+    if len(notes) > MOST_NAMED:
+        notes[MOST_NAMED:] = [f"... and {len(notes) - MOST_NAMED} more such files"]
+    rest = [name for name in other if name not in alike]
+    if rest:
+        more = f" and {len(rest) - 1} more are" if len(rest) > 1 else " is"
+        notes.append(
+            f"{rest[0]}{more} no trial's record: the schedule has no such row, so left out; a row"
+            " lost, or an id mistyped?"
+        )
+    return tuple(notes)
+
+
+def _folded(name: str) -> str:
+    return unicodedata.normalize("NFC", unicodedata.normalize("NFC", name).casefold())
+
+
+# ---- bytes
+
+
+def head_of(path: Path, length: int) -> bytes:
+    """The first bytes of a file as it is."""
+    with path.open("rb") as file:
+        return file.read(length)
+
+
+def is_packed(path: Path) -> bool:
+    """Whether a file has its text inside; False where it cannot be opened."""
+    try:
+        head = head_of(path, 4)
+    except OSError:
+        return False
+    return head.startswith(GZIP) or is_sheet(head, path.name)
+
+
+def is_sheet(head: bytes, name: str) -> bool:
+    """Whether a file with these first bytes and this name is a spreadsheet."""
+    return head.startswith(SHEETS) and name.casefold().endswith(SHEET_NAMES)
+
+
+def content_of(path: Path, length: int | None = None) -> bytes:
+    """The bytes of the file, or of the text inside; only the first ones where a length is given.
+    `InputRefused` of a damaged or too long one.
+    """
+    head = head_of(path, 4)
+    if is_sheet(head, path.name):
+        return sheet_of(path)[0].encode()
+    if head.startswith(GZIP):
+        return _unpacked(path, length)
+    if length is not None:
+        return head_of(path, length)
+    if (size := path.stat().st_size) > MOST_BYTES:
+        raise InputRefused(
+            str(path), f"has {size >> 20} MB", f"a text has at most {MOST_BYTES >> 20}; cut it"
+        )
+    return path.read_bytes()
+
+
+def _unpacked(path: Path, length: int | None) -> bytes:
+    """The text in a gzip file."""
+    import gzip
+
+    most = MOST_UNPACKED if length is None else length
+    try:
+        with gzip.open(path) as file:
+            content = file.read(most + (length is None))
+    except (EOFError, zlib.error, gzip.BadGzipFile) as fault:
+        raise InputRefused(
+            str(path),
+            f"is compressed, and damaged or cut off: {fault}",
+            "copy it again from the rig",
+        ) from None
+    if len(content) > most:
+        raise InputRefused(
+            str(path),
+            f"is compressed, and holds more than {most >> 20} MB",
+            "unpack it, and cut it into records on the rig",
+        )
+    return content
+
+
+def sheet_of(path: Path) -> tuple[str, list[str]]:
+    """The first sheet of a spreadsheet as CSV, and the names of all sheets."""
+    import python_calamine
+
+    try:
+        book = python_calamine.load_workbook(str(path))
+        rows: Sequence[Sequence[object]] = (
+            book.get_sheet_by_index(0).to_python() if book.sheet_names else ()
+        )
+    except python_calamine.CalamineError as fault:
+        raise InputRefused(
+            str(path),
+            f"cannot be read as a spreadsheet: {fault}",
+            "save it again, or save the sheet as CSV",
+        ) from None
+    if not book.sheet_names:
+        raise InputRefused(str(path), "holds no sheet", "save the table as CSV")
+    out = io.StringIO()
+    csv.writer(out, lineterminator="\n").writerows(map(_cell, row) for row in rows)
+    return out.getvalue(), list(book.sheet_names)
+
+
+def _cell(value: object) -> str:
+    """A cell as CSV has it: whole numbers without a point, times as in ISO 8601."""
+    if isinstance(value, bool):
+        return str(value).upper()
+    if isinstance(value, float):
+        return str(int(value)) if value.is_integer() and abs(value) < EXACT else repr(value)
+    if hasattr(value, "isoformat"):
+        return str(value.isoformat())
+    return " ".join(str(value).split())

@@ -1,9 +1,13 @@
-"""Files that a library parses are read by another process, whose memory and time are limited.
+"""Guarded process: files that a library parses are read by another process, whose memory and time
+are limited.
 
-Foreign bytes can crash a C library, keep it busy for ever, or unpack to any size. All this costs
+Foreign bytes can crash a C library, keep it busy without end, or unpack to any size. All this costs
 the one file that caused it. The process serves file after file, since its start takes about a
 second. It writes no file, imports nothing from the current folder, and ends with its parent. Its
 answers are bounded, and hold nothing but numbers, texts and the package's own types.
+
+It is no `ProcessPoolExecutor`: that one imports the user's script again, unpickles whatever a file
+that took over the process sends, and does not say why a process ended.
 """
 
 from __future__ import annotations
@@ -14,37 +18,38 @@ import io
 import os
 import pickle
 import signal
-import struct
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from nearlift import blas, isolation
 from nearlift.errors import NearliftError
-from nearlift.readers import packed
-from nearlift.readers.channel import Contents, Malformed, Names, RecordsDialect
-
-if TYPE_CHECKING:
-    from nearlift.readers.per_file import Format
 
 #: Address space of the process and the longest answer, bytes.
-MEMORY, LONGEST_ANSWER = 1 << 30, 256 << 20
+MEMORY, LONGEST_ANSWER = 1 << 30, 128 << 20
 #: Time for one file, s: of the processor, and by the clock.
 CPU_S, WALL_S = 60, 120.0
 #: Files after which a new process is started: what libraries leak must not add up to the limit.
 FILES = 1000
-LENGTH = struct.Struct("<Q")
 #: The folder that holds nearlift.
 PACKAGE = str(Path(__file__).parents[2])
 #: The functions of numpy that build an array from a pickle.
 ARRAYS = {"_frombuffer", "_reconstruct", "ndarray", "dtype", "scalar"}
 TOO_LARGE = "it needs more memory than its reader is allowed"
+_SERVE = "from nearlift.readers.guarded import serve; serve({fd}, {life}, {memory}, {cpu_s})"
+#: Whether this is the process that serves: what is guarded in it already is simply called.
+_serving = False
 
 Asked = ParamSpec("Asked")
 Answer = TypeVar("Answer")
+
+
+class Malformed(Exception):
+    """A file that contradicts itself: its trial is rejected, the campaign goes on."""
 
 
 class Guarded:
@@ -56,18 +61,15 @@ class Guarded:
     def __init__(self, memory: int = MEMORY, cpu_s: int = CPU_S, wall_s: float = WALL_S) -> None:
         self.memory, self.cpu_s, self.wall_s = memory, cpu_s, wall_s
         self.process: subprocess.Popen[bytes] | None = None
-        self._lock = threading.Lock()
-        self._files = 0
+        self._link: Connection[Any, Any] | None = None
+        self._lock, self._files = threading.Lock(), 0
         #: The end of a pipe that closes when this process ends, however it ends.
         self._lifeline = -1
 
     def __call__(
-        self,
-        function: Callable[Asked, Answer],
-        *arguments: Asked.args,
-        **named: Asked.kwargs,
+        self, function: Callable[Asked, Answer], *arguments: Asked.args, **named: Asked.kwargs
     ) -> Answer:
-        """The answer of a module's function, or what it raises.
+        """The answer of a module's function, or the exception that it raises.
 
         Raises
         ------
@@ -78,9 +80,8 @@ class Guarded:
         """
         if _serving:
             return function(*arguments, **named)
-        asked = pickle.dumps((function, arguments, named))
         with self._lock:
-            error, answer = self._answer(asked)
+            error, answer = self._answer(pickle.dumps((function, arguments, named)))
         if error is None:
             result: Answer = answer
             return result
@@ -91,56 +92,56 @@ class Guarded:
     def start(self) -> subprocess.Popen[bytes]:
         """The process, started unless it runs."""
         if self.process is None:
+            import socket
+
+            ours, theirs = socket.socketpair()
             life, self._lifeline = os.pipe()
-            serve = "from nearlift.readers.guarded import serve; serve"
-            # -P: no imports from the current folder; -B: no bytecode is written
-            self.process = subprocess.Popen(
-                [sys.executable, "-P", "-B", "-c", f"{serve}({life}, {self.memory}, {self.cpu_s})"],
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                pass_fds=(life,) if os.name == "posix" else (),
-                env={**os.environ, **_environment()},
-                # an interrupt at the terminal is the parent's to handle
-                start_new_session=True,
-            )
+            with theirs:
+                fds = theirs.fileno(), life
+                code = _SERVE.format(fd=fds[0], life=life, memory=self.memory, cpu_s=self.cpu_s)
+                self.process = subprocess.Popen(
+                    # -P: no imports from the current folder; -B: no bytecode is written
+                    [sys.executable, "-P", "-B", "-c", code],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    stderr=subprocess.DEVNULL,
+                    pass_fds=fds,
+                    env={**os.environ, **_environment()},
+                    # an interrupt at the terminal is the parent's to handle
+                    start_new_session=True,
+                )
             os.close(life)
+            self._link = Connection(ours.detach())
         return self.process
 
     def _answer(self, asked: bytes) -> tuple[type[Exception] | None, Any]:
-        """The class of what was raised, if anything, and the answer."""
+        """The class of the exception, if any, and the answer."""
         if self._files >= FILES:
             self.close()
         process = self.start()
+        assert self._link is not None
         self._files += 1
-        assert process.stdin is not None
-        assert process.stdout is not None
-        late = threading.Event()
-
-        def stop() -> None:
-            late.set()
-            process.kill()
-
-        clock = threading.Timer(self.wall_s, stop)
-        clock.daemon = True
-        clock.start()
+        late = False
         try:
-            _write(process.stdin, asked)
-            content = _read(process.stdout)
-            answer: tuple[type[Exception] | None, Any] = _Unpickler(io.BytesIO(content)).load()
-        except Exception as fault:
-            self.close()
-            raise Malformed(self._ended(process.returncode, late.is_set())) from fault
+            self._link.send_bytes(asked)
+            late = not self._link.poll(self.wall_s)
+            if not late:
+                answer = self._link.recv_bytes(LONGEST_ANSWER + 4096)
+                found: tuple[type[Exception] | None, Any] = _Unpickler(io.BytesIO(answer)).load()
+                return found
+        except Exception:
+            # a process that closes its end takes a moment to end
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(1.0)
         except BaseException:
             # an interrupt leaves an answer behind, which is not the next file's
             self.close()
             raise
-        finally:
-            clock.cancel()
-        return answer
+        self.close()
+        raise Malformed(self._reason(process.returncode, late))
 
-    def _ended(self, code: int | None, late: bool) -> str:
-        """Why the process ended."""
+    def _reason(self, code: int | None, late: bool) -> str:
+        """The reason why the process ended, in words."""
         if late:
             return f"its reader was stopped after {self.wall_s:g} s"
         if code == -getattr(signal, "SIGXCPU", 0):
@@ -151,23 +152,21 @@ class Guarded:
         )
 
     def close(self) -> None:
-        """End the process."""
-        process, self.process, self._files = self.process, None, 0
-        if process is None:
-            return
-        # what ended by itself keeps its exit code
-        process.kill()
-        process.wait()
-        os.close(self._lifeline)
-        for pipe in (process.stdin, process.stdout):
-            with contextlib.suppress(OSError):
-                pipe.close()  # type: ignore[union-attr]
+        """End the process; one that ended by itself keeps its exit code."""
+        process, link, self.process, self._link = self.process, self._link, None, None
+        self._files = 0
+        if process is not None and link is not None:
+            process.kill()
+            process.wait()
+            link.close()
+            os.close(self._lifeline)
 
     def forget(self) -> None:
         """Leave the process to the one of which this is a copy."""
-        if self.process is not None:
+        if self._link is not None:
+            self._link.close()
             os.close(self._lifeline)
-        self.process, self._files, self._lock = None, 0, threading.Lock()
+        self.process, self._link, self._files, self._lock = None, None, 0, threading.Lock()
 
 
 #: The process that all files share.
@@ -175,20 +174,6 @@ run = Guarded()
 atexit.register(run.close)
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=run.forget)
-
-
-def contents(form: Format, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a file by its format's own function, guarded where a library parses it."""
-    return call(form.contents, path, dialect, names, guarded=form.child)
-
-
-def call(
-    function: Callable[..., Answer], path: Path, *arguments: Any, guarded: bool = False
-) -> Answer:
-    """The answer of a function of a file, guarded where asked for or where the file is packed."""
-    if guarded or packed.is_packed(path):
-        return run(function, path, *arguments)
-    return function(path, *arguments)
 
 
 def _environment() -> dict[str, str]:
@@ -214,44 +199,24 @@ class _Unpickler(pickle.Unpickler):
         raise pickle.UnpicklingError(f"{module}.{name} is no answer")
 
 
-def _write(pipe: IO[bytes], content: bytes) -> None:
-    pipe.write(LENGTH.pack(len(content)))
-    pipe.write(content)
-    pipe.flush()
+# ---- in the process
 
 
-def _read(pipe: IO[bytes], most: int = LONGEST_ANSWER) -> bytes:
-    """One message; raises EOFError where the other end is gone, or sends too much."""
-    head = pipe.read(LENGTH.size)
-    length = LENGTH.unpack(head)[0] if len(head) == LENGTH.size else most + 1
-    content = pipe.read(length) if length <= most else b""
-    if len(content) != length:
-        raise EOFError
-    return content
-
-
-#: Whether this is the process that serves: what is guarded in it already is simply called.
-_serving = False
-
-
-def serve(lifeline: int, memory: int, cpu_s: int) -> None:
-    """Answer calls from standard input until there are no more."""
+def serve(fd: int, lifeline: int, memory: int, cpu_s: int) -> None:
+    """Answer calls until the other end closes."""
     global _serving
     _serving = True
-    requests, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
-    # libraries that print must not write between the answers
-    os.dup2(2, 1)
     end_with(lifeline)
     limit(memory)
-    with contextlib.suppress(EOFError):
+    with Connection(fd) as link, contextlib.suppress(EOFError, OSError):
         while True:
-            asked = _read(requests)
+            asked = link.recv_bytes()
             _limit_cpu(cpu_s)
-            _write(answers, _answer(asked))
+            link.send_bytes(_answer(asked))
 
 
 def _answer(asked: bytes) -> bytes:
-    """The answer to one call, or what it raised: its class, arguments and attributes."""
+    """The answer to one call, or the exception: its class, arguments and attributes."""
     try:
         function, arguments, named = pickle.loads(asked)
         content = pickle.dumps((None, function(*arguments, **named)), protocol=5)
@@ -286,7 +251,7 @@ def end_with(lifeline: int) -> None:
 
 
 def limit(memory: int) -> None:
-    """Bound the memory of this process, and let it write no file, where the system knows how.
+    """Bound the memory of this process, and let it write no file, where the system can.
 
     macOS has no limit of address space: only time is bounded there.
     """

@@ -8,34 +8,27 @@ What refers to other files (external links, virtual and external storage) is not
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from nearlift.errors import InputRefused
-from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect, unit_word, wanted
-from nearlift.readers.per_file import Format, reader_of
+from nearlift.readers.base import (
+    Channel,
+    Contents,
+    Names,
+    Reader,
+    RecordsDialect,
+    library,
+    unit_word,
+    wanted,
+)
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 #: A two-dimensional dataset with more columns than this is an image.
 MOST_COLUMNS = 64
-DEEPEST = 20
-#: Values in all arrays of a file of grids together; a gigabyte of float64.
-MAX_VALUES = 130_000_000
-
-
-def library(name: str, extra: str) -> Any:
-    """The module of that name, which an extra installs; `InputRefused` where it is not there."""
-    import importlib
-
-    try:
-        return importlib.import_module(name)
-    except ImportError:
-        raise InputRefused(
-            f"reader {extra!r}", f"needs the package {name}", f'pip install "nearlift[{extra}]"'
-        ) from None
+#: Groups within groups.
+MAX_DEPTH = 20
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
@@ -49,50 +42,10 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     return Contents(channels=tuple(channels), kind="HDF5", notes=tuple(notes))
 
 
-@contextmanager
-def open_hdf5(path: Path) -> Iterator[Any]:
-    """The file by h5py; `InputRefused` where that is not installed, or the file is damaged, too
-    large once unpacked, or links to other files.
-    """
-    try:
-        import h5py
-    except ImportError:
-        raise InputRefused(
-            str(path), "is HDF5, which needs h5py", "pip install nearlift[netcdf]"
-        ) from None
-    try:
-        file = h5py.File(path, "r")
-    except OSError as fault:
-        raise InputRefused(str(path), f"is damaged: {fault}", "export it again") from None
-    with file:
-        total = 0
-        for name in file:
-            if isinstance(file.get(name, getlink=True), h5py.ExternalLink):
-                raise InputRefused(
-                    str(path), f"{name} is a link to another file", "copy the data into one file"
-                )
-            item = file[name]
-            if isinstance(item, h5py.Dataset):
-                if item.is_virtual or item.external:
-                    raise InputRefused(
-                        str(path),
-                        f"{name} keeps its data in another file",
-                        "copy the data into one file",
-                    )
-                total += item.size or 0
-        if total > MAX_VALUES:
-            raise InputRefused(
-                str(path),
-                f"unpacks to {total} values",
-                f"split it: at most {MAX_VALUES} in one file",
-            )
-        yield file
-
-
 def datasets(
     group: Any, notes: list[str], above: str = "", deep: int = 0, seen: set[int] | None = None
 ) -> Iterator[tuple[str, Any]]:
-    """Path and dataset of all below a group that stands in this file; what does not is noted."""
+    """Path and dataset of all below a group that is in this file; others are noted."""
     from h5py import Dataset, Group, h5d, h5g, h5l, h5o
 
     # by the library's lower half: the upper takes longer to look at a record's few links than to
@@ -104,7 +57,7 @@ def datasets(
         if link.type == h5l.TYPE_EXTERNAL:
             notes.append(f"{name} is a link to another file, and was not followed")
         # links may make circles; of a hard one `u` is the address that it leads to
-        if link.type != h5l.TYPE_HARD or link.u in seen or deep > DEEPEST:
+        if link.type != h5l.TYPE_HARD or link.u in seen or deep > MAX_DEPTH:
             continue
         seen.add(link.u)
         item = h5o.open(group.id, key)
@@ -146,7 +99,7 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
     attributes = (
         {str(key).casefold(): value for key, value in item.attrs.items()} if len(item.attrs) else {}
     )
-    stated = next((text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
+    stated = next((_text(attributes[k]) for k in ("unit", "units") if k in attributes), "")
     unit = unit_word(stated) or stated
     rate = rate_from(attributes)
     for path, part, place in chosen:
@@ -154,7 +107,7 @@ def columns_of(name: str, item: Any, names: Names) -> Iterator[Channel]:
         yield Channel(name=path, unit=unit, rate_Hz=rate, values=values)
 
 
-def text(value: Any) -> str:
+def _text(value: Any) -> str:
     """An attribute as text."""
     plain = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
     return plain.decode("utf-8", "replace") if isinstance(plain, bytes) else str(plain)
@@ -166,7 +119,7 @@ def rate_from(attributes: Mapping[str, object]) -> float | None:
     for key in ("sample_rate", "sampling_rate", "rate", "fs", *steps):
         if key in attributes:
             try:
-                number = float(text(attributes[key]))
+                number = float(_text(attributes[key]))
             except ValueError:
                 continue
             if number > 0:
@@ -174,12 +127,10 @@ def rate_from(attributes: Mapping[str, object]) -> float | None:
     return None
 
 
-READER = reader_of(
-    Format(
-        name="hdf5",
-        title="HDF5: a file per trial, or one for all with datasets named by trial (extra)",
-        recognises=lambda head, name: head.startswith(MAGIC) and not name.endswith(".mat"),
-        contents=contents,
-        child=True,
-    )
+READER = Reader(
+    name="hdf5",
+    title="HDF5: a file per trial, or one for all with datasets named by trial (extra)",
+    recognises=lambda head, name: head.startswith(MAGIC) and not name.endswith(".mat"),
+    contents=contents,
+    guarded=True,
 )

@@ -8,7 +8,6 @@ its own clock, that is ``NAME.X_Value``.
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,18 +15,18 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.errors import InputRefused
-from nearlift.readers import packed
-from nearlift.readers.channel import (
+from nearlift.readers.base import (
     Channel,
     Contents,
     Names,
+    Reader,
     RecordsDialect,
     rate_of,
     unit_word,
     wanted,
 )
 from nearlift.readers.dialect import HEAD, encoding_of
-from nearlift.readers.per_file import Format, reader_of
+from nearlift.readers.files import content_of
 from nearlift.readers.table import no_nul, number, value_of
 
 FIRST = "LabVIEW Measurement"
@@ -47,32 +46,28 @@ class _Series:
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of an LVM file; `InputRefused` of another file, or of a bad line."""
-    with packed.opened(path) as file:
-        head = file.read(HEAD)
+    content = content_of(path)
+    head = content[:HEAD]
     if not head.strip(b"\0"):
-        return Contents(channels=(), kind="LVM", codes=("EMPTY",))
+        return Contents(kind="LVM", codes=("EMPTY",))
     if not head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()):
         raise InputRefused(
             f"{path}, line 1",
             f"is not {FIRST!r}: this is no LVM file",
             "`nearlift inspect FILE` says what it is",
         )
-    return _Parser(str(path), names).read(_lines(path, encoding_of(head, str(path))))
-
-
-def _lines(path: Path, encoding: str) -> Iterator[tuple[int, str, bool]]:
-    """Number and text of each line, and whether it has an end."""
-    with packed.opened(path) as file:
-        text = io.TextIOWrapper(file, encoding=encoding, newline="\n")
-        try:
-            for at, line in enumerate(text, start=1):
-                yield at, line.rstrip("\r\n"), line.endswith("\n")
-        except UnicodeDecodeError:
-            raise InputRefused(
-                str(path),
-                f"is not {encoding} text throughout",
-                "the file is damaged; copy it anew from the rig",
-            ) from None
+    encoding = encoding_of(head, str(path))
+    try:
+        text = content.decode(encoding)
+    except UnicodeDecodeError:
+        raise InputRefused(
+            str(path),
+            f"is not {encoding} text throughout",
+            "the file is damaged; copy it again from the rig",
+        ) from None
+    lines = enumerate(text.split("\n"), start=1)
+    last = text.count("\n") + 1
+    return _Parser(str(path), names).read((at, line.rstrip("\r"), at < last) for at, line in lines)
 
 
 class _Parser:
@@ -237,11 +232,9 @@ def _at(segment: Mapping[str, Sequence[str]], key: str, i: int) -> str:
     return values[i].strip() if 0 <= i < len(values) else ""
 
 
-READER = reader_of(
-    Format(
-        name="lvm",
-        title="LabVIEW measurement text (LVM), one file per trial",
-        recognises=lambda head, name: head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()),
-        contents=contents,
-    )
+READER = Reader(
+    name="lvm",
+    title="LabVIEW measurement text (LVM), one file per trial",
+    recognises=lambda head, name: head.lstrip(b"\xef\xbb\xbf").startswith(FIRST.encode()),
+    contents=contents,
 )

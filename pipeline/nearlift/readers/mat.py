@@ -15,9 +15,17 @@ from typing import Any
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.readers.channel import Channel, Contents, Names, RecordsDialect, wanted
-from nearlift.readers.hdf5 import MAGIC, MOST_COLUMNS, datasets, library
-from nearlift.readers.per_file import Format, reader_of
+from nearlift.readers.base import (
+    Channel,
+    Contents,
+    Names,
+    Reader,
+    RecordsDialect,
+    library,
+    wanted,
+)
+from nearlift.readers.files import head_of
+from nearlift.readers.hdf5 import MAGIC, MOST_COLUMNS, datasets
 
 V73 = b"MATLAB 7.3 MAT-file"
 V5 = b"MATLAB 5.0 MAT-file"
@@ -25,8 +33,7 @@ V5 = b"MATLAB 5.0 MAT-file"
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a MATLAB file; any fault of the file is scipy's or h5py's to raise."""
-    with path.open("rb") as file:
-        head = file.read(1024)
+    head = head_of(path, 1024)
     newest = MAGIC in (head[:8], head[512:520])
     channels, objects = _v73(path) if newest else _v5(path)
     for name in objects:
@@ -49,7 +56,7 @@ def _v5(path: Path) -> tuple[list[Channel], list[str]]:
     objects: list[str] = []
     for name, value in variables.items():
         if isinstance(value, MatlabOpaque):
-            # an object's own name stands inside it
+            # an object's own name is inside it
             objects.append(
                 value["s0"][0].decode() if value.dtype.names and "s0" in value.dtype.names else name
             )
@@ -126,12 +133,10 @@ def _table(path: Path, name: str) -> Iterator[Channel]:
             yield Channel(name=f"{name}.{column}", values=_floats(values))
 
 
-READER = reader_of(
-    Format(
-        name="mat",
-        title="MATLAB v4 to v7.3, structs, tables and timetables (extra)",
-        recognises=lambda head, name: head.startswith((V5, V73)) or name.endswith(".mat"),
-        contents=contents,
-        child=True,
-    )
+READER = Reader(
+    name="mat",
+    title="MATLAB v4 to v7.3, structs, tables and timetables (extra)",
+    recognises=lambda head, name: head.startswith((V5, V73)) or name.endswith(".mat"),
+    contents=contents,
+    guarded=True,
 )

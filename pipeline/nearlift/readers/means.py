@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.readers.seam import Reader, ReadingPlan
+from nearlift.readers.base import Reader
 from nearlift.schedule import Schedule
 
 
@@ -13,7 +13,7 @@ def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
     """`lift_N`, `u_lift_N`, `n` and `sd_N` of every trial.
 
     `n` is 1 where it is not given. ``u_lift_N = lift_sd / sqrt(n)``, and 0 where no spread is
-    given: then only the scatter between trials tells how well they repeat.
+    given: then only the scatter between trials shows how well they repeat.
     """
     assert schedule.means is not None
     lift = schedule.means["lift_N"]
@@ -28,11 +28,4 @@ def lift_of(schedule: Schedule) -> dict[str, FloatArray]:
     }
 
 
-READER = Reader(
-    name="means",
-    title="mean lift per trial in the schedule, no samples",
-    files=lambda campaign, root, trials: [],
-    plan=lambda campaign, root, trials: ReadingPlan(pieces=()),
-    read_piece=lambda campaign, root, piece: iter(()),
-    series=False,
-)
+READER = Reader(name="means", title="mean lift per trial in the schedule, no samples")

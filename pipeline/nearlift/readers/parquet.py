@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
@@ -16,11 +17,19 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
-from nearlift.readers.channel import Channel, Contents, Malformed, Names, RecordsDialect
-from nearlift.readers.files import inside, source_of
-from nearlift.readers.per_file import Format
-from nearlift.readers.seam import ChannelSpec, Piece, Reader, ReadingPlan, Record
+from nearlift.readers.base import (
+    Channel,
+    ChannelSpec,
+    Contents,
+    Names,
+    Reader,
+    Record,
+    RecordsDialect,
+)
+from nearlift.readers.files import Piece, ReadingPlan, inside, source_of
+from nearlift.readers.guarded import Malformed
 from nearlift.readers.table import floats
+from nearlift.readers.text import with_rate
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -28,13 +37,15 @@ if TYPE_CHECKING:
 
     from nearlift.campaign.manifest import Campaign
 
-
 TRIAL = "trial"
 #: Rows of one batch, and of one piece at least.
 BATCH, ROWS = 1 << 16, 1 << 21
 
 Asked = ParamSpec("Asked")
 Answer = TypeVar("Answer")
+
+
+# ---- in the guarded process
 
 
 def _opened(path: Path) -> pq.ParquetFile:
@@ -139,9 +150,7 @@ def rows(path: Path, names: Sequence[str], first: int, end: int) -> list[FloatAr
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The numeric columns of a table, and whether it has the column `trial`."""
-    from nearlift.readers.text import with_rate
-
+    """The numeric columns of a table, with a note where it has no column `trial`."""
     with _opened(path) as file:
         schema = file.schema_arrow
         numeric = [f.name for f in schema if _is_numeric(f.type)]
@@ -156,20 +165,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     return with_rate(Contents(channels=channels, kind="Parquet", notes=notes))
 
 
-def _path(campaign: Campaign, root: Path) -> Path:
-    pattern = campaign.records.pattern
-    if "{" in pattern:
-        raise ManifestError(
-            "records.files",
-            f"{pattern!r} is a pattern",
-            'reader = "parquet" takes one long table with a column "trial"',
-        )
-    return inside(root, pattern, "records.files")
-
-
-def _files(campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
-    path = _path(campaign, root)
-    return [path] if path.is_file() else []
+# ---- the reader
 
 
 def _asked(
@@ -182,7 +178,7 @@ def _asked(
         raise InputRefused(
             str(arguments[0]),
             f"is no table of Parquet that can be read: {fault}",
-            "copy it anew from the rig, or write it again",
+            "copy it again from the rig, or write it again",
         ) from None
 
 
@@ -191,65 +187,78 @@ def trials(path: Path) -> list[str]:
     return list(_asked(spans, path, {}))
 
 
-def _plan(campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
-    path, spec = _path(campaign, root), ChannelSpec.from_manifest(campaign)
-    if not path.is_file():
-        raise InputRefused(str(path), "is missing", "name the table under [records] files = ...")
-    columns = {"records.force.column": spec.column}
-    columns |= {"records.time.column": spec.clock} if spec.clock is not None else {}
-    rows = _asked(spans, path, columns)
-    wanted = set(trials)
-    unlisted = [name for name in rows if name not in wanted]
-    notes = []
-    if unlisted:
-        notes.append(
-            f"{source_of(root, path)} holds {len(unlisted)} trials that the schedule does not list,"
-            f" such as {unlisted[0]!r}; they were left out"
+def _path(campaign: Campaign, root: Path) -> Path:
+    pattern = campaign.records.pattern
+    if "{" in pattern:
+        raise ManifestError(
+            "records.files",
+            f"{pattern!r} is a pattern",
+            'reader = "parquet" takes one long table with a column "trial"',
         )
-    here = {name: span for name, span in rows.items() if name in wanted}
-    return ReadingPlan(pieces=tuple(_pieces(path, here)), notes=tuple(notes))
+    return inside(root, pattern, "records.files")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LongTable(Reader):
+    """The reader of one table for all trials."""
+
+    def files(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
+        """The table, if it is there."""
+        path = _path(campaign, root)
+        return [path] if path.is_file() else []
+
+    def plan(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
+        """Stretches of trials, each of at least `ROWS` rows."""
+        path, spec = _path(campaign, root), ChannelSpec.from_manifest(campaign)
+        if not path.is_file():
+            raise InputRefused(
+                str(path), "is missing", "name the table under [records] files = ..."
+            )
+        columns = {"records.force.column": spec.column}
+        columns |= {"records.time.column": spec.clock} if spec.clock is not None else {}
+        listed = set(trials)
+        here, other = {}, []
+        for name, span in _asked(spans, path, columns).items():
+            if name in listed:
+                here[name] = span
+            else:
+                other.append(name)
+        notes = [
+            f"{source_of(root, path)} holds {len(other)} trials that the schedule does not list,"
+            f" such as {name!r}; they were left out"
+            for name in other[:1]
+        ]
+        return ReadingPlan(pieces=tuple(_pieces(path, here)), notes=tuple(notes))
+
+    def read_piece(self, campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
+        """The piece's records in the plan's order."""
+        path, spec = piece.paths[0], ChannelSpec.from_manifest(campaign)
+        names = (spec.column,) if spec.clock is None else (spec.column, spec.clock)
+        first = piece.rows[0][0]
+        columns = _asked(rows, path, names, first, piece.rows[-1][1])
+        for trial, (start, end) in zip(piece.trials, piece.rows, strict=True):
+            force, *clock = (column[start - first : end - first] for column in columns)
+            yield Record(
+                trial=trial,
+                force_N=spec.lift_N(force),
+                time_s=spec.tick * clock[0] if clock else None,
+                source=source_of(root, path),
+            )
 
 
 def _pieces(path: Path, spans: Mapping[str, tuple[int, int]]) -> Iterator[Piece]:
-    """Stretches of trials, each of at least so many rows."""
     names, rows = tuple(spans), tuple(spans.values())
-    size = path.stat().st_size // max(rows[-1][1] if rows else 1, 1)
     begin = 0
     for i, (_, end) in enumerate(rows, start=1):
-        length = end - rows[begin][0]
-        if i == len(rows) or length >= ROWS:
-            part = slice(begin, i)
-            yield Piece(trials=names[part], paths=(path,), rows=rows[part], bytes=size * length)
+        if i == len(rows) or end - rows[begin][0] >= ROWS:
+            yield Piece(trials=names[begin:i], paths=(path,), rows=rows[begin:i])
             begin = i
 
 
-def _read_piece(campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
-    path, spec = piece.paths[0], ChannelSpec.from_manifest(campaign)
-    names = (spec.column,) if spec.clock is None else (spec.column, spec.clock)
-    first = piece.rows[0][0]
-    columns = _asked(rows, path, names, first, piece.rows[-1][1])
-    for trial, (start, end) in zip(piece.trials, piece.rows, strict=True):
-        force, *clock = (column[start - first : end - first] for column in columns)
-        yield Record(
-            trial=trial,
-            force_N=spec.lift_N(force),
-            time_s=spec.tick * clock[0] if clock else None,
-            source=source_of(root, path),
-        )
-
-
-FORMAT = Format(
+READER = LongTable(
     name="parquet",
     title="one long Parquet table with a column `trial`",
     recognises=lambda head, name: head.startswith(b"PAR1"),
     contents=contents,
-    child=True,
-)
-READER = Reader(
-    name=FORMAT.name,
-    title=FORMAT.title,
-    files=_files,
-    plan=_plan,
-    read_piece=_read_piece,
-    format=FORMAT,
+    guarded=True,
 )

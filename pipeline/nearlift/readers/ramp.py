@@ -13,10 +13,16 @@ import numpy as np
 from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
-from nearlift.readers import guarded
-from nearlift.readers.channel import AS_FORCE, Channel, fold, pick, split_unit
-from nearlift.readers.seam import ChannelSpec, Reader
-from nearlift.readers.segments import format_of
+from nearlift.readers.base import (
+    AS_FORCE,
+    Channel,
+    ChannelSpec,
+    Reader,
+    fold,
+    pick,
+    split_unit,
+)
+from nearlift.readers.segments import cutting
 from nearlift.reduction import cuts
 from nearlift.reduction.stretch import SD_PER_MAD
 
@@ -90,10 +96,9 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
     """What the record of one trial is, where its file tells; `NearliftError` where it cannot be
     read, or its reader knows nothing of a record's other columns.
     """
-    form, spec = format_of(reader), ChannelSpec.from_manifest(campaign)
-    dialect = form.checked_dialect(campaign.records.dialect)
-    contents = guarded.contents(form, path, dialect, None)
-    column, clock = spec.of_trial(trial)
+    reader, spec = cutting(reader), ChannelSpec.from_manifest(campaign)
+    contents = reader.open(path, reader.checked_dialect(campaign.records.dialect))
+    column, *clocks = spec.names(trial)
     force = pick(contents.channels, column, "records.force.column", str(path))
     head = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
     channels = [
@@ -102,7 +107,7 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
         if len(c.values) == len(force.values)
     ]
     live = next(c for c in channels if c.name == force.name)
-    return ramp_of(live, channels, [clock] if clock else [], campaign.load_cell.sample_rate)
+    return ramp_of(live, channels, clocks, campaign.load_cell.sample_rate)
 
 
 def ramp_of(

@@ -1,8 +1,11 @@
-"""A record of many trials cut into pieces, each with its samples and what other columns say."""
+"""A record of many trials cut into pieces: at the steps of a column or of the force, at lines of
+text, or into windows; each piece with its samples and the means of other columns.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,18 +13,34 @@ from pathlib import Path
 import numpy as np
 
 from nearlift.campaign.manifest import Campaign
-from nearlift.campaign.segments import Segments
-from nearlift.declare import FloatArray, IntArray
-from nearlift.errors import ManifestError
+from nearlift.campaign.segments import FEWEST_SAMPLES, LEVEL, Segments
+from nearlift.declare import BoolArray, FloatArray, IntArray
+from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import guarded
-from nearlift.readers.channel import Channel, Malformed, pick
-from nearlift.readers.edges import Opened, edges_of, marks_of, sloping, worth_it
-from nearlift.readers.files import source_of
-from nearlift.readers.per_file import Format, record_of
-from nearlift.readers.seam import ChannelSpec, Reader, Record
+from nearlift.readers.base import (
+    Channel,
+    ChannelSpec,
+    Contents,
+    Reader,
+    Record,
+    RecordsDialect,
+    pick,
+)
+from nearlift.readers.files import is_packed, source_of
+from nearlift.readers.guarded import Malformed
+from nearlift.readers.table import matches
+from nearlift.readers.text import TEXT, words_of
 from nearlift.reduction import cuts
 from nearlift.reduction.mean_noise import spectral_density_at_zero
 from nearlift.schedule import BESIDE, brought, dimension_of
+
+#: Share of the cut samples that kept pieces and their settling must be.
+MIN_YIELD = 0.25
+#: A marker's level.
+NUMBER = re.compile(r"[-+]?\d+(?:[.,]\d+)?")
+#: Part of `hold` that kept pieces may move through from end to end, and the share of them that may:
+#: a ramp goes through all of it.
+SLOPING, MOST_SLOPING = 0.6, 0.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,24 +105,36 @@ class Segmented:
         )
 
 
-def format_of(reader: Reader) -> Format:
-    """What turns one file of a reader into all its channels; `ManifestError` where nothing does, so
-    that nothing is known of a record's other columns.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Opened:
+    """A record that was read: all channels of its file, the force among them as `record`, and the
+    dialect that it is in.
     """
-    from nearlift.readers.text import TEXT
 
-    if reader.format is None and reader.name != "csv":
+    path: Path
+    contents: Contents
+    record: Record
+    dialect: RecordsDialect
+
+
+def cutting(reader: Reader) -> Reader:
+    """The reader of all channels of a record; `ManifestError` where there is none, so that nothing
+    is known of a record's other columns.
+    """
+    if reader.name == "csv":
+        return TEXT
+    if not reader.series or reader.name == "parquet":
         raise ManifestError(
             "segments", f"reader = {reader.name!r} does not cut records", 'take "text" or "csv"'
         )
-    return reader.format or TEXT
+    return reader
 
 
 def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path) -> Segmented:
     """The pieces of one record; `InputRefused` where its file cannot be read as the manifest says,
     or does not fall into pieces.
     """
-    form, source = format_of(reader), source_of(root, path)
+    reader, source = cutting(reader), source_of(root, path)
 
     def without(fault: str, *codes: str) -> Segmented:
         return Segmented(record=Record(trial=record, source=source, codes=codes, fault=fault))
@@ -111,22 +142,38 @@ def read(campaign: Campaign, root: Path, reader: Reader, record: str, path: Path
     if path.stat().st_size == 0:
         return without("", "EMPTY")
     spec = ChannelSpec.from_manifest(campaign)
-    dialect = spec.dialect
-    marks: list[tuple[int, str]] = []
-    assert campaign.segments is not None
+    dialect = _with_markers(campaign, reader)
     try:
-        if campaign.segments.begin is not None:
-            marks, dialect = marks_of(form, path, campaign)
-        contents = guarded.contents(form, path, dialect, None)
+        contents = reader.open(path, dialect)
     except Malformed as fault:
         return without(f"{source}: {fault}", "MALFORMED")
     if not contents.channels:
         return without("", *contents.codes)
-    whole = record_of(contents, spec, record, str(path), source)
+    whole = spec.record(contents, record, str(path), source)
     if not len(whole.force_N):
         return Segmented(record=whole)
-    opened = Opened(path=path, contents=contents, record=whole, dialect=dialect, marks=marks)
-    return _cut(campaign, opened, spec)
+    return _cut(campaign, Opened(path=path, contents=contents, record=whole, dialect=dialect), spec)
+
+
+def _with_markers(campaign: Campaign, reader: Reader) -> RecordsDialect:
+    """The dialect in which the lines that begin or end a piece are no samples."""
+    cut, said = campaign.segments, campaign.records.dialect
+    assert cut is not None
+    if cut.begin is None:
+        return said
+    if "ignore" not in reader.options:
+        raise ManifestError(
+            "segments.by",
+            f'"markers" are lines of a text, and reader = {reader.name!r} has none',
+            'take reader = "text", or by = a column',
+        )
+    given = said.get("ignore", ())
+    return {**said, "ignore": [*(given if isinstance(given, list) else ()), *_markers(cut)]}
+
+
+def _markers(cut: Segments) -> list[str]:
+    """The forms of the lines that begin or end a piece."""
+    return [line.replace(LEVEL, "*") for line in (cut.begin, cut.end) if line is not None]
 
 
 def _cut(campaign: Campaign, opened: Opened, spec: ChannelSpec) -> Segmented:
@@ -140,7 +187,7 @@ def _cut(campaign: Campaign, opened: Opened, spec: ChannelSpec) -> Segmented:
     values, edges, levels = edges_of(cut, opened, head, rate)
     samples = [round(t * rate) for t in (cut.settle, cut.shortest, cut.length or 0.0)]
     pieces = cuts.settled(edges, samples[0], samples[1], samples[2] or None)
-    worth_it(pieces, edges, samples[0], str(path), rate)
+    require_yield(pieces, edges, samples[0], str(path), rate)
     bring: dict[str, tuple[Channel | None, tuple[float, float]]] = {}
     for name, (column, key) in brought(cut).items():
         by_mark = key == "segments" and cut.column is None
@@ -151,7 +198,7 @@ def _cut(campaign: Campaign, opened: Opened, spec: ChannelSpec) -> Segmented:
     at_level = (
         _lowest(pieces, values, cut.hold) if cell.tare == "level 0" and values is not None else ()
     )
-    known = [pick(contents.channels, n, "", "") for n in filter(None, spec.of_trial(whole.trial))]
+    known = [pick(contents.channels, n, "", "") for n in spec.names(whole.trial)]
     known += [c for c, _ in bring.values() if c is not None]
     further = _further(cut, opened, known)
     trials: list[CutPiece] = []
@@ -225,7 +272,7 @@ def _level(name: str, values: FloatArray | float) -> float:
     return float(known.mean())
 
 
-def _new_samples(whole: Record) -> tuple[FloatArray | None, np.ndarray]:
+def _new_samples(whole: Record) -> tuple[FloatArray | None, BoolArray]:
     """The clock if it can tell gaps, and a mask of samples that are no repeat of the one before."""
     kept = np.ones(len(whole.force_N), dtype=bool)
     if whole.time_s is None:
@@ -274,3 +321,144 @@ def _means(channels: Sequence[Channel], span: slice) -> dict[str, tuple[float, f
             float(values.std(ddof=1)) if len(values) > 1 else np.nan,
         )
     return means
+
+
+# ---- where it is cut
+
+
+def edges_of(
+    cut: Segments, opened: Opened, head: int, rate: float
+) -> tuple[FloatArray | None, list[cuts.Cut], list[float]]:
+    """The column cut by, if any; where the record behind its head is cut; each mark's level."""
+    n, where = len(opened.record.force_N), str(opened.path)
+    if cut.column is not None:
+        values, only = _stepping(cut, opened)
+        edges = [(head + a, head + b) for a, b in cuts.by_level(values[head:], cut.hold)]
+        if only is not None:
+            edges = [(a, b) for a, b in edges if values[a] == only]
+        return values, edges, [np.nan] * len(edges)
+    if cut.begin is not None:
+        markers = _markers(cut)
+        marks = [mark for mark in opened.contents.marks if _is_like(mark[1], markers)]
+        edges, levels = _between(cut, marks, head, n)
+        if not edges:
+            raise InputRefused(
+                where,
+                f"has no line {cut.begin!r} with samples behind it",
+                "correct begin under [segments]; it is a whole line, {level} is a number",
+            )
+        return None, edges, levels
+    if cut.by == "windows":
+        return None, [(head, n)], [np.nan]
+    if cut.of is None:
+        values, step = opened.record.force_N, cut.step_N()
+    else:
+        values = pick(opened.contents.channels, cut.of, "segments.of", where).values
+        assert isinstance(cut.step, int | float)
+        step = float(cut.step)
+    _require_coarse_step(values[head:], step, where)
+    smallest = max(round((cut.settle + cut.shortest) * rate), 1)
+    edges = [(head + a, head + b) for a, b in cuts.by_change(values[head:], step, smallest)]
+    return values, edges, [np.nan] * len(edges)
+
+
+def _stepping(cut: Segments, opened: Opened) -> tuple[FloatArray, float | None]:
+    """The column that steps, a text's words as numbers, and the one value to keep, if one is."""
+    n, path = len(opened.record.force_N), opened.path
+    if isinstance(cut.only, str):
+        arguments = path, opened.dialect, cut.by
+        words = (guarded.run(words_of, *arguments) if is_packed(path) else words_of(*arguments))[:n]
+        if cut.only not in words:
+            known = ", ".join(map(repr, sorted(set(words))[:8]))
+            raise InputRefused(
+                str(path), f"has no {cut.only!r} in column {cut.by!r}", f"it has {known}"
+            )
+        return np.array([float(word == cut.only) for word in words]), 1.0
+    channel = pick(opened.contents.channels, cut.by, "segments.by", str(path))
+    if len(channel.values) != n:
+        raise InputRefused(
+            str(path),
+            f"has {n} samples of force and {len(channel.values)} of {channel.name!r}",
+            "a record is cut by a column of the same clock",
+        )
+    return channel.values, None if cut.only is None else float(cut.only)
+
+
+def _require_coarse_step(values: FloatArray, step: float, where: str) -> None:
+    """Refuse a step below three codes of a coarse converter: every code would be a plateau."""
+    known = values[np.isfinite(values)]
+    apart = np.abs(np.diff(known))
+    moved = apart[apart > 0]
+    grain = float(moved.min()) if len(moved) else 0.0
+    if len(moved) < 0.5 * len(apart) and step < 3 * grain * (1 - 1e-9):
+        raise InputRefused(
+            where,
+            f"a step of {step:.3g} is less than three of the converter's own ({grain:.3g})",
+            "take a larger step under [segments]",
+        )
+
+
+def _is_like(line: str, forms: Sequence[str]) -> bool:
+    return any(matches(form, line) for form in forms)
+
+
+def _between(
+    cut: Segments, marks: Sequence[tuple[int, str]], head: int, n: int
+) -> tuple[list[cuts.Cut], list[float]]:
+    """Pieces from each line that begins one to the next mark, and the number in that line."""
+    assert cut.begin is not None
+    before, level, after = cut.begin.partition(LEVEL)
+    ends = [row for row, _ in marks[1:]] + [n] * bool(marks)
+    edges, levels = [], []
+    for (row, line), end in zip(marks, ends, strict=True):
+        begins = len(line) >= len(before + after) and line.startswith(before)
+        if not (begins and line.endswith(after) and max(row, head) < min(end, n)):
+            continue
+        between = line[len(before) : len(line) - len(after)].strip()
+        if NUMBER.fullmatch(between) if level else not between:
+            edges.append((max(row, head), min(end, n)))
+            levels.append(float(between.replace(",", ".")) if level else np.nan)
+    return edges, levels
+
+
+def require_yield(
+    pieces: cuts.Cuts, edges: Sequence[cuts.Cut], settle: int, where: str, rate: float
+) -> None:
+    """Refuse a record of which hardly anything is kept, with what would keep half of it."""
+    whole = sum(b - a for a, b in edges)
+    kept = sum(p.end - p.first for p in pieces.pieces)
+    if kept >= MIN_YIELD * whole and pieces.pieces:
+        return
+    total = len(pieces.pieces) + pieces.short
+    longest = max((b - a for a, b in edges), default=0)
+    if longest < FEWEST_SAMPLES:
+        raise InputRefused(
+            where,
+            f"no level holds for more than {longest} sample{'s' * (longest != 1)}: it is a ramp, or"
+            " each row is a mean already",
+            'means belong in the schedule (reader = "means"); a ramp is cut by windows, or by a'
+            " larger hold under [segments]",
+        )
+    enough, less = cuts.longest_shortest(edges, settle), settle
+    while enough < FEWEST_SAMPLES and less:
+        less //= 2
+        enough = cuts.longest_shortest(edges, less)
+    other = f' and settle = "{less / rate:.3g} s"' if less < settle else ""
+    raise InputRefused(
+        where,
+        f"{pieces.short} of {total} pieces are too short, with"
+        f" {100 * (1 - kept / max(whole, 1)):.0f} % of the samples",
+        f'shortest = "{int(1000 * enough / rate) / 1000:g} s"{other} under [segments] would keep'
+        " half of them",
+    )
+
+
+def sloping(cut: Segments, pieces: cuts.Cuts, values: FloatArray) -> bool:
+    """Whether most pieces move through most of `hold` from end to end: a ramp, not levels."""
+    if not cut.hold or not pieces.pieces:
+        return False
+    moved = []
+    for piece in pieces.pieces:
+        part = np.array_split(values[piece.first : piece.end], 4)
+        moved.append(abs(float(part[-1].mean() - part[0].mean())) > SLOPING * cut.hold)
+    return float(np.mean(moved)) > MOST_SLOPING

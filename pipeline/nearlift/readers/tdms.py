@@ -3,7 +3,7 @@
 A channel is called ``group/channel``. Unit from `unit_string` or `NI_UnitDescription`, rate from
 `wf_increment`. A file whose last segment is incomplete, or whose segments' lengths do not add up to
 its own, is called truncated; one cut exactly between two segments shows it by nothing but the
-number of its samples, so say `record` under [load_cell]. An index file beside it is never believed:
+number of its samples, so say `record` under [load_cell]. An index file next to it is never used:
 it may be older.
 """
 
@@ -15,17 +15,17 @@ from typing import BinaryIO
 
 import numpy as np
 
-from nearlift.readers.channel import (
+from nearlift.readers.base import (
     Channel,
     Contents,
-    Malformed,
     Names,
+    Reader,
     RecordsDialect,
+    library,
     unit_word,
     wanted,
 )
-from nearlift.readers.hdf5 import library
-from nearlift.readers.per_file import Format, reader_of
+from nearlift.readers.guarded import Malformed
 
 LEAD_IN = 28
 #: What a writer puts for the length of a segment that it has not finished.
@@ -36,7 +36,7 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a TDMS file; `Malformed` where it contradicts its own structure."""
     nptdms = library("nptdms", "tdms")
     channels = []
-    # by handle: given a path, nptdms would believe an index file beside it
+    # by handle: given a path, nptdms would use an index file next to it
     with path.open("rb") as file:
         if file.read(4) not in (b"TDSm", b"TDSh"):
             raise Malformed("does not begin as TDMS does")
@@ -83,15 +83,13 @@ def _unit(properties: Mapping[str, object]) -> str:
     return unit_word(stated) or stated
 
 
-READER = reader_of(
-    Format(
-        name="tdms",
-        title=(
-            "TDMS of National Instruments: a file per trial, or one for all with groups named by"
-            " trial (extra)"
-        ),
-        recognises=lambda head, name: head.startswith((b"TDSm", b"TDSh")),
-        contents=contents,
-        child=True,
-    )
+READER = Reader(
+    name="tdms",
+    title=(
+        "TDMS of National Instruments: a file per trial, or one for all with groups named by trial"
+        " (extra)"
+    ),
+    recognises=lambda head, name: head.startswith((b"TDSm", b"TDSh")),
+    contents=contents,
+    guarded=True,
 )

@@ -1,14 +1,16 @@
-"""Delimited text in any usual dialect, and headerless numbers by recipe: one file per trial, read
-block by block.
+"""Delimited text: in any usual dialect, as plain CSV, as a spreadsheet's first sheet, or as numbers
+without a header by recipe; one file per trial.
 
-The dialect of the first bytes holds for the whole file: a later line that breaks it stops the run
-with its number. It is found once for files that begin alike. A last line without its end is left
-out, and the record is called truncated.
+The dialect of the first bytes holds for the whole file: a later line that breaks it is refused with
+its number. It is found once for files that begin alike. A last line without its end is left out,
+and the record is called truncated.
 """
 
 from __future__ import annotations
 
 import codecs
+import csv
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,24 +18,27 @@ from typing import Any
 
 import numpy as np
 
-from nearlift.declare import FloatArray
+from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import interleaved, packed
-from nearlift.readers.channel import (
+from nearlift.readers.base import (
+    SECONDS,
     Channel,
     Contents,
     Names,
+    Reader,
     RecordsDialect,
     pick,
     rate_of,
     split_unit,
     wanted,
 )
-from nearlift.readers.dialect import HEAD, Dialect, NoRows, encoding_of, sniff
-from nearlift.readers.per_file import Format, reader_of
-from nearlift.readers.table import Layout, matches, parse, row_of
+from nearlift.readers.dialect import HEAD, UNSTATED, Dialect, NoRows, encoding_of, sniff
+from nearlift.readers.files import content_of, is_sheet, sheet_of
+from nearlift.readers.table import Layout, no_nul, parse, row_of
+from nearlift.units import NUMBER
 
-BLOCK = 8 << 20
+#: Longest line, bytes.
+LONGEST_LINE = 8 << 20
 OPTIONS = {
     "encoding": str,
     "separator": str,
@@ -49,6 +54,12 @@ OPTIONS = {
 #: Layouts found so far, by the dialect stated and the bytes above the first row.
 _found: dict[tuple[Dialect, bytes], Layout] = {}
 MOST_FOUND = 8
+#: Column of a file with one number to a line, as it is read first.
+ONE_COLUMN = "value"
+#: Rows from which on a clock is seen among them: noise grows through so many in one of 40,000.
+MIN_CLOCK_ROWS = 8
+CLOCKS = ("millis", "micros", "ms", "us", "t", "time", "tick")
+_CORRECT = "correct the file, or take the record out of the schedule"
 
 
 def given(dialect: RecordsDialect) -> Dialect:
@@ -61,92 +72,88 @@ def given(dialect: RecordsDialect) -> Dialect:
         `skip` is negative.
     """
     said: dict[str, Any] = {key: value for key, value in dialect.items() if key in OPTIONS}
+
+    def refuse(key: str, what: str, remedy: str) -> ManifestError:
+        return ManifestError(f"records.dialect.{key}", what, remedy)
+
     for key in ("columns", "units", "ignore"):
         if key in said and not all(isinstance(item, str) for item in said[key]):
-            raise ManifestError(
-                f"records.dialect.{key}",
-                f"{said[key]!r} holds more than texts",
-                'write it as ["force", "t"]',
-            )
+            what = f"{said[key]!r} holds more than texts"
+            raise refuse(key, what, 'write it as ["force", "t"]')
         said[key] = tuple(said.get(key, ()))
-    if said["units"] and len(said["units"]) != len(said["columns"]):
-        raise ManifestError(
-            "records.dialect.units",
-            f"names {len(said['units'])} units for {len(said['columns'])} columns",
-            'one for each; "" for none',
-        )
+    columns, thousands = said["columns"], said.get("thousands", "")
+    if said["units"] and len(said["units"]) != len(columns):
+        what = f"names {len(said['units'])} units for {len(columns)} columns"
+        raise refuse("units", what, 'one for each; "" for none')
     if said.get("decimal", ".") not in (".", ","):
-        raise ManifestError(
-            "records.dialect.decimal", f"{said['decimal']!r} is no decimal sign", 'write "." or ","'
-        )
-    thousands = said.get("thousands", "")
+        raise refuse("decimal", f"{said['decimal']!r} is no decimal sign", 'write "." or ","')
     if thousands and (len(thousands) > 1 or thousands.isalnum() or thousands in "+-"):
-        raise ManifestError(
-            "records.dialect.thousands",
-            f"{thousands!r} is no sign between thousands",
-            'write ",", ".", "\'" or " "',
-        )
+        what = f"{thousands!r} is no sign between thousands"
+        raise refuse("thousands", what, 'write ",", ".", "\'" or " "')
     if thousands and thousands == said.get("decimal"):
-        raise ManifestError(
-            "records.dialect.thousands",
-            f"{thousands!r} is the decimal sign as well",
-            "state another decimal sign",
-        )
-    if said.get("lines", 1) != 1 and said["lines"] != len(said["columns"]):
-        raise ManifestError(
-            "records.dialect.lines",
-            f"says {said['lines']} lines to a row, and columns names {len(said['columns'])}",
+        what = f"{thousands!r} is the decimal sign as well"
+        raise refuse("thousands", what, "state another decimal sign")
+    if said.get("lines", 1) != 1 and said["lines"] != len(columns):
+        raise refuse(
+            "lines",
+            f"says {said['lines']} lines to a row, and columns names {len(columns)}",
             'a number to a line, one name for each: columns = ["force", "millis"], lines = 2',
         )
     if said.get("skip", 0) < 0:
-        raise ManifestError(
-            "records.dialect.skip",
-            f"{said['skip']} is negative",
-            "it counts the lines above the columns' names",
-        )
+        what = f"{said['skip']} is negative"
+        raise refuse("skip", what, "it counts the lines above the columns' names")
     try:
         codecs.lookup(said.get("encoding", "utf-8"))
     except LookupError:
-        raise ManifestError(
-            "records.dialect.encoding",
-            f"{said['encoding']!r} is no encoding",
-            'such as "utf-8", "utf-16" or "latin-1"',
-        ) from None
+        what = f"{said['encoding']!r} is no encoding"
+        raise refuse("encoding", what, 'such as "utf-8", "utf-16" or "latin-1"') from None
     return Dialect(**said)
+
+
+# ---- reading
 
 
 def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     """The channels of a text file; `InputRefused` where no dialect fits, or a line breaks it."""
-    return from_text(path, given(dialect), names)
+    return from_text(content_of(path), str(path), given(dialect), names)
 
 
-def from_text(path: Path, said: Dialect, names: Names, layout: Layout | None = None) -> Contents:
-    """The channels of a text file in a dialect known in part (`said`) or in whole (`layout`)."""
+def from_text(
+    content: bytes, where: str, said: Dialect, names: Names, layout: Layout | None = None
+) -> Contents:
+    """The channels of a text in a dialect known in part (`said`) or in whole (`layout`)."""
     if said.lines > 1:
-        whole = from_text(path, interleaved.one_column(said), None)
-        marks = marked(path, interleaved.one_column(said), said.ignore) if said.ignore else []
-        return interleaved.parted(whole, said, marks, str(path))
-    head, whole_file = head_of(path)
+        return _parted(from_text(content, where, one_column(said), None), said, where)
+    head = content[:HEAD]
     if not head.strip(b"\0"):
-        return Contents(channels=(), kind="text", codes=("EMPTY",))
+        return Contents(kind="text", codes=("EMPTY",))
     if layout is not None:
-        return _read(path, layout, names)
-    if (layout := _known(head, said, str(path))) is not None:
+        return _read(content, layout, names, where)
+    if (layout := _known(head, said, where)) is not None:
         try:
-            return _read(path, layout, names)
+            return _read(content, layout, names, where)
         except InputRefused:
             # this file may be of another dialect; if not, it is refused again
             pass
     try:
-        layout = layout_of(path, said)
+        layout = layout_of(content, where, said)
     except NoRows:
-        if head.count(b"\n") > 2 or not whole_file:
+        if head.count(b"\n") > 2 or len(content) > HEAD:
             raise
         codes = ("NO_DATA",) if head.endswith((b"\n", b"\r")) else ("NO_DATA", "truncated")
-        return Contents(channels=(), kind="text", codes=codes)
-    file = _read(path, layout, names)
+        return Contents(kind="text", codes=codes)
+    file = _read(content, layout, names, where)
     _keep(head, said, layout)
     return file
+
+
+def layout_of(content: bytes, where: str, said: Dialect) -> Layout:
+    """The layout of a text, known in part; raises as `sniff` does."""
+    head, whole = content[:HEAD], len(content) <= HEAD
+    if whole and not head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0\0\0" in head[-3:]:
+        # the tail of a power cut
+        head = head.rstrip(b"\0")
+    return sniff(head, where, said, whole=whole)
 
 
 def _known(head: bytes, said: Dialect, where: str) -> Layout | None:
@@ -166,63 +173,85 @@ def _keep(head: bytes, said: Dialect, layout: Layout) -> None:
         _found[said, head[: len(head) - len(above[-1])]] = layout
 
 
-def _read(path: Path, layout: Layout, names: Names) -> Contents:
-    """The channels of a text file in a known layout."""
-    where = str(path)
+def _read(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
+    """The channels of a text in a known layout."""
     chosen = _chosen(layout, names, where)
-    blocks = Blocks(path, layout)
-    parts: list[list[FloatArray]] = [[] for _ in chosen]
-    after: list[int] = []
-    if layout.ignore:
-        above = _above(head_of(path)[0], layout)
-        after = [0] if above and above[-1].strip() and layout.skips(above[-1]) else []
-    rows = 0
-    for first, body in blocks:
-        if layout.ignore:
-            behind, rows = _after_ignored(body, layout, rows)
-            after += behind
-        for held, values in zip(parts, parse(body, where, layout, first, chosen), strict=True):
-            held.append(values)
+    above, body, cut = _rows_of(content, layout, where)
+    columns = parse(body, where, layout, layout.first, chosen)
     channels = tuple(
-        Channel(
-            name=layout.names[i],
-            unit=layout.units[i],
-            values=held[0] if len(held) == 1 else np.concatenate([np.empty(0), *held]),
-        )
-        for i, held in zip(chosen, parts, strict=True)
+        Channel(name=layout.names[i], unit=layout.units[i], values=values)
+        for i, values in zip(chosen, columns, strict=True)
     )
-    if len(layout.names) == 1 and layout.names != (interleaved.ONE,):
-        interleaved.refuse(channels[0].values, where, layout.first)
-    if names is not None or len(channels) == 1:
-        _of_one_kind(channels[0], after, where)
+    if len(layout.names) == 1 and layout.names != (ONE_COLUMN,):
+        _refuse_clock_between(columns[0], where, layout.first)
+    marks = list(_marks(above, layout)) if layout.ignore else []
+    if layout.ignore:
+        first = 0 if marks and layout.skips(above[-1]) else len(marks)
+        marks += _marks(body.decode("utf-8", "replace").split("\n"), layout)
+        if names is not None or len(channels) == 1:
+            _require_one_kind(channels[0], [row for row, _ in marks[first:]], where)
     spoken = layout.spoken()
     return Contents(
         channels=channels,
         kind="text" + (f": {spoken}" if spoken else ""),
-        codes=("truncated",) if blocks.cut else (),
+        codes=("truncated",) if cut else (),
         notes=(f"text read as {spoken}",) if spoken else (),
+        marks=tuple(marks),
     )
 
 
-def _after_ignored(body: bytes, layout: Layout, rows: int) -> tuple[list[int], int]:
-    """The rows of a block right behind an ignored line, and the count of rows so far."""
-    places, behind = [], False
-    for line in map(str.strip, body.decode("utf-8", errors="replace").split("\n")):
+def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], bytes, bool]:
+    """The lines above the first row, the whole lines from it on as UTF-8 with line feeds, and
+    whether a last line without its end was left out.
+    """
+    half = False
+    if layout.encoding not in ("utf-8", "utf-8-sig"):
+        decoder = codecs.getincrementaldecoder(layout.encoding)()
+        try:
+            content = decoder.decode(content).encode()
+        except UnicodeError as fault:
+            raise InputRefused(
+                where,
+                f"is not {layout.encoding} text: {fault}",
+                "the file is damaged or in another encoding",
+            ) from None
+        # a part of a character of UTF-16 is left over
+        half = bool(decoder.getstate()[0])
+    content = content.removeprefix(codecs.BOM_UTF8)
+    if b"\r" in content:
+        content = content.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    start, end = 0, content.rfind(b"\n") + 1
+    for _ in range(layout.first - 1):
+        start = content.find(b"\n", start) + 1 or end
+    tail = content[end:]
+    if len(tail) > LONGEST_LINE and tail.strip(b"\0"):
+        raise InputRefused(
+            f"{where}, after line {content.count(10)}",
+            f"has a line of more than {LONGEST_LINE >> 20} MB",
+            "it is no table, or damaged",
+        )
+    above = content[:start].decode("utf-8", "replace").split("\n")[:-1]
+    return above, content[start:end], half or bool(tail.strip()) or b"\0" in tail
+
+
+def _marks(lines: Sequence[str], layout: Layout) -> Iterator[tuple[int, str]]:
+    """The ignored lines, each with the count of rows above it."""
+    rows = 0
+    for line in map(str.strip, lines):
         if line and layout.skips(line):
-            behind = True
+            yield rows, line
         elif line:
-            places += [rows] if behind else []
-            rows, behind = rows + 1, False
-    return places, rows
+            rows += 1
 
 
-def _of_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
+def _require_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
     """Refuse numbers behind ignored lines that are unlike those that follow them.
 
     A rig that writes THROTTLE, and its number on a line of its own, would otherwise have throttles
     among its forces.
     """
-    parts = [p for p in np.split(channel.values, after)[1:] if len(p) > 3] if after else []
+    places = sorted(set(after))
+    parts = [p for p in np.split(channel.values, places)[1:] if len(p) > 3] if places else []
     ends = [(p[0], np.nanmin(p[1:]), np.nanmax(p[1:])) for p in parts if np.isfinite(p[1:]).any()]
     if len(ends) > 1 and all(
         x < low - (high - low) or x > high + (high - low) for x, low, high in ends
@@ -236,22 +265,6 @@ def _of_one_kind(channel: Channel, after: Sequence[int], where: str) -> None:
         )
 
 
-def head_of(path: Path) -> tuple[bytes, bool]:
-    """The first bytes of a text, and whether they are all of it."""
-    with packed.opened(path) as file:
-        head = file.read(HEAD + 1)
-    return head[:HEAD], len(head) <= HEAD
-
-
-def layout_of(path: Path, said: Dialect) -> Layout:
-    """The layout of a file, known in part; raises as `sniff` does."""
-    head, whole = head_of(path)
-    if whole and not head.startswith((b"\xff\xfe", b"\xfe\xff")) and b"\0\0\0" in head[-3:]:
-        # the tail of a power cut
-        head = head.rstrip(b"\0")
-    return sniff(head, str(path), said, whole=whole)
-
-
 def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
     """Indices of the columns to read: those that `pick` may choose, or all of numbers."""
     if names is None:
@@ -263,157 +276,201 @@ def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
         chosen |= exact or {i for i, column in columns if wanted(column, (name,))}
     if not chosen:
         channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
+        place = f"{where}, line {max(layout.first - 1, 1)}"
         # refuses: none of them fits
-        pick(
-            channels,
-            names[0],
-            "records.force.column",
-            f"{where}, line {max(layout.first - 1, 1)}",
-        )
+        pick(channels, names[0], "records.force.column", place)
     return sorted(chosen)
 
 
-class Blocks:
-    """A file's rows in blocks of whole lines, as UTF-8 with line feeds, each with the number of its
-    first line.
-
-    `cut` is True afterwards if the last line had no end and was left out.
-    """
-
-    def __init__(self, path: Path, layout: Layout) -> None:
-        self.path, self.layout, self.cut = path, layout, False
-
-    def __iter__(self) -> Iterator[tuple[int, bytes]]:
-        line, skip = 1, self.layout.first - 1
-        held = b""
-        encoding = self.layout.encoding
-        foreign = encoding not in ("utf-8", "utf-8-sig")
-        decoder = codecs.getincrementaldecoder(encoding)() if foreign else None
-        # room for a whole block would be fetched for every small file
-        size = min(BLOCK, max(self.path.stat().st_size + 1, HEAD))
-        with packed.opened(self.path) as file:
-            while True:
-                raw = file.read(size)
-                if not raw:
-                    break
-                held += raw if decoder is None else self._decoded(decoder, raw, line)
-                if line == 1 and held.startswith(codecs.BOM_UTF8):
-                    held = held[len(codecs.BOM_UTF8) :]
-                # a carriage return at the end of a block may belong to a line feed in the next
-                whole = held[:-1] if held.endswith(b"\r") else held
-                if b"\r" in whole:
-                    held = whole.replace(b"\r\n", b"\n").replace(b"\r", b"\n") + held[len(whole) :]
-                end = held.rfind(b"\n") + 1
-                body, held = held[:end], held[end:]
-                if len(held) > BLOCK:
-                    # gigabytes without the end of a line would be copied again with every block
-                    if held.strip(b"\0"):
-                        above = line + body.count(b"\n") - 1
-                        raise InputRefused(
-                            f"{self.path}, after line {above}",
-                            "has a line of more than 8 MB",
-                            "it is no table, or damaged",
-                        )
-                    held = b"\0"
-                if not body:
-                    continue
-                lines = body.count(b"\n")
-                if skip:
-                    taken = min(skip, lines)
-                    body = b"\n".join(body.split(b"\n", taken)[taken:])
-                    skip, line, lines = skip - taken, line + taken, lines - taken
-                if body:
-                    yield line, body
-                line += lines
-        if held.endswith(b"\r") and b"\n" not in held:
-            last = held[:-1] + b"\n"
-            if last.strip() and not skip:
-                yield line, last
-        elif held:
-            self.cut = bool(held.strip()) or b"\0" in held
-        # half a character of UTF-16 is left over
-        self.cut = self.cut or (decoder is not None and bool(decoder.getstate()[0]))
-
-    def _decoded(self, decoder: codecs.IncrementalDecoder, raw: bytes, line: int) -> bytes:
-        try:
-            return decoder.decode(raw).encode()
-        except UnicodeError as fault:
-            raise InputRefused(
-                f"{self.path}, line {line} or later",
-                f"is not {self.layout.encoding} text: {fault}",
-                "the file is damaged or in another encoding",
-            ) from None
-
-
-def marked(path: Path, said: Dialect, marks: Sequence[str]) -> list[tuple[int, str]]:
-    """Every line like one of `marks` (``*`` matches anything), and the count of rows above it."""
-    to_a_row = said.lines
-    said = replace(said, ignore=tuple(dict.fromkeys((*said.ignore, *marks))))
-    layout = layout_of(path, said if to_a_row == 1 else interleaved.one_column(said))
-
-    def is_mark(line: str) -> bool:
-        return any(matches(form, line.strip()) for form in marks) and bool(line.strip())
-
-    above = _above(head_of(path)[0], layout)
-    places = [(0, line.strip()) for line in above if is_mark(line)]
-    rows = 0
-    for _, line in _lines(path, layout):
-        if is_mark(line):
-            places.append((rows // to_a_row, line.strip()))
-        elif not layout.skips(line):
-            rows += 1
-    return places
-
-
 def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
-    """The cells of one column of a text, as they stand, a row each; `InputRefused` if it is not
-    there.
-    """
-    layout = layout_of(path, given(dialect))
+    """The cells of one column of a text, a row each; `InputRefused` if it is not there."""
+    content, where = content_of(path), str(path)
+    layout = layout_of(content, where, given(dialect))
     if column not in layout.names:
         raise InputRefused(
-            str(path),
+            where,
             f"has no column {column!r}",
             f"it has {', '.join(map(repr, layout.names))}; segments.by names it",
         )
     place = layout.names.index(column)
+    body = _rows_of(content, layout, where)[1].decode("utf-8", "replace")
     return [
-        row_of(line, f"{path}, line {number}", layout)[place]
-        for number, line in _lines(path, layout)
+        row_of(line, f"{where}, line {number}", layout)[place]
+        for number, line in enumerate(body.split("\n")[:-1], layout.first)
         if not layout.skips(line)
     ]
 
 
-def _lines(path: Path, layout: Layout) -> Iterator[tuple[int, str]]:
-    """Number and text of every line from the first row on."""
-    for first, body in Blocks(path, layout):
-        yield from enumerate(body.decode("utf-8", "replace").removesuffix("\n").split("\n"), first)
-
-
-def _above(head: bytes, layout: Layout) -> list[str]:
-    """The lines above the first row."""
-    text = head.decode(layout.encoding, errors="replace")
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")[: layout.first - 1]
-
-
 def with_rate(file: Contents) -> Contents:
-    """The same, each channel with the rate of the clock: the first called time in s, ms or us."""
-    ticks, called = {"s": 1.0, "ms": 1e-3, "us": 1e-6}, ("t", "time", "x_value", "zeit")
-    timed = [c for c in file.channels if c.unit in ticks]
-    clocks = [c for c in timed if split_unit(c.name)[0].casefold() in called]
+    """The contents with the rate of the clock: the first channel called time, in s, ms or us."""
+    called = ("t", "time", "x_value", "zeit")
+    clocks = [
+        c for c in file.channels if c.unit in SECONDS and split_unit(c.name)[0].casefold() in called
+    ]
     if not clocks or len(clocks[0].values) < 3:
         return file
-    rate = rate_of(ticks[clocks[0].unit] * clocks[0].values)
+    rate = rate_of(SECONDS[clocks[0].unit] * clocks[0].values)
     return replace(file, channels=tuple(replace(c, rate_Hz=rate) for c in file.channels))
 
 
-TEXT = Format(
+# ---- one number to a line
+
+
+def one_column(said: Dialect) -> Dialect:
+    """The dialect in which each line is a row."""
+    return replace(said, columns=(ONE_COLUMN,), units=(), lines=1, separator="none")
+
+
+def _parted(whole: Contents, said: Dialect, where: str) -> Contents:
+    """The columns of a file that was read as one column: a value, then its millis.
+
+    Raises
+    ------
+    InputRefused
+        An ignored line is within a row, or a clock, by its name or its first numbers, does not
+        only grow: a line is lost.
+    """
+    if not whole.channels:
+        return whole
+    values, k = whole.channels[0].values, said.lines
+    rows = len(values) // k
+    for number, line in whole.marks:
+        if number % k:
+            raise InputRefused(
+                f"{where}, number {number + 1}",
+                f"a row of {k} lines is broken by {line!r}",
+                _CORRECT,
+            )
+    table = np.ascontiguousarray(values[: rows * k].reshape(rows, k).T)
+    for name, column in zip(said.columns, table, strict=True):
+        shown = len(column) > MIN_CLOCK_ROWS and _grows(column[:MIN_CLOCK_ROWS])
+        if (name.casefold() in CLOCKS or shown) and not np.all(np.diff(column) > 0):
+            row = int(np.argmin(np.diff(column) > 0)) + 1
+            raise InputRefused(
+                f"{where}, number {row * k + 1}",
+                f"{name!r} only grew until there, and is {column[row]:g} after"
+                f" {column[row - 1]:g}: a line is lost, or the clock was set back",
+                _CORRECT,
+            )
+    return replace(
+        whole,
+        channels=tuple(
+            Channel(name=name, unit=unit, values=column)
+            for name, unit, column in zip(said.columns, said.units or [""] * k, table, strict=True)
+        ),
+        codes=whole.codes if rows * k == len(values) else (*whole.codes, "truncated"),
+        notes=(*whole.notes, f"text read as {k} lines to a row"),
+        marks=tuple((number // k, line) for number, line in whole.marks),
+    )
+
+
+def _refuse_clock_between(values: FloatArray, where: str, first: int) -> None:
+    """Refuse one column, from line `first` on, of which every second number is a clock's, and the
+    others are not.
+    """
+    for k in (0, 1):
+        clock, other = values[k::2], values[1 - k :: 2]
+        # the first few settle it for nearly every record
+        if len(clock) < MIN_CLOCK_ROWS or not _grows(clock[:MIN_CLOCK_ROWS]):
+            continue
+        if _grows(clock) and not _grows(other) and not _grows(values):
+            names = '"millis", "force"' if k == 0 else '"force", "millis"'
+            raise InputRefused(
+                f"{where}, line {first + k} and every second one",
+                f"only grows, from {clock[0]:g} to {clock[-1]:g}: a clock between the values, and"
+                " not a force",
+                f"dialect = {{ columns = [{names}], lines = 2 }} under [records], and the reader is"
+                ' "text"',
+            )
+
+
+def _grows(values: FloatArray) -> bool:
+    """Whether whole numbers each exceed the one before."""
+    rising: BoolArray = np.diff(values) > 0
+    return bool(rising.all() and np.all(values == np.round(values)))
+
+
+# ---- plain CSV
+
+
+def csv_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+    """The channels of these names; `InputRefused` where the file is not plain CSV in UTF-8."""
+    if names is None:
+        return contents(path, {}, None)
+    content = content_of(path)
+    head = content[:HEAD]
+    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+        raise InputRefused(
+            str(path), "is UTF-16 text", 'save it as UTF-8, or say reader = "text", which reads it'
+        )
+    header = head.replace(b"\r", b"\n").split(b"\n", 1)
+    if head.strip(b"\0") and len(header) == 1:
+        return Contents(kind="CSV", codes=("NO_DATA", "truncated"))
+    try:
+        layout = _csv_layout(header[0])
+    except InputRefused as refusal:
+        raise InputRefused(f"{path}, line 1", refusal.what, refusal.remedy) from None
+    return from_text(content, str(path), UNSTATED, names, layout)
+
+
+@functools.lru_cache(maxsize=8)
+def _csv_layout(header: bytes) -> Layout:
+    """The layout under a header, found once for records that begin alike."""
+    try:
+        line = header.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        raise InputRefused("", "is not UTF-8 text", "save it as UTF-8") from None
+    no_nul(line.rstrip("\0"), "")
+    try:
+        names = [name.strip() for name in next(csv.reader([line]), [])]
+    except csv.Error as fault:
+        raise InputRefused(
+            "", f"is no header: {fault}", "the file is damaged, or of another dialect"
+        ) from None
+    if len(names) == 1 and any(sign in names[0] for sign in ";\t"):
+        raise InputRefused(
+            "",
+            "is not separated by commas",
+            'save it with commas between cells and points in decimals, or say reader = "text"',
+        )
+    if names and all(NUMBER.fullmatch(name) for name in names):
+        raise InputRefused(
+            "",
+            "holds numbers where the columns' names should stand",
+            'put a header line above the samples, or say reader = "text" and dialect = { columns ='
+            " [...] }",
+        )
+    return Layout(names=tuple(names), units=("",) * len(names), first=2)
+
+
+# ---- spreadsheets
+
+
+def sheet_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+    """The columns of numbers of the first sheet, read as the table that it would be as CSV."""
+    content, sheets = sheet_of(path)
+    said = given({"separator": ",", **dialect})
+    found = from_text(content.encode(), str(path), said, names)
+    left_out = f"; {len(sheets) - 1} more left out" if len(sheets) > 1 else ""
+    return replace(found, kind=f"spreadsheet, sheet {sheets[0]!r}{left_out}")
+
+
+TEXT = Reader(
     name="text",
     title=(
         "delimited text in any usual dialect, or headerless numbers by recipe; one file per trial"
     ),
-    recognises=lambda head, name: False,
     contents=contents,
     options=OPTIONS,
 )
-READER = reader_of(TEXT)
+CSV = Reader(
+    name="csv", title="one CSV file per trial, columns by header name", contents=csv_contents
+)
+SHEET = Reader(
+    name="sheet",
+    title="spreadsheet (xlsx, xls, ods): its first sheet; one file per trial",
+    contents=sheet_contents,
+    recognises=is_sheet,
+    options={"skip": int, "columns": list, "units": list, "ignore": list},
+    guarded=True,
+)

@@ -78,7 +78,8 @@ def stretch(values: FloatArray, half: int) -> Stretch:
     squared = away * away
     squares = float(np.add.reduce(squared))
     limit = 36.0 * squares / max(n - 1, 1)
-    few_far = max(high - mean, mean - low) ** 2 > limit
+    farthest = max(high - mean, mean - low)
+    few_far = farthest * farthest > limit
     batches, gain = away, 1.0
     if half:
         (rising, falling), gain = _window(half)

@@ -17,9 +17,9 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.rig import RECORD_MARK
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.readers import ramp
-from nearlift.readers.channel import Malformed
-from nearlift.readers.files import files_per_trial, per_trial, source_of
-from nearlift.readers.seam import MARK, Piece, Reader
+from nearlift.readers.base import Reader
+from nearlift.readers.files import MARK, Piece, per_trial, source_of
+from nearlift.readers.guarded import Malformed
 from nearlift.reduction import plausibility, quality
 from nearlift.run.engine import Job, Outcome
 from nearlift.run.tables import Table, sha256
@@ -60,8 +60,12 @@ def inputs(root: Path, campaign: Campaign) -> list[str]:
     """
     reader = readers.reader(campaign.records.reader)
     schedule = read_schedule(campaign, root)
-    listed = files_per_trial if campaign.cuts_records else reader.files
-    records = listed(campaign, root, list(schedule.trial))
+    trials = list(schedule.trial)
+    records = (
+        [path for path, _ in per_trial(campaign, root, trials).values()]
+        if campaign.cuts_records
+        else reader.files(campaign, root, trials)
+    )
     return [source_of(root, path) for path in (schedule_file(campaign, root), *records)]
 
 

@@ -12,8 +12,8 @@ import numpy as np
 from nearlift import readers
 from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, NearliftError
-from nearlift.readers.files import source_of
-from nearlift.readers.seam import Piece, Record
+from nearlift.readers.base import Record
+from nearlift.readers.files import Piece, source_of
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.run.tables import Table, sha256

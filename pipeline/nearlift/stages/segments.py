@@ -14,9 +14,9 @@ import numpy as np
 from nearlift import readers
 from nearlift.errors import InputRefused
 from nearlift.readers import files, segments
-from nearlift.readers.expanded import schedule_of_trials
+from nearlift.readers.base import Reader
 from nearlift.readers.files import per_trial, unlisted
-from nearlift.readers.seam import Reader
+from nearlift.readers.segment_schedule import schedule_of_trials
 from nearlift.readers.segments import Pieces, Segmented
 from nearlift.reduction.record import Reduced, reduce_record
 from nearlift.run.engine import Job
@@ -75,8 +75,7 @@ def from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Schedule
 def _answers(job: Job, reader: Reader, schedule: Schedule) -> dict[str, CutRecord]:
     """The answer for each record that is there; raises as `from_records`."""
     campaign, ids = job.campaign, schedule.trial.tolist()
-    form = segments.format_of(reader)
-    form.checked_dialect(campaign.records.dialect)
+    segments.cutting(reader).checked_dialect(campaign.records.dialect)
     there = per_trial(campaign, job.root, ids)
     if not there:
         raise InputRefused(

@@ -15,8 +15,8 @@ from nearlift.campaign.piv import Piv, PivCase
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.flow.field import VelocityField, masked, orient
 from nearlift.readers import guarded
-from nearlift.readers.channel import Malformed
 from nearlift.readers.files import inside, source_of
+from nearlift.readers.guarded import Malformed
 from nearlift.readers.piv import binary, text
 from nearlift.readers.piv.fields import Dialect, Raw, Setting, settle
 

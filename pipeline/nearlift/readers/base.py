@@ -1,0 +1,478 @@
+"""Base of all readers: a file as channels, a record as lift in N, and `Reader`, one outside format.
+
+A new format is one file with one `Reader` in it: a function from a file to its channels. The reader
+plans which trials are in which files, without reading samples, then reads one `Piece` of the plan
+at a time. Pieces are small values that can be sent to another process.
+
+One file holds one trial (``files = "trials/{trial}.tdms"``), or all trials, in channels that carry
+the trial's id (``files = "all.h5"``, ``column = "/{trial}/force"``).
+"""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import unicodedata
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from nearlift import units
+from nearlift.declare import FloatArray
+from nearlift.errors import InputRefused, ManifestError, did_you_mean
+from nearlift.readers import files, guarded
+from nearlift.readers.files import MARK, Piece, ReadingPlan
+from nearlift.readers.guarded import Malformed
+
+if TYPE_CHECKING:
+    from nearlift.campaign.manifest import Campaign
+
+#: ``[records] dialect`` of a manifest: keys and types are those of the reader's options.
+RecordsDialect = Mapping[str, object]
+#: Names of the channels wanted; None for all.
+Names = tuple[str, ...] | None
+#: Units by their own names, in letters of any size.
+_UNITS = (
+    *("N", "mN", "kN", "gf", "kgf", "lbf", "ozf", "g", "kg", "lb", "oz", "count", "percent"),
+    *("s", "ms", "us", "Hz", "kHz", "rpm", "m", "mm", "cm", "m/s", "m/s^2", "deg", "rad"),
+    *("V", "mV", "A", "mA", "W", "degC", "K", "Pa", "hPa", "kPa", "N m"),
+)
+#: Other spellings of instruments, folded.
+_SPELLINGS = {
+    "N": ("newton", "newtons"),
+    "g": ("gram", "grams"),
+    "count": ("counts",),
+    "s": ("sec", "second", "seconds"),
+    "us": ("μs", "microseconds"),
+    "V": ("volt", "volts"),
+    "A": ("amps",),
+    "percent": ("%",),
+    "degC": ("°c", "c"),
+    "m/s^2": ("m/s2",),
+    "N m": ("nm", "n·m"),
+    "": ("-", "1"),
+}
+UNITS = {unit.casefold(): unit for unit in _UNITS} | {
+    word: unit for unit, words in _SPELLINGS.items() for word in words
+}
+#: Units of mass as those of the force that a load cell means.
+AS_FORCE = {"g": "gf", "kg": "kgf", "lb": "lbf", "oz": "ozf"}
+FORCE_UNITS = ("N", "mN", "kN", "gf", "kgf", "lbf", "ozf")
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+_PRODUCT = str.maketrans(dict.fromkeys("⋅∙*•", "·"))
+
+
+# ---- channels
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Channel:
+    """One series: its name, the unit that the file states (empty: none), samples, stated rate."""
+
+    name: str
+    unit: str = ""
+    values: FloatArray
+    rate_Hz: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Contents:
+    """The channels of a file, the name of its format, quality codes, and remarks for the user.
+
+    `marks` are the lines of a text that are no rows, each with the number of rows above it.
+    """
+
+    channels: tuple[Channel, ...] = ()
+    kind: str = ""
+    codes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    marks: tuple[tuple[int, str], ...] = ()
+
+
+@functools.lru_cache(maxsize=1024)
+def fold(text: str) -> str:
+    """The form in which names are compared: compatible letters folded (both micro signs, all
+    product signs), lower case, single blanks.
+    """
+    plain = unicodedata.normalize("NFKC", text).translate(_PRODUCT).casefold()
+    return " ".join(plain.split())
+
+
+@functools.lru_cache(maxsize=1024)
+def split_unit(name: str) -> tuple[str, str]:
+    """Name and unit of ``Thrust (gf)`` or ``weight[g]``; the unit is empty where there is none."""
+    plain = name.rstrip()
+    start = max(plain.rfind("("), plain.rfind("["))
+    bare, unit = plain[:start].rstrip(), plain[start + 1 : -1]
+    if start < 0 or not bare or not plain.endswith((")", "]")) or ")" in unit or "]" in unit:
+        return name, ""
+    return bare, unit_word(unit) or unit.strip()
+
+
+def unit_word(cell: str) -> str | None:
+    """The unit in a cell, brackets aside, as nearlift writes it; None where it is no unit, empty
+    where the cell is blank.
+    """
+    plain = fold(cell.strip().strip("()[]"))
+    return UNITS.get(plain) if plain else ""
+
+
+def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Channel:
+    """The channel of that name: as written, else folded, else folded without its unit or its group;
+    `InputRefused` where there is none, or the name fits several.
+    """
+    names = tuple(c.name for c in channels)
+    places = _fitting(names, column)
+    if len(places) == 1:
+        return channels[places[0]]
+    if places:
+        raise InputRefused(
+            where,
+            f"has more than one column {column!r}: {', '.join(repr(names[i]) for i in places)}",
+            f"{key} names one of them",
+        )
+    close = difflib.get_close_matches(column, names, n=1, cutoff=0.5)
+    more = f" and {len(names) - 12} more" if len(names) > 12 else ""
+    listed = ", ".join(repr(n) for n in names[:12]) + more
+    raise InputRefused(
+        where,
+        f"has no column {column!r}",
+        f'{key} = "{close[0]}"?' if close else f"it has {listed or 'none'}; {key} names it",
+    )
+
+
+# the records of a campaign have the same names
+@functools.lru_cache(maxsize=256)
+def _fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
+    """Indices of the names that match, by the first kind of match that any name has."""
+    folded = fold(column)
+    for same in (
+        lambda name: name == column,
+        lambda name: fold(name) == folded,
+        lambda name: fold(split_unit(name)[0]) == folded,
+        lambda name: _in_a_group(name, folded),
+    ):
+        if places := tuple(i for i, name in enumerate(names) if same(name)):
+            return places
+    return ()
+
+
+def wanted(name: str, names: Names) -> bool:
+    """Whether `pick` may choose this channel for one of these names, so that a reader need not read
+    others; without names every channel is wanted.
+    """
+    if names is None:
+        return True
+    spellings = {fold(name), fold(split_unit(name)[0])}
+    return any(fold(n) in spellings or _in_a_group(name, fold(n)) for n in names)
+
+
+def _in_a_group(name: str, folded: str) -> bool:
+    """Whether a channel has that name within a group, or a group of groups."""
+    return fold(name).endswith((f".{folded}", f"/{folded}"))
+
+
+def rate_of(clock: FloatArray) -> float | None:
+    """The steady rate of a clock in s, Hz: the inverse of its median step; None if it has none."""
+    steps = np.diff(clock[np.isfinite(clock)])
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return 1 / usual if usual > 0 else None
+
+
+def library(name: str, extra: str) -> Any:
+    """The module of that name, which an extra installs; `InputRefused` where it is not there."""
+    import importlib
+
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputRefused(
+            f"reader {extra!r}", f"needs the package {name}", f'pip install "nearlift[{extra}]"'
+        ) from None
+
+
+# ---- records
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Record:
+    """The load-cell series of one trial.
+
+    Attributes
+    ----------
+    trial : str
+        Id, as in the schedule.
+    force_N : (n,) float array
+        Lift in N, up positive: sign and calibration applied, tare *not* removed. NaN where the file
+        holds no number.
+    time_s : (n,) float array or None
+        The clock column, where the manifest names one.
+    source : str
+        File, relative to the campaign's folder.
+    codes : tuple of str
+        Quality codes that the reader gives (names in `reduction.quality.CODES`).
+    notes : tuple of str
+        Remarks for the user, without the file's name: equal ones of many records are printed once.
+    fault : str
+        The reason of a MALFORMED record, in words.
+    """
+
+    trial: str
+    force_N: FloatArray = field(default_factory=lambda: np.empty(0))
+    source: str
+    time_s: FloatArray | None = None
+    codes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+    fault: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChannelSpec:
+    """Force and clock of a record by the manifest, as plain values.
+
+    Lift in N is ``factor * (number - zero)``; the clock's numbers times `tick` are seconds. The
+    rate of a file must agree with `rate_Hz`.
+    """
+
+    column: str
+    unit: str
+    factor: float
+    zero: float
+    clock: str | None
+    clock_unit: str
+    tick: float
+    rate_Hz: float | None
+    dialect: RecordsDialect
+
+    @classmethod
+    def from_manifest(cls, campaign: Campaign) -> Self:
+        """The channels of a campaign's manifest."""
+        force, clock = campaign.records.force, campaign.records.time
+        # by the manifest's own check
+        assert force is not None
+        factor, zero = force.linear()
+        dialect = campaign.records.dialect
+        return cls(
+            column=force.column,
+            unit=force.unit,
+            factor=factor,
+            zero=zero,
+            clock=clock.column if clock else None,
+            clock_unit=clock.unit if clock else "s",
+            tick=units.to_si(clock.unit, "time", "records.time.unit")[0] if clock else 1.0,
+            rate_Hz=None if dialect.get("ignore_rate") else campaign.load_cell.sample_rate,
+            dialect=dict(dialect),
+        )
+
+    def names(self, trial: str) -> tuple[str, ...]:
+        """Columns of force and clock (if any) of one trial, whose id may be part of them."""
+        return tuple(
+            column.replace(MARK, trial)
+            for column in (self.column, self.clock)
+            if column is not None
+        )
+
+    def lift_N(self, numbers: FloatArray) -> FloatArray:
+        """Lift from the force channel's numbers, in an array of its own."""
+        return self.factor * (numbers - self.zero if self.zero else numbers)
+
+    def record(self, contents: Contents, trial: str, where: str, source: str) -> Record:
+        """The record of one trial from the channels of its file; `InputRefused` where one is not
+        there, or contradicts the manifest's unit or rate.
+        """
+        if not contents.channels and {"EMPTY", "NO_DATA"} & set(contents.codes):
+            return Record(trial=trial, source=source, codes=contents.codes, notes=contents.notes)
+        column, *clocks = self.names(trial)
+        channel = pick(contents.channels, column, "records.force.column", where)
+        _require_unit(channel, self.unit, "force", "records.force.unit", where)
+        rate, stated = channel.rate_Hz, self.rate_Hz
+        if rate is not None and stated is not None and abs(rate / stated - 1) > 0.01:
+            raise InputRefused(
+                where,
+                f"says that {channel.name!r} has {rate:.6g} Hz, the manifest says {stated:g} Hz",
+                "correct [load_cell] sample_rate; where the file is known to be wrong: dialect = {"
+                " ignore_rate = true } under [records]",
+            )
+        time_s = None
+        for name in clocks:
+            clock = pick(contents.channels, name, "records.time.column", where)
+            _require_unit(clock, self.clock_unit, "time", "records.time.unit", where)
+            if len(clock.values) != len(channel.values):
+                raise InputRefused(
+                    where,
+                    f"has {len(channel.values)} samples of {channel.name!r} and"
+                    f" {len(clock.values)} of {clock.name!r}",
+                    "under [records] time, name the clock of the force, or none",
+                )
+            # a clock in seconds is not copied
+            time_s = clock.values if self.tick == 1.0 else self.tick * clock.values
+        return Record(
+            trial=trial,
+            force_N=self.lift_N(channel.values),
+            time_s=time_s,
+            source=source,
+            codes=contents.codes if len(channel.values) else (*contents.codes, "NO_DATA"),
+            notes=contents.notes,
+        )
+
+
+def _require_unit(channel: Channel, unit: str, dimension: str, key: str, where: str) -> None:
+    """Refuse a manifest that contradicts the unit in the file, if that is one known."""
+    if not channel.unit or unit == "count":
+        return
+    written = AS_FORCE.get(channel.unit, channel.unit) if dimension == "force" else channel.unit
+    try:
+        stated, given = units.to_si(written, dimension, key), units.to_si(unit, dimension, key)
+    except ManifestError:
+        if channel.unit in UNITS.values():
+            raise InputRefused(
+                where,
+                f"states {channel.name!r} in {channel.unit}, the manifest says {unit}",
+                f"name another column, or correct {key}",
+            ) from None
+        return
+    if abs(stated[0] - given[0]) > 1e-6 * abs(given[0]):
+        raise InputRefused(
+            where,
+            f"states {channel.name!r} in {channel.unit}, the manifest says {unit}: a factor of"
+            f" {stated[0] / given[0]:.4g}",
+            f'{key} = "{written}"?',
+        )
+
+
+# ---- readers
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reader:
+    """One outside format.
+
+    Attributes
+    ----------
+    name, title : str
+        Name in ``[records] reader``, and one line for the catalogue.
+    contents : callable or None
+        ``contents(path, dialect, names)``: the channels of one file, at least those that `names`
+        may mean. None for `means`, a format without samples.
+    recognises : callable
+        ``recognises(head, name)``: whether a file with these first bytes and this name is certainly
+        of this format.
+    options : mapping of str to type
+        Keys of ``[records] dialect``.
+    guarded : bool
+        Whether a library parses the file, in a process of its own (`readers.guarded`).
+    """
+
+    name: str
+    title: str
+    contents: Callable[[Path, RecordsDialect, Names], Contents] | None = None
+    recognises: Callable[[bytes, str], bool] = lambda head, name: False
+    options: Mapping[str, type] = field(default_factory=dict)
+    guarded: bool = False
+
+    @property
+    def series(self) -> bool:
+        """Whether the format has samples."""
+        return self.contents is not None
+
+    def checked_dialect(self, dialect: RecordsDialect) -> RecordsDialect:
+        """The manifest's dialect; `ManifestError` of a key that is unknown or of another type."""
+        allowed = {**self.options, "ignore_rate": bool}
+        for key, value in dialect.items():
+            if key not in allowed:
+                listed = f"known to {self.name}: {', '.join(allowed)}"
+                known = did_you_mean(key, allowed) or listed
+                raise ManifestError(f"records.dialect.{key}", "unknown key", known)
+            kind = allowed[key]
+            if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+                raise ManifestError(
+                    f"records.dialect.{key}",
+                    f"{value!r} is no {kind.__name__}",
+                    "see docs/formats.md",
+                )
+        return dialect
+
+    def open(self, path: Path, dialect: RecordsDialect, names: Names = None) -> Contents:
+        """The channels of one file, read in the guarded process where a library parses it, or
+        where it is compressed.
+        """
+        if self.contents is None:
+            raise InputRefused(str(path), f"is no record: {self.name!r} has none", "")
+        if self.guarded or files.is_packed(path):
+            return guarded.run(open_here, self.name, path, dict(dialect), names)
+        return self.contents(path, dialect, names)
+
+    def files(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
+        """Every record file there is, checked to be a regular file under `root`; staleness is
+        judged by these.
+        """
+        if not self.series:
+            return []
+        if _one_for_all(campaign):
+            path = files.inside(root, campaign.records.pattern, "records.files")
+            return [path] if path.is_file() else []
+        return [path for path, _ in files.per_trial(campaign, root, trials).values()]
+
+    def plan(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
+        """The pieces to read; reads no samples."""
+        self.checked_dialect(campaign.records.dialect)
+        if not self.series:
+            return ReadingPlan(pieces=())
+        if not _one_for_all(campaign):
+            there = files.per_trial(campaign, root, trials)
+            notes = files.unlisted(campaign, root, trials)
+            return ReadingPlan(pieces=tuple(files.pieces(there)), notes=notes)
+        path = files.inside(root, campaign.records.pattern, "records.files")
+        there = dict.fromkeys(trials, (path, 0)) if path.is_file() else {}
+        return ReadingPlan(pieces=tuple(files.pieces(there)))
+
+    def read_piece(self, campaign: Campaign, root: Path, piece: Piece) -> Iterator[Record]:
+        """The piece's records in the plan's order, one in memory at a time."""
+        spec = ChannelSpec.from_manifest(campaign)
+        for trial, path in zip(piece.trials, piece.paths, strict=True):
+            source = files.source_of(root, path)
+            if path.stat().st_size == 0:
+                yield Record(trial=trial, source=source, codes=("EMPTY",))
+                continue
+            try:
+                contents = self.open(path, spec.dialect, spec.names(trial))
+            except Malformed as fault:
+                yield Record(
+                    trial=trial, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}"
+                )
+                continue
+            yield spec.record(contents, trial, str(path), source)
+
+    def read(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> Iterator[Record]:
+        """Every record of these trials, streamed, in the plan's order."""
+        for piece in self.plan(campaign, root, trials).pieces:
+            yield from self.read_piece(campaign, root, piece)
+
+
+def open_here(name: str, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+    """The channels of a file by the reader of that name, in this process."""
+    from nearlift.readers import reader
+
+    read = reader(name).contents
+    assert read is not None
+    return read(path, dialect, names)
+
+
+def _one_for_all(campaign: Campaign) -> bool:
+    """Whether one file holds every trial; refuses an id that is in both files and column, or in
+    neither.
+    """
+    in_files = MARK in campaign.records.pattern
+    in_column = MARK in ChannelSpec.from_manifest(campaign).column
+    if in_files == in_column:
+        raise ManifestError(
+            "records.files",
+            f"{campaign.records.pattern!r}"
+            f" {'and the column both say' if in_files else 'does not say'} where the trial's id is",
+            'write {trial} in it, as in "trials/{trial}.csv", or, where one file holds all trials,'
+            " in force.column",
+        )
+    return in_column

@@ -1,0 +1,171 @@
+"""Thrust stands: CSV with commas, points, one header line with units in the names. Each is a row of
+`STANDS`.
+
+RCbenchmark 1520, 1580 and 1585 write a byte order mark and a trailing comma. The unit of `Thrust`
+follows a preference of the user (gf, kgf, N): it is read from the header and must be the
+manifest's. The clock of averaged step tests runs backwards between its first rows; the order of the
+rows is kept.
+
+Tyto Robotics' Flight Stand, software version 2, calls its columns ``Powertrain 1 - force Fz
+(thrust) (N)``. Its micro sign is a Greek letter and its product sign a dot operator, where
+RCbenchmark's are U+00B5 and U+00B7: names are folded before they are compared.
+
+The Crazyflie's system identification CSV is ``weight[g],pwm,vbat[V],rpm1,...`` or
+``...,thrust[g]``, without a clock. Grams are gram-force. The craft hangs upside down and weights
+may be negative, so `sign` is needed.
+"""
+
+from __future__ import annotations
+
+import csv
+import functools
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from nearlift.errors import InputRefused
+from nearlift.readers.base import (
+    AS_FORCE,
+    Channel,
+    Contents,
+    Names,
+    Reader,
+    RecordsDialect,
+    fold,
+    split_unit,
+)
+from nearlift.readers.dialect import UNSTATED
+from nearlift.readers.files import content_of
+from nearlift.readers.table import Layout
+from nearlift.readers.text import from_text, with_rate
+
+#: Lift from which on a stand's rotors turn, whatever its speed channel reads, N.
+MIN_LIFT_N = 0.02
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stand:
+    """One stand's files: `known` recognises the names of its columns, folded and without units;
+    `speeds` the name of a rotor's speed; `texts` are names of columns that hold text.
+    """
+
+    name: str
+    title: str
+    known: Callable[[set[str]], bool]
+    speeds: re.Pattern[str]
+    texts: tuple[str, ...] = ()
+
+
+STANDS = (
+    Stand(
+        name="rcbenchmark",
+        title="RCbenchmark 15xx",
+        known=lambda names: names >= {"time", "esc signal", "thrust", "voltage"},
+        speeds=re.compile("motor.*speed.*"),
+        texts=("app message",),
+    ),
+    Stand(
+        name="flight-stand",
+        title="Tyto Flight Stand v2",
+        known=lambda names: (
+            "time" in names
+            and any(re.fullmatch(r"powertrain \d+ - force fz.*", name) for name in names)
+        ),
+        speeds=re.compile(".*rotation speed"),
+        texts=("app message",),
+    ),
+    Stand(
+        name="crazyflie",
+        title="Crazyflie system identification",
+        known=lambda names: names >= {"pwm", "vbat"} and bool(names & {"weight", "thrust"}),
+        speeds=re.compile(r"rpm\d"),
+    ),
+)
+
+
+def _header(head: bytes) -> list[str]:
+    """The cells of a first line, a blank one at its end kept; none where it is no UTF-8 text."""
+    try:
+        line = head.split(b"\n", 1)[0].decode("utf-8-sig")
+        return [cell.strip() for cell in next(csv.reader([line.rstrip("\r")]), [])]
+    except (UnicodeDecodeError, csv.Error):
+        return []
+
+
+def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
+    return stand.known({_bare(cell) for cell in _header(head)})
+
+
+def _bare(name: str) -> str:
+    """A name as it is compared, its unit taken off."""
+    return fold(split_unit(name)[0])
+
+
+def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
+    """The channels of a file; refuses another header, or a line that is unlike it."""
+    content = content_of(path)
+    if not content.strip(b"\0"):
+        return Contents(kind=stand.title, codes=("EMPTY",))
+    columns = _header(content)
+    if not _is_of(stand, content):
+        raise InputRefused(
+            f"{path}, line 1",
+            f"has not the header of {stand.title}",
+            '`nearlift inspect FILE` says what it is; another version may want reader = "text"',
+        )
+    trailing = columns[-1] == ""
+    columns = columns[:-1] if trailing else columns
+    if twice := sorted({name for name in columns if columns.count(name) > 1}):
+        raise InputRefused(
+            f"{path}, line 1",
+            f"has more than one column {twice[0]!r}",
+            "rename or drop one of them",
+        )
+    layout = Layout(
+        trailing=trailing,
+        names=tuple(columns),
+        units=tuple(split_unit(name)[1] for name in columns),
+        first=2,
+        texts=tuple(i for i, name in enumerate(columns) if _bare(name) in stand.texts),
+    )
+    turning = tuple(name for name in columns if stand.speeds.fullmatch(_bare(name)))
+    also = None if names is None else (*names, *turning)
+    file = from_text(content, str(path), UNSTATED, also, layout)
+    codes = (*file.codes, *_dead(file.channels, turning))
+    if not file.channels or not len(file.channels[0].values):
+        codes = (*codes, "NO_DATA")
+    file = replace(file, kind=stand.title, codes=codes, notes=())
+    return with_rate(file) if names is None else file
+
+
+def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...]:
+    """`dead_speed` where the stand lifts and all its speeds, or one of more than two, read zero."""
+    factor = {"N": 1.0, "gf": 9.80665e-3, "kgf": 9.80665}
+    force = [
+        c
+        for c in channels
+        if re.search("thrust|weight|force fz", fold(c.name)) and np.isfinite(c.values).any()
+    ]
+    lifts = [
+        np.nanmax(np.abs(c.values)) * factor.get(AS_FORCE.get(c.unit, c.unit), 0.0) for c in force
+    ]
+    speeds = [c for c in channels if c.name in turning and len(c.values)]
+    if not lifts or not speeds or max(lifts) < MIN_LIFT_N:
+        return ()
+    still = [not np.any(np.nan_to_num(c.values)) for c in speeds]
+    # a stand with two kinds of probe uses one; a craft with four rotors turns all
+    return ("dead_speed",) if all(still) or (len(still) > 2 and any(still)) else ()
+
+
+READERS = {
+    stand.name: Reader(
+        name=stand.name,
+        title=f"{stand.title} CSV, one file per trial",
+        contents=functools.partial(contents, stand),
+        recognises=functools.partial(_is_of, stand),
+    )
+    for stand in STANDS
+}
