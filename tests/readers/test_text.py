@@ -183,6 +183,9 @@ def test_the_dialect_of_one_file_is_tried_on_the_next_and_not_forced_on_it(
     assert values(read(tmp_path, "t;F\n0;3\n1;4.5\n"), 1) == [3, 4.5]
     monkeypatch.undo()
     assert values(read(tmp_path, "t;F\n0,5;3,5\n"), 1) == [3.5]
+    # a column of words in one file may hold numbers in the next
+    assert [c.name for c in read(tmp_path, "t;G\n0;x\n").channels] == ["t"]
+    assert [c.name for c in read(tmp_path, "t;G\n0;1\n").channels] == ["t", "G"]
     assert values(read(tmp_path, "\nt;F\n0;7\n"), 1) == [7]
     with pytest.raises(InputRefused, match=r"'1,234' may be 1\.234 or 1234"):
         read(tmp_path, "t;F\n1,234;5,678\n")

@@ -96,7 +96,7 @@ def test_digests_that_are_known_are_not_made_again(root: Path, tmp_path: Path) -
 
 def test_inputs_are_what_the_product_is_made_from(root: Path) -> None:
     (root / "trials" / "t01.csv").unlink()
-    names = ingest.inputs(root, manifest(**GIVEN))
+    names = list(ingest.inputs(root, manifest(**GIVEN)))
     assert names[:3] == ["trials.csv", "trials/t00.csv", "trials/t02.csv"]
     assert "trials/t01.csv" not in names
     assert len(names) == 2 + 7

@@ -9,6 +9,7 @@ and the record is called truncated.
 from __future__ import annotations
 
 import codecs
+import contextlib
 import csv
 import functools
 from collections.abc import Iterator, Sequence
@@ -157,10 +158,15 @@ def layout_of(content: bytes, where: str, said: Dialect) -> Layout:
 
 
 def _known(head: bytes, said: Dialect, where: str) -> Layout | None:
-    """The layout of an earlier file that began alike and was read."""
+    """The layout of an earlier file that began alike, with numbers in the same columns."""
     for (stated, top), layout in list(_found.items()):
         if stated == said and head.startswith(top) and encoding_of(head, where) == layout.encoding:
-            return layout
+            row = head[len(top) :].split(b"\n", 1)[0].decode(layout.encoding, "replace")
+            with contextlib.suppress(csv.Error):
+                cells = layout.split(row.rstrip("\r"))
+                texts = tuple(i for i, cell in enumerate(cells) if layout.value(cell) is None)
+                if texts == layout.texts:
+                    return layout
     return None
 
 
@@ -169,7 +175,8 @@ def _keep(head: bytes, said: Dialect, layout: Layout) -> None:
     whose commas may part thousands.
     """
     above = head.split(b"\n", layout.first - 1)
-    if layout.decimal == "." and len(above) == layout.first and len(_found) < MOST_FOUND:
+    plain = layout.decimal == "." and not layout.labels and not layout.encoding.startswith("utf-16")
+    if plain and len(above) == layout.first and len(_found) < MOST_FOUND:
         _found[said, head[: len(head) - len(above[-1])]] = layout
 
 
