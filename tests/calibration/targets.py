@@ -154,7 +154,10 @@ TARGETS: dict[str, tuple[Callable[[bytes], None], tuple[bytes, ...]]] = {
     ),
     "recipe": (recipe, (b"START\r\n1, 2\r\n3, 4\r\n", b"1,5;2,5\n")),
     "labels": (labels, (b"T: 0.01 \t C: 0.65\nT: 0.02 \t C: 0.7\n",)),
-    "stands": (stand_logs, (written.rcbenchmark(FORCE), written.tyto(FORCE), written.crazyflie(FORCE))),
+    "stands": (
+        stand_logs,
+        (written.rcbenchmark(FORCE), written.tyto(FORCE), written.crazyflie(FORCE)),
+    ),
     "labview": (
         labview,
         (written.lvm(FORCE), written.lvm(FORCE, decimal=".", columns="No", segments=2)),

@@ -222,7 +222,7 @@ def test_beyond_so_many_cells_the_covariance_is_left_empty_and_said_so(remake, m
     job = remake()
     usual = job.read(LIFT)
     assert len(job.read(LIFT_COVARIANCE)) == len(usual["delta_L"])
-    monkeypatch.setattr(stage, "MOST_CELLS", len(usual["delta_L"]) - 1)
+    monkeypatch.setattr(lift_change, "MOST_CELLS", len(usual["delta_L"]) - 1)
     [note] = [n for n in stage.run(job).notes if "covariance" in n]
     assert note.startswith(f"{len(usual['delta_L'])} cells: their covariance would be ")
     assert job.read(LIFT_COVARIANCE) == {}
