@@ -11,6 +11,7 @@ import pytest
 
 from nearlift.campaign.manifest import boundaries_of
 from nearlift.reduction.cells import OWN_SCATTER, Cells, reduce
+from nearlift.stages import lift_change
 from nearlift.stages import reduce as stage
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
