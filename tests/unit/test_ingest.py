@@ -99,7 +99,7 @@ def test_inputs_are_what_the_product_is_made_from(root: Path) -> None:
     names = list(ingest.inputs(root, manifest(**GIVEN)))
     assert names[:3] == ["trials.csv", "trials/t00.csv", "trials/t02.csv"]
     assert "trials/t01.csv" not in names
-    assert len(names) == 2 + 7
+    assert len(names) == 1 + 7
 
 
 def damaged(root: Path, trial: str, kind: str) -> None:
