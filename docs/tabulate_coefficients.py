@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from nearlift.results.document import typed
 from nearlift.results.quotation import Results
-from nearlift.results.serial import decode
 
 HEAD = """# Coefficients of measured and blind campaigns
 
@@ -101,7 +101,7 @@ def estimates(out: Path, name: str) -> list[str]:
 def budgets(out: Path, name: str) -> list[str]:
     """A line per coefficient, as it is quoted."""
     lines = []
-    quoted = decode(Results, json.loads((out / "processed" / name / "results.json").read_text()))
+    quoted = typed(Results, json.loads((out / "processed" / name / "results.json").read_text()))
     for own in quoted.boundaries.values():
         for p, c in own.coefficients.items():
             shown = sorted(

@@ -284,13 +284,13 @@ def design(call: Call, campaign: Path, noise_from: str | None, write: Path | Non
     The plan is the folder's schedule, or the manifest's [design].
     """
     from nearlift.report.figures.design import text
-    from nearlift.results.serial import encode
+    from nearlift.results.document import as_json
     from nearlift.stages import design
 
     earlier = None if noise_from is None else call.out / "processed" / noise_from
     with call.job(campaign, planned=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
         answer = design.run(job, earlier=earlier, write=write)
-    call.answer(encode(answer), text(answer))
+    call.answer(as_json(answer), text(answer))
 
 
 @main.group(cls=Commands, epilog="\b\nFor example:\n  nearlift data list")
@@ -609,20 +609,20 @@ def serve(call: Call, folder: Path, port: int) -> None:
 def _explain(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
     """Describe an effect, its detectable size in this campaign, and what is confounded with it."""
     from nearlift.report.figures.explain import text
-    from nearlift.results.serial import encode
+    from nearlift.results.document import as_json
     from nearlift.stages import explain
 
     name = str(given["explain"])
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {name}"):
         explanation = explain.run(job, name)
-    call.answer(encode(explanation), text(explanation))
+    call.answer(as_json(explanation), text(explanation))
 
 
 def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
     """Distance of the boundary by one reading; quantities are texts, as in the manifest."""
     from nearlift.campaign.forecasts import LiftReading
     from nearlift.campaign.parsing import validated
-    from nearlift.results.serial import encode
+    from nearlift.results.document import as_json
     from nearlift.stages.proximity import read
 
     for flag, example, why in (
@@ -635,7 +635,7 @@ def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> N
     reading = validated(LiftReading, fields, "nearlift detect")
     with call.job(campaign) as job:
         result = read(job, reading)
-    call.answer(encode(result), result.text)
+    call.answer(as_json(result), result.text)
 
 
 #: Answers to the questions of stages, by stage.
@@ -715,11 +715,11 @@ def compare(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None
     does not average down shared errors.
     """
     from nearlift import comparison
-    from nearlift.results.serial import encode
+    from nearlift.results.document import as_json
 
     compared = comparison.run(call.out, names, shared)
     plot = call.out / "reports" / comparison.FOLDER / "forest.pdf"
-    call.answer(encode(compared), "\n".join([*comparison.table(compared), str(plot)]))
+    call.answer(as_json(compared), "\n".join([*comparison.table(compared), str(plot)]))
 
 
 def _export_options(function: Any) -> Any:

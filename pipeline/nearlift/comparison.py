@@ -23,7 +23,8 @@ from nearlift.results.comparison import (
     HeadlineValue,
     Population,
 )
-from nearlift.results.estimate import UncertainValue
+from nearlift.results.document import as_json
+from nearlift.results.estimate import Estimate
 from nearlift.results.provenance import ProvenanceLedger
 from nearlift.results.quotation import BoundaryResult, CoefficientResult, Results
 from nearlift.rounding import like, plain
@@ -64,7 +65,7 @@ class Entry:
         shared = (line for line in self.quoted.budget if line.scope in ("boundary", "campaign"))
         return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
 
-    def compared(self, shrunk: UncertainValue | None) -> ComparedCampaign:
+    def compared(self, shrunk: Estimate | None) -> ComparedCampaign:
         """What the comparison says of the campaign."""
         c = self.quoted
         return ComparedCampaign(
@@ -189,7 +190,7 @@ def table(compared: CampaignComparison) -> list[str]:
     lines = []
     for group in compared.groups:
         lines.append(f"{group.boundary}: {group.coefficient} of {group.model}")
-        rows: list[tuple[str, UncertainValue, str]] = [
+        rows: list[tuple[str, Estimate, str]] = [
             (c.campaign, c.quoted, c.verdict) for c in group.campaigns
         ]
         if together := group.population:
@@ -241,7 +242,7 @@ def _chance(p: float) -> str:
 def _compared(members: Sequence[Entry], shared: Sequence[str]) -> ComparedCoefficient:
     """Entries of one kind, and what they say together unless they are too few."""
     together: Population | None = None
-    shrunk: Sequence[UncertainValue | None] = [None] * len(members)
+    shrunk: Sequence[Estimate | None] = [None] * len(members)
     if len(members) >= FEWEST:
         # an interval over rivals is lopsided, and its best value no centre: the population is
         # fitted to the interval

@@ -18,8 +18,8 @@ from tests.unit import test_compare as compared
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import ManifestError
 from nearlift.results.diagnosis import NOTHING
+from nearlift.results.document import typed
 from nearlift.results.quotation import Results
-from nearlift.results.serial import decode
 from nearlift.run import engine
 from nearlift.run import watch as watching
 from nearlift.run.watch import Round, watch
@@ -209,7 +209,7 @@ def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):
 def test_what_the_round_says_is_what_is_quoted(tmp_path):
     compared.write(tmp_path, "a", 0.125, 0.01)
     content = json.loads((tmp_path / "processed" / "a" / "results.json").read_text())
-    said = looks.headlines(decode(Results, content), NOTHING)
+    said = looks.headlines(typed(Results, content), NOTHING)
     assert next(said) == "ground K_b = 0.125 ± 0.010"
     assert list(looks.headlines(Results(boundaries={}), NOTHING)) == []
 

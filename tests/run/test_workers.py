@@ -24,6 +24,12 @@ from nearlift.stages import STAGES
 FIRST = STAGES[:1]
 
 
+@pytest.fixture(autouse=True)
+def importable(monkeypatch):
+    """Let fresh processes import the tasks: they get this process's path, but no current folder."""
+    monkeypatch.syspath_prepend(Path(__file__).parents[2])
+
+
 def square(x):
     return x * x
 
@@ -171,7 +177,7 @@ def test_a_campaign_whose_process_dies_ends_the_command(tmp_path):
 @pytest.fixture
 def cluster(tmp_path):
     """A scheduler and a worker, as processes."""
-    pytest.importorskip("distributed", reason="the extra nearlift[dask] is not installed")
+    distributed = pytest.importorskip("distributed", reason="nearlift[dask] is not installed")
     file, started = tmp_path / "scheduler.json", []
 
     def start(module, *words):
@@ -192,6 +198,8 @@ def cluster(tmp_path):
 
     address = json.loads(file.read_text())["address"]
     worker = start("distributed.cli.dask_worker", "--no-dashboard", "--no-nanny", "--nthreads", "1")
+    with distributed.Client(address) as client:
+        client.wait_for_workers(1, timeout=60)
     yield address, scheduler, worker
     for process in started:
         process.kill()

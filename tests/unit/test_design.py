@@ -7,8 +7,8 @@ import pytest
 
 from nearlift.campaign import manifest as manifests
 from nearlift.results.design import DesignOutlook
+from nearlift.results.document import as_json, typed
 from nearlift.results.explanation import EffectAccount
-from nearlift.results.serial import decode, encode
 from nearlift.schedule import read_schedule
 from nearlift.stages.design import schedule_text
 from nearlift.stages.plans import draw
@@ -89,7 +89,7 @@ def test_design_writes_a_schedule_that_nearlift_reads(weighed):
 
 def test_design_says_what_it_assumes_and_finds(weighed):
     base, found = weighed
-    assert encode(decode(DesignOutlook, found)) == found
+    assert as_json(typed(DesignOutlook, found)) == found
     at = found["boundaries"]["ground"]
     assert at["trials"] == 75
     rows = {r["effect"]: r for r in at["effects"]}
@@ -169,7 +169,7 @@ def test_explain_says_what_why_and_how_large(explained):
     answer = nearlift("diagnose", raw, "--out", out, "--explain", "height_offset", "--json")
     assert (answer.exit_code, answer.stderr) == (0, "")
     found = json.loads(answer.stdout)
-    assert encode(decode(EffectAccount, found)) == found
+    assert as_json(typed(EffectAccount, found)) == found
     at = found["boundaries"]["ground"]
     size = at["sizes"][0]
     assert (size["parameter"], size["unit"]) == ("offset_m", "m")

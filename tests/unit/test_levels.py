@@ -22,8 +22,8 @@ from nearlift.likelihood.level_curve import with_curve
 from nearlift.likelihood.stations import Stations
 from nearlift.loop import confirmation
 from nearlift.results import Noise, Observations
+from nearlift.results.document import as_json, typed
 from nearlift.results.fit import ModelFit
-from nearlift.results.serial import decode, encode
 
 from . import small_run
 from .simulated import GEOMETRY, RADIUS, campaign, findings, sanchez_cuevas
@@ -165,7 +165,7 @@ def test_the_degree_is_judged_by_visits_left_out(bend: float, degree: int) -> No
 
 def test_a_curve_is_told_with_its_uncertainty_and_not_beyond_its_trials() -> None:
     found = fit(BASE, with_curve(scattered(8), ["throttle", "supply_V"], 1))
-    entry = decode(ModelFit, json.loads(json.dumps(encode(summary(found, ())))))
+    entry = typed(ModelFit, json.loads(json.dumps(as_json(summary(found, ())))))
     levels = entry.levels
     assert levels is not None
     assert len(entry.L_inf_N) == level_curve.SHOWN

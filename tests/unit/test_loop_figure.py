@@ -17,7 +17,7 @@ from nearlift.report.figures.diagnosis import table as loop
 from nearlift.report.figures.files import render
 from nearlift.report.registry import FIGURES
 from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.results.serial import decode
+from nearlift.results.document import typed
 from nearlift.stages import diagnose, report
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.gathering import gather
@@ -349,7 +349,7 @@ def test_candidates_stand_by_evidence_and_say_what_they_leave(table):
 
 
 def stand_ins(block):
-    found = decode(BoundaryDiagnosis, quoted.diagnosis({"ground": block})["boundaries"]["ground"])
+    found = typed(BoundaryDiagnosis, quoted.diagnosis({"ground": block})["boundaries"]["ground"])
     return found.stand_ins(found.effects[0])
 
 

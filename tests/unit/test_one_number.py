@@ -101,7 +101,7 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     (entry,) = comparison.entries(job.processed)
     assert entry.quoted == c
     models = job.load(FitResults).boundaries["ground"]
-    fit = BoundaryFit(boundary="ground", base=models["sanchez_cuevas"], models=models)
+    fit = BoundaryFit(boundary="ground", base_model="sanchez_cuevas", models=models)
     shown = Fit(
         campaign="small", boundaries={"ground": fit}, quoted={"ground": quoted}, posterior=None
     )._repr_html_()

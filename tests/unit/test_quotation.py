@@ -14,8 +14,8 @@ from nearlift import catalogue
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import student
+from nearlift.results.document import as_json, typed
 from nearlift.results.quotation import Results, ends
-from nearlift.results.serial import decode, encode
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
 
@@ -90,7 +90,7 @@ def test_the_file_has_the_keys_of_the_contract(job):
 def test_what_is_loaded_is_what_was_saved(job):
     _, made, _ = job
     content = made.read_json(RESULTS)
-    assert encode(decode(Results, content)) == content
+    assert as_json(typed(Results, content)) == content
 
 
 def test_plus_minus_is_printed_only_where_it_says_the_interval(quoted):
@@ -131,7 +131,7 @@ def test_the_interval_is_that_of_the_rule(job, quoted):
 
 def test_fit_alone_quotes_the_base_fit_and_says_that_nobody_looked(job):
     _, made, before = job
-    own = decode(Results, before).boundaries["ground"]
+    own = typed(Results, before).boundaries["ground"]
     assert own.verdict == "not_diagnosed"
     assert "nearlift diagnose" in own.reason
     assert (

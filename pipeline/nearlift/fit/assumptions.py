@@ -13,18 +13,17 @@ from nearlift.fit.minimum import minimise
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
-from nearlift.results.serial import Nothing
 
 
 def check(
     campaign: Campaign, fitted: LeastSquaresFit
-) -> tuple[ThrottleCollapse, HeldQuantity | Nothing, RotorCoefficient]:
+) -> tuple[ThrottleCollapse, HeldQuantity | None, RotorCoefficient]:
     """The three checks of one boundary, from the fit of its base model."""
     problem, theta = linearised(fitted)
     parts, slope = (*fitted.parts, *fitted.plan.shared), linear_problem(fitted)[2]
     # the exponent is confounded with the coefficients and takes their degrees of freedom
     reach90 = student.quantile(0.95, fitted.effective[0]) if len(theta) else student.NORMAL_90
-    held: HeldQuantity | Nothing = Nothing()
+    held: HeldQuantity | None = None
     responses: tuple[held_quantity.Response, ...] = ()
     if len(theta):
         held, responses = held_quantity.examine(

@@ -25,13 +25,12 @@ from nearlift.fit.minimum import polished, priced
 from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
-from nearlift.results import IntArray, Observations
+from nearlift.results import Estimate, IntArray, Observations
 from nearlift.results.assumptions import (
     ExponentFit,
     ExponentRange,
     HeldQuantity,
     LoggedResponse,
-    RatioEstimate,
 )
 from nearlift.rounding import plus_minus
 
@@ -123,7 +122,7 @@ def examine(
         declared_text=DECLARED[declared],
         coefficient=problem.names[0],
         plausible=plausible,
-        exponent_from_lift=(RatioEstimate(**interval(n, u_n, reach90)) if np.isfinite(n) else None),
+        exponent_from_lift=(Estimate(**interval(n, u_n, reach90)) if np.isfinite(n) else None),
         logged=tuple(r.logged for r in responses),
         supported_exponents=supported,
         range=ExponentRange(
@@ -310,7 +309,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     within = y - levels @ np.linalg.lstsq(levels, y, rcond=None)[0]
     # what is constant to rounding was held
     p = float(2 * t.sf(abs(slope) / u, dof)) if u > 1e-9 else float(abs(slope) < 1e-6)
-    estimate = RatioEstimate(**interval(slope, u, student.NORMAL_90))
+    estimate = Estimate(**interval(slope, u, student.NORMAL_90))
     return Response(
         logged=LoggedResponse(
             quantity=quantity,
@@ -325,7 +324,7 @@ def response(data: Observations, log_ratio: FloatArray, quantity: str) -> Respon
     )
 
 
-def _implied(quantity: str, slope: RatioEstimate) -> tuple[float, float] | None:
+def _implied(quantity: str, slope: Estimate) -> tuple[float, float] | None:
     """Least and greatest exponent at constant throttle that theory implies over the slope's 90 %
     interval.
 

@@ -14,7 +14,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.results.comparison import Population, SpreadPrior
-from nearlift.results.estimate import UncertainValue
+from nearlift.results.estimate import Estimate
 
 #: Grid points of the integral over the spread.
 GRID = 400
@@ -26,7 +26,7 @@ TAIL = 0.05
 
 def population(
     value: FloatArray, covariance: FloatArray, unit: str = "1"
-) -> tuple[Population, tuple[UncertainValue, ...]]:
+) -> tuple[Population, tuple[Estimate, ...]]:
     """Population mean and spread of a coefficient, and each campaign's value, shrunk towards the
     mean.
 
@@ -101,7 +101,7 @@ def population(
     return together, tuple(_mixture(shrunk[:, i], u_shrunk[:, i], density, unit) for i in range(n))
 
 
-def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> UncertainValue:
+def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) -> Estimate:
     """Mean, standard deviation and 90 % interval of a mixture of normals."""
     from scipy.optimize import brentq
     from scipy.special import ndtr
@@ -121,15 +121,15 @@ def _mixture(centre: FloatArray, sd: FloatArray, weight: FloatArray, unit: str) 
             )
         )
 
-    return UncertainValue(value=mean, u=u, lo90=quantile(TAIL), hi90=quantile(1 - TAIL), unit=unit)
+    return Estimate(value=mean, u=u, lo90=quantile(TAIL), hi90=quantile(1 - TAIL), unit=unit)
 
 
-def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> UncertainValue:
+def _quantiles(x: FloatArray, weight: FloatArray, unit: str) -> Estimate:
     """Median, standard deviation and 90 % interval of a density on a grid."""
     below = np.cumsum(weight) - 0.5 * weight
     low, median, high = np.interp([TAIL, 0.5, 1 - TAIL], below, x)
     mean = weight @ x
-    return UncertainValue(
+    return Estimate(
         value=float(median),
         u=float(np.sqrt(weight @ (x - mean) ** 2)),
         lo90=float(low),

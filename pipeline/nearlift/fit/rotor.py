@@ -22,9 +22,8 @@ from nearlift.fit.held_quantity import Response, logged
 from nearlift.fit.significance import REJECTS, chance, interval
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
-from nearlift.results import Observations
+from nearlift.results import Estimate, Observations
 from nearlift.results.assumptions import (
-    RatioEstimate,
     RotorCoefficient,
     RotorTrend,
     RotorUnknown,
@@ -147,14 +146,12 @@ def examine(
             x: ThrottleLift(speed_Hz=f, **interval(c, u_c, student.NORMAL_90))
             for x, f, c, u_c in zip(data.levels[known], speed, C_L, u, strict=True)
         },
-        mean=RatioEstimate(**interval(law.mean, law.u_mean, student.NORMAL_90)),
+        mean=Estimate(**interval(law.mean, law.u_mean, student.NORMAL_90)),
         p_constant=law.p_constant,
         exponent=(
             None
             if law.p_trend is None
-            else RatioEstimate(
-                **interval(law.exponent, law.u_exponent, student.quantile(0.95, law.dof))
-            )
+            else Estimate(**interval(law.exponent, law.u_exponent, student.quantile(0.95, law.dof)))
         ),
         law=SpeedLaw(C_L=law.C_middle, speed_Hz=law.middle_Hz),
         p_trend=law.p_trend,

@@ -31,7 +31,6 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
     unknown = len(fit.theta) + data.unknown_levels
     rmse, r2, r2_near = closeness(fit)
     return ModelFit(
-        model=fit.model.name,
         title=fit.model.title,
         parameters={
             name: CoefficientEstimate(**asdict(e), dof=float(dof), warning=_warning(float(dof)))
@@ -56,8 +55,16 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
         would_halve=remedies.halvings(fit),
         undeclared=inputs.undeclared(fit),
         heights=fit.plan.measures,
-        height_error=(HeightError(*fit.marginal.offset()) if fit.marginal else None),
+        height_error=_height_error(fit),
     )
+
+
+def _height_error(fit: LeastSquaresFit) -> HeightError | None:
+    """Shared height error where it was integrated over."""
+    if fit.marginal is None:
+        return None
+    value, u = fit.marginal.offset()
+    return HeightError(value=value, u=u)
 
 
 def closeness(fit: LeastSquaresFit) -> tuple[float, float, float | None]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from nearlift.declare import FloatArray
 from nearlift.errors import UsageError
 from nearlift.results import IntArray
-from nearlift.results.serial import optional
+from nearlift.results.document import IfAny, Real
 
 #: Bootstrap resamples of the flights for the interval of a level.
 RESAMPLES = 400
@@ -115,9 +115,9 @@ class CrashLevel:
     where it is `lowest_flown`. `exponent` is the power of the paper's model, where it is of that.
     """
 
-    exponent: float | None = optional()
-    risk: float
-    value: float
-    lo90: float
-    hi90: float
-    lowest_flown: float
+    exponent: IfAny[float] = None
+    risk: Real
+    value: Real
+    lo90: Real
+    hi90: Real
+    lowest_flown: Real

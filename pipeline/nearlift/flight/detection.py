@@ -29,7 +29,7 @@ from nearlift.flight.reading import (
     refuse_folds,
     supply_sensitivity,
 )
-from nearlift.results.serial import optional
+from nearlift.results.document import IfAny, Real
 
 #: Number of heights that are inferred, and averaging time of a reading, s.
 TRIED = 25
@@ -65,12 +65,12 @@ def needed(sigma: float, false_alarm_rate: float, miss_rate: float) -> float:
 class HeightTrial:
     """Posterior of the height for a reading of exactly the best estimate at `z_hat`."""
 
-    z_hat: float
-    ratio: float
-    median: float
-    lo90: float
-    hi90: float
-    beyond: float
+    z_hat: Real
+    ratio: Real
+    median: Real
+    lo90: Real
+    hi90: Real
+    beyond: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,10 +80,10 @@ class SignificantHeight:
     The interval is over draws of the model; nan where no measured height has such a change.
     """
 
-    change: float
-    z_hat: float
-    lo90: float
-    hi90: float
+    change: Real
+    z_hat: Real
+    lo90: Real
+    hi90: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,14 +96,14 @@ class BoundaryProximity:
     title: str
     draws_from: str
     effects: tuple[str, ...]
-    measured_z_hat: tuple[float, float]
-    largest_change: float
+    measured_z_hat: tuple[Real, Real]
+    largest_change: Real
     significant: SignificantHeight
-    short_per_sqrt_Hz: float
-    floor: float
-    lift_per_voltage: float
-    located: tuple[HeightTrial, ...] | None = optional()
-    refused: str | None = optional()
+    short_per_sqrt_Hz: Real
+    floor: Real
+    lift_per_voltage: Real
+    located: IfAny[tuple[HeightTrial, ...]] = None
+    refused: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,9 +111,9 @@ class ProximityResult:
     """Content of proximity.json; `averaging_s` is the averaging time of the inferred heights."""
 
     schema: str
-    false_alarm_rate: float
-    miss_rate: float
-    averaging_s: float
+    false_alarm_rate: Real
+    miss_rate: Real
+    averaging_s: Real
     boundaries: Mapping[Boundary, BoundaryProximity]
     readings: tuple[HeightReading | RefusedReading, ...]
 

@@ -41,6 +41,7 @@ from nearlift.flight.vehicle import (
     stable,
 )
 from nearlift.randomness import generator
+from nearlift.results.document import Real
 
 #: Least number of flights behind a set-point that is advised.
 ADVISED_FLIGHTS = 1000
@@ -74,14 +75,14 @@ class FittedLevel(CrashLevel):
         Interval of the crash rate by those.
     """
 
-    model_only: tuple[float, float]
-    held: float
+    model_only: tuple[Real, Real]
+    held: Real
     agrees: bool
-    without_model: float
-    relative_power: float
+    without_model: Real
+    relative_power: Real
     crashes: int
-    rate_lo90: float
-    rate_hi90: float
+    rate_lo90: Real
+    rate_hi90: Real
 
     @property
     def advised(self) -> bool:
@@ -115,16 +116,16 @@ class FittedFlights:
 
     model: str
     title: str
-    parameters: dict[str, float]
+    parameters: dict[str, Real]
     effects: tuple[str, ...]
     left_on_the_bench: tuple[str, ...]
     draws_from: str
     draws: int
-    contact_z_hat: float
-    contact_m: float
-    bound_z_hat: float
-    measured_z_hat: tuple[float, float]
-    droop: float
+    contact_z_hat: Real
+    contact_m: Real
+    bound_z_hat: Real
+    measured_z_hat: tuple[Real, Real]
+    droop: Real
     held: energy.Held
     flights: int
     draw_flights: int

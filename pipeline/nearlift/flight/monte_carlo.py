@@ -20,6 +20,7 @@ from nearlift.flight.crash_rate import binomial90, levels, resamples, wide_gaps
 from nearlift.flight.vehicle import AWAY, Groups
 from nearlift.randomness import generator
 from nearlift.results import IntArray
+from nearlift.results.document import Real
 
 Scheme = Literal["euler", "rk4"]
 #: An executor's map.
@@ -253,13 +254,13 @@ class StepTest:
     """
 
     converged: bool
-    worst: float
-    worst_target_z_hat: float
+    worst: Real
+    worst_target_z_hat: Real
     beyond: int
     settings: int
     flights: int
-    step_s: float
-    halved_s: float
+    step_s: Real
+    halved_s: Real
 
     @property
     def warning(self) -> str:

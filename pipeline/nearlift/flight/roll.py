@@ -13,9 +13,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from nearlift.declare import FloatArray
 from nearlift.flight import Ratio
-from nearlift.results.serial import optional
+from nearlift.results.document import IfAny, Numbers, Real
 
 #: Roll inertia of a Crazyflie, kg m^2: lowest and highest of its system identifications.
 MEASURED_INERTIA = (1.4e-5, 1.7e-5)
@@ -33,12 +32,12 @@ class RollTorque:
     least gap where the inertia is known.
     """
 
-    torque_N_m: FloatArray
-    lo90_N_m: FloatArray
-    hi90_N_m: FloatArray
-    acceleration_deg_s2: float | None = optional()
-    lo90_deg_s2: float | None = optional()
-    hi90_deg_s2: float | None = optional()
+    torque_N_m: Numbers
+    lo90_N_m: Numbers
+    hi90_N_m: Numbers
+    acceleration_deg_s2: IfAny[float] = None
+    lo90_deg_s2: IfAny[float] = None
+    hi90_deg_s2: IfAny[float] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,10 +48,10 @@ class Roll:
     pairs. The inertia is the manifest's, `u_inertia` its relative standard uncertainty.
     """
 
-    arm_m: float
-    z_hat: FloatArray
+    arm_m: Real
+    z_hat: Numbers
     inertia_kg_m2: float | None
-    u_inertia: float
+    u_inertia: Real
     near_pair_only: RollTorque
     same_law: RollTorque
 

@@ -9,7 +9,7 @@ from nearlift.declare import Boundary
 from nearlift.flight.fitted import FittedFlights
 from nearlift.flight.paper import PublishedFlights
 from nearlift.flight.roll import Roll
-from nearlift.results.serial import optional
+from nearlift.results.document import IfAny
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,4 +27,4 @@ class SafetyResult:
     schema: str
     presets: Mapping[str, PresetFlights]
     fitted: Mapping[Boundary, FittedFlights]
-    roll: Roll | None = optional()
+    roll: IfAny[Roll] = None

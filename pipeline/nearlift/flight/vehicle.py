@@ -27,7 +27,7 @@ import numpy as np
 
 from nearlift.declare import Boundary
 from nearlift.errors import ManifestError
-from nearlift.results.serial import Unbounded
+from nearlift.results.document import Unbounded
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

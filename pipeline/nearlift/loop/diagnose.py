@@ -135,7 +135,6 @@ def diagnose(
         absorption.unidentifiable_coefficients(stage, answer.best),
     )
     findings = BoundaryDiagnosis(
-        boundary=data.boundary,
         base_model=stage.base.name,
         false_alarm_rate=stage.options.false_alarm_rate,
         verdict=answer.verdict,

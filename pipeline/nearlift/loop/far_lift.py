@@ -10,10 +10,10 @@ from nearlift.declare import FloatArray
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.coefficients import inverse
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.results.diagnosis import FarLift
+from nearlift.results.estimate import ValueWithU
 
 
-def far_lift(stage: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> dict[float, FarLift]:
+def far_lift(stage: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> dict[float, ValueWithU]:
     """L_inf at each throttle, in the average conditions of the trials at that throttle.
 
     Effects that act far away, such as a sagging supply, are included at their mean over those
@@ -42,5 +42,5 @@ def far_lift(stage: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> dict
         weight = np.concatenate([shown[k], slope[here].mean(axis=0), np.zeros(nuisance.shape[1])])
         value = float(np.exp(shown[k] @ levels + change[here].mean()))
         u = value * float(np.sqrt(weight @ covariance @ weight))
-        by_throttle[float(throttle)] = FarLift(value=value, u=u)
+        by_throttle[float(throttle)] = ValueWithU(value=value, u=u)
     return by_throttle

@@ -117,9 +117,9 @@ def stood(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatArr
     return z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
 
 
-def fitted(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatArray) -> FloatArray:
-    """L / L_inf at recorded distances by least squares, at the corrected distances."""
-    model = catalogue.model(fit.model)
+def fitted(evidence: Evidence, boundary: Boundary, name: str, z_hat: FloatArray) -> FloatArray:
+    """L / L_inf of a model at recorded distances by least squares, at the corrected distances."""
+    model, fit = catalogue.model(name), evidence.fits.boundaries[boundary][name]
     arguments = {**evidence.known(boundary, model), **fit.values}
     return ratio(model, stood(evidence, boundary, fit, z_hat), arguments)
 
@@ -129,7 +129,7 @@ def band(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
     squares has it, both at the corrected distances.
     """
     model, fit = evidence.base(boundary)
-    plain = fitted(evidence, boundary, fit, z_hat) - 1
+    plain = fitted(evidence, boundary, model.name, z_hat) - 1
     z_hat = stood(evidence, boundary, fit, z_hat)
     known = evidence.known(boundary, model)
     drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)

@@ -17,9 +17,9 @@ from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.errors import ProductError
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
+from nearlift.results.document import typed
 from nearlift.results.fit import FitResults, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
-from nearlift.results.serial import decode
 from nearlift.run.tables import Product
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
@@ -99,31 +99,31 @@ class Evidence:
     @cached_property
     def fits(self) -> FitResults:
         """fit.json."""
-        return decode(FitResults, self.document(FIT), FIT.file)
+        return typed(FitResults, self.document(FIT), FIT.file)
 
     @cached_property
     def results(self) -> Results:
         """results.json."""
-        return decode(Results, self.document(RESULTS), RESULTS.file)
+        return typed(Results, self.document(RESULTS), RESULTS.file)
 
     @cached_property
     def diagnosis(self) -> Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]:
         """Findings of diagnosis.json by boundary; empty without one."""
         if not self.has(DIAGNOSIS):
             return {}
-        return decode(DiagnosisResults, self.document(DIAGNOSIS), DIAGNOSIS.file).boundaries
+        return typed(DiagnosisResults, self.document(DIAGNOSIS), DIAGNOSIS.file).boundaries
 
     @cached_property
     def safety(self) -> SafetyResult:
         """safety.json."""
         from nearlift.flight.safety_result import SafetyResult
 
-        return decode(SafetyResult, self.document(SAFETY), SAFETY.file)
+        return typed(SafetyResult, self.document(SAFETY), SAFETY.file)
 
     def base(self, boundary: Boundary) -> tuple[LiftModel, ModelFit]:
         """The base model of a boundary and its fit."""
         fit = self.fits.of_base(boundary)
-        return catalogue.model(fit.model), fit
+        return catalogue.model(self.fits.base[boundary]), fit
 
     def quoted(self, boundary: Boundary) -> BoundaryResult:
         """Result to quote of a boundary."""

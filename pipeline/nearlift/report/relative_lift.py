@@ -77,7 +77,7 @@ def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Cu
         return curves.band(evidence, boundary, z_hat)
     values = {**known, **fit.values, **{n: c.value for n, c in quoted.coefficients.items()}}
     middle = curves.ratio(model, z_hat, values) - 1
-    plain = curves.fitted(evidence, boundary, fit, z_hat) - 1
+    plain = curves.fitted(evidence, boundary, model.name, z_hat) - 1
     plain = middle if named(evidence, boundary) else plain
     low, high = _band(quoted, model, z_hat, values, middle)
     return curves.Curve(middle=middle, low=low, high=high, least_squares=plain, sampled=False)

@@ -6,28 +6,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated
 
-from nearlift.results.serial import Unbounded, keyed, optional
+from pydantic import Field
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RatioEstimate:
-    """A number without a unit, with standard uncertainty and 90 % interval."""
-
-    value: float
-    u: float
-    lo90: float
-    hi90: float
-    unit: str = "1"
+from nearlift.results.document import IfAny, NumberKey, Real, Unbounded
+from nearlift.results.estimate import Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ThrottleCoefficient(RatioEstimate):
+class ThrottleCoefficient(Estimate):
     """A coefficient of one throttle; `u_apart` is the standard uncertainty of what it differs from
     the mean over throttles.
     """
 
-    u_apart: float
+    u_apart: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,9 +32,9 @@ class CollapseTest:
     was then put too large for what is tested, or in another shape than trials have it.
     """
 
-    statistic: float = keyed("F")
+    statistic: Annotated[Real, Field(alias="F")]
     dof: tuple[int, Unbounded]
-    p_value: float
+    p_value: Real
     quiet: bool
 
 
@@ -51,9 +44,9 @@ class LargestDeparture:
     exclude.
     """
 
-    between: tuple[float, float]
-    value: float
-    u: float
+    between: tuple[Real, Real]
+    value: Real
+    u: Real
     bound95: Unbounded
 
 
@@ -64,26 +57,21 @@ class ThrottleCollapse:
     """
 
     coefficient: str
-    per_throttle: Mapping[float, ThrottleCoefficient]
+    per_throttle: Mapping[NumberKey, ThrottleCoefficient]
     tests: Mapping[str, CollapseTest | None]
     largest_departure: Mapping[str, LargestDeparture | None]
     text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ExponentFit:
+class ExponentFit(Estimate):
     """The headline coefficient with the ratio raised to `n`; `p_value` of n against the best,
     `supposes` where somebody supposes that exponent.
     """
 
-    supposes: str | None = optional()
-    n: float
-    value: float
-    u: float
-    lo90: float
-    hi90: float
-    unit: str = "1"
-    p_value: float
+    supposes: IfAny[str] = None
+    n: Real
+    p_value: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,22 +79,22 @@ class LoggedResponse:
     """How a logged quantity answers to the boundary, and the exponents that theory then allows."""
 
     quantity: str
-    response: RatioEstimate
-    p_value: float
+    response: Estimate
+    p_value: Real
     held: bool
-    spread: float
-    exponents: tuple[float, float] | None
+    spread: Real
+    exponents: tuple[Real, Real] | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExponentRange:
     """Least and most of the headline coefficient over exponents `source` (``from`` in the file)."""
 
-    source: str = keyed("from")
-    low: float
-    high: float
-    lo90: float
-    hi90: float
+    source: Annotated[str, Field(alias="from")]
+    low: Real
+    high: Real
+    lo90: Real
+    hi90: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,32 +105,27 @@ class HeldQuantity:
     declared_text: str
     coefficient: str
     plausible: tuple[ExponentFit, ...]
-    exponent_from_lift: RatioEstimate | None
+    exponent_from_lift: Estimate | None
     logged: tuple[LoggedResponse, ...]
-    supported_exponents: tuple[float, float] | None
+    supported_exponents: tuple[Real, Real] | None
     range: ExponentRange | None
     curve: tuple[ExponentFit, ...]
     text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ThrottleLift:
+class ThrottleLift(Estimate):
     """C_L at one throttle, and the speed in it."""
 
-    speed_Hz: float
-    value: float
-    u: float
-    lo90: float
-    hi90: float
-    unit: str = "1"
+    speed_Hz: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SpeedLaw:
     """C_L of the power law at a speed in the middle."""
 
-    C_L: float
-    speed_Hz: float
+    C_L: Real
+    speed_Hz: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -154,16 +137,16 @@ class RotorTrend:
     """
 
     speed_from: str
-    air_density: float
+    air_density: Real
     air_density_from: str
-    per_throttle: Mapping[float, ThrottleLift]
-    mean: RatioEstimate
+    per_throttle: Mapping[NumberKey, ThrottleLift]
+    mean: Estimate
     p_constant: float | None
-    exponent: RatioEstimate | None
+    exponent: Estimate | None
     law: SpeedLaw
     p_trend: float | None
-    excess: float
-    paper: float
+    excess: Real
+    paper: Real
     text: str
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from nearlift.declare import Boundary
-from nearlift.results.estimate import UncertainValue
+from nearlift.results.document import IfAny, Real
+from nearlift.results.estimate import Estimate
 from nearlift.results.quotation import Verdict
-from nearlift.results.serial import optional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,8 +15,8 @@ class SpreadPrior:
     """Prior of the spread between campaigns, and the mean with its scale doubled."""
 
     distribution: str = "half-Cauchy"
-    scale: float
-    mean_if_doubled: UncertainValue
+    scale: Real
+    mean_if_doubled: Estimate
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,27 +25,27 @@ class Population:
 
     Attributes
     ----------
-    mean : UncertainValue
+    mean : Estimate
         Of the population; 90 % interval with the spread integrated over.
-    spread : UncertainValue
+    spread : Estimate
         Standard deviation between campaigns beyond their uncertainties; value is the median.
-    next : UncertainValue
+    next : Estimate
         Prediction for another campaign of the same population, measured without error.
     q, dof, p_value : float
         Cochran's statistic of zero spread, its degrees of freedom, and its p-value.
     """
 
-    mean: UncertainValue
-    spread: UncertainValue
-    next: UncertainValue
-    q: float
+    mean: Estimate
+    spread: Estimate
+    next: Estimate
+    q: Real
     dof: int
-    p_value: float
+    p_value: Real
     spread_prior: SpreadPrior
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class HeadlineValue(UncertainValue):
+class HeadlineValue(Estimate):
     """The headline coefficient as a campaign quotes it, and what its interval allows for."""
 
     holds: str
@@ -59,7 +59,7 @@ class ComparedCampaign:
     vehicle: str
     verdict: Verdict
     quoted: HeadlineValue
-    in_population: UncertainValue | None
+    in_population: Estimate | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +73,7 @@ class ComparedCoefficient:
     coefficient: str
     campaigns: tuple[ComparedCampaign, ...]
     remarks: tuple[str, ...]
-    population: Population | None = optional()
+    population: IfAny[Population] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,27 +8,27 @@ from typing import Literal
 
 from nearlift.declare import Boundary
 from nearlift.results.diagnosis import CoefficientLimit
+from nearlift.results.document import IfAny, Real
 from nearlift.results.estimate import Noise
 from nearlift.results.outlook import EffectOutlook, UntestableEffect
-from nearlift.results.serial import optional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExpectedCoefficient:
     """A coefficient, and its standard uncertainty without and with all undetected effects."""
 
-    expected: float
-    u: float
-    u_with_undetected_effects: float
+    expected: Real
+    u: Real
+    u_with_undetected_effects: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExpectedNoise:
     """Scatter of visits that a plan assumes; see `Noise`."""
 
-    relative: float
-    force_N: float
-    height_m: float
+    relative: Real
+    force_N: Real
+    height_m: Real
     source: str
 
 
@@ -40,7 +40,7 @@ class ChangeOption:
 
     change: str
     trials: int
-    evidence: float
+    evidence: Real
     evidence_per_trial: float | None
     trials_to_part: int
 
@@ -53,10 +53,10 @@ class ConfoundedPair:
 
     pair: tuple[str, str]
     parameter: str
-    size: float
+    size: Real
     unit: str
-    rival_chance: float
-    evidence_now: float
+    rival_chance: Real
+    evidence_now: Real
     held_together_by: Literal["form", "noise"]
     options: tuple[ChangeOption, ...]
     log: tuple[str, ...]
@@ -67,8 +67,8 @@ class RivalChance:
     """The chance of a pair to be confused, before a change and after."""
 
     pair: tuple[str, str]
-    before: float
-    after: float
+    before: Real
+    after: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,7 +79,7 @@ class RankedChange:
     trials: int
     pairs_parted: int
     pairs: int
-    evidence_per_trial: float
+    evidence_per_trial: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +107,7 @@ class BoundaryOutlook:
 
     base_model: str
     trials: int
-    false_alarm_rate: float
+    false_alarm_rate: Real
     noise: Noise
     coefficients: Mapping[str, ExpectedCoefficient]
     effects: tuple[EffectOutlook, ...]
@@ -128,8 +128,8 @@ class DrawnSchedule:
     trials: int
     visits: int
     sessions: int
-    hours: float
-    from_afar: float
+    hours: Real
+    from_afar: Real
     detours: int
     seed: int
 
@@ -144,4 +144,4 @@ class DesignOutlook:
     boundaries: Mapping[Boundary, BoundaryOutlook]
     notes: tuple[str, ...]
     schedule: DrawnSchedule
-    files: tuple[str, ...] | None = optional()
+    files: IfAny[tuple[str, ...]] = None

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from nearlift.declare import Boundary
-from nearlift.results.estimate import Noise
+from nearlift.results.document import Below, IfAny, Json, NumberKey, Real, as_json
+from nearlift.results.estimate import Interval, Noise, ValueWithU
 from nearlift.results.outlook import (
     NextExperiment,
     NextSession,
@@ -16,9 +19,7 @@ from nearlift.results.outlook import (
     UntestableEffect,
 )
 from nearlift.results.quotation import Verdict
-from nearlift.results.serial import Below, Json, encode, keyed, named_by_key, optional
 
-Interval = tuple[float, float]
 #: 2 ln(Bayes factor) by which an explanation may trail the best and still be its rival.
 RIVAL_MAX_2LNB = 9.0
 #: An effect's true form is known to about this relative, smooth deviation.
@@ -26,7 +27,7 @@ FORM_SD = 0.2
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LoopEstimate:
+class LoopEstimate(Interval):
     """A coefficient, or an effect's parameter, as the loop knows it.
 
     Attributes
@@ -41,12 +42,9 @@ class LoopEstimate:
         Of an effect's parameter.
     """
 
-    value: float
-    lo90: float
-    hi90: float
-    conditional: Interval | None = optional()
-    constrained: Interval | None = optional()
-    unit: str | None = optional()
+    conditional: IfAny[tuple[float, float]] = None
+    constrained: IfAny[tuple[float, float]] = None
+    unit: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,7 +62,7 @@ class PartialEffect:
     """The share of the structure that an effect would explain which may not take the credit."""
 
     name: str
-    share: float
+    share: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,7 +71,7 @@ class StructureTest:
 
     covariate: str
     family: str
-    p_value: float
+    p_value: Real
     significant: bool
 
 
@@ -96,15 +94,15 @@ class TriedCandidate:
     """
 
     name: str
-    gain: float
-    p_value: float
+    gain: Real
+    p_value: Real
     accepted: bool
-    sizes: Mapping[str, float]
+    sizes: Mapping[str, Real]
     at_bound: bool
     log_evidence: Below
     plausibility: Below
     left_in: str | None
-    judged_by: str | None = optional()
+    judged_by: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -122,7 +120,7 @@ class InterimClaim:
 
     trials: int
     scheduled: int
-    p_value_needed: float
+    p_value_needed: Real
     text: str
 
 
@@ -130,18 +128,9 @@ class InterimClaim:
 class HeldOutRmse:
     """Root mean square error on visits that took no part in choosing, with its 90 % interval."""
 
-    held_out_rmse: float
-    lo90: float
-    hi90: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Change:
-    """A relative change with its 90 % interval."""
-
-    value: float
-    lo90: float
-    hi90: float
+    held_out_rmse: Real
+    lo90: Real
+    hi90: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -149,10 +138,10 @@ class LoopError:
     """Held-out errors before and after the loop; `change` where an effect was named."""
 
     unit: str = "fraction of lift"
-    noise_floor: float
+    noise_floor: Real
     before: HeldOutRmse
     after: HeldOutRmse
-    change: Change | None = optional()
+    change: IfAny[Interval] = None
     held_out_trials: int
     chosen_in_folds: tuple[str, ...]
 
@@ -176,17 +165,17 @@ class CoefficientShift:
 
     effect: str
     coefficient: str
-    before: float
-    after: float
-    correlation: float
-    text: str | None = optional()
+    before: Real
+    after: Real
+    correlation: Real
+    text: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Station:
     """A distance over rotor radius."""
 
-    z_hat: float
+    z_hat: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -196,9 +185,9 @@ class CoefficientLimit:
     """
 
     coefficient: str
-    rests_on: Station | None = optional()
-    absorbed_by: str | None = optional()
-    share: float
+    rests_on: IfAny[Station] = None
+    absorbed_by: IfAny[str] = None
+    share: Real
     text: str
 
 
@@ -206,18 +195,10 @@ class CoefficientLimit:
 class WithinTrial:
     """Change of lift over a record, and the effects that may be at work in it."""
 
-    change_over_record: Change
-    p_value: float
+    change_over_record: Interval
+    p_value: Real
     significant: bool
     candidates: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FarLift:
-    """Lift far from the boundary at one throttle, in N, with its standard uncertainty."""
-
-    value: float
-    u: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -247,34 +228,33 @@ class BoundaryDiagnosis:
         None where no visit can be predicted from the others.
     noise : Noise
         The noise floor (``noise_floor`` in the file).
-    L_inf_N : mapping of float to FarLift
+    L_inf_N : mapping of float to ValueWithU
         L_inf per throttle by the accepted model, in the average conditions of its trials.
     """
 
-    boundary: Boundary = named_by_key()
     base_model: str
-    false_alarm_rate: float
+    false_alarm_rate: Real
     verdict: Verdict
     effects: tuple[NamedEffect, ...]
-    explanations: tuple[tuple[str, ...], ...] | None = optional()
-    partial: tuple[PartialEffect, ...] | None = optional()
-    contradicted: tuple[str, ...] | None = optional()
-    wander: float | None = optional()
-    p_value: float
-    threshold_log10_p: float
+    explanations: IfAny[tuple[tuple[str, ...], ...]] = None
+    partial: IfAny[tuple[PartialEffect, ...]] = None
+    contradicted: IfAny[tuple[str, ...]] = None
+    wander: IfAny[float] = None
+    p_value: Real
+    threshold_log10_p: Real
     structure: tuple[StructureTest, ...]
     rounds: tuple[LoopRound, ...]
-    not_confirmed: tuple[tuple[str, ...], ...] | None = optional()
-    look: InterimClaim | None = optional()
-    error: LoopError | None = optional()
-    noise: Noise = keyed("noise_floor")
-    L_inf_N: Mapping[float, FarLift]
+    not_confirmed: IfAny[tuple[tuple[str, ...], ...]] = None
+    look: IfAny[InterimClaim] = None
+    error: IfAny[LoopError] = None
+    noise: Annotated[Noise, Field(alias="noise_floor")]
+    L_inf_N: Mapping[NumberKey, ValueWithU]
     coefficients: LoopCoefficients
     shifts: tuple[CoefficientShift, ...]
     limits: tuple[CoefficientLimit, ...]
     within_trial: WithinTrial | None
-    not_testable: tuple[UntestableEffect, ...] = keyed("untestable")
-    sensitivity: Sensitivity | None = optional()
+    not_testable: Annotated[tuple[UntestableEffect, ...], Field(alias="untestable")]
+    sensitivity: IfAny[Sensitivity] = None
     silent: tuple[SilentEffect, ...]
     next_experiment: tuple[NextSession | NextExperiment, ...]
 
@@ -326,14 +306,13 @@ class BoundaryDiagnosis:
     @property
     def content(self) -> Json:
         """Content of the file."""
-        return encode(self)
+        return as_json(self)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NotDiagnosed:
     """A boundary that could not be diagnosed, and why."""
 
-    boundary: Boundary = named_by_key()
     verdict: Literal["not_diagnosed"] = "not_diagnosed"
     reason: str
     base_model: str
@@ -355,7 +334,7 @@ class DiagnosisResults:
     file: ClassVar[str] = "diagnosis.json"
 
     schema: str = "nearlift.diagnosis/1"
-    false_alarm_rate: float
+    false_alarm_rate: Real
     boundaries: Mapping[Boundary, BoundaryDiagnosis | NotDiagnosed]
 
 

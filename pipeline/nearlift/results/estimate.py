@@ -2,29 +2,41 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Annotated
 
-import numpy as np
+from pydantic import Field, computed_field
 
-from nearlift.results.serial import Above, Below, Json, Unbounded
+from nearlift.results.document import Above, Below, IfAny, Real, Unbounded, Unwritten
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class UncertainValue:
-    """A number with its standard uncertainty and 90 % interval, in `unit`."""
+class Interval:
+    """A number with its 90 % interval."""
 
-    value: float
-    u: Unbounded
+    value: Real
     lo90: Below
     hi90: Above
-    unit: str = "1"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate(UncertainValue):
-    """A parameter of a model, and whether it is at the end of its range."""
+class Estimate(Interval):
+    """A number in `unit` with its standard uncertainty and 90 % interval; of a parameter of a model
+    also whether it is at the end of its range.
+    """
 
-    at_bound: bool = False
+    u: Unbounded
+    unit: str = "1"
+    at_bound: IfAny[bool] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ValueWithU:
+    """A number with its standard uncertainty."""
+
+    value: Real
+    u: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,35 +70,19 @@ class Noise:
         lift: where the search among nearly the same trials begins.
     """
 
-    relative: float
-    force_N: float = 0.0
-    height_m: float = 0.0
-    common: float = 0.0
-    drift: tuple[float, ...] = ()
+    relative: Real
+    force_N: Real = 0.0
+    height_m: Real = 0.0
+    common: Real = 0.0
+    drift: Annotated[tuple[Real, ...], Field(alias="drift_by_length")] = ()
     source: str = "declared"
-    dof: float = np.inf
-    sizes: tuple[str, ...] = ()
-    log_covariance: tuple[tuple[float, ...], ...] = ()
-    modes: tuple[tuple[float, ...], ...] = ()
+    dof: Unbounded = math.inf
+    sizes: Unwritten[tuple[str, ...]] = ()
+    log_covariance: Unwritten[tuple[tuple[float, ...], ...]] = ()
+    modes: Unwritten[tuple[tuple[float, ...], ...]] = ()
 
-    def record(self) -> dict[str, object]:
-        """Its block in a product."""
-        sizes = {
-            name: getattr(self, name) for name in ("relative", "force_N", "height_m", "common")
-        }
-        drift = float(np.sqrt(np.sum(np.square(self.drift))))
-        return {
-            **sizes,
-            "drift": drift,
-            "drift_by_length": list(self.drift),
-            "source": self.source,
-            "dof": self.dof,
-        }
-
-    @classmethod
-    def recorded(cls, block: Json) -> Noise:
-        """The noise of such a block."""
-        known = {name: block[name] for name in ("relative", "force_N", "height_m", "common")}
-        dof = np.inf if block["dof"] is None else block["dof"]
-        drift = tuple(block["drift_by_length"])
-        return cls(**known, drift=drift, source=block["source"], dof=dof)
+    @computed_field(alias="drift")  # type: ignore[prop-decorator]
+    @property
+    def drift_rms(self) -> float:
+        """Root of the sum of the drifts' variances."""
+        return math.sqrt(sum(sd**2 for sd in self.drift))

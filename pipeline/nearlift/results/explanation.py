@@ -8,11 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import Boundary
 from nearlift.results.diagnosis import LoopEstimate
+from nearlift.results.document import Above, Below, IfAny, Numbers, Real, Unbounded
 from nearlift.results.estimate import Noise
 from nearlift.results.quotation import Verdict
-from nearlift.results.serial import Above, Below, Unbounded, optional
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -21,9 +21,9 @@ class WithinTrialPower:
     uncertainty over so many visits.
     """
 
-    u_of_mean: float
+    u_of_mean: Real
     visits: int
-    limit: float
+    limit: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,11 +35,11 @@ class Power:
     before the confirmation on held-out visits.
     """
 
-    size: FloatArray
-    seen: FloatArray
-    within: FloatArray
-    first: FloatArray
-    alone: FloatArray
+    size: Numbers
+    seen: Numbers
+    within: Numbers
+    first: Numbers
+    alone: Numbers
 
     def limit(self, at: float, of: str = "seen") -> float | None:
         """Size at which the curve `of` reaches `at`, interpolated; None if no size here does."""
@@ -72,7 +72,7 @@ class EffectParameter:
 
     name: str
     unit: str
-    null: float
+    null: Real
     bounds: tuple[Below, Above]
     expected: str
     meaning: str
@@ -83,9 +83,9 @@ class EffectParameter:
 class Signature:
     """Relative change of lift over trials, and what of it the coefficients and L_inf leave."""
 
-    rms: float
-    rms_left: float
-    largest_left: float
+    rms: Real
+    rms_left: Real
+    largest_left: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,18 +93,18 @@ class Confusion:
     """Another effect, the share of energy that it takes over, and its chance to be a rival."""
 
     effect: str
-    energy_absorbed: float
-    correlation: float
-    rival_chance: float
+    energy_absorbed: Real
+    correlation: Real
+    rival_chance: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnnoticedShift:
     """A coefficient, and its shift by an undetected effect, also in its own `u`."""
 
-    value: float
-    shift: float
-    in_u: float
+    value: Real
+    shift: Real
+    in_u: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -125,13 +125,13 @@ class EffectSize:
     unit: str
     meaning: str
     per: str
-    shape: Mapping[str, float]
-    plausible_size: float
+    shape: Mapping[str, Real]
+    plausible_size: Real
     largest_size: Unbounded
     detection_limit: float | None
     limit_within_set: float | None
     limit_named_alone: float | None
-    shown_size: float
+    shown_size: Real
     signature: Signature
     power: Power | None
     confused_with: tuple[Confusion, ...]
@@ -142,8 +142,8 @@ class EffectSize:
 class EffectTrial:
     """Outcome for an effect that the loop tried."""
 
-    gain: float
-    p_value: float
+    gain: Real
+    p_value: Real
     accepted: bool
     left_in: str | None
 
@@ -169,7 +169,7 @@ class NoCandidate:
     testable: Literal[False] = False
     needs: tuple[str, ...]
     log_next_time: tuple[str, ...]
-    reason: str | None = optional()
+    reason: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,7 +181,7 @@ class CandidateEffect:
     testable: Literal[True] = True
     base_model: str
     trials: int
-    false_alarm_rate: float
+    false_alarm_rate: Real
     draws: int
     few_visits: bool
     noise: Noise
@@ -199,7 +199,7 @@ class EffectWithinTrial(CandidateEffect):
 class EffectBetweenTrials(CandidateEffect):
     """Visibility of an effect in the means of trials."""
 
-    share_visible: float
+    share_visible: Real
     sizes: tuple[EffectSize, ...]
 
 

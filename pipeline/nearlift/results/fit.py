@@ -11,10 +11,10 @@ from typing import ClassVar, Literal
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
-from nearlift.results.estimate import Estimate, Noise
+from nearlift.results.document import IfAny, Json, NumberKey, Real, Unbounded, as_json
+from nearlift.results.estimate import Estimate, Noise, ValueWithU
 from nearlift.results.levels import LevelFit
-from nearlift.results.posterior import LogEvidence, PosteriorSummary
-from nearlift.results.serial import Json, Nothing, Unbounded, encode, named_by_key, optional
+from nearlift.results.posterior import PosteriorSummary
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,7 +24,7 @@ class CoefficientEstimate(Estimate):
     """
 
     dof: Unbounded
-    warning: str | None = optional()
+    warning: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +47,7 @@ class Degeneracy:
     """
 
     pair: tuple[str, str]
-    r: float
+    r: Real
     text: str
     u_if_free: float | None = None
     known_to: str = ""
@@ -72,14 +72,14 @@ class ProfileIntervals:
     (``low``, ``high``) by level. `skew` is upper over lower part of the 90 % interval.
     """
 
-    lo68: float
-    hi68: float
-    lo90: float
-    hi90: float
-    lo95: float
-    hi95: float
+    lo68: Real
+    hi68: Real
+    lo90: Real
+    hi90: Real
+    lo95: Real
+    hi95: Real
     open: Mapping[str, tuple[str, ...]]
-    skew: float
+    skew: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -100,11 +100,11 @@ class Remedy:
     """
 
     quantity: str
-    r: float
-    known_to: float
-    needed: float
-    u: float
-    u_best: float
+    r: Real
+    known_to: Real
+    needed: Real
+    u: Real
+    u_best: Real
     unit: str
     text: str
 
@@ -116,7 +116,7 @@ class Repeats:
     """
 
     times: Unbounded
-    u_limit: float
+    u_limit: Real
     text: str
 
 
@@ -135,17 +135,15 @@ class UndeclaredInput:
     """
 
     on: str
-    size: float
+    size: Real
     unit: str
-    shift: Mapping[str, float]
+    shift: Mapping[str, Real]
 
 
-@dataclass(frozen=True, slots=True)
-class HeightError:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeightError(ValueWithU):
     """Height error that all trials share, m, by the integral over it."""
 
-    value: float
-    u: float
     unit: str = "m"
 
 
@@ -168,9 +166,9 @@ class HeightTreatment:
     """
 
     component: str
-    standard_m: float
+    standard_m: Real
     coefficient: str
-    ratio: float
+    ratio: Real
     shift: Unbounded
     treatment: str
 
@@ -181,8 +179,8 @@ class ModelFit:
 
     Attributes
     ----------
-    model, title : str
-        Name in the catalogue, and what a legend says.
+    title : str
+        What a legend says.
     L_inf_N : mapping of float to Estimate
         Lift far from every boundary, N, per throttle (a fraction); of a curve, at some throttles,
         what else it is of at its median.
@@ -196,31 +194,30 @@ class ModelFit:
         The same R² within `r2_near_range`; at the ground only, nan where too few cells are.
     """
 
-    model: str = named_by_key()
     title: str
     parameters: Mapping[str, CoefficientEstimate]
     covariance: ParameterCovariance
-    chi2: float
+    chi2: Real
     dof: int
     n_trials: int
-    rmse: float
-    r2: float
-    r2_near: float | None = optional()
-    r2_near_range: tuple[float, float] | None = optional()
-    log_likelihood: float
-    aic: float
-    bic: float
-    L_inf_N: Mapping[float, Estimate]
-    levels: LevelFit | None = optional()
+    rmse: Real
+    r2: Real
+    r2_near: IfAny[float] = None
+    r2_near_range: IfAny[tuple[Real, Real]] = None
+    log_likelihood: Real
+    aic: Real
+    bic: Real
+    L_inf_N: Mapping[NumberKey, Estimate]
+    levels: IfAny[LevelFit] = None
     degeneracies: tuple[Degeneracy, ...]
     excluded: tuple[ExcludedTrial, ...]
     profiles: Mapping[str, ProfileIntervals]
     would_halve: Mapping[str, Halving]
     undeclared: tuple[UndeclaredInput, ...]
     heights: tuple[HeightTreatment, ...]
-    height_error: HeightError | None = optional()
-    log_evidence: LogEvidence | None = optional()
-    posterior: PosteriorSummary | None = optional()
+    height_error: IfAny[HeightError] = None
+    log_evidence: IfAny[ValueWithU] = None
+    posterior: IfAny[PosteriorSummary] = None
 
     @property
     def coefficients(self) -> Mapping[str, CoefficientEstimate]:
@@ -242,7 +239,7 @@ class ModelFit:
     @property
     def content(self) -> Json:
         """Content of the file."""
-        return encode(self)
+        return as_json(self)
 
     @property
     def values(self) -> dict[str, float]:
@@ -275,7 +272,7 @@ class Suspect:
     trials: tuple[str, ...]
     outlying: bool
     without: Estimate | None
-    shift: float
+    shift: Real
     text: str = ""
 
 
@@ -311,15 +308,15 @@ class ModelScore:
 
     visits: int
     skipped: int
-    elpd: float
-    d_elpd: float
-    u_d_elpd: float
-    rmse: float
-    d_rmse: float
-    u_d_rmse: float
-    aic: float = float("nan")
-    bic: float = float("nan")
-    r2: float = float("nan")
+    elpd: Real
+    d_elpd: Real
+    u_d_elpd: Real
+    rmse: Real
+    d_rmse: Real
+    u_d_rmse: Real
+    aic: Real = float("nan")
+    bic: Real = float("nan")
+    r2: Real = float("nan")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -344,7 +341,7 @@ class FitResults:
     comparison: dict[Boundary, ModelComparison] = field(default_factory=dict)
     failed: dict[Boundary, Mapping[str, str]] = field(default_factory=dict)
     throttle_collapse: dict[Boundary, ThrottleCollapse] = field(default_factory=dict)
-    held_quantity: dict[Boundary, HeldQuantity | Nothing] = field(default_factory=dict)
+    held_quantity: dict[Boundary, HeldQuantity | None] = field(default_factory=dict)
     rotor_coefficient: dict[Boundary, RotorCoefficient] = field(default_factory=dict)
     influence: dict[Boundary, Influence] = field(default_factory=dict)
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
+from nearlift.results.document import Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,10 +34,10 @@ class LevelCurve:
 
     of: tuple[str, ...]
     degree: int
-    low: tuple[float, ...]
-    high: tuple[float, ...]
-    typical: tuple[float, ...]
-    shown: tuple[float, ...]
+    low: tuple[Real, ...]
+    high: tuple[Real, ...]
+    typical: tuple[Real, ...]
+    shown: tuple[Real, ...]
 
     @property
     def terms(self) -> tuple[tuple[int, ...], ...]:
@@ -80,9 +81,9 @@ class LevelFit:
     """
 
     curve: LevelCurve
-    coefficients: tuple[float, ...]
-    covariance: tuple[tuple[float, ...], ...]
-    held_out: Mapping[int, float]
+    coefficients: tuple[Real, ...]
+    covariance: tuple[tuple[Real, ...], ...]
+    held_out: Mapping[int, Real]
 
     def lift_inf_N(self, **values: float) -> tuple[float, float]:
         """L_inf in N and its standard uncertainty at a throttle (a fraction), what else the curve

@@ -8,7 +8,7 @@ from typing import Any
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.results.serial import encode
+from nearlift.results.document import Real, as_json
 from nearlift.rounding import plain
 
 
@@ -20,9 +20,9 @@ class NextVisit:
     where to drive to first, to arrive so, None where that is so anyway.
     """
 
-    z_hat: float
-    distance_m: float
-    throttles: tuple[float, ...]
+    z_hat: Real
+    distance_m: Real
+    throttles: tuple[Real, ...]
     supply_V: float | None
     approach: int
     via_m: float | None
@@ -57,14 +57,14 @@ class NextVisits:
     trials: int
     throttles: int
     aim: tuple[str, ...]
-    now: float
-    after: float
+    now: Real
+    after: Real
     wanted: float | None
     visits_wanted: int | None
     visits_evenly: int | None
-    best: float
-    sees: float
-    sees_evenly: float
+    best: Real
+    sees: Real
+    sees_evenly: Real
     visits: tuple[NextVisit, ...]
     notes: tuple[str, ...] = ()
 
@@ -153,5 +153,5 @@ class NextVisits:
     @property
     def content(self) -> dict[str, Any]:
         """Content as JSON."""
-        content: dict[str, Any] = encode(self)
+        content: dict[str, Any] = as_json(self)
         return content | {"text": self.lines}

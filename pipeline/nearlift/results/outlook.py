@@ -7,6 +7,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from nearlift.results.document import Real
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UntestableEffect:
@@ -25,7 +27,7 @@ class DetectionLimit:
     parameter: str
     unit: str
     size: float | None
-    plausible: float
+    plausible: Real
     text: str
 
 
@@ -38,8 +40,8 @@ class Sensitivity:
     trials: int
     families: tuple[str, ...]
     effects: tuple[str, ...]
-    chance: float
-    declared_share: float
+    chance: Real
+    declared_share: Real
     limits: tuple[DetectionLimit, ...]
 
     def __str__(self) -> str:
@@ -61,10 +63,10 @@ class SilentEffect:
 
     effect: str
     absorbed_by: str
-    share_visible: float
-    bias_at_detection_limit: float
+    share_visible: Real
+    bias_at_detection_limit: Real
     in_units_of: str
-    u: float
+    u: Real
     u_of: str
     hidden: bool
 
@@ -80,8 +82,8 @@ class UnseenBias:
     uncertainties.
     """
 
-    shift: float
-    in_u: float
+    shift: Real
+    in_u: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,17 +97,17 @@ class EffectOutlook:
     effect: str
     parameter: str
     unit: str
-    shape: Mapping[str, float]
-    share_visible: float
-    plausible_size: float
+    shape: Mapping[str, Real]
+    share_visible: Real
+    plausible_size: Real
     detection_limit: float | None
     verdict: str
-    seen: float
-    within: float
-    first: float
-    alone: float
-    rivals: Mapping[str, float]
-    hides_up_to: float
+    seen: Real
+    within: Real
+    first: Real
+    alone: Real
+    rivals: Mapping[str, Real]
+    hides_up_to: Real
     bias: Mapping[str, UnseenBias]
 
     @property
@@ -124,7 +126,7 @@ class Alternative:
     """Another session that would distinguish two explanations."""
 
     measure: str
-    expected_evidence: float
+    expected_evidence: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -140,6 +142,6 @@ class NextSession(NextExperiment):
     """Experiment with its expected evidence."""
 
     trials: int
-    expected_evidence: float
+    expected_evidence: Real
     trials_to_separate: int
     alternatives: tuple[Alternative, ...]

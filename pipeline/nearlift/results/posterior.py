@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from nearlift.results.serial import Above, Below, Unbounded
+from nearlift.results.document import Above, Below, NumberKey, Real, Unbounded
+from nearlift.results.estimate import Estimate
 
 #: So many standard errors are a disagreement: by chance once in 10^6 comparisons.
 APART = 5.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LogEvidence:
-    """Log of the marginal likelihood, and its Monte Carlo standard error."""
-
-    value: float
-    u: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -26,7 +19,7 @@ class SamplerCheck:
     """
 
     by: str
-    apart: float
+    apart: Real
     where: str
     unfit: str = ""
 
@@ -47,15 +40,10 @@ class DeclaredPrior:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DrawnEstimate:
+class DrawnEstimate(Estimate):
     """Mean, standard deviation, median and 90 % interval of draws."""
 
-    value: float
-    u: float
-    median: float
-    lo90: Below
-    hi90: Above
-    unit: str
+    median: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,15 +65,15 @@ class PosteriorParameter(DrawnEstimate):
         Where they matter; the second why the posterior is unlike the fit.
     """
 
-    ess: float
-    ess_tail: float
-    r_hat: float
-    tau: float
+    ess: Real
+    ess_tail: Real
+    r_hat: Real
+    tau: Real
     prior: DeclaredPrior
-    width_ratio: float
-    at_low: float
-    at_high: float
-    width_over_fit: float
+    width_ratio: Real
+    at_low: Real
+    at_high: Real
+    width_over_fit: Real
     words: str
     unlike_fit: str
 
@@ -104,10 +92,10 @@ class PosteriorSummary:
     ess: float | None
     r_hat: float | None
     tau: float | None
-    acceptance: float
+    acceptance: Real
     steps: int
-    pareto_k: float
+    pareto_k: Real
     noise_dof: Unbounded
     checks: tuple[SamplerCheck, ...]
     parameters: Mapping[str, PosteriorParameter]
-    L_inf_N: Mapping[float, DrawnEstimate]
+    L_inf_N: Mapping[NumberKey, DrawnEstimate]

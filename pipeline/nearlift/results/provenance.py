@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar
 
-from nearlift.results.serial import optional
+from nearlift.results.document import IfAny, Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,8 +47,8 @@ class StageRecord:
     outputs: Mapping[str, str]
     rejected: tuple[tuple[str, str], ...]
     notes: tuple[str, ...]
-    wall_s: float
-    overrides: Mapping[str, object] | None = optional()
+    wall_s: Real
+    overrides: IfAny[Mapping[str, object]] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

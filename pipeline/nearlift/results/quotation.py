@@ -19,11 +19,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.results.serial import Unbounded, keyed, optional
+from nearlift.results.document import IfAny, Real, Unbounded
+from nearlift.results.estimate import Interval
 from nearlift.rounding import like, plain, plus_minus
 
 #: Levels of the intervals, in percent.
@@ -59,9 +62,9 @@ class BudgetLine:
     """
 
     source: str
-    kind: Literal["A", "B"] = keyed("type")
-    u: float
-    u_without: float
+    kind: Annotated[Literal["A", "B"], Field(alias="type")]
+    u: Real
+    u_without: Real
     distribution: str = ""
     scope: str = ""
     u_input: float | None = None
@@ -77,7 +80,7 @@ class Shift:
     """
 
     id: str
-    shift: float
+    shift: Real
     z_hat: float | None = None
 
     @classmethod
@@ -102,16 +105,13 @@ class LargestShifts:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt:
+class Doubt(Interval):
     """Coefficient under another `condition` (``if`` in the file); `explanation`: the effects that
     it assumes, as "a + b".
     """
 
-    condition: str = keyed("if")
-    value: float
-    lo90: float
-    hi90: float
-    explanation: str | None = optional()
+    condition: Annotated[str, Field(alias="if")]
+    explanation: IfAny[str] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -133,16 +133,16 @@ class CoefficientResult:
         How many explanations that the interval covers.
     """
 
-    value: float
+    value: Real
     u: Unbounded
     dof: Unbounded
     unit: str
-    lo68: float
-    hi68: float
-    lo90: float
-    hi90: float
-    lo95: float
-    hi95: float
+    lo68: Real
+    hi68: Real
+    lo90: Real
+    hi90: Real
+    lo95: Real
+    hi95: Real
     holds: str
     budget: tuple[BudgetLine, ...] = ()
     influence: LargestShifts = LargestShifts()
@@ -184,10 +184,10 @@ class RestsOn:
         What would be said, and named, without it.
     """
 
-    trial: str | None = optional()
-    visit: str | None = optional()
-    z_hat: float | None = optional()
-    shift: float
+    trial: IfAny[str] = None
+    visit: IfAny[str] = None
+    z_hat: IfAny[float] = None
+    shift: Real
     verdict: Verdict
     effects: tuple[str, ...] = ()
 
@@ -209,9 +209,9 @@ class HeldOutError:
     """
 
     unit: str = "fraction of lift"
-    before: float
-    after: float
-    noise_floor: float
+    before: Real
+    after: Real
+    noise_floor: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -221,11 +221,11 @@ class Correlation:
     """
 
     parameters: tuple[str, ...]
-    values: tuple[tuple[float, ...], ...]
+    values: tuple[tuple[Real, ...], ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class IdentifiedSize:
+class IdentifiedSize(Interval):
     """One size of an identified effect, with its 90 % interval.
 
     Attributes
@@ -236,11 +236,8 @@ class IdentifiedSize:
 
     effect: str
     parameter: str
-    value: float
-    lo90: float
-    hi90: float
     unit: str
-    lift_percent: float
+    lift_percent: Real
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,7 +261,7 @@ class BoundaryResult:
     error: HeldOutError | None = None
     correlation: Correlation = Correlation(parameters=(), values=())
     rests_on: RestsOn | None = None
-    rests_on_visit: RestsOn | None = optional()
+    rests_on_visit: IfAny[RestsOn] = None
 
     @property
     def headline(self) -> str:

@@ -357,11 +357,9 @@ def _require_schema(where: str, content: Mapping[str, object], schema: str) -> N
 
 def json_bytes(content: object) -> bytes:
     """A JSON product; numbers keep all their digits."""
-    from nearlift.results.serial import encode
+    from nearlift.results import document
 
-    return (
-        json.dumps(encode(content), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    ).encode()
+    return document.json_bytes(content) + b"\n"
 
 
 def json_of(content: bytes, where: str) -> dict[str, Any]:
@@ -389,11 +387,11 @@ def load(path: Path, kind: type[Loaded]) -> Loaded:
 
 def loaded(content: bytes, kind: type[Loaded], where: str) -> Loaded:
     """A JSON product as its type, from its bytes."""
-    from nearlift.results.serial import decode
+    from nearlift.results.document import typed
 
     read = json_of(content, where)
     _require_schema(where, read, f"nearlift.{kind.file.removesuffix('.json')}/1")
-    return decode(kind, read, where)
+    return typed(kind, read, where)
 
 
 def load_if_whole(path: Path, otherwise: Loaded) -> Loaded:

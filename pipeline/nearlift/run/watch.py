@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from nearlift.errors import NearliftError
@@ -91,7 +91,7 @@ def watch(
                 latest = replace(latest, words=f"{latest.words}; {GROWS}")
             longest = max(longest, latest.scheduled)
             if latest.ran or latest.refused or waiting:
-                tables.write_whole(home / LATEST, tables.json_bytes(asdict(latest)))
+                tables.write_whole(home / LATEST, tables.json_bytes(latest))
                 yield latest
             waiting = bool(latest.refused)
         time.sleep(period_s)

@@ -52,7 +52,9 @@ class Processes(futures.ProcessPoolExecutor):
         import multiprocessing
 
         spawn = multiprocessing.get_context("spawn")
-        super().__init__(workers, mp_context=spawn, initializer=_begin)
+        # its queues start a resource tracker, which is an interpreter too
+        with isolation.safe_path():
+            super().__init__(workers, mp_context=spawn, initializer=_begin)
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> futures.Future[Any]:
         """Run the task in a process, which may be started now and inherits the environment."""
@@ -329,13 +331,7 @@ def _on_cluster(
 def _await(client: Any, future: Any, address: str) -> None:
     """Wait until a future is done, as long as there is a scheduler and a worker."""
     alone_since = time.monotonic()
-    while not future.done():
-        if client.status != "running":
-            raise InputRefused(
-                "--executor",
-                f"the dask scheduler at {address!r} died",
-                "start it again and repeat the command; finished campaigns stay finished",
-            )
+    while client.status == "running" and not future.done():
         if client.scheduler_info()["workers"]:
             alone_since = time.monotonic()
         elif time.monotonic() - alone_since > WITHOUT_WORKERS_S:
@@ -345,6 +341,13 @@ def _await(client: Any, future: Any, address: str) -> None:
                 "start one (dask worker ADDRESS) and repeat the command",
             )
         time.sleep(0.1)
+    # a client that lost its scheduler cancels its futures, which are done then
+    if client.status != "running":
+        raise InputRefused(
+            "--executor",
+            f"the dask scheduler at {address!r} died",
+            "start it again and repeat the command; finished campaigns stay finished",
+        )
 
 
 @contextlib.contextmanager

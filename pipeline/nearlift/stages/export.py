@@ -14,7 +14,7 @@ import nearlift
 from nearlift.campaign.manifest import boundaries_of
 from nearlift.flight.export import c_header, json_document, python_module
 from nearlift.flight.export.model_export import ModelExport, exported
-from nearlift.results.serial import encode
+from nearlift.results.document import as_json
 from nearlift.run import tables
 from nearlift.run.engine import Job
 from nearlift.stages import netcdf
@@ -61,7 +61,7 @@ write_python = _source("lift_model.py", python_module.module)
 def write_json(job: Job) -> str:
     """lift_model.json, and its schema beside it."""
     _save(job, "lift_model.schema.json", json.dumps(json_document.SCHEMA, indent=1) + "\n")
-    content = encode(json_document.document(model_export(job)))
+    content = as_json(json_document.document(model_export(job)))
     return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 

@@ -66,8 +66,9 @@ def run(job: Job) -> Outcome:
     from nearlift.stages import netcdf
     from nearlift.stages.model_fits import fit_boundaries
 
-    data = tables.sha256(job.processed / TRIALS.file)
-    fits = fit_boundaries(job.read(TRIALS), job.campaign, job.seed, data, job.say)
+    trials = job.read(TRIALS)
+    digest = tables.sha256(job.processed / TRIALS.file)
+    fits = fit_boundaries(trials, job.campaign, job.seed, digest, job.say)
     job.write(POSTERIOR, tables.stacked(POSTERIOR, fits.draws))
     job.write(PROFILES, tables.stacked(PROFILES, fits.profiles))
     job.save(fits.results)

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from nearlift.report.evidence import Columns, Evidence
-from nearlift.results.serial import Json
+from nearlift.results.document import Json
 from nearlift.run import tables
 from nearlift.run.engine import Job, versions
 from nearlift.stages import PRODUCTS, overlays

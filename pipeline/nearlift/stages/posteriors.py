@@ -20,10 +20,10 @@ from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.fit.prior import compare_with_fit, compare_with_prior
+from nearlift.results.estimate import ValueWithU
 from nearlift.results.fit import ModelFit
 from nearlift.results.posterior import (
     DrawnEstimate,
-    LogEvidence,
     PosteriorParameter,
     PosteriorSummary,
 )
@@ -70,7 +70,7 @@ class Posteriors:
             _rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()
         ]
         summary = _summary(density, drawn, fitted, self.data_sha256)
-        evidence = LogEvidence(value=drawn.log_evidence, u=drawn.u_log_evidence)
+        evidence = ValueWithU(value=drawn.log_evidence, u=drawn.u_log_evidence)
         unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
         return (
             replace(entry, log_evidence=evidence, posterior=summary),

@@ -201,8 +201,13 @@ class BoundaryFit:
     """Every model of one boundary; the base model is the one that the loop questions."""
 
     boundary: Boundary
-    base: ModelFit
+    base_model: str
     models: Mapping[str, ModelFit]
+
+    @property
+    def base(self) -> ModelFit:
+        """Fit of the base model."""
+        return self.models[self.base_model]
 
     def __getitem__(self, model: str) -> ModelFit:
         """The model of that name; `UsageError` with those that there are."""
@@ -229,7 +234,9 @@ class Fit(ByBoundary[BoundaryFit]):
         """Posterior draws, a draw a row and a parameter a column; of the base model unless another
         is named.
         """
-        wanted = self[boundary].base.model if model is None else self[boundary][model].model
+        fits = self[boundary]
+        wanted = fits.base_model if model is None else model
+        fits[wanted]  # refuses a model that was not fitted
         rows = self.posterior[
             (self.posterior["boundary"] == boundary) & (self.posterior["model"] == wanted)
         ]
@@ -275,7 +282,7 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
         quantity = ("", "value (k = 1)", "90 % interval", "")
         head = ("boundary", "verdict", "effects", *quantity, "held-out error, % of lift")
         rows = []
-        for at in self:
+        for boundary, at in self.boundaries.items():
             others = (
                 {e.name: at.stand_ins(e) for e in at.effects}
                 if isinstance(at, BoundaryDiagnosis)
@@ -292,8 +299,8 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
             verdict = f"{at.verdict}; {at.sensitivity}" if at.sensitivity else at.verdict
             if at.reason:
                 verdict, error = f"not diagnosed: {at.reason}", ""
-            about = (at.boundary, verdict, named or "none")
-            for name, c in self.quoted[at.boundary].coefficients.items():
+            about = (boundary, verdict, named or "none")
+            for name, c in self.quoted[boundary].coefficients.items():
                 rows.append((*about, letter(name), c.estimate, c.interval, c.holds, error))
         return self._page(head, rows)
 

@@ -87,7 +87,9 @@ class Study:
         _, about = self._steps("fit")
         results = self._load(FitResults)
         boundaries = {
-            boundary: BoundaryFit(boundary=boundary, base=results.of_base(boundary), models=models)
+            boundary: BoundaryFit(
+                boundary=boundary, base_model=results.base[boundary], models=models
+            )
             for boundary, models in results.boundaries.items()
         }
         return Fit(

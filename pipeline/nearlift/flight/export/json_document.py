@@ -102,7 +102,7 @@ def _table(table: HermiteTable) -> dict[str, object]:
 
 
 def document(export: ModelExport) -> dict[str, object]:
-    """Content of the JSON document, as `results.serial.encode` takes it."""
+    """Content of the JSON document, typed."""
     return {
         "schema": SCHEMA_NAME,
         "campaign": export.campaign,

@@ -17,9 +17,10 @@ def facts(evidence: Evidence) -> dict[str, object]:
 
 def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     base = evidence.base(boundary)[1]
-    fits = sorted(evidence.fits.boundaries[boundary].values(), key=lambda f: f.model != base.model)
+    first = evidence.fits.base[boundary]
+    fits = sorted(evidence.fits.boundaries[boundary].items(), key=lambda named: named[0] != first)
     place = Place(evidence, FIT, ("boundaries", boundary))
-    drawn = [(f, f.posterior, place.at(f.model, "posterior")) for f in fits if f.posterior]
+    drawn = [(f, f.posterior, place.at(name, "posterior")) for name, f in fits if f.posterior]
     return {
         "boundary": boundary,
         "base": base,

@@ -17,7 +17,7 @@ from nearlift.report.evidence import Columns, Rows, distinct, stack, where
 from nearlift.report.figures.style import BAND, SERIES, Style, labelled, plain_text
 from nearlift.report.page.chart import Chart, Spec, View, column, frame, layer, one_of, tooltip
 from nearlift.results.comparison import CampaignComparison, ComparedCoefficient
-from nearlift.results.estimate import UncertainValue
+from nearlift.results.estimate import Estimate
 from nearlift.rounding import like
 
 #: A 90 % interval of a normal is so many standard deviations wide.
@@ -57,7 +57,7 @@ def _lines(group: ComparedCoefficient) -> Iterator[dict[str, object]]:
         yield {"kind": "next", "label": "next campaign", **_interval(together.next)}
 
 
-def _interval(e: UncertainValue) -> dict[str, object]:
+def _interval(e: Estimate) -> dict[str, object]:
     return {"unit": e.unit, "value": e.value, "lo90": e.lo90, "hi90": e.hi90}
 
 

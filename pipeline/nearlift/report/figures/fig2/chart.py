@@ -179,7 +179,7 @@ def _models(
         add(f"reference:{reference.label}", label, ratio)
     for name, fit in evidence.fits.boundaries[boundary].items():
         if name != base.name:
-            ratio = curves.fitted(evidence, boundary, fit, grid)
+            ratio = curves.fitted(evidence, boundary, name, grid)
             add(name, f"{fit.title}, least squares", ratio, fit)
     table = stack(rows, ("z_hat", "ratio", "lo", "hi", "model", "label", "colour"))
     dashes = {c.value: list(c.dash or (1, 0)) for c in choices}
