@@ -28,9 +28,8 @@ from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
 from nearlift.results import Observations
 from nearlift.run import tables
-from nearlift.stages.choices import choice
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import observe
+from nearlift.trials import choice, observe
 
 HEAD = """# Measured campaigns
 

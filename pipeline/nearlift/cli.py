@@ -26,9 +26,9 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from nearlift import __version__, terminal  # noqa: E402
 from nearlift.errors import ProductError, UsageError, brief, did_you_mean  # noqa: E402
+from nearlift.planning.question import ROUNDS, Question  # noqa: E402
 from nearlift.printing import say  # noqa: E402
 from nearlift.stages import ORDER, STAGES  # noqa: E402
-from nearlift.stages.asked import ROUNDS, AskedQuestion  # noqa: E402
 from nearlift.terminal import COMPUTES, OPENS, Call  # noqa: E402
 
 if TYPE_CHECKING:
@@ -285,11 +285,11 @@ def design(call: Call, campaign: Path, noise_from: str | None, write: Path | Non
     """
     from nearlift.report.figures.design import text
     from nearlift.results.document import as_json
-    from nearlift.stages import design
+    from nearlift.stages import forecasts
 
     earlier = None if noise_from is None else call.out / "processed" / noise_from
     with call.job(campaign, planned=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
-        answer = design.run(job, earlier=earlier, write=write)
+        answer = forecasts.design(job, earlier=earlier, write=write)
     call.answer(as_json(answer), text(answer))
 
 
@@ -447,7 +447,7 @@ def run(
         _check(call, campaigns)
     elif watch:
         share = ROUNDS if rounds is None else rounds
-        asked = AskedQuestion.parsed(question, until, share) if question else None
+        asked = Question.parsed(question, until, share) if question else None
         _follow(call, campaigns[0], every, asked)
     elif len(campaigns) == 1:
         terminal.execute(call, campaigns[0], only)
@@ -484,7 +484,7 @@ def _check(call: Call, campaigns: tuple[Path, ...]) -> None:
         sys.exit(ProductError.exit_code)
 
 
-def _follow(call: Call, campaign: Path, period_s: float, asked: AskedQuestion | None) -> None:
+def _follow(call: Call, campaign: Path, period_s: float, asked: Question | None) -> None:
     """Run a campaign that is being recorded until interrupted; with --json, one object a round."""
     from nearlift.run.watch import watch
     from nearlift.stages import looks
@@ -557,14 +557,14 @@ def next_visits(
     is written.
     """
     from nearlift.report.visits import text
-    from nearlift.stages import next_rows, next_visits
+    from nearlift.stages import forecasts
 
-    asked = AskedQuestion.parsed(question, until, rounds)
+    asked = Question.parsed(question, until, rounds)
     if as_csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
-        batches, elsewhere = next_visits.run(job, asked, count)
-        rows = next_rows.as_schedule(job, batches) if as_csv else ""
+        batches, elsewhere = forecasts.next_visits(job, asked, count)
+        rows = forecasts.next_rows(job, batches) if as_csv else ""
     boundaries = {batch.boundary: batch.content for batch in batches}
     call.answer(
         {"campaign": job.campaign.name, "boundaries": boundaries, "notes": elsewhere},
@@ -610,11 +610,11 @@ def _explain(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
     """Describe an effect, its detectable size in this campaign, and what is confounded with it."""
     from nearlift.report.figures.explain import text
     from nearlift.results.document import as_json
-    from nearlift.stages import explain
+    from nearlift.stages import forecasts
 
     name = str(given["explain"])
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {name}"):
-        explanation = explain.run(job, name)
+        explanation = forecasts.explain(job, name)
     call.answer(as_json(explanation), text(explanation))
 
 

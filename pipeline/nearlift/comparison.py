@@ -23,7 +23,6 @@ from nearlift.results.comparison import (
     HeadlineValue,
     Population,
 )
-from nearlift.results.document import as_json
 from nearlift.results.estimate import Estimate
 from nearlift.results.provenance import ProvenanceLedger
 from nearlift.results.quotation import BoundaryResult, CoefficientResult, Results

@@ -33,9 +33,8 @@ from nearlift.results import Observations
 from nearlift.run.engine import Job
 from nearlift.run.workers import SerialExecutor
 from nearlift.stages import ingest, screening
-from nearlift.stages.choices import choice
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import observe
+from nearlift.trials import choice, observe
 
 #: Reported; the screen was tuned on 700000 to 710099.
 FIRST_SEED = 720_000

@@ -31,7 +31,7 @@ from nearlift.reduction.quality import joined, rejected
 from nearlift.reduction.record import reduce_record
 from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import observe
+from nearlift.trials import observe
 
 FloatArray = NDArray[np.float64]
 

@@ -34,9 +34,9 @@ from nearlift.loop.diagnose import decide, set_up
 from nearlift.loop.evidence import LinearFit, Linearised
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.planning.question import ROUNDS
 from nearlift.results import Noise, Observations
 from nearlift.results.diagnosis import FORM_SD
-from nearlift.stages.asked import ROUNDS
 
 #: The full plan's visits whose uncertainty is asked for, most of any plan, and visits of a batch and
 #: of a session.

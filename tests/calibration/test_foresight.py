@@ -9,7 +9,6 @@ import argparse
 import dataclasses
 import functools
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +22,9 @@ from nearlift.loop.diagnose import diagnose
 from nearlift.loop.handle import handles
 from nearlift.loop.rehearsal import planned
 from nearlift.loop.search_problem import Options
+from nearlift.planning.plans import plan, scatter
 from nearlift.run.workers import ordered
-from nearlift.stages.observe import observe
-from nearlift.stages.plans import plan, scatter
+from nearlift.trials import observe
 
 K_B = 2.0
 #: Sizes, in units of the detection limit.
@@ -57,10 +56,10 @@ class Bench:
 
     def __init__(self):
         campaign = manifests.parse(MANIFEST)
-        made = plan(campaign, Path("nowhere"), 1)
+        made = plan(campaign, None, 1)
         self.data = observe(made.table, campaign, "ground")
         self.base = catalogue.model("sanchez_cuevas")
-        self.noise = scatter(campaign, "ground", None)
+        self.noise = scatter(campaign, "ground")
         self.foresight, _, _ = planned(
             self.data, self.base, (), self.noise, Options(), np.array([K_B])
         )

@@ -15,9 +15,8 @@ from nearlift.likelihood import budget
 from nearlift.loop.diagnose import LoopDiagnosis, diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.report.words import dependence
-from nearlift.stages.choices import choice
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import observe
+from nearlift.trials import choice, observe
 
 pytestmark = pytest.mark.skipif(
     not FILE.is_file(), reason="the measured files of ../shared are not here"

@@ -9,8 +9,8 @@ import pytest
 
 from nearlift.errors import ManifestError
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import observe
 from nearlift.stages.reduce import LIFT
+from nearlift.trials import observe
 
 from . import small_run, sweeps
 from .bench_campaign import run_ingest

@@ -6,12 +6,12 @@ import json
 import pytest
 
 from nearlift.campaign import manifest as manifests
+from nearlift.planning.plans import draw
+from nearlift.planning.rows import schedule_text
 from nearlift.results.design import DesignOutlook
 from nearlift.results.document import as_json, typed
 from nearlift.results.explanation import EffectAccount
 from nearlift.schedule import read_schedule
-from nearlift.stages.design import schedule_text
-from nearlift.stages.plans import draw
 
 from . import small_run
 from .small_run import nearlift, state

@@ -8,12 +8,12 @@ import pytest
 
 from nearlift import schedule as schedules
 from nearlift.errors import InputRefused, UsageError
+from nearlift.planning.question import ROUNDS, Question
+from nearlift.planning.rows import Traverse
 from nearlift.results.next_visits import NextVisits
-from nearlift.stages import next_rows
-from nearlift.stages import next_visits as stage_of_next
-from nearlift.stages.asked import ROUNDS, AskedQuestion
 from nearlift.stages.fit import RESULTS
-from nearlift.stages.traverse import Traverse
+from nearlift.stages.forecasts import next_rows, next_visits
+from nearlift.stages.ingest import TRIALS
 
 from . import small_run
 
@@ -148,14 +148,14 @@ def test_what_cannot_be_asked_is_refused_with_a_remedy(ingested, words, said):
 
 def test_what_the_supply_is_to_be_set_to_stands_in_the_rows(make_job):
     job = job_of(make_job, trials={"units": {"distance": "mm", "throttle": "percent"}})
-    ((found,), _) = stage_of_next.run(job, AskedQuestion.parsed("drift"), 4)
+    ((found,), _) = next_visits(job, Question.parsed("drift"), 4)
     (job.root / "trials.csv").write_text("trial,boundary,distance,throttle\nt0000,ground,30,25\n")
-    header, *rows = next_rows.as_schedule(job, (found,)).splitlines()
+    header, *rows = next_rows(job, (found,)).splitlines()
     assert header == "trial,boundary,distance,throttle,supply"
     volts = [float(row.split(",")[4]) for row in rows]
     assert len(set(volts)) == 2
     assert max(volts) / min(volts) == pytest.approx(1.025 / 0.975, rel=1e-3)
-    assert rows[0].split(",")[0] == f"t{len(job.read(stage_of_next.TRIALS)['trial']):04d}"
+    assert rows[0].split(",")[0] == f"t{len(job.read(TRIALS)['trial']):04d}"
 
 
 def job_of(make_job, **given):
@@ -163,18 +163,16 @@ def job_of(make_job, **given):
 
 
 def test_every_boundary_has_its_own_visits(small_job):
-    asked = AskedQuestion.parsed("separate=height_offset,approach_backlash")
-    found, notes = stage_of_next.run(small_job, asked, 4)
+    asked = Question.parsed("separate=height_offset,approach_backlash")
+    found, notes = next_visits(small_job, asked, 4)
     assert [of.boundary for of in found] == ["ground", "ceiling"]
     # there the amplitude absorbs an offset altogether
-    assert notes[0].startswith("sidewall: height_offset leaves no mark")
+    assert notes[0].startswith("sidewall: height_offset is absorbed by the coefficients")
     assert all(len(of.visits) == 4 and of.parts for of in found)
 
 
 def test_one_throttle_is_enough(make_job):
-    ((found,), _) = stage_of_next.run(
-        job_of(make_job, throttles=(0.5,)), AskedQuestion.parsed("K_b")
-    )
+    ((found,), _) = next_visits(job_of(make_job, throttles=(0.5,)), Question.parsed("K_b"))
     # 19 trials: too few for a diagnosis
     assert "too few" in found.notes[0]
     assert found.throttles == 1
@@ -183,13 +181,13 @@ def test_one_throttle_is_enough(make_job):
 
 def test_a_curve_of_lift_is_planned_for_at_its_throttles(make_job):
     job = job_of(make_job, levels={"by": "curve", "of": ["throttle"], "degree": 2})
-    ((found,), _) = stage_of_next.run(job, AskedQuestion.parsed("K_b"), 3)
+    ((found,), _) = next_visits(job, Question.parsed("K_b"), 3)
     assert found.throttles == 4
     assert found.after < found.now
 
 
 def test_a_table_of_means_is_told_what_to_fill_in(make_job):
-    ((found,), _) = stage_of_next.run(job_of(make_job), AskedQuestion.parsed("K_b"), 2)
+    ((found,), _) = next_visits(job_of(make_job), Question.parsed("K_b"), 2)
     assert any("fill in the mean lift" in note for note in found.notes)
 
 
@@ -198,25 +196,25 @@ def test_a_quoted_uncertainty_of_another_kind_is_told(make_job):
     results = job.read_json(RESULTS)
     own = results["boundaries"]["ground"]["coefficients"]["K_b"]
     assert not any(
-        "results.json" in n for n in stage_of_next.run(job, AskedQuestion.parsed("K_b"))[0][0].notes
+        "results.json" in n for n in next_visits(job, Question.parsed("K_b"))[0][0].notes
     )
     own["u"] *= 10
     job.write_json(RESULTS, results)
-    ((found,), _) = stage_of_next.run(job, AskedQuestion.parsed("K_b"), 2)
+    ((found,), _) = next_visits(job, Question.parsed("K_b"), 2)
     assert any(f"results.json quotes u(K_b) = {own['u']:.2g}" in note for note in found.notes)
 
 
 def test_nothing_to_plan_from_is_refused(make_job):
     job = job_of(make_job)
-    trials = job.read(stage_of_next.TRIALS)
+    trials = job.read(TRIALS)
     trials["quality"][:] = "SATURATED"
-    job.write(stage_of_next.TRIALS, trials)
+    job.write(TRIALS, trials)
     with pytest.raises(InputRefused, match="no trial was accepted"):
-        stage_of_next.run(job, AskedQuestion.parsed("K_b"))
+        next_visits(job, Question.parsed("K_b"))
 
 
 def test_the_question_is_read_as_it_is_written():
-    assert AskedQuestion.parsed("drift").pair == ("supply_sag", "gain_drift")
-    assert AskedQuestion.parsed("separate= tilt , reynolds").pair == ("tilt", "reynolds")
+    assert Question.parsed("drift").pair == ("supply_sag", "gain_drift")
+    assert Question.parsed("separate= tilt , reynolds").pair == ("tilt", "reynolds")
     with pytest.raises(UsageError, match="wants two different effects"):
-        AskedQuestion.parsed("drift=tilt,reynolds")
+        Question.parsed("drift=tilt,reynolds")

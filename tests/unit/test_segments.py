@@ -17,7 +17,7 @@ from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.likelihood import budget
 from nearlift.readers import reader, segments
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import observe
+from nearlift.trials import observe
 
 from . import small_run
 from .bench_campaign import run_ingest

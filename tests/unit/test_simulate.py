@@ -32,6 +32,7 @@ from nearlift.stages.export import export
 from nearlift.stages.gathering import gather
 from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
+from nearlift.stages.simulated_flights import vehicle as vehicle_of
 
 from . import quoted, small_run
 from .manifests import raw_manifest
@@ -275,7 +276,7 @@ def test_a_payload_flies_and_one_that_the_rotors_cannot_carry_is_refused(remake)
     asked = QUICK | {"mass": "32 g"}
     vehicle = raw_manifest()["vehicle"] | {"thrust_limit": "0.31 N"}
     job = remake("ground", simulate=asked | {"presets": [], "flights": 20}, vehicle=vehicle)
-    assert simulate.vehicle(job, job.campaign.simulate).mass_kg == pytest.approx(0.032)
+    assert vehicle_of(job, job.campaign.simulate).mass_kg == pytest.approx(0.032)
     with pytest.raises(ManifestError, match=r"at most 0.31 N of a weight of 0.314 N"):
         simulate.run(job)
 

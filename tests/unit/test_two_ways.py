@@ -17,7 +17,7 @@ from nearlift.loop.admission import could_act
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import observe
+from nearlift.trials import observe
 
 from . import small_run
 from .small_run import nearlift

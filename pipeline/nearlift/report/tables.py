@@ -22,8 +22,8 @@ from nearlift.nomenclature import INDEXED, VERDICTS, letter, mathematics
 from nearlift.report.evidence import Evidence, Rows
 from nearlift.report.number import Number, Place, quotation
 from nearlift.report.phrases import SCALES, along
+from nearlift.results.document import Json
 from nearlift.results.quotation import BudgetLine
-from nearlift.results.serial import Json
 from nearlift.stages.fit import FIT, RESULTS
 
 #: A text cell that begins with one of these is a formula to a spreadsheet.

@@ -8,10 +8,11 @@ from typing import Literal
 
 import numpy as np
 
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.results.diagnosis import LoopEstimate
 from nearlift.results.document import Above, Below, IfAny, Numbers, Real, Unbounded
 from nearlift.results.estimate import Noise
+from nearlift.results.observations import Observations
 from nearlift.results.quotation import Verdict
 
 
@@ -226,3 +227,24 @@ class EffectAccount:
     boundaries: Mapping[Boundary, EffectAtBoundary]
     notes: tuple[str, ...]
     files: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class EffectCurves:
+    """Signature of an effect of one size over the trials, for its figure.
+
+    Attributes
+    ----------
+    raw, left : array (n,)
+        Relative change of lift, and the part that coefficients and L_inf leave.
+    noise : float
+        Scatter of one trial about any curve, rms over trials.
+    """
+
+    effect: Effect
+    data: Observations
+    size: EffectSize
+    raw: FloatArray
+    left: FloatArray
+    noise: float
+    false_alarm_rate: float

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+from typing import TYPE_CHECKING
+
 from nearlift.run import tables
 from nearlift.run.engine import Job, Option, Outcome, Stage, StageQuestion
 from nearlift.run.tables import Product, real, text
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.ingest import TRIALS
+
+if TYPE_CHECKING:
+    from nearlift.declare import Boundary
+    from nearlift.results.diagnosis import BoundaryDiagnosis
 
 #: Verdict of a boundary that could not be diagnosed; its block of diagnosis.json holds the `reason`
 #: in place of findings.
@@ -48,6 +55,14 @@ def run(job: Job) -> Outcome:
     job.save(found.results)
     job.save(found.quoted)
     return Outcome(notes=found.notes)
+
+
+def findings(processed: Path) -> dict[Boundary, BoundaryDiagnosis]:
+    """Findings of the loop at each boundary that it could diagnose; none where it has not run."""
+    from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis
+
+    results = tables.load_if_whole(processed / DIAGNOSIS.file, NOTHING)
+    return {b: d for b, d in results.boundaries.items() if isinstance(d, BoundaryDiagnosis)}
 
 
 STAGE = Stage(

@@ -24,8 +24,7 @@ from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run.engine import Say, subprogress
 from nearlift.run.tables import Table
-from nearlift.stages.choices import choice, search_options
-from nearlift.stages.observe import boundaries, interim_look, observe
+from nearlift.trials import boundaries, choice, interim_look, observe, search_options
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,8 +13,8 @@ from nearlift.stages import PRODUCTS, overlays
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.trial_table import trial_table
+from nearlift.trials import boundaries, observe
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign

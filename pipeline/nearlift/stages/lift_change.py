@@ -12,7 +12,7 @@ from nearlift.nomenclature import CARRIED
 from nearlift.reduction import cells, plausibility
 from nearlift.results import Observations
 from nearlift.run.tables import Table
-from nearlift.stages.observe import boundaries, observe
+from nearlift.trials import boundaries, observe
 
 #: With more cells than this no covariance is written: a column of numbers for every cell, it grows
 #: with their square (34 MB here).

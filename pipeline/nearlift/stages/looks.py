@@ -7,15 +7,16 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from nearlift.errors import NearliftError
+from nearlift.planning.question import Question
 from nearlift.reduction.quality import rejected
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.quotation import Results
 from nearlift.run import tables
 from nearlift.run.engine import Job
 from nearlift.run.watch import Round
-from nearlift.stages.asked import AskedQuestion
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import RESULTS
+from nearlift.stages.forecasts import next_visits
 from nearlift.stages.ingest import TRIALS
 
 
@@ -29,7 +30,7 @@ def _verdict(loop: BoundaryDiagnosis | NotDiagnosed) -> str:
     return " + ".join(effect.name for effect in loop.effects) or loop.verdict
 
 
-def look(asked: AskedQuestion | None, job: Job, fresh: bool) -> Round:
+def look(asked: Question | None, job: Job, fresh: bool) -> Round:
     """A round of `run.watch`: trials so far, what is quoted of them, and the next visits where they
     are `asked` for and results are `fresh`.
     """
@@ -59,12 +60,10 @@ def headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
             yield f"{boundary} {result.claim}" + (f" ({interim.text})" if interim else "")
 
 
-def visits(asked: AskedQuestion, job: Job) -> tuple[str, ...]:
+def visits(asked: Question, job: Job) -> tuple[str, ...]:
     """The next visits, or why there are none to propose."""
-    from nearlift.stages import next_visits
-
     try:
-        batches, elsewhere = next_visits.run(job, asked)
+        batches, elsewhere = next_visits(job, asked)
     except NearliftError as refusal:
         return (f"next: {refusal.what}; {refusal.remedy}",)
     return (*(line for batch in batches for line in batch.brief), *elsewhere)

@@ -25,9 +25,8 @@ from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run.engine import Say, subprogress
 from nearlift.run.tables import Table
 from nearlift.stages import screening
-from nearlift.stages.choices import choice
-from nearlift.stages.observe import boundaries, observe
 from nearlift.stages.posteriors import Posteriors
+from nearlift.trials import boundaries, choice, observe
 
 #: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
 #: errors are not there.

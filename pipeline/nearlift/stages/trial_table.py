@@ -22,9 +22,8 @@ from nearlift.report.trial_table import Exclusions, Refit, TrialCounts, TrialRow
 from nearlift.results.fit import FitResults
 from nearlift.run.engine import Job
 from nearlift.run.tables import Table
-from nearlift.stages.choices import choice
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import boundaries, observe
+from nearlift.trials import boundaries, choice, observe
 
 #: Excluded trials of one boundary that are put back one at a time.
 ONE_BY_ONE = 40

@@ -12,7 +12,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from nearlift.declare import Effect, FloatArray
 from nearlift.report.evidence import Columns, Rows, distinct, select, stack, where
 from nearlift.report.figures.design import SHOWN, size_text, wrap
 from nearlift.report.figures.style import (
@@ -25,10 +24,10 @@ from nearlift.report.figures.style import (
     quantity,
     words_alone,
 )
-from nearlift.results import Observations
 from nearlift.results.explanation import (
     EffectAccount,
     EffectAtBoundary,
+    EffectCurves,
     EffectSize,
     EffectVerdict,
     EffectWithinTrial,
@@ -44,16 +43,7 @@ LOOKS = {
 }
 
 
-def rows(
-    data: Observations,
-    effect: Effect,
-    boundary: str,
-    at_size: EffectSize,
-    raw: FloatArray,
-    left: FloatArray,
-    noise: float,
-    false_alarm_rate: float,
-) -> Columns:
+def rows(curves: EffectCurves) -> Columns:
     """The figure's rows for one size at one boundary.
 
     `panel` is signature, power or confused; a signature's `y` is per cent of lift against the
@@ -61,6 +51,9 @@ def rows(
     that `series` takes over, with the chance of being a rival as `x`. `noise` is the scatter of one
     trial about any curve, rms over trials.
     """
+    data, effect, at_size = curves.data, curves.effect, curves.size
+    boundary, raw, left = data.boundary, curves.raw, curves.left
+    noise, false_alarm_rate = curves.noise, curves.false_alarm_rate
     name = effect.varies_with
     recorded = {"z_hat": data.z_hat, "throttle": 100 * data.throttle, "session": data.session + 1.0}
     x = np.asarray({**data.covariates, **recorded}[name], dtype=float)

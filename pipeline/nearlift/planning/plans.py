@@ -1,12 +1,10 @@
-"""A campaign before it is run, as trials: from the schedule that lies in its folder, or from
-`[design]`; and its expected scatter.
-"""
+"""Planned trials, from a schedule or from `[design]`, and their expected scatter."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,15 +15,12 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError
 from nearlift.results import Noise
-from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults
-from nearlift.run import tables
-from nearlift.schedule import Schedule, read_schedule, schedule_file
-from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.schedule import Schedule
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
+from nearlift.trials import Trials
 
-#: What is assumed where neither `[design]` nor an earlier campaign says how trials scatter: a small
-#: rig in good order.
+#: Scatter of a small rig in good order, where neither `[design]` nor an earlier campaign gives it.
 ASSUMED = Noise(
     relative=5e-3,
     force_N=3e-4,
@@ -35,47 +30,52 @@ ASSUMED = Noise(
 #: Full throttle lifts twice the weight, and lift goes with this power of throttle: Bitcraze's table
 #: of the Crazyflie has 1.3 to 1.5.
 FULL_WEIGHTS, THRUST_POWER = 2.0, 1.4
-#: How far past a station the traverse goes to arrive from the other side.
+#: Distance past a station to which the traverse goes, to arrive from the other side.
 OVERSHOOT_RADII = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlannedTrials:
-    """Planned trials as a table in the shape of trials.parquet, `lift_N` being L_inf; where they
-    came from; what was assumed.
+    """Planned trials as columns of trials.parquet, `lift_N` being L_inf.
+
+    Attributes
+    ----------
+    source : str
+        Name of the schedule, or ``[design]``.
+    assumed : tuple of str
+        Assumptions about the trials.
+    drawn : TrialSchedule or None
+        Random schedule of a `[design]`.
     """
 
-    table: tables.Table
+    table: Trials
     source: str
     assumed: tuple[str, ...]
-    design: TrialSchedule | None = None
+    drawn: TrialSchedule | None = None
 
 
-def plan(campaign: Campaign, root: Path, seed: int) -> PlannedTrials:
-    """The trials that are planned: the schedule in the folder where there is one, else a random one
-    from `[design]`.
+def plan(campaign: Campaign, listed: tuple[Schedule, str] | None, seed: int) -> PlannedTrials:
+    """Trials of the schedule that is `listed` under a name, else of a random one from `[design]`.
 
     Raises
     ------
     UsageError
         There is neither.
     """
-    drawn, path = None, schedule_file(campaign, root)
-    text = path.read_text(encoding="utf-8-sig", errors="replace") if path.is_file() else ""
-    # the first line is the header
-    if sum(bool(line.strip()) for line in text.splitlines()) > 1:
-        schedule, source = read_schedule(campaign, root), path.name
+    drawn = None
+    if listed is not None:
+        schedule, source = listed
     elif campaign.design is not None:
         drawn = draw(campaign, seed)
         schedule, source = as_schedule(drawn, campaign), "[design]"
     else:
         raise UsageError(
-            str(root),
+            campaign.name,
             "has neither a schedule with trials nor a [design]",
             "write [design] with distances, throttles, visits and sessions",
         )
     table, assumed = table_of(schedule, campaign)
-    return PlannedTrials(table=table, source=source, assumed=assumed, design=drawn)
+    return PlannedTrials(table=table, source=source, assumed=assumed, drawn=drawn)
 
 
 def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> TrialSchedule:
@@ -104,24 +104,24 @@ def draw(campaign: Campaign, seed: int, planned: Planned | None = None) -> Trial
     return from_both_sides(drawn, overshoot_m=overshoot, seed=seed) if overshoot > 0 else drawn
 
 
-def as_schedule(design: TrialSchedule, campaign: Campaign) -> Schedule:
-    """A drawn design as the reader would give it."""
+def as_schedule(drawn: TrialSchedule, campaign: Campaign) -> Schedule:
+    """A drawn schedule as the reader would give it."""
     return Schedule(
-        trial=design.trial,
-        boundary=design.boundary,
-        z_m=design.z_m,
-        z_hat=design.z_m / campaign.vehicle.rotor_radius,
-        throttle=design.throttle,
-        visit=design.visit,
+        trial=drawn.trial,
+        boundary=drawn.boundary,
+        z_m=drawn.z_m,
+        z_hat=drawn.z_m / campaign.vehicle.rotor_radius,
+        throttle=drawn.throttle,
+        visit=drawn.visit,
         covariates={
-            "start_s": design.start_s,
-            "session": design.session.astype(str).astype(object),
-            "approach": design.approach,
+            "start_s": drawn.start_s,
+            "session": drawn.session.astype(str).astype(object),
+            "approach": drawn.approach,
         },
     )
 
 
-def table_of(schedule: Schedule, campaign: Campaign) -> tuple[tables.Table, tuple[str, ...]]:
+def table_of(schedule: Schedule, campaign: Campaign) -> tuple[Trials, tuple[str, ...]]:
     """Planned trials in the shape of trials.parquet, and what was assumed of them."""
     far_N, assumed = _levels(campaign, schedule.throttle)
     covariates, more = _ranged(campaign.design, schedule)
@@ -193,36 +193,15 @@ def _ranged(
     return known, tuple(said)
 
 
-def scatter(campaign: Campaign, boundary: Boundary, earlier: Path | None) -> Noise:
-    """How trials are expected to scatter: an earlier campaign's noise floor, else `[design.noise]`,
-    else `ASSUMED`.
-
-    Raises
-    ------
-    UsageError
-        The earlier campaign has no diagnosis, or none of its boundaries could be diagnosed.
+def scatter(
+    campaign: Campaign, boundary: Boundary, floors: Mapping[Boundary, Noise] | None = None
+) -> Noise:
+    """Expected scatter of trials: an earlier campaign's noise floor, that of another boundary if
+    need be; else `[design.noise]`; else `ASSUMED`.
     """
-    if earlier is not None:
-        path = earlier / DIAGNOSIS.file
-        if not path.is_file():
-            raise UsageError(
-                "--noise-from",
-                f"{earlier.name} has no {DIAGNOSIS.file}",
-                "run it first, or name another with a diagnosis",
-            )
-        floors = {
-            b: entry.noise
-            for b, entry in tables.load(path, DiagnosisResults).boundaries.items()
-            if isinstance(entry, BoundaryDiagnosis)
-        }
-        if not floors:
-            raise UsageError(
-                "--noise-from",
-                f"no boundary of {earlier.name} could be diagnosed",
-                "name another campaign, or give [design.noise]",
-            )
+    if floors:
         floor = floors.get(boundary) or next(iter(floors.values()))
-        return dataclasses.replace(floor, dof=np.inf, source=f"the noise floor of {earlier.name}")
+        return dataclasses.replace(floor, dof=np.inf)
     if campaign.design is not None and campaign.design.noise is not None:
         given = campaign.design.noise
         return Noise(

@@ -1,36 +1,31 @@
-"""`diagnose --explain NAME`: one effect in one campaign, from its mechanism to what this design
-could see of it.
-
-Not a stage: it makes no product and stales none. It reads trials.parquet, and diagnosis.json where
-there is one, and writes ``reports/<campaign>/explain/NAME.*``.
-"""
+"""Account of one effect in one campaign: its mechanism, its detection limit, its confusions."""
 
 from __future__ import annotations
 
-import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
 from nearlift import catalogue
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, Effect, FloatArray
 from nearlift.errors import InputRefused, NotConverged
-from nearlift.likelihood import budget
 from nearlift.likelihood.noise import floor
 from nearlift.loop import coefficients
-from nearlift.loop.diagnose import set_up
 from nearlift.loop.few_visits import applies
 from nearlift.loop.foresight import DRAWS, Foresight
 from nearlift.loop.handle import LIMIT_POWER, Handle, handles
-from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.within_trial import power as heating_power
-from nearlift.report.evidence import Columns, stack
+from nearlift.planning.forecast import Forecast, of_trials
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.explanation import (
     Confusion,
     EffectAccount,
     EffectAtBoundary,
     EffectBetweenTrials,
+    EffectCurves,
     EffectParameter,
     EffectSize,
     EffectSource,
@@ -41,61 +36,44 @@ from nearlift.results.explanation import (
     Signature,
     UnnoticedShift,
 )
-from nearlift.results.outlook import UntestableEffect
-from nearlift.run.engine import Job
-from nearlift.stages.choices import choice, diagnosed, search_options
-from nearlift.stages.gathering import for_print
-from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import boundaries, observe
+from nearlift.trials import Trials, boundaries
 
 
-def run(job: Job, name: str) -> EffectAccount:
-    """Explain the effect of that name at every boundary of the campaign; writes the figure, and
-    returns what the console shows.
+def explain(
+    name: str,
+    trials: Trials,
+    campaign: Campaign,
+    found: Mapping[Boundary, BoundaryDiagnosis],
+    seed: int,
+) -> tuple[EffectAccount, list[EffectCurves]]:
+    """Account of the effect of that name at every boundary, and curves of each of its sizes.
 
     Raises
     ------
     UsageError
         There is no such effect.
     InputRefused
-        No boundary of the campaign could be looked at, with the reasons.
+        No boundary has enough trials; the reasons.
     """
     effect = catalogue.effect(name)
-    trials = job.read(TRIALS)
-    parts = budget.components(job.campaign)
-    options = search_options(job.campaign, job.seed)
-    loop = diagnosed(job.processed)
     explained: dict[Boundary, EffectAtBoundary] = {}
-    pictures: list[Columns] = []
+    curves: list[EffectCurves] = []
     refused = []
-    present = boundaries(trials)
-    for i, boundary in enumerate(present):
-        job.say(f"explain {name}: {boundary}", i / len(present))
-        base, _ = choice(job.campaign, boundary)
+    for boundary in boundaries(trials):
+        diagnosis = found.get(boundary)
         try:
-            stage, library, untestable = set_up(
-                observe(trials, job.campaign, boundary), base, parts, options
-            )
+            forecast = of_trials(trials, campaign, boundary, diagnosis, seed)
         except NotConverged as fault:
             refused.append(f"{boundary}: {fault.what}; {fault.remedy}")
             continue
-        if boundary in loop:
-            # beside a large effect the noise is known only after the loop
-            stage = dataclasses.replace(stage, noise=loop[boundary].noise)
-        explained[boundary], rows = _at(stage, effect, library, untestable, loop.get(boundary))
-        pictures += rows
+        explained[boundary], more = _at(forecast, effect, diagnosis)
+        curves += more
     if not explained:
         raise InputRefused(
-            job.campaign.name,
+            campaign.name,
             "; ".join(refused) or "no trial was accepted",
             "an explanation needs what a diagnosis needs",
         )
-    files: dict[str, bytes] = {}
-    if pictures:
-        # whoever asks for what cannot be told waits for no picture
-        from nearlift.report.figures import explain as picture
-
-        files = for_print(picture.draw, stack(pictures), job.campaign)
     return EffectAccount(
         effect=effect.name,
         title=effect.title,
@@ -123,59 +101,48 @@ def run(job: Job, name: str) -> EffectAccount:
             for p in effect.parameters
         ),
         log=effect.log_next_time,
-        campaign=job.campaign.name,
+        campaign=campaign.name,
         boundaries=explained,
         notes=tuple(refused),
-        files=tuple(str(job.publish(f"explain/{name}.{k}", data)) for k, data in files.items()),
-    )
+        files=(),
+    ), curves
 
 
 def _at(
-    stage: SearchProblem,
-    effect: Effect,
-    library: tuple[Effect, ...],
-    untestable: tuple[UntestableEffect, ...],
-    loop: BoundaryDiagnosis | None,
-) -> tuple[EffectAtBoundary, list[Columns]]:
-    """One boundary: numbers, and the rows of the figure."""
-    for lacking in untestable:
+    forecast: Forecast, effect: Effect, found: BoundaryDiagnosis | None
+) -> tuple[EffectAtBoundary, list[EffectCurves]]:
+    """Account at one boundary, and curves of the effect's sizes."""
+    for lacking in forecast.untestable:
         if lacking.effect == effect.name:
             return NoCandidate(needs=lacking.needs, log_next_time=lacking.log_next_time), []
-    if effect.name not in {e.name for e in library}:
+    if effect.name not in {e.name for e in forecast.effects}:
         reason = "it does not occur at this boundary, or the base model holds it already"
         return NoCandidate(needs=(), log_next_time=(), reason=reason), []
-    verdict, rate = _verdict(effect.name, loop), stage.options.false_alarm_rate
+    problem = forecast.problem
+    rate = problem.options.false_alarm_rate
+    common: dict[str, Any] = {
+        "base_model": problem.base.name,
+        "trials": problem.data.n,
+        "false_alarm_rate": rate,
+        "draws": DRAWS,
+        "few_visits": applies(problem.data),
+        "noise": problem.noise,
+        "in_this_campaign": _verdict(effect.name, found),
+    }
     if effect.within_trial:
-        return EffectWithinTrial(
-            base_model=stage.base.name,
-            trials=stage.data.n,
-            false_alarm_rate=rate,
-            draws=DRAWS,
-            few_visits=applies(stage.data),
-            noise=stage.noise,
-            in_this_campaign=verdict,
-            within_trial=heating_power(stage.data, rate, LIMIT_POWER),
-        ), []
-    foresight = Foresight(stage=stage)
-    sizes = [_size(foresight, handle) for handle in handles(effect)]
+        power = heating_power(problem.data, rate, LIMIT_POWER)
+        return EffectWithinTrial(**common, within_trial=power), []
+    curves = [_size(forecast.foresight, handle) for handle in handles(effect)]
     return EffectBetweenTrials(
-        base_model=stage.base.name,
-        trials=stage.data.n,
-        false_alarm_rate=rate,
-        draws=DRAWS,
-        few_visits=applies(stage.data),
-        noise=stage.noise,
-        in_this_campaign=verdict,
-        share_visible=visibility(stage, effect),
-        sizes=tuple(size for size, _ in sizes),
-    ), [rows for _, rows in sizes]
+        **common,
+        share_visible=visibility(problem, effect),
+        sizes=tuple(c.size for c in curves),
+    ), curves
 
 
-def _size(foresight: Foresight, handle: Handle) -> tuple[EffectSize, Columns]:
-    """One of the effect's sizes: power, limit, confusions, harm; and what the figure draws."""
-    from nearlift.report.figures.explain import rows
-
-    stage, data = foresight.stage, foresight.stage.data
+def _size(foresight: Foresight, handle: Handle) -> EffectCurves:
+    """Power, detection limit, confusions and harm of one of the effect's sizes."""
+    stage = foresight.stage
     silent = visibility(stage, handle.effect) <= SILENT
     power = None if silent else foresight.power(handle)
     limit = power.limit(LIMIT_POWER) if power else None
@@ -218,26 +185,33 @@ def _size(foresight: Foresight, handle: Handle) -> tuple[EffectSize, Columns]:
             for p, v, d, s in zip(stage.base.parameters, value, shift, u, strict=True)
         },
     )
-    noise, chance = floor(data, stage.noise, stage.slope), stage.options.false_alarm_rate
-    return size, rows(data, handle.effect, data.boundary, size, raw, left, noise, chance)
+    return EffectCurves(
+        effect=handle.effect,
+        data=stage.data,
+        size=size,
+        raw=raw,
+        left=left,
+        noise=floor(stage.data, stage.noise, stage.slope),
+        false_alarm_rate=stage.options.false_alarm_rate,
+    )
 
 
 def _rms(x: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
-def _verdict(name: str, loop: BoundaryDiagnosis | None) -> EffectVerdict | None:
-    """What the loop made of the effect in this campaign; None where it has not run."""
-    if loop is None:
+def _verdict(name: str, found: BoundaryDiagnosis | None) -> EffectVerdict | None:
+    """Result of the loop on the effect; None where it has not run."""
+    if found is None:
         return None
-    named = next((e for e in loop.effects if e.name == name), None)
-    tried = next((c for r in loop.rounds for c in r.candidates if c.name == name), None)
+    named = next((e for e in found.effects if e.name == name), None)
+    tried = next((c for r in found.rounds for c in r.candidates if c.name == name), None)
     return EffectVerdict(
-        verdict=loop.verdict,
+        verdict=found.verdict,
         named=named is not None,
         parameters=named.parameters if named else None,
         rivals=named.rivals if named else (),
-        rival_of=tuple(e.name for e in loop.effects if name in e.rivals),
+        rival_of=tuple(e.name for e in found.effects if name in e.rivals),
         tried=EffectTrial(
             gain=tried.gain,
             p_value=tried.p_value,

@@ -1,38 +1,55 @@
-"""trials.parquet to what the cores work on: the accepted trials of one boundary."""
+"""Accepted trials of one boundary, and the models that a manifest chooses for it."""
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Iterable, Mapping
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import catalogue
 from nearlift.campaign.manifest import Campaign, boundaries_of
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift.errors import ManifestError
 from nearlift.likelihood.level_curve import with_curve
 from nearlift.loop.interim import InterimLook
+from nearlift.loop.search_problem import Options
 from nearlift.nomenclature import CARRIED
 from nearlift.reduction.quality import EXCLUDED, completeness, rejected
 from nearlift.results import Observations
-from nearlift.run.tables import Table
 from nearlift.schedule import BY_NAME
-from nearlift.stages.ingest import TRIALS
 
+#: Columns of trials.parquet.
+Trials = Mapping[str, NDArray[Any]]
 #: Columns of names that say how trials were run in two ways on purpose.
 TWO_WAYS = ("orientation", "propeller")
+#: Numbers of trials.parquet that are the setting or the outcome of a trial: no covariates.
+MEASURED = frozenset(
+    {"z_hat", "z_m", "throttle", "lift_N", "u_lift_N", "u_zero_N", "n", "n_removed", "n_eff"}
+    | {"sd_N", "visit", "samples"}
+)
+#: Keys of the manifest for the geometry that a model needs; the rest is columns of trials.
+GIVEN_BY = {
+    **dict.fromkeys(("spacing_hat", "diagonal_hat", "layout_hat"), "rotor_spacing in [vehicle]"),
+    "gap_hat": "gap in [rig]",
+    "edge_hat": "edge in [rig]",
+}
 
 
-def boundaries(trials: Table) -> list[Boundary]:
+def boundaries(trials: Trials) -> list[Boundary]:
     """The boundaries with at least one accepted trial, in the order ground, ceiling, sidewall."""
     good = set(trials["boundary"][~rejected(trials["quality"])])
     return boundaries_of(good)
 
 
-def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observations:
+def observe(trials: Trials, campaign: Campaign, boundary: Boundary) -> Observations:
     """The accepted trials of `boundary`, those in free air included, in run order."""
     mine = np.isin(trials["boundary"], [boundary, "none"]) & ~rejected(trials["quality"])
-    declared = {c.name for c in TRIALS.columns}
     covariates = {
         name: np.asarray(values[mine], dtype=float)
         for name, values in trials.items()
-        if (name not in declared or name == "drift_N_s") and values.dtype.kind in "fiu"
+        if name not in MEASURED and values.dtype.kind in "fiu"
     }
     covariates |= _run_in_two_ways({k: v[mine] for k, v in trials.items() if k in TWO_WAYS})
     for name in (*CARRIED, *CARRIED.values()):
@@ -76,7 +93,7 @@ def observe(trials: Table, campaign: Campaign, boundary: Boundary) -> Observatio
     return with_curve(data, names, levels.degree)
 
 
-def _run_in_two_ways(said: Table) -> dict[str, FloatArray]:
+def _run_in_two_ways(said: Trials) -> dict[str, FloatArray]:
     """`inverted` (0 upright) and `other_propeller` (0 with those of the first trial), each where
     its column is; nan where that says neither.
     """
@@ -97,7 +114,7 @@ def _in_order(labels: np.ndarray) -> np.ndarray:
     return rank[index].astype(np.int64)
 
 
-def interim_look(trials: Table, campaign: Campaign, boundary: Boundary) -> InterimLook | None:
+def interim_look(trials: Trials, campaign: Campaign, boundary: Boundary) -> InterimLook | None:
     """How far the boundary's campaign is, free air included; None where no trial is still to come.
 
     A trial is to come if neither it nor any later one has a record: what is missing between others
@@ -117,3 +134,41 @@ def interim_look(trials: Table, campaign: Campaign, boundary: Boundary) -> Inter
         unlisted = max(planned - len(coming), 0)
     left = int((mine & coming).sum()) + unlisted
     return InterimLook(trials=past, scheduled=past + left) if left else None
+
+
+def choice(campaign: Campaign, boundary: Boundary) -> tuple[LiftModel, tuple[LiftModel, ...]]:
+    """Base model and rivals of one boundary: the manifest's, else the vehicle's defaults."""
+    chosen = campaign.fit.choice(boundary)
+    vehicle, geometry = campaign.vehicle, campaign.geometry()
+    base = catalogue.model(
+        chosen.base if chosen and chosen.base else catalogue.default_base(boundary, vehicle.rotors)
+    )
+    names: Iterable[str] | None = chosen.rivals if chosen else None
+    if names is None:
+        names = catalogue.default_rivals(boundary, vehicle.rotors, geometry)
+    rivals = tuple(catalogue.model(name) for name in names)
+    for model in (base, *rivals):
+        if model.boundary != boundary:
+            raise ManifestError(
+                f"fit.{boundary}",
+                f"{model.name} is a {model.boundary} model",
+                f"`nearlift describe` lists those of the {boundary}",
+            )
+        lacking = [n for n in model.needs if n in GIVEN_BY and n not in geometry]
+        if lacking:
+            raise ManifestError(
+                f"fit.{boundary}",
+                f"{model.name} needs {', '.join(lacking)}",
+                f"give {', '.join(dict.fromkeys(GIVEN_BY[n] for n in lacking))}, or another model",
+            )
+    return base, tuple(m for m in rivals if m.name != base.name)
+
+
+def search_options(campaign: Campaign, seed: int) -> Options:
+    """Options of the search, of which a manifest may set some."""
+    asked = campaign.diagnose
+    return Options(
+        seed=seed,
+        false_alarm_rate=asked.false_alarm_rate,
+        not_feasible=tuple(asked.not_feasible),
+    )

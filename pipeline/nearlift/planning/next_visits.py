@@ -1,63 +1,54 @@
-"""`next`: the visits that a campaign had best make next, for a question of the user's.
-
-Not a stage: it makes no product and writes nothing. It reads trials.parquet, and diagnosis.json
-where there is one.
-"""
+"""Next visits of a campaign, for a question of the user."""
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from nearlift import catalogue
+from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, Effect, FloatArray, LiftModel
 from nearlift.errors import InputRefused, NotConverged, UsageError
-from nearlift.fit import inputs
-from nearlift.fit.least_squares import fit
-from nearlift.likelihood import budget
-from nearlift.likelihood.covariates import derive
-from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop import next_visits
-from nearlift.loop.admission import could_act
 from nearlift.loop.candidate_fit import Point, search
 from nearlift.loop.coefficients import spread
-from nearlift.loop.diagnose import set_up
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.handle import handles
-from nearlift.loop.next_visits import Plan, Question
-from nearlift.loop.search_problem import Options, SearchProblem
+from nearlift.loop.next_visits import Plan
+from nearlift.loop.next_visits import Question as Aim
+from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.separation import APART
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
+from nearlift.planning.forecast import Forecast, of_trials
+from nearlift.planning.question import Question
+from nearlift.planning.rows import Traverse, traverse
 from nearlift.randomness import generator
-from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.next_visits import NextVisit, NextVisits
 from nearlift.results.outlook import NextSession
 from nearlift.results.quotation import Results
 from nearlift.rounding import plain
-from nearlift.run import tables
-from nearlift.run.engine import Job
-from nearlift.stages.asked import AskedQuestion
-from nearlift.stages.choices import choice, diagnosed, search_options
-from nearlift.stages.fit import RESULTS
-from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import boundaries, observe
-from nearlift.stages.traverse import Traverse, traverse
+from nearlift.trials import Trials, boundaries, choice
 
 COUNT = 10
-#: An effect whose fit lowers chi2 by less is supposed at its plausible size.
-FITTED = 9.0
-#: A quoted uncertainty so many times that of the noise floor is told.
-BEYOND = 1.5
+#: Fall of chi2 below which an effect is assumed at its plausible size.
+MIN_GAIN = 9.0
+#: A note says so where the quoted uncertainty is this many times that of the noise floor.
+NOTED_RATIO = 1.5
 
 
-def run(
-    job: Job, asked: AskedQuestion, count: int = COUNT
+def plan_visits(
+    asked: Question,
+    trials: Trials,
+    campaign: Campaign,
+    found: Mapping[Boundary, BoundaryDiagnosis],
+    quoted: Results,
+    seed: int,
+    count: int = COUNT,
 ) -> tuple[tuple[NextVisits, ...], tuple[str, ...]]:
-    """The next visits at every boundary at which the question can be asked, and why not at others.
+    """Next visits at every boundary where the question can be asked; reasons for the others.
 
     Raises
     ------
@@ -66,19 +57,15 @@ def run(
     InputRefused
         No boundary has enough trials, or none has rivals, with the reasons.
     """
-    trials = job.read(TRIALS)
-    options = search_options(job.campaign, job.seed)
-    loop = diagnosed(job.processed)
     present = boundaries(trials)
     if not present:
         raise InputRefused(
-            job.campaign.name,
+            campaign.name,
             "no trial was accepted, so there is nothing to plan from",
             "`nearlift design` draws the first schedule; trials.parquet says why none was",
         )
-    bases = {boundary: choice(job.campaign, boundary)[0] for boundary in present}
     if asked.coefficient:
-        known = {b: [p.name for p in base.parameters] for b, base in bases.items()}
+        known = {b: [p.name for p in choice(campaign, b)[0].parameters] for b in present}
         present = [b for b in present if asked.coefficient in known[b]]
         if not present:
             listed = ", ".join(dict.fromkeys(n for names in known.values() for n in names))
@@ -88,17 +75,16 @@ def run(
                 f"ask for {listed or 'nothing here'}, separate or drift",
             )
     batches, refused = [], []
-    for i, boundary in enumerate(present):
-        job.say(f"next visits: {boundary}", i / len(present))
-        base, diagnosis = bases[boundary], loop.get(boundary)
+    for boundary in present:
+        diagnosis = found.get(boundary)
         try:
-            data = observe(trials, job.campaign, boundary)
-            batches.append(_at(job, trials, data, base, diagnosis, asked, count, options))
+            forecast = of_trials(trials, campaign, boundary, diagnosis, seed, few=True)
+            batches.append(_at(forecast, trials, campaign, diagnosis, quoted, asked, count))
         except (NotConverged, InputRefused) as fault:
             refused.append((boundary, fault))
     if not batches:
         raise InputRefused(
-            job.campaign.name,
+            campaign.name,
             "; ".join(f"{b}: {fault.what}" for b, fault in refused),
             "; ".join(dict.fromkeys(fault.remedy for _, fault in refused)),
         )
@@ -106,57 +92,59 @@ def run(
 
 
 def _at(
-    job: Job,
-    trials: tables.Table,
-    data: Observations,
-    base: LiftModel,
-    loop: BoundaryDiagnosis | None,
-    asked: AskedQuestion,
+    forecast: Forecast,
+    trials: Trials,
+    campaign: Campaign,
+    found: BoundaryDiagnosis | None,
+    quoted: Results,
+    asked: Question,
     count: int,
-    options: Options,
 ) -> NextVisits:
-    """One boundary."""
-    stage, library, notes = _ground(data, base, budget.components(job.campaign), options, loop)
-    z_hat = _stations(trials, data.boundary, base)
+    """Next visits at one boundary."""
+    problem, effects = forecast.problem, forecast.effects
+    data, notes = problem.data, list(forecast.notes)
     question, aim = (
-        _coefficient(stage, asked.coefficient, library, loop)
+        _coefficient(problem, asked.coefficient, effects, found)
         if asked.coefficient
-        else _rivals(stage, asked, library, loop)
+        else _rivals(problem, asked, effects, found)
     )
     if asked.coefficient:
-        notes += _quoted(job, stage, asked.coefficient)
-    move = asked.drift or "supply_sag" in aim
-    menu = next_visits.menu(stage.data, z_hat, move)
-    plan = next_visits.plan(stage, question, menu, asked.rounds)
-    if loop is not None and not asked.coefficient:
-        # the same two explanations, weighed for sessions at other places too
+        notes += _quoted(quoted, problem, asked.coefficient)
+    menu = next_visits.menu(
+        data,
+        _stations(trials, data.boundary, problem.base),
+        asked.drift or "supply_sag" in aim,
+    )
+    plan = next_visits.plan(problem, question, menu, asked.rounds)
+    if found is not None and not asked.coefficient:
+        # the same two explanations, for sessions at other places too
         notes += [
             f"the diagnosis proposes {n.measure}: expected evidence {plain(n.expected_evidence, 2)}"
             f" in {n.trials} trials"
-            for n in loop.next_experiment
+            for n in found.next_experiment
             if isinstance(n, NextSession) and n.separates == aim
         ]
     if data.record is not None:
         notes.append("records are cut into trials here: a visit is a record of its own")
-    if job.campaign.records.reader == "means":
+    if campaign.records.reader == "means":
         notes.append("a table of means: fill in the mean lift of each row before it is read")
     if not data.ordered:
         notes.append("the order of the trials is unknown: what drifts is not planned for")
-    along = traverse(trials, stage.data, job.campaign)
-    return _document(plan, stage, aim, asked.until, count, notes, along)
+    along = traverse(trials, data, campaign)
+    return _document(plan, problem, aim, asked.until, count, notes, along)
 
 
 def _document(
     plan: Plan,
-    stage: SearchProblem,
+    problem: SearchProblem,
     aim: tuple[str, ...],
     until: float | None,
     count: int,
     notes: list[str],
     along: Traverse,
 ) -> NextVisits:
-    """The batch, and what is to be said of it."""
-    boundary, seed, parts = stage.data.boundary, stage.options.seed, len(aim) > 1
+    """Batch of visits, its gain and its cost."""
+    boundary, seed, parts = problem.data.boundary, problem.options.seed, len(aim) > 1
     visits = plan.batch(count, generator(seed, "next visits", boundary, *aim))
     ahead = generator(seed, "visits after the next", boundary, *aim)
     u_wanted = 1 / np.sqrt(APART) if parts else until
@@ -176,8 +164,8 @@ def _document(
     ways = along.ways(z_hat, float(menu.z_hat[plan.last]), sides)
     return NextVisits(
         boundary=boundary,
-        base_model=stage.base.name,
-        trials=stage.data.n,
+        base_model=problem.base.name,
+        trials=problem.data.n,
         throttles=menu.throttles,
         aim=aim,
         now=known(plan.u(plan.now)),
@@ -192,7 +180,7 @@ def _document(
             else plan.sees(
                 end,
                 plan.now + as_much * plan.of_round,
-                10.0 ** stage.nothing_added[0].threshold,
+                10.0 ** problem.nothing_added[0].threshold,
             )
         ),
         sees_evenly=next_visits.SEEN,
@@ -213,66 +201,28 @@ def _document(
     )
 
 
-def _ground(
-    data: Observations,
-    base: LiftModel,
-    parts: tuple[budget.Component, ...],
-    options: Options,
-    loop: BoundaryDiagnosis | None,
-) -> tuple[SearchProblem, tuple[Effect, ...], list[str]]:
-    """What a diagnosis stands on; where trials are too few for one, the fit and its scatter."""
-    try:
-        stage, library, _ = set_up(data, base, parts, options)
-    except NotConverged as few:
-        kept = data.take(usable(base, data))
-        first = fit(base, kept, parts)
-        kept = derive(
-            kept,
-            kept.lift_inf_N(first.level_coefficients),
-            lift_ratio(base, kept, base.named(first.theta)),
-        )
-        library = could_act(kept, base)[0]
-        stage = SearchProblem(
-            data=kept,
-            base=base,
-            effects=tuple(e for e in library if not e.within_trial),
-            parts=inputs.acting(parts, base, first.theta),
-            noise=first.noise,
-            log_lift=np.log(kept.lift_N),
-            theta=first.theta,
-            options=options,
-        )
-        note = f"{few.what} for a diagnosis; the noise is the {first.noise.source}"
-        return stage, library, [note]
-    if loop is not None:
-        # beside a large effect the noise is known only after the loop
-        stage = dataclasses.replace(stage, noise=loop.noise)
-    return stage, library, []
-
-
 def _coefficient(
-    stage: SearchProblem,
+    problem: SearchProblem,
     name: str,
     library: tuple[Effect, ...],
-    loop: BoundaryDiagnosis | None,
-) -> tuple[Question, tuple[str, ...]]:
-    """The coefficient beside the effects that the diagnosis names."""
+    found: BoundaryDiagnosis | None,
+) -> tuple[Aim, tuple[str, ...]]:
+    """Aim at the coefficient, with the effects that the diagnosis names in the model."""
     known = {e.name: e for e in library}
-    named = tuple(known[e.name] for e in loop.effects if e.name in known) if loop else ()
-    fitted = stage.explain(named).fitted if named else stage.base_fit
-    at = [p.name for p in stage.base.parameters].index(name)
+    named = tuple(known[e.name] for e in found.effects if e.name in known) if found else ()
+    fitted = problem.explain(named).fitted if named else problem.base_fit
+    at = [p.name for p in problem.base.parameters].index(name)
     return next_visits.of_coefficient(fitted, at), (name,)
 
 
-def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
+def _quoted(quoted: Results, problem: SearchProblem, name: str) -> list[str]:
     """A note where results.json quotes much more than the noise floor leaves."""
-    results = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
-    result = results.boundaries.get(stage.data.boundary)
+    result = quoted.boundaries.get(problem.data.boundary)
     if result is None or name not in result.coefficients:
         return []
-    at = [p.name for p in stage.base.parameters].index(name)
-    u, floor = result.coefficients[name].u, spread(stage, stage.base_fit)[1][at]
-    if not u > BEYOND * floor:
+    at = [p.name for p in problem.base.parameters].index(name)
+    u, floor = result.coefficients[name].u, spread(problem, problem.base_fit)[1][at]
+    if not u > NOTED_RATIO * floor:
         return []
     note = (
         f"results.json quotes u({letter(name)}) = {plain(u, 2)}, which rests on more than the"
@@ -282,20 +232,20 @@ def _quoted(job: Job, stage: SearchProblem, name: str) -> list[str]:
 
 
 def _rivals(
-    stage: SearchProblem,
-    asked: AskedQuestion,
+    problem: SearchProblem,
+    asked: Question,
     library: tuple[Effect, ...],
-    loop: BoundaryDiagnosis | None,
-) -> tuple[Question, tuple[str, ...]]:
-    """The two explanations as fitted, or at a plausible size where these trials do not show one."""
-    where = f"next visits at the {stage.data.boundary}"
+    found: BoundaryDiagnosis | None,
+) -> tuple[Aim, tuple[str, ...]]:
+    """Aim at two explanations as fitted, or at a plausible size where the trials show none."""
+    where = f"next visits at the {problem.data.boundary}"
     known = {e.name: e for e in library}
     one: tuple[str, ...]
     other: tuple[str, ...]
     if asked.pair:
         one, other = ((name,) for name in asked.pair)
     else:
-        listed = (loop.explanations or ()) if loop else ()
+        listed = (found.explanations or ()) if found else ()
         if len(listed) < 2:
             raise InputRefused(
                 where,
@@ -313,35 +263,35 @@ def _rivals(
                 if needs
                 else "choose an effect that occurs at this boundary",
             )
-    question = next_visits.of_rivals(stage, *_points(stage, known, one, other))
+    question = next_visits.of_rivals(problem, *_points(problem, known, one, other))
     return question, (" + ".join(one), " + ".join(other))
 
 
 def _points(
-    stage: SearchProblem, known: Mapping[str, Effect], one: Sequence[str], other: Sequence[str]
+    problem: SearchProblem, known: Mapping[str, Effect], one: Sequence[str], other: Sequence[str]
 ) -> tuple[Point, Point]:
     def fitted(names: Sequence[str], log_lift: FloatArray) -> Point:
-        candidate = stage.candidate(*(known[n] for n in names))
-        return search(candidate, stage.starts, log_lift).point
+        candidate = problem.candidate(*(known[n] for n in names))
+        return search(candidate, problem.starts, log_lift).point
 
-    mine = stage.explain(tuple(known[n] for n in one))
-    if mine.gain > FITTED or len(one) > 1:
-        return mine.fitted.point, fitted(other, stage.log_lift)
+    mine = problem.explain(tuple(known[n] for n in one))
+    if mine.gain > MIN_GAIN or len(one) > 1:
+        return mine.fitted.point, fitted(other, problem.log_lift)
     effect = known[one[0]]
-    if visibility(stage, effect) <= SILENT:
+    if visibility(problem, effect) <= SILENT:
         raise InputRefused(
-            f"next visits at the {stage.data.boundary}",
-            f"{effect.name} leaves no mark beside the coefficients and L_inf",
+            f"next visits at the {problem.data.boundary}",
+            f"{effect.name} is absorbed by the coefficients and L_inf",
             "another measurement is wanted, not more visits",
         )
     handle = handles(effect)[0]
-    vector = Foresight(stage=stage).vector(handle, min(handle.plausible, handle.largest))
-    supposed = stage.candidate(effect).log_ratio(vector)
+    vector = Foresight(stage=problem).vector(handle, min(handle.plausible, handle.largest))
+    supposed = problem.candidate(effect).log_ratio(vector)
     return ((effect,), vector), fitted(other, supposed)
 
 
-def _stations(trials: tables.Table, boundary: Boundary, base: LiftModel) -> FloatArray:
-    """Every distance that the schedule lists, measured or not, of which the model speaks."""
+def _stations(trials: Trials, boundary: Boundary, base: LiftModel) -> FloatArray:
+    """Scheduled distances within the range of the model, measured or not."""
     z_hat = np.asarray(
         trials["z_hat"][np.isin(trials["boundary"], [boundary, "none"])], dtype=float
     )

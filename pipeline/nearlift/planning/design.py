@@ -1,0 +1,151 @@
+"""Forecast of a planned campaign, and a random schedule for it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from nearlift.campaign.forecasts import Planned
+from nearlift.campaign.manifest import Campaign
+from nearlift.declare import Boundary, FloatArray
+from nearlift.errors import NotConverged, UsageError
+from nearlift.likelihood.covariates import derive
+from nearlift.likelihood.problem import lift_ratio, usable
+from nearlift.loop.outlook import outlook
+from nearlift.planning.forecast import of_plan
+from nearlift.planning.plans import PlannedTrials, as_schedule, draw, scatter, table_of
+from nearlift.results import Noise, Observations
+from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule
+from nearlift.synthetic.trial_schedule import TrialSchedule
+from nearlift.trials import Trials, boundaries, choice, observe
+
+#: Duration of a trial where `[design]` gives none, s.
+USUAL_TRIAL_S = 20.0
+
+
+def design(
+    campaign: Campaign,
+    made: PlannedTrials,
+    seed: int,
+    file: str,
+    floors: Mapping[Boundary, Noise] | None = None,
+) -> tuple[DesignOutlook, TrialSchedule]:
+    """Forecast of the plan at each boundary, and a random schedule that `file` will hold.
+
+    Raises
+    ------
+    UsageError
+        ``[design.expected]`` names a coefficient that the base model does not have.
+    NotConverged
+        No boundary has enough planned trials.
+    """
+    forecasts: dict[Boundary, BoundaryOutlook] = {}
+    notes = []
+    for boundary in boundaries(made.table):
+        theta = _expected(campaign, boundary)
+        noise = scatter(campaign, boundary, floors)
+        try:
+            forecast = of_plan(made.table, campaign, boundary, noise, theta, seed)
+        except NotConverged as fault:
+            notes.append(f"{boundary}: {fault.what}; {fault.remedy}")
+            continue
+        variants = {}
+        feasible = "both directions" not in forecast.problem.options.not_feasible
+        if made.drawn is None and feasible:
+            variants = {
+                text: _predicted(table, campaign, boundary, theta)
+                for text, table in _in_random_order(campaign, made, seed).items()
+            }
+        forecasts[boundary] = outlook(
+            forecast.foresight, forecast.effects, forecast.untestable, noise, variants
+        )
+    if not forecasts:
+        raise NotConverged(
+            f"design of {campaign.name}",
+            "; ".join(notes) or "no trial is planned",
+            "plan more trials",
+        )
+    drawn = made.drawn or draw(campaign, seed, _as_design(campaign, made))
+    return DesignOutlook(
+        campaign=campaign.name,
+        plan=made.source,
+        assumed=made.assumed,
+        boundaries=forecasts,
+        notes=tuple(notes),
+        schedule=_summary(drawn, campaign, seed, file),
+    ), drawn
+
+
+def _expected(campaign: Campaign, boundary: Boundary) -> FloatArray:
+    """Coefficients of the base model as ``[design.expected]`` or the declaration has them."""
+    base, _ = choice(campaign, boundary)
+    given = campaign.design.expected.get(boundary, {}) if campaign.design else {}
+    unknown = sorted(given.keys() - {p.name for p in base.parameters})
+    if unknown:
+        raise UsageError(
+            f"design.expected.{boundary}",
+            f"{base.name} has no {unknown[0]}",
+            f"it has {', '.join(p.name for p in base.parameters)}",
+        )
+    return np.array([given.get(p.name, p.value) for p in base.parameters])
+
+
+def _predicted(
+    table: Trials, campaign: Campaign, boundary: Boundary, theta: FloatArray
+) -> Observations:
+    """Planned trials with the covariates that follow from lift."""
+    base, data = choice(campaign, boundary)[0], observe(table, campaign, boundary)
+    data = data.take(usable(base, data))
+    levels = data.level_medians(data.lift_N)[data.level]
+    return derive(data, levels, lift_ratio(base, data, base.named(theta)))
+
+
+def _as_design(campaign: Campaign, made: PlannedTrials) -> Planned:
+    """Design with the stations, throttles and visits of the schedule."""
+    table = made.table
+    distances: dict[Boundary, list[float]] = {}
+    visits = []
+    for side in boundaries(table):
+        mine = table["boundary"] == side
+        recorded = np.round(table["z_m"][mine] - campaign.rig.offset(side), 9)
+        distances[side] = np.unique(recorded).tolist()
+        visits.append(mine.sum() / len(distances[side]) / len(np.unique(table["throttle"])))
+    sessions = len(np.unique(table["session"])) if "session" in table else 1
+    throttles = np.unique(table["throttle"]).tolist()
+    given = {
+        "distances": distances,
+        "throttles": throttles,
+        "visits": max(int(np.ceil(np.mean(visits))), 1),
+        "sessions": max(-(-sessions // len(distances)), 1),
+    }
+    return (
+        campaign.design or Planned.model_construct(distances=distances, throttles=throttles)
+    ).model_copy(update=given)
+
+
+def _in_random_order(campaign: Campaign, made: PlannedTrials, seed: int) -> dict[str, Trials]:
+    """Trials of the schedule in random order and from both sides."""
+    drawn = draw(campaign, seed, _as_design(campaign, made))
+    table, _ = table_of(as_schedule(drawn, campaign), campaign)
+    # covariates that only the schedule knows cannot be ordered again
+    if {"supply_V", "temperature_K", "tilt_rad"} & made.table.keys() - table.keys():
+        return {}
+    return {"the same trials in random order, each distance from both sides": table}
+
+
+def _summary(drawn: TrialSchedule, campaign: Campaign, seed: int, file: str) -> DrawnSchedule:
+    """Size and duration of a schedule."""
+    trial_s = campaign.design.trial if campaign.design else USUAL_TRIAL_S
+    via = drawn.further.get("via_m", np.full(len(drawn), np.nan))
+    stops = np.unique(drawn.visit, return_index=True)[1]
+    return DrawnSchedule(
+        file=file,
+        trials=len(drawn),
+        visits=len(stops),
+        sessions=len(np.unique(drawn.session)),
+        hours=float((drawn.start_s[-1] + trial_s) / 3600),
+        from_afar=float(np.mean(drawn.approach[stops] < 0)),
+        detours=int(np.isfinite(via[stops]).sum()),
+        seed=seed,
+    )

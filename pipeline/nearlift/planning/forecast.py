@@ -1,0 +1,122 @@
+"""Forecast of measured or planned trials, by the search that would diagnose them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from nearlift.campaign.manifest import Campaign
+from nearlift.declare import Boundary, Effect, FloatArray
+from nearlift.errors import NotConverged
+from nearlift.fit import inputs
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood import budget
+from nearlift.likelihood.covariates import derive
+from nearlift.likelihood.problem import lift_ratio, usable
+from nearlift.loop.admission import could_act
+from nearlift.loop.diagnose import set_up
+from nearlift.loop.foresight import Foresight
+from nearlift.loop.rehearsal import planned
+from nearlift.loop.search_problem import SearchProblem
+from nearlift.results import Noise
+from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.results.outlook import UntestableEffect
+from nearlift.trials import Trials, choice, observe, search_options
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Forecast:
+    """Foresight of trials at one boundary, the effects that could act, and those that cannot be
+    tested with what to log.
+    """
+
+    foresight: Foresight
+    effects: tuple[Effect, ...]
+    untestable: tuple[UntestableEffect, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def problem(self) -> SearchProblem:
+        """Trials, base model and noise."""
+        return self.foresight.stage
+
+
+def of_plan(
+    trials: Trials,
+    campaign: Campaign,
+    boundary: Boundary,
+    noise: Noise,
+    theta: FloatArray,
+    seed: int,
+) -> Forecast:
+    """Forecast of planned trials at expected noise and coefficients.
+
+    Raises
+    ------
+    NotConverged
+        Too few trials are planned.
+    """
+    foresight, effects, untestable = planned(
+        observe(trials, campaign, boundary),
+        choice(campaign, boundary)[0],
+        budget.components(campaign),
+        noise,
+        search_options(campaign, seed),
+        theta,
+    )
+    return Forecast(foresight=foresight, effects=effects, untestable=untestable)
+
+
+def of_trials(
+    trials: Trials,
+    campaign: Campaign,
+    boundary: Boundary,
+    found: BoundaryDiagnosis | None,
+    seed: int,
+    *,
+    few: bool = False,
+) -> Forecast:
+    """Forecast of measured trials, at the noise that the diagnosis found.
+
+    Raises
+    ------
+    NotConverged
+        The trials are too few for a diagnosis; unless `few` are allowed, then also for a fit.
+    """
+    data, base = observe(trials, campaign, boundary), choice(campaign, boundary)[0]
+    parts, options = budget.components(campaign), search_options(campaign, seed)
+    try:
+        problem, effects, untestable = set_up(data, base, parts, options)
+    except NotConverged as lack:
+        if not few:
+            raise
+        kept = data.take(usable(base, data))
+        first = fit(base, kept, parts)
+        kept = derive(
+            kept,
+            kept.lift_inf_N(first.level_coefficients),
+            lift_ratio(base, kept, base.named(first.theta)),
+        )
+        effects, untestable = could_act(kept, base)
+        problem = SearchProblem(
+            data=kept,
+            base=base,
+            effects=tuple(e for e in effects if not e.within_trial),
+            parts=inputs.acting(parts, base, first.theta),
+            noise=first.noise,
+            log_lift=np.log(kept.lift_N),
+            theta=first.theta,
+            options=options,
+        )
+        note = f"{lack.what} for a diagnosis; the noise is the {first.noise.source}"
+        return Forecast(
+            foresight=Foresight(stage=problem),
+            effects=effects,
+            untestable=untestable,
+            notes=(note,),
+        )
+    if found is not None:
+        # with a large effect the noise is known only after the search
+        problem = replace(problem, noise=found.noise)
+    return Forecast(foresight=Foresight(stage=problem), effects=effects, untestable=untestable)

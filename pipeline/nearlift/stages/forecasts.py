@@ -1,0 +1,148 @@
+"""Products read for forecasts, and files written of them; the forecasts are made in `planning`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from nearlift.errors import UsageError
+from nearlift.run import tables
+from nearlift.run.engine import Job
+from nearlift.stages.diagnose import DIAGNOSIS, findings
+from nearlift.stages.fit import RESULTS
+from nearlift.stages.ingest import TRIALS
+
+if TYPE_CHECKING:
+    from nearlift.declare import Boundary
+    from nearlift.planning.question import Question
+    from nearlift.results import Noise
+    from nearlift.results.design import DesignOutlook
+    from nearlift.results.explanation import EffectAccount
+    from nearlift.results.next_visits import NextVisits
+    from nearlift.schedule import Schedule
+
+SCHEDULE = "trials.csv"
+
+
+def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) -> DesignOutlook:
+    """Forecast of a planned campaign, written with its figure and a random schedule.
+
+    Parameters
+    ----------
+    earlier : Path or None
+        ``processed/<campaign>`` of a campaign whose noise floor is expected here too.
+    write : Path or None
+        File or folder of the schedule, in place of ``reports/<campaign>/design/trials.csv``.
+
+    Raises
+    ------
+    UsageError
+        There is no plan, `earlier` has no noise floor, or `write` names a file that exists.
+    NotConverged
+        No boundary has enough planned trials.
+    """
+    from nearlift.planning.design import design
+    from nearlift.planning.plans import plan
+    from nearlift.planning.rows import schedule_text
+    from nearlift.report.figures import design as figure
+    from nearlift.stages.gathering import for_print
+
+    target = job.reports / "design" / SCHEDULE if write is None else _target(write)
+    made = plan(job.campaign, _listed(job), job.seed)
+    floors = None if earlier is None else _floors(earlier)
+    outlook, drawn = design(job.campaign, made, job.seed, str(target), floors)
+    tables.write_whole(target, schedule_text(drawn, job.campaign).encode())
+    content = {"json": tables.json_bytes(outlook)} | for_print(
+        figure.draw, figure.rows(outlook), job.campaign
+    )
+    files = [job.publish(f"design/design.{kind}", data) for kind, data in content.items()]
+    return replace(outlook, files=tuple(map(str, files)))
+
+
+def _listed(job: Job) -> tuple[Schedule, str] | None:
+    """Schedule in the campaign's folder and its name; None where it lists no trial."""
+    from nearlift.schedule import read_schedule, schedule_file
+
+    path = schedule_file(job.campaign, job.root)
+    text = path.read_text(encoding="utf-8-sig", errors="replace") if path.is_file() else ""
+    # the first line is the header
+    if sum(bool(line.strip()) for line in text.splitlines()) < 2:
+        return None
+    return read_schedule(job.campaign, job.root), path.name
+
+
+def _floors(processed: Path) -> dict[Boundary, Noise]:
+    """Noise floors of an earlier campaign."""
+    if not (processed / DIAGNOSIS.file).is_file():
+        raise UsageError(
+            "--noise-from",
+            f"{processed.name} has no {DIAGNOSIS.file}",
+            "run it first, or name another with a diagnosis",
+        )
+    source = f"the noise floor of {processed.name}"
+    floors = {b: replace(d.noise, source=source) for b, d in findings(processed).items()}
+    if not floors:
+        raise UsageError(
+            "--noise-from",
+            f"no boundary of {processed.name} could be diagnosed",
+            "name another campaign, or give [design.noise]",
+        )
+    return floors
+
+
+def _target(write: Path) -> Path:
+    """File for the schedule; refused where it exists."""
+    path = write / SCHEDULE if write.is_dir() else write
+    if path.exists():
+        raise UsageError(
+            str(path),
+            "exists",
+            "name another file; a schedule that may have been run is never overwritten",
+        )
+    return path
+
+
+def explain(job: Job, name: str) -> EffectAccount:
+    """Account of one effect, with its figure under ``reports/<campaign>/explain``; see
+    `planning.explain.explain`.
+    """
+    from nearlift.planning.explain import explain
+
+    trials, found = job.read(TRIALS), findings(job.processed)
+    account, curves = explain(name, trials, job.campaign, found, job.seed)
+    if not curves:
+        return account
+    from nearlift.report.evidence import stack
+    from nearlift.report.figures import explain as figure
+    from nearlift.stages.gathering import for_print
+
+    rows = stack([figure.rows(of_size) for of_size in curves])
+    content = for_print(figure.draw, rows, job.campaign)
+    files = [job.publish(f"explain/{name}.{kind}", data) for kind, data in content.items()]
+    return replace(account, files=tuple(map(str, files)))
+
+
+def next_visits(
+    job: Job, asked: Question, count: int = 10
+) -> tuple[tuple[NextVisits, ...], tuple[str, ...]]:
+    """Next visits at each boundary, and reasons where there are none; see
+    `planning.next_visits.plan_visits`.
+    """
+    from nearlift.planning.next_visits import plan_visits
+    from nearlift.results.quotation import Results
+
+    quoted = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
+    trials, found = job.read(TRIALS), findings(job.processed)
+    return plan_visits(asked, trials, job.campaign, found, quoted, job.seed, count)
+
+
+def next_rows(job: Job, batches: Sequence[NextVisits]) -> str:
+    """Visits as further rows of the campaign's own schedule, CSV."""
+    from nearlift.planning.rows import further_rows
+    from nearlift.schedule import columns_of, schedule_file, text_of
+
+    path = schedule_file(job.campaign, job.root)
+    columns = columns_of(job.campaign, path, text_of(path))
+    return further_rows(batches, job.read(TRIALS), job.campaign, columns)
