@@ -5,9 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from nearlift import units
+from nearlift.declare import FloatArray
 from nearlift.errors import ManifestError
-from nearlift.readers.base import AS_FORCE, FORCE_UNITS, Channel, fold, rate_of, split_unit
+from nearlift.readers.base import (
+    AS_FORCE,
+    FORCE_UNITS,
+    SECONDS,
+    Channel,
+    fold,
+    rate_of,
+    split_unit,
+)
 from nearlift.schedule import BY_NAME, KNOWN, RADII
 
 
@@ -38,7 +49,6 @@ OTHER_STATISTICS = {
 }
 MEAN_WORDS = {"mean", "avg", "average", "mittel", "mittelwert"}
 CLOCKS = ("t", "time", "timestamp", "x_value", "zeit", "millis", "micros", "date", "datetime")
-SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
 #: Sample rates of load cells, Hz. A lower one is of means of steps, a higher one of another unit.
 USUAL_RATES_HZ = (1.0, 2e6)
 #: Headings of distances in rotor radii.
@@ -107,7 +117,7 @@ def likely_force(channels: Sequence[Channel]) -> Channel | None:
     best = max(ranks, default=0)
     if best and ranks.count(best) == 1:
         return channels[ranks.index(best)]
-    only = [c for c in channels if not is_clock(c.name)]
+    only = [c for c in channels if not is_clock(c.name) and c.unit not in SECONDS]
     other = COMMAND_WORDS | MOTOR_WORDS
     return only[0] if len(only) == 1 and not best and not words(only[0].name) & other else None
 
@@ -136,7 +146,13 @@ def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel 
     group = force.name.rpartition(".")[0] if force is not None and "." in force.name else ""
     clocks = [c for c in channels if c.unit in ("", *SECONDS) and is_clock(c.name)]
     in_group = [c for c in clocks if c.name.rpartition(".")[0] == group]
-    return next(iter(in_group or clocks), None)
+    # times of day under another name
+    grows = [c for c in channels if c.unit == "s" and len(c.values) > 2 and _only_grows(c.values)]
+    return next(iter(in_group or clocks or grows), None)
+
+
+def _only_grows(values: FloatArray) -> bool:
+    return bool(np.all(np.diff(values) >= 0) and values[-1] > values[0])
 
 
 def is_clock(name: str) -> bool:

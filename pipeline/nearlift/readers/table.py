@@ -16,7 +16,7 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -226,8 +226,32 @@ def parse(
     return _line_by_line(body, where, layout, first, wanted) if columns is None else columns
 
 
+def words(body: bytes, where: str, layout: Layout, first: int, place: int) -> list[str]:
+    """The cells of one column as texts; arguments and refusals as for `parse`."""
+    table = None if b"\0" in body else _arrow_table(body, layout, [place], "string")
+    if table is not None:
+        return [str(cell or "") for cell in table.column(0).to_pylist()]
+    lines = enumerate(body.decode("utf-8", "replace").split("\n"), start=first)
+    return [
+        row_of(line.rstrip("\r"), f"{where}, line {number}", layout)[place]
+        for number, line in lines
+        if not layout.skips(line)
+    ]
+
+
 def _by_arrow(body: bytes, layout: Layout, wanted: Sequence[int]) -> list[FloatArray] | None:
     """The columns by pyarrow; None where it does not read every line."""
+    table = _arrow_table(body, layout, wanted, "double")
+    if table is None:
+        return None
+    arrays = [floats(table[f"c{i}"].combine_chunks()) for i in wanted]
+    return [np.where(np.isfinite(values), values, np.nan) for values in arrays]
+
+
+def _arrow_table(
+    body: bytes, layout: Layout, wanted: Sequence[int], kind: Literal["double", "string"]
+) -> pa.Table | None:
+    """The wanted columns as pyarrow reads them; None where it does not read every line."""
     import pyarrow as pa
     import pyarrow.csv as pc
 
@@ -262,7 +286,7 @@ def _by_arrow(body: bytes, layout: Layout, wanted: Sequence[int]) -> list[FloatA
             convert_options=pc.ConvertOptions(
                 include_columns=chosen + phantom,
                 column_types={
-                    **dict.fromkeys(chosen, pa.float64()),
+                    **dict.fromkeys(chosen, pa.type_for_alias(kind)),
                     **dict.fromkeys(phantom, pa.null()),
                 },
                 null_values=[""] if phantom else ["", *_WORDS],
@@ -275,8 +299,7 @@ def _by_arrow(body: bytes, layout: Layout, wanted: Sequence[int]) -> list[FloatA
     # a quote without its other half may swallow lines
     if b'"' in body and table.num_rows != sum(map(bool, map(bytes.strip, body.split(b"\n")))):
         return None
-    arrays = [floats(table[name].combine_chunks()) for name in chosen]
-    return [np.where(np.isfinite(values), values, np.nan) for values in arrays]
+    return table
 
 
 def floats(column: pa.Array) -> FloatArray:

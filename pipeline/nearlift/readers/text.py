@@ -12,6 +12,7 @@ import codecs
 import contextlib
 import csv
 import functools
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -33,9 +34,10 @@ from nearlift.readers.base import (
     split_unit,
     wanted,
 )
+from nearlift.readers.clock import is_time, seconds_of
 from nearlift.readers.dialect import HEAD, UNSTATED, Dialect, NoRows, encoding_of, sniff
 from nearlift.readers.files import content_of, is_sheet, sheet_of
-from nearlift.readers.table import Layout, no_nul, parse, row_of
+from nearlift.readers.table import Layout, no_nul, parse, row_of, words
 from nearlift.units import NUMBER
 
 #: Longest line, bytes.
@@ -182,14 +184,32 @@ def _keep(head: bytes, said: Dialect, layout: Layout) -> None:
 
 def _read(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
     """The channels of a text in a known layout."""
-    chosen = _chosen(layout, names, where)
     above, body, cut = _rows_of(content, layout, where)
-    columns = parse(body, where, layout, layout.first, chosen)
-    channels = tuple(
-        Channel(name=layout.names[i], unit=layout.units[i], values=values)
-        for i, values in zip(chosen, columns, strict=True)
+    chosen, clocks, notes = _chosen(layout, names, where, _first_row(body, layout))
+    columns = dict(
+        zip(chosen, parse(body, where, layout, layout.first, chosen), strict=True) if chosen else ()
     )
-    if len(layout.names) == 1 and layout.names != (ONE_COLUMN,):
+    for i in clocks:
+        columns[i], bad = seconds_of(words(body, where, layout, layout.first, i))
+        if bad is not None and names is not None:
+            raise InputRefused(
+                where, f"has no time of day in column {layout.names[i]!r}, row {bad + 1}", _CORRECT
+            )
+        read = (
+            "read as seconds from its first" if bad is None else f"not read: row {bad + 1} is none"
+        )
+        notes.append(f"column {layout.names[i]!r} is a time of day: {read}")
+        if bad is not None:
+            del columns[i]
+    channels = tuple(
+        Channel(
+            name=layout.names[i],
+            unit="s" if i in clocks else layout.units[i],
+            values=columns[i],
+        )
+        for i in sorted(columns)
+    )
+    if len(layout.names) == 1 and layout.names != (ONE_COLUMN,) and chosen:
         _refuse_clock_between(columns[0], where, layout.first)
     marks = list(_marks(above, layout)) if layout.ignore else []
     if layout.ignore:
@@ -202,7 +222,7 @@ def _read(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
         channels=channels,
         kind="text" + (f": {spoken}" if spoken else ""),
         codes=("truncated",) if cut else (),
-        notes=(f"text read as {spoken}",) if spoken else (),
+        notes=(*((f"text read as {spoken}",) if spoken else ()), *notes),
         marks=tuple(marks),
     )
 
@@ -272,10 +292,32 @@ def _require_one_kind(channel: Channel, after: Sequence[int], where: str) -> Non
         )
 
 
-def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
-    """Indices of the columns to read: those that `pick` may choose, or all of numbers."""
+def _first_row(body: bytes, layout: Layout) -> list[str]:
+    """The cells of the first row; none where it is no row."""
+    for line in body.split(b"\n", 20)[:20]:
+        text = line.decode("utf-8", "replace")
+        if not layout.skips(text):
+            with contextlib.suppress(csv.Error):
+                return layout.split(text)
+            break
+    return []
+
+
+def _chosen(
+    layout: Layout, names: Names, where: str, row: Sequence[str]
+) -> tuple[list[int], list[int], list[str]]:
+    """Indices of the columns of numbers to read, and of times of day, by the first row: those that
+    `pick` may choose, or all. Notes name the times that cannot be read.
+    """
+    texts = [i for i, cell in enumerate(row) if layout.value(cell) is None]
+    clocks = [i for i in texts if is_time(row[i])] if not layout.labels else []
     if names is None:
-        return layout.numeric
+        unread = [
+            f"column {layout.names[i]!r} is not read: {row[i]!r} is no time of day that is known"
+            for i in texts
+            if i not in clocks and re.match(r"\d{1,2}:\d\d", row[i])
+        ]
+        return layout.numeric, [i for i in clocks if i in layout.texts], unread
     columns = list(enumerate(layout.names))
     chosen: set[int] = set()
     for name in names:
@@ -286,7 +328,7 @@ def _chosen(layout: Layout, names: Names, where: str) -> list[int]:
         place = f"{where}, line {max(layout.first - 1, 1)}"
         # refuses: none of them fits
         pick(channels, names[0], "records.force.column", place)
-    return sorted(chosen)
+    return sorted(chosen.difference(clocks)), sorted(chosen.intersection(clocks)), []
 
 
 def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:

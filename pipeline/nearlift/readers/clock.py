@@ -1,0 +1,77 @@
+"""Times of day as seconds: ISO 8601 with or without a zone, another date before a time of day, AM
+and PM, minutes and seconds as spreadsheets show them.
+"""
+
+from __future__ import annotations
+
+import datetime
+import math
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from nearlift.declare import FloatArray
+
+DAY_S, HOUR_S = 86400.0, 3600.0
+_TIME = re.compile(
+    r"(?:(?P<date>\d+[-./]\d+[-./]\d+)[T, ]+)?"
+    r"(?:(?P<hour>\d{1,2}):)?(?P<minute>\d{1,2}):(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?"
+    r"(?:\s*(?P<half>[ap])\.?m\.?)?"
+    r"(?:\s*(?P<zone>z|utc|[-+]\d{2}:?\d{2}))?",
+    re.IGNORECASE,
+)
+
+
+def is_time(cell: str) -> bool:
+    """Whether a cell is a time of day that can be read as seconds."""
+    return _parts(cell) is not None
+
+
+def seconds_of(cells: Sequence[str]) -> tuple[FloatArray, int | None]:
+    """Seconds from the first of these times (n,), NaN where a cell is blank; and the index of the
+    first cell that is no time, if there is one.
+
+    A date in ISO 8601 counts. Without one, a time that falls by more than half a day (of minutes
+    and seconds: half an hour) is one of the next day (hour).
+    """
+    values, days, period = np.full(len(cells), np.nan), np.zeros(len(cells)), 0.0
+    for i, cell in enumerate(cells):
+        if not cell.strip():
+            continue
+        if (parts := _parts(cell)) is None:
+            return values, i
+        values[i], days[i], period = parts
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return values, None
+    if period:
+        days[known[1:]] = np.cumsum(np.diff(values[known]) < -period / 2) * (period / DAY_S)
+    # days first: a date's own seconds leave no digits for a sample's
+    return values - values[known[0]] + DAY_S * (days - days[known[0]]), None
+
+
+def _parts(cell: str) -> tuple[float, int, float] | None:
+    """Seconds of the day, the day (0 without a date), and the period after which the seconds begin
+    again (0: never); None where the cell is no time.
+    """
+    found = _TIME.fullmatch(cell.strip())
+    # two numbers without a fraction may be hours and minutes
+    if found is None or not (found["hour"] or found["fraction"]):
+        return None
+    hour, minute = int(found["hour"] or 0), int(found["minute"])
+    if found["half"]:
+        hour = hour % 12 + 12 * (found["half"].lower() == "p")
+    second = float(f"{found['second']}.{found['fraction'] or 0}")
+    if hour > 23 or minute > 59 or second >= 61:
+        return None
+    zone = 0.0
+    if found["zone"] and found["zone"][0] in "+-":
+        sign = math.copysign(1.0, float(found["zone"][0] + "1"))
+        zone = sign * (HOUR_S * int(found["zone"][1:3]) + 60 * int(found["zone"][-2:]))
+    of_day = HOUR_S * hour + 60 * minute + second - zone
+    try:
+        day = datetime.date.fromisoformat(found["date"] or "")
+    except ValueError:
+        return of_day, 0, DAY_S if found["hour"] else HOUR_S
+    return of_day, day.toordinal(), 0.0

@@ -1,0 +1,92 @@
+"""Times of day in a record are seconds, in any usual writing, or are named as not read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.unit.manifests import manifest
+
+from nearlift.errors import InputRefused
+from nearlift.onboarding.inspection import inspect
+from nearlift.readers import reader
+from nearlift.readers.clock import seconds_of
+
+
+@pytest.mark.parametrize(
+    ("cells", "want"),
+    [
+        (["23:59:58.000", "23:59:59.5", "0:00:01.0"], [0, 1.5, 3]),
+        (["59:58.0", "59:59.9", "00:01.2"], [0, 1.9, 3.2]),
+        (["2024-10-27T02:59:59.5+02:00", "2024-10-27T02:00:00.5+01:00"], [0, 1]),
+        (["2024-03-31T01:59:59Z", "", "2024-03-31 02:00:01 UTC"], [0, np.nan, 2]),
+        (["11:59:59 AM", "12:00:01 PM", "1:00:00 p.m."], [0, 2, 3601]),
+        (["12/31/2024 11:59:59.990 PM", "1/1/2025 12:00:00.010 AM"], [0, 0.02]),
+        (["27.10.2024 02:59:58,500", "27.10.2024 02:59:58,600"], [0, 0.1]),
+        (["2024-10-27 02:59:58:012", "2024-10-27 02:59:58:022"], [0, 0.01]),
+    ],
+)
+def test_usual_writings(cells: list[str], want: list[float]) -> None:
+    found, bad = seconds_of(cells)
+    assert bad is None
+    np.testing.assert_allclose(found, want, atol=1e-9)
+
+
+@pytest.mark.parametrize("cell", ["12:30", "24:00:00", "1:60:00", "x", "3.5"])
+def test_what_may_be_something_else_is_no_time(cell: str) -> None:
+    assert seconds_of([cell])[1] == 0
+
+
+@pytest.mark.parametrize(
+    ("header", "row"),
+    [
+        ("time,force\n", "{:%H:%M:%S}.{:03d},{}\n"),
+        ("time;force\n", "{:%d.%m.%Y %H:%M:%S}.{:03d};{}\n"),
+        ("", "{:%H:%M:%S}.{:03d} -> {}\n"),
+        ("time,force\n", "{:%I:%M:%S}.{:03d} PM,{}\n"),
+    ],
+)
+def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
+    """Its rate is found, the manifest's is held against it, and gaps are seen."""
+    import datetime
+
+    start = datetime.datetime(2024, 5, 6, 21, 59, 58)
+    force = np.round(np.random.default_rng(1).normal(1.5, 0.1, 200), 4).tolist()
+    stamps = [start + datetime.timedelta(milliseconds=25 * i) for i in range(200)]
+    lines = [row.format(t, t.microsecond // 1000, f) for t, f in zip(stamps, force, strict=True)]
+    path = tmp_path / "a.csv"
+    path.write_text(header + "".join(lines))
+    found = inspect(path)
+    assert found.force is not None
+    assert found.clock is not None
+    assert found.force.rate_Hz == pytest.approx(40)
+    assert "is a time of day: read as seconds" in found.contents.notes[-1]
+    given = manifest(
+        load_cell={"sample_rate": "40 Hz"},
+        records={
+            "reader": "text",
+            "files": "{trial}.csv",
+            "force": {"column": found.force.name, "unit": "N", "sign": 1},
+            "time": {"column": found.clock.name, "unit": "s"},
+            "dialect": {} if header else {"columns": list(found.columns)},
+        },
+    )
+    (record,) = reader("text").read(given, tmp_path, ["a"])
+    assert record.time_s is not None
+    np.testing.assert_allclose(record.time_s, np.arange(200) / 40, atol=1e-9)
+    assert record.force_N.tolist() == force
+
+
+def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time,force\n" + "".join(f"12:{i // 60:02d},{i % 7}\n" for i in range(99)))
+    assert any(
+        "'time' is not read: '12:00' is no time" in note for note in inspect(path).contents.notes
+    )
+    path.write_text("time,force\n12:00:00,1\nlater,2\n12:00:02,3\n")
+    assert any(
+        "'time' is a time of day: not read: row 2" in n for n in inspect(path).contents.notes
+    )
+    with pytest.raises(InputRefused, match="no time of day in column 'time', row 2"):
+        reader("csv").open(path, {}, ("force", "time"))
