@@ -21,8 +21,7 @@ from nearlift.campaign import parsing
 from nearlift.errors import NearliftError
 from nearlift.readers import lvm, stands, text
 from nearlift.readers.guarded import Malformed
-from nearlift.readers.piv.cases import DIALECTS
-from nearlift.readers.piv.fields import Setting, settle
+from nearlift.readers.piv import DIALECTS, Setting, to_si
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import reduce_record
 from nearlift.schedule import read_schedule
@@ -90,11 +89,11 @@ def schedule(data: bytes) -> None:
 def grids(data: bytes) -> None:
     path = _file(data)
     for dialect in DIALECTS:
-        if dialect.child:
+        if dialect.guarded:
             continue
         try:
             for raw in dialect.read(path):
-                settle(
+                to_si(
                     raw,
                     (
                         SETTING

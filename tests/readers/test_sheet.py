@@ -132,6 +132,13 @@ def test_the_first_sheet_is_a_record(write: object, tmp_path: Path) -> None:
 
 
 @WRITERS
+def test_a_sheet_may_have_one_column(write: object, tmp_path: Path) -> None:
+    path = write(tmp_path / f"a.{write.__name__}", [["force"], *([i / 4] for i in range(20))])  # type: ignore[operator, attr-defined]
+    [force] = reader("sheet").open(path, {}).channels
+    assert force.values.tolist() == [i / 4 for i in range(20)]
+
+
+@WRITERS
 def test_a_sheet_of_means_makes_a_campaign(write: object, tmp_path: Path) -> None:
     path = write(tmp_path / f"means.{write.__name__}", MEANS)  # type: ignore[operator, attr-defined]
     folder = tmp_path / "campaign"

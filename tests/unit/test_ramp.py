@@ -12,7 +12,8 @@ from tests.unit import small_run, sweeps
 from tests.unit.small_run import nearlift
 
 from nearlift.onboarding.inspection import inspect
-from nearlift.readers.ramp import moves
+from nearlift.readers.base import Channel
+from nearlift.readers.ramp import moves, ramp_of
 from nearlift.stages.ingest import TRIALS
 
 
@@ -204,3 +205,10 @@ def test_ramps_cut_as_proposed_give_the_coefficient(tmp_path: Path) -> None:
     k = entry["parameters"]["k"]
     assert abs(k["value"] - 1.0) < 4 * k["u"]
     assert k["u"] < 0.05
+
+
+def test_numbers_beyond_any_force_are_no_sweep() -> None:
+    """A flipped exponent makes a record of a few readings of 1e200."""
+    force = np.tile([1.0, 1.0, 3.0, 3.0], 200)
+    force[100:300] = 1e200
+    assert ramp_of(Channel(name="force", values=force), [], [], 100.0) is None

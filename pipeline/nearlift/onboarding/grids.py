@@ -9,8 +9,7 @@ from pathlib import Path
 from nearlift.errors import InputRefused
 from nearlift.flow.field import on_grid
 from nearlift.readers.base import Channel, Contents
-from nearlift.readers.piv.cases import claimed_by, raws
-from nearlift.readers.piv.fields import PIXEL, Raw
+from nearlift.readers.piv import PIXEL, Raw, claimed_by, raws
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,6 +24,7 @@ from nearlift.readers.base import (
 )
 from nearlift.readers.segments import cutting
 from nearlift.reduction import cuts
+from nearlift.reduction.samples import LARGEST_N
 from nearlift.reduction.stretch import SD_PER_MAD
 
 #: Means of so many stretches tell how the force moves. Below this part of the largest the rotors
@@ -118,7 +119,10 @@ def ramp_of(
     Of the file's channels, one that follows the force and is none of the `clocks` may be the
     command.
     """
-    if not moves(force.values) or not np.isfinite(_means(force.values)).all():
+    largest = float(np.nanmax(np.abs(force.values), initial=0.0))
+    if largest > LARGEST_N or not moves(force.values):
+        return None
+    if not np.isfinite(_means(force.values)).all():
         return None
     command = _command(force, [c for c in channels if c.name not in clocks])
     if command is None:

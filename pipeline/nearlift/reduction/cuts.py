@@ -91,8 +91,8 @@ def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
     if m < 2:
         return [(0, n)] if n else []
     means = values[: m * size].reshape(m, size).mean(axis=1)
-    noise = SD_PER_MAD * median(np.abs(np.diff(means))) / math.sqrt(2)
-    penalty = PENALTY * math.log(m) * max(noise, step / 100) ** 2
+    noise = max(SD_PER_MAD * median(np.abs(np.diff(means))) / math.sqrt(2), step / 100)
+    penalty = PENALTY * math.log(m) * noise * noise
     ones, squares = _sums(means)
     best, before = np.zeros(m + 1), np.zeros(m + 1, dtype=np.int64)
     best[0] = -penalty

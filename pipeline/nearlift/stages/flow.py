@@ -119,7 +119,7 @@ FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
 def inputs(root: Path, campaign: Campaign) -> Inputs:
     """Velocity grids, those of a case under one name: they may be hundreds."""
     from nearlift.readers.files import source_of
-    from nearlift.readers.piv.cases import files_of
+    from nearlift.readers.piv import files_of
 
     listed = {}
     for case in campaign.piv.case if campaign.piv is not None else ():

@@ -1,0 +1,897 @@
+"""Exported velocity grids: a table of dialects (OpenPIV, PIVlab, Insight, DaVis, Dantec, pivpy's
+netCDF), and their way into SI.
+
+A text dialect is a function from a header to a `Header`; one reader reads all of them, and checks
+rows, column counts and promised sizes. A number that a header states must agree with the manifest.
+A vector that is exactly (0, 0) is missing: correlating software writes it where it found nothing.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import KW_ONLY, dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from nearlift import units
+from nearlift.campaign.piv import Piv, PivCase
+from nearlift.declare import BoolArray, FloatArray
+from nearlift.errors import InputRefused, ManifestError, did_you_mean
+from nearlift.flow.field import VelocityField, masked, on_grid, orient
+from nearlift.readers import guarded
+from nearlift.readers.base import library
+from nearlift.readers.files import content_of, head_of, inside, source_of
+from nearlift.readers.guarded import Malformed
+from nearlift.readers.hdf5 import MAGIC, datasets
+from nearlift.readers.mat import V5, V73
+from nearlift.readers.table import BLANKS, Layout, parse
+
+#: First bytes by which a file is recognised, and bytes of fields after which an answer ends.
+HEAD, ANSWER = 1 << 16, 32 << 20
+#: Largest text of one field, bytes.
+MAX_BYTES = 200_000_000
+PIXEL = ("px", "pix", "pixel", "pixels")
+FRAME = ("frame", "frames", "dt", "pair")
+OPENPIV_NAMES = ("x", "y", "u", "v", "flags", "mask")
+DANTEC_HEADER, DANTEC_DATA = ">>*HEADER*<<", ">>*DATA*<<"
+#: A name begins only where one may, lest every letter of a long one be a start.
+PIVLAB_NAME = re.compile(r"(?<![^\[\],;\t])([^\[\],;\t]++)\[([^\[\]]*+)\]")
+#: PIVlab's flag of a measured vector.
+MEASURED = 1
+_AGAIN = "export it again"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setting:
+    """Units that files lack, m per pixel, s between two images, by the manifest."""
+
+    length_unit: str | None = None
+    velocity_unit: str | None = None
+    scale_m: float | None = None
+    frame_time_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Raw:
+    """One field as a file holds it, rows (n,) in any order; units, scale and frame time None where
+    the file does not state them.
+
+    v is positive along the file's y unless the manifest says otherwise; `good` marks measured
+    vectors, `noise` is the standard uncertainty of a component, in the velocity's unit.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    u: FloatArray
+    v: FloatArray
+    _: KW_ONLY
+    good: BoolArray
+    length_unit: str | None
+    velocity_unit: str | None
+    scale_m: float | None = None
+    frame_time_s: float | None = None
+    noise: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Header:
+    """The content of a text's header.
+
+    Attributes
+    ----------
+    first : int
+        Index of the first data line.
+    separator : str
+        Between cells.
+    decimal : str
+        Decimal sign.
+    columns : int
+        Number of named columns; 0 where the header names none.
+    places : tuple of int
+        Columns of x, y, u, v.
+    promised : tuple of int
+        Nodes across and up; empty where the header does not state them.
+    good : callable
+        Table (n, columns) to the measured vectors (n,).
+    """
+
+    first: int
+    separator: str = BLANKS
+    decimal: str = "."
+    columns: int = 0
+    places: tuple[int, int, int, int] = (0, 1, 2, 3)
+    promised: tuple[int, ...] = ()
+    good: Callable[[FloatArray], BoolArray] = lambda table: np.ones(len(table), dtype=bool)
+    length_unit: str | None = None
+    velocity_unit: str | None = None
+    scale_m: float | None = None
+    frame_time_s: float | None = None
+    noise_column: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dialect:
+    """One outside format: its name in ``[piv] format``, and a title for the catalogue.
+
+    `recognises` judges a file by its first bytes; no two dialects claim one file. `header` is that
+    of a text; `fields` reads a binary file, in the guarded process.
+    """
+
+    name: str
+    title: str
+    recognises: Callable[[bytes], bool]
+    header: Callable[[list[str], Path], Header] | None = None
+    fields: Callable[[Path], Iterator[Raw]] | None = None
+
+    @property
+    def guarded(self) -> bool:
+        """Whether a library parses the file."""
+        return self.fields is not None
+
+    def read(self, path: Path) -> Iterator[Raw]:
+        """The fields of a file, one in memory at a time."""
+        if self.fields is not None:
+            yield from self.fields(path)
+        elif self.header is not None:
+            yield _read_text(path, self.header)
+
+
+# ---- text
+
+
+def _read_text(path: Path, header_of: Callable[[list[str], Path], Header]) -> Raw:
+    """The one field of a text file."""
+    lines = _text_of(path).split("\n")
+    header = header_of(lines, path)
+    rows = [line.strip() for line in lines[header.first :]]
+    first = next((row for row in rows if row), None)
+    if first is None:
+        raise InputRefused(str(path), "holds a header and no vectors", _AGAIN)
+    layout = Layout(separator=header.separator, decimal=header.decimal)
+    cells = layout.split(first)
+    trailing = len(cells) > 1 and cells[-1] == ""
+    names = tuple(f"column {i + 1}" for i in range(len(cells) - trailing))
+    layout = Layout(
+        separator=header.separator, decimal=header.decimal, names=names, trailing=trailing
+    )
+    body = "\n".join([*rows, ""]).encode()
+    table = np.stack(parse(body, str(path), layout, header.first + 1, range(len(names))), axis=1)
+    wide, high = header.promised or (len(table), 1)
+    if header.columns and len(names) != header.columns:
+        raise InputRefused(
+            f"{path}, line {header.first + 1}",
+            f"has {len(names)} columns where the header names {header.columns}",
+            _AGAIN,
+        )
+    if len(names) < 4 or len(table) != wide * high:
+        raise InputRefused(
+            str(path),
+            f"has {len(table)} rows of {len(names)}, its header promises {wide} x {high} vectors",
+            f"it was cut off: {_AGAIN}",
+        )
+    noise = header.noise_column
+    return Raw(
+        *table[:, header.places].T,
+        good=header.good(table),
+        length_unit=header.length_unit,
+        velocity_unit=header.velocity_unit,
+        scale_m=header.scale_m,
+        frame_time_s=header.frame_time_s,
+        noise=None if noise is None else np.abs(table[:, noise]),
+    )
+
+
+def _text_of(path: Path) -> str:
+    """A text file, UTF-8 or UTF-16 with its mark, else Latin-1; `InputRefused` of an empty, too
+    large or binary one.
+    """
+    size = path.stat().st_size
+    if size == 0:
+        raise InputRefused(str(path), "is empty", _AGAIN)
+    if size > MAX_BYTES:
+        raise InputRefused(
+            str(path), f"has {size} bytes", f"one field per file: at most {MAX_BYTES} bytes"
+        )
+    content = content_of(path)
+    if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        text = content.decode("utf-16", errors="replace")
+    else:
+        try:
+            text = content.decode("utf-8-sig")
+        except UnicodeDecodeError:
+            text = content.decode("latin-1")
+    if "\0" in text:
+        raise InputRefused(
+            str(path),
+            "holds zero bytes: it is binary, or was cut off by a loss of power",
+            f"{_AGAIN} as text",
+        )
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def openpiv(lines: list[str], path: Path) -> Header:
+    """OpenPIV: ``# x y u v flags mask``, or five columns without a header.
+
+    flags 0 is a measured vector, mask 1 a masked one; the fifth column of the old form is the
+    signal-to-noise ratio. The files state no unit.
+    """
+    if lines[0].startswith("#"):
+        names = lines[0].lstrip("# ").split()
+        if tuple(names[:4]) != OPENPIV_NAMES[:4]:
+            raise InputRefused(
+                f"{path}, line 1",
+                f"names {names}, not {' '.join(OPENPIV_NAMES)}",
+                "export it with OpenPIV's own save",
+            )
+        flags = [names.index(name) for name in ("flags", "mask") if name in names]
+        return Header(
+            first=1, columns=len(names), good=lambda table: (table[:, flags] == 0).all(axis=1)
+        )
+
+    def has_ratio(table: FloatArray) -> BoolArray:
+        if table.shape[1] != 5:
+            raise InputRefused(
+                f"{path}, line 1",
+                f"has {table.shape[1]} columns and no header",
+                "the old form has 5: x y u v s2n",
+            )
+        if np.isin(table[:, 4], (0, 1, 2)).all():
+            raise InputRefused(
+                str(path),
+                "has a fifth column of flags, and no header says whether 0 or 1 is a good vector",
+                'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is'
+                " good)",
+            )
+        return np.isfinite(table[:, 4])
+
+    return Header(first=0, good=has_ratio)
+
+
+def _is_openpiv(head: bytes) -> bool:
+    first = head.split(b"\n")[0].decode("latin-1")
+    if first.startswith("#"):
+        return tuple(first.lstrip("# ").split()[:4]) == OPENPIV_NAMES[:4]
+    try:
+        return len([float(cell) for cell in first.split()]) == 5
+    except ValueError:
+        return False
+
+
+def insight(lines: list[str], path: Path) -> Header:
+    """TSI Insight: one Tecplot line, then comma rows x, y, u, v, CHC.
+
+    CHC 1 is a measured vector, 2 an interpolated one, all else void. The header states um per pixel
+    and us between images.
+    """
+    listed = re.search(r"VARIABLES=((?:\s*\"[^\"]*\",?)+)", lines[0])
+    names = re.findall(r'"([^"]*)"', listed[1]) if listed else []
+    columns = [name.split()[0].upper() for name in names if name.split()]
+    if columns[:4] != ["X", "Y", "U", "V"] or "CHC" not in columns:
+        raise InputRefused(
+            f"{path}, line 1",
+            f"lists the variables {names}, not X, Y, U, V, CHC",
+            "export a two-component field",
+        )
+
+    def stated(key: str) -> float | None:
+        """A positive number of the header, in 1e-6 of its unit."""
+        text, end, _ = lines[0].partition(f'{key}="')[2].partition('"')
+        if end and not units.NUMBER.fullmatch(text):
+            raise InputRefused(f"{path}, line 1", f"has {key} {text!r}, which is no number", _AGAIN)
+        return 1e-6 * float(text) if end and float(text) > 0 else None
+
+    code = columns.index("CHC")
+    return Header(
+        first=1,
+        separator=",",
+        columns=len(columns),
+        good=lambda table: table[:, code] == 1,
+        length_unit=names[0].partition(" ")[2] or None,
+        velocity_unit=names[2].partition(" ")[2] or None,
+        scale_m=stated("MicrometersPerPixelX"),
+        frame_time_s=stated("MicrosecondsPerDeltaT"),
+    )
+
+
+def davis(lines: list[str], path: Path) -> Header:
+    """LaVision DaVis: ``#DaVis 8.1.6 2D-vector 32 64 64 "position" "mm" ...``, then tab rows x, y,
+    u, v. Decimals may be commas. A missing vector is written ``0 -0``.
+    """
+    quantities = re.findall(r'"([^"]*)"\s+"([^"]*)"', lines[0])
+    size = re.search(r"2D-vector\s+\d+\s+(\d{1,9})\s+(\d{1,9})\b", lines[0])
+    if size is None or len(quantities) < 3:
+        raise InputRefused(
+            f"{path}, line 1",
+            "is not the header of a two-component vector field",
+            "export 2D vectors as text",
+        )
+    comma = any("," in line for line in lines[1:])
+    if comma and any("." in line for line in lines[1:]):
+        raise InputRefused(
+            str(path), "mixes decimal commas and points", "export it with one of the two"
+        )
+    quantity, unit = quantities[2]
+    return Header(
+        first=1,
+        separator="\t",
+        decimal="," if comma else ".",
+        promised=(int(size[1]), int(size[2])),
+        length_unit=quantities[0][1],
+        velocity_unit=f"{unit}/frame" if quantity.lower() == "displacement" else unit,
+    )
+
+
+def pivlab(lines: list[str], path: Path) -> Header:
+    """PIVlab's ASCII chart: up to three header lines, then x, y, u, v, vector type and more.
+
+    Vector type 1 is measured, 0 masked, 2 interpolated. Conversion factors win over the units of
+    the third line: PIVlab writes m/s above displacements in metres, and then both factors are
+    equal.
+    """
+    header = [line for line in lines[:3] if re.match(r"\s*(PIVlab|FRAME:|x\s*\[)", line)]
+    scale = next((i for i, line in enumerate(header) if "conversion factor" in line), None)
+    factors = None if scale is None else _pivlab_factors(header[scale])
+    if scale is not None and factors is None:
+        raise InputRefused(
+            f"{path}, line {scale + 1}", "has conversion factors that are no numbers", _AGAIN
+        )
+    named = next((line for line in header if re.match(r"\s*x\s*\[", line)), "")
+    names = [(name.strip().lower(), unit) for name, unit in PIVLAB_NAME.findall(named)]
+    data = next((line for line in lines[len(header) :] if line.strip()), "")
+    length, velocity = (names[0][1], names[2][1]) if len(names) >= 4 else (None, None)
+    if factors == (1, 1):
+        length, velocity = "px", "px/frame"
+    elif factors is not None:
+        length = length or "m"
+        velocity = "m/frame" if factors[0] == factors[1] else velocity or "m/s"
+
+    def measured(table: FloatArray) -> BoolArray:
+        if table.shape[1] < 5 or (names and len(names) != table.shape[1]):
+            raise InputRefused(
+                f"{path}, line {len(header) + 1}",
+                f"has {table.shape[1]} columns, not x, y, u, v, vector type and what follows",
+                _AGAIN,
+            )
+        return np.asarray(table[:, 4] == MEASURED)
+
+    uncertainties = [
+        i for i, (name, unit) in enumerate(names) if name.startswith("uncertainty") and "/" in unit
+    ]
+    return Header(
+        first=len(header),
+        separator="," if "," in data else "\t" if "\t" in data else BLANKS,
+        good=measured,
+        length_unit=length,
+        velocity_unit=velocity,
+        noise_column=uncertainties[0] if uncertainties else None,
+    )
+
+
+def _pivlab_factors(line: str) -> tuple[float, float] | None:
+    """M in a pixel, and m/s in a pixel per frame; None where either is no number."""
+    _, _, length = line.partition("conversion factor xy (px -> m):")
+    length, _, velocity = length.partition("conversion factor uv (px/frame -> m/s):")
+    xy, (uv, rest) = units.measure(length)[0], units.measure(velocity)
+    return None if xy is None or uv is None or rest.startswith(".") else (xy, uv)
+
+
+def _is_pivlab(head: bytes) -> bool:
+    first = head.split(b"\n")[0]
+    return first.startswith((b"PIVlab", b"FRAME:")) or (b"[" in first and b"Vector type" in first)
+
+
+def dantec(lines: list[str], path: Path) -> Header:
+    """Dantec DynamicStudio, CSV or TAB: ``>>*HEADER*<<``, ``>>*DATA*<<``, a line of names, rows.
+
+    Columns are found by name and unit: their order differs between two and three components. Status
+    0 is a measured vector. Written after descriptions of the format, without an export of the
+    software.
+    """
+    marks = [i for i, line in enumerate(lines) if line.strip().strip(";,").startswith(DANTEC_DATA)]
+    if len(marks) != 1 or marks[0] + 2 >= len(lines):
+        raise InputRefused(
+            str(path),
+            f"has {len(marks)} lines {DANTEC_DATA} with rows after them",
+            "export one field per file",
+        )
+    at = marks[0] + 1
+    header = "\n".join(lines[: at - 1])
+    tabs = "DSExport.TAB" in header or "\t" in lines[at]
+    separator = "\t" if tabs else ";" if ";" in lines[at] else ","
+    names = [
+        name.strip().strip('"') for name in lines[at].strip().strip(separator).split(separator)
+    ]
+    size = re.search(
+        r"GridSize\s*+[:;]\s*+\{?\s*+Width\s*+=\s*+(\d{1,9})\s*+,\s*+Height\s*+=\s*+(\d{1,9})\b",
+        header,
+    )
+    (x, length), (y, _), (u, velocity), (v, _) = (_dantec_column(names, c, path) for c in "xyuv")
+    status = next((i for i, name in enumerate(names) if name.lower().startswith("status")), None)
+    comma = separator != "," and bool(re.search(r"\d,\d", lines[at + 1]))
+    flags = {} if status is None else {"good": lambda table: table[:, status] == 0}
+    return Header(
+        first=at + 1,
+        separator=separator,
+        decimal="," if comma else ".",
+        columns=len(names),
+        places=(x, y, u, v),
+        promised=(int(size[1]), int(size[2])) if size else (),
+        length_unit=length,
+        velocity_unit=velocity if "/" in velocity else f"{velocity}/frame",
+        **flags,
+    )
+
+
+def _dantec_column(names: list[str], letter: str, path: Path) -> tuple[int, str]:
+    """Position and unit of ``X (mm)[mm]`` and the like: in metres rather than in pixels."""
+    fitting = []
+    for i, name in enumerate(names):
+        match = re.fullmatch(
+            r"\s*+([A-Za-z])\s*+(?:\([^)]*+\)\s*+|(?<=\s)\w++\s*+)?\[([^\]]++)\]\s*+", name
+        )
+        if match and match[1].lower() == letter:
+            fitting.append((match[2].lower().split("/")[0] in PIXEL, i, match[2]))
+    if not fitting:
+        raise InputRefused(
+            str(path),
+            f"names no column {letter.upper()} with a unit among {', '.join(names)}",
+            "export positions and components with units",
+        )
+    _, i, unit = min(fitting)
+    return i, unit
+
+
+# ---- binary files, in the guarded process
+
+
+def _open_hdf5(path: Path) -> Any:
+    """An HDF5 file that keeps all its data in itself, by h5py."""
+    file = library("h5py", "netcdf").File(path, "r")
+    notes: list[str] = []
+    for _ in datasets(file, notes):
+        pass
+    if notes:
+        raise InputRefused(
+            str(path), notes[0].split(", and was not")[0], "copy the data into one file"
+        )
+    return file
+
+
+def pivlab_fields(path: Path) -> Iterator[Raw]:
+    """Every field of a PIVlab file: version 5 by scipy, version 7.3 (HDF5) by h5py.
+
+    Variables x, y, u_filtered (else u_original), v_..., typevector_... as cells, one per pair; or
+    numbered, x_0, u_0. With a text `units` the arrays are in those units; else they are in pixels,
+    `calxy` is m per pixel and `caluv` (m/s) per (px/frame).
+    """
+    variables = _version_5(path) if head_of(path, len(V5)) == V5 else _version_73(path)
+    stem = next(
+        (s for s in ("u_filtered", "u_original", "u") if s in variables and len(variables[s])), None
+    )
+    if stem is None or "x" not in variables or "y" not in variables:
+        raise InputRefused(
+            str(path),
+            f"holds {', '.join(sorted(variables)) or 'nothing'}, not PIVlab's x, y and u_original",
+            "save the PIVlab session",
+        )
+    v, flags = variables.get("v" + stem[1:], []), variables.get("typevector" + stem[1:], [])
+    length, velocity, scale, frame = _pivlab_units(variables, path)
+    for i, u in enumerate(variables[stem]):
+        if i >= len(v) or i >= len(flags) or flags[i].shape != u.shape:
+            raise InputRefused(
+                f"{path}, field {i + 1}", "lacks v or its vector types", "save the session again"
+            )
+        x, y = (variables[name][min(i, len(variables[name]) - 1)] for name in "xy")
+        yield Raw(
+            *(np.asarray(a, dtype=float).ravel() for a in (x, y, u, v[i])),
+            good=np.asarray(flags[i]).ravel() == MEASURED,
+            length_unit=length,
+            velocity_unit=velocity,
+            scale_m=scale,
+            frame_time_s=frame,
+        )
+
+
+def _pivlab_units(
+    variables: dict[str, list[Any]], path: Path
+) -> tuple[str, str, float | None, float | None]:
+    if variables.get("units"):
+        stated = re.findall(r"\[([^\[\]]+)\]", str(variables["units"][0]))
+        if len(stated) == 2:
+            return stated[0], stated[1], None, None
+        raise InputRefused(
+            str(path),
+            f"has units {variables['units'][0]!r}",
+            "PIVlab writes '[m] respectively [m/s]'",
+        )
+    xy, uv = (
+        float(np.ravel(variables[name][0])[0]) if variables.get(name) else 1.0
+        for name in ("calxy", "caluv")
+    )
+    calibrated = xy != 1 and uv != 1 and xy > 0 and uv > 0
+    frame_time_s = xy / uv if calibrated and xy != uv else None
+    return "px", "px/frame", xy if calibrated else None, frame_time_s
+
+
+def _version_5(path: Path) -> dict[str, list[Any]]:
+    from scipy.io import loadmat
+
+    variables: dict[str, list[Any]] = {}
+    content = loadmat(path, squeeze_me=False, chars_as_strings=True)
+    for name in (name for name in content if not name.startswith("__")):
+        array = np.asarray(content[name])
+        if array.dtype.kind in "US":
+            variables[name] = [str(array.ravel()[0])]
+        else:
+            variables[name] = list(array.ravel()) if array.dtype == object else [array]
+    return variables
+
+
+def _version_73(path: Path) -> dict[str, list[Any]]:
+    variables: dict[str, list[Any]] = {}
+    numbered: dict[str, dict[int, Any]] = {}
+    with _open_hdf5(path) as file:
+        for name, item in file.items():
+            number = re.fullmatch(r"(x|y|u|v|typevector)_(\d+)", name)
+            if not hasattr(item, "shape"):
+                continue
+            if number:
+                numbered.setdefault(number[1], {})[int(number[2])] = item[...]
+            elif name == "units":
+                variables[name] = ["".join(chr(c) for c in np.ravel(item[...]))]
+            elif item.dtype == object:
+                variables[name] = [file[reference][...] for reference in np.ravel(item[...])]
+            else:
+                variables[name] = [item[...]]
+    return variables | {
+        name: [fields[i] for i in sorted(fields)] for name, fields in numbered.items()
+    }
+
+
+def netcdf_fields(path: Path) -> Iterator[Raw]:
+    """Every time of a netCDF file in pivpy's layout, in order: dimensions x, y, t; variables u, v
+    and the choice code chc (1 is measured); units as attributes.
+    """
+    if head_of(path, 3) == b"CDF":
+        raise InputRefused(
+            str(path),
+            "is classic netCDF",
+            "write netCDF-4: dataset.to_netcdf(path, engine='h5netcdf')",
+        )
+    _open_hdf5(path).close()
+    # h5netcdf knows dimensions
+    with library("h5netcdf", "netcdf").File(path, "r") as dataset:
+        lacking = [n for n in ("x", "y", "u", "v") if n not in dataset.variables]
+        if lacking:
+            raise InputRefused(
+                str(path),
+                f"has no {', '.join(lacking)}, but {', '.join(sorted(dataset.variables))}",
+                "write a field in pivpy's layout: u, v on x, y, t",
+            )
+        x, y = (np.asarray(dataset.variables[n][...], dtype=float) for n in "xy")
+        u, v = (_frames(dataset.variables[n], n, path) for n in "uv")
+        chc, mask = (
+            _frames(dataset.variables[n], n, path)
+            if n in dataset.variables
+            else np.full(u.shape, usual)
+            for n, usual in (("chc", 1.0), ("mask", 0.0))
+        )
+        length, velocity = (_stated_unit(dataset.variables[n]) for n in "xu")
+        frame = float(np.ravel(dataset.attrs["delta_t"])[0]) if "delta_t" in dataset.attrs else 0.0
+    across, up = np.meshgrid(x, y)
+    for i in range(len(u)):
+        yield Raw(
+            *(a.ravel() for a in (across, up, u[i], v[i])),
+            good=((chc[i] == 1) & (mask[i] != 1)).ravel(),
+            length_unit=length,
+            velocity_unit=velocity,
+            frame_time_s=frame or None,
+        )
+
+
+def _frames(variable: Any, name: str, path: Path) -> FloatArray:
+    """A variable as (t, y, x)."""
+    dims = tuple(variable.dimensions)
+    values = np.asarray(variable[...], dtype=float)
+    if sorted(dims) == ["x", "y"]:
+        values, dims = values[None], ("t", *dims)
+    if sorted(dims) != ["t", "x", "y"]:
+        raise InputRefused(
+            str(path), f"has {name} on {', '.join(dims)}", "pivpy's layout is u, v on x, y, t"
+        )
+    return np.transpose(values, [dims.index(d) for d in ("t", "y", "x")])
+
+
+def _stated_unit(variable: Any) -> str | None:
+    stated = variable.attrs.get("units", "")
+    return (stated.decode() if isinstance(stated, bytes) else str(stated)) or None
+
+
+# ---- the table of dialects
+
+DIALECTS = (
+    Dialect(
+        name="insight",
+        title="TSI Insight .vec",
+        recognises=lambda head: (
+            head.lstrip().startswith(b"TITLE=") and b"VARIABLES=" in head and b'"CHC"' in head
+        ),
+        header=insight,
+    ),
+    Dialect(
+        name="davis",
+        title="LaVision DaVis text",
+        recognises=lambda head: head.startswith(b"#DaVis"),
+        header=davis,
+    ),
+    Dialect(
+        name="openpiv",
+        title="OpenPIV text, with or without header",
+        recognises=_is_openpiv,
+        header=openpiv,
+    ),
+    Dialect(name="pivlab", title="PIVlab ASCII chart", recognises=_is_pivlab, header=pivlab),
+    Dialect(
+        name="dantec",
+        title="Dantec DynamicStudio export, CSV or TAB",
+        recognises=lambda head: head.lstrip().startswith(DANTEC_HEADER.encode()),
+        header=dantec,
+    ),
+    Dialect(
+        name="pivlab_mat",
+        title="PIVlab MATLAB file, version 5 or 7.3",
+        recognises=lambda head: (
+            head.startswith((V5, V73)) or (head.startswith(MAGIC) and b"typevector" in head)
+        ),
+        fields=pivlab_fields,
+    ),
+    Dialect(
+        name="netcdf",
+        title="netCDF in pivpy's layout",
+        recognises=lambda head: (
+            (head.startswith(MAGIC) and b"typevector" not in head) or head.startswith(b"CDF")
+        ),
+        fields=netcdf_fields,
+    ),
+)
+
+
+def dialect_of(name: str) -> Dialect:
+    """The dialect of that name; `ManifestError` with the nearest if there is none."""
+    known = {d.name: d for d in DIALECTS}
+    if name not in known:
+        raise ManifestError(
+            "piv.format",
+            f"there is no format {name!r}",
+            did_you_mean(name, known) or f"formats are {', '.join(known)}",
+        )
+    return known[name]
+
+
+def claimed_by(path: Path) -> Dialect:
+    """The one dialect that claims a file; `InputRefused` where none does, or more than one."""
+    head = head_of(path, HEAD)
+    if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        head = head[: len(head) // 2 * 2].decode("utf-16", errors="replace").encode()
+    head = head.removeprefix(b"\xef\xbb\xbf")
+    if b"\0" not in head:
+        head = head.replace(b"\r\n", b"\n")
+    if not head:
+        raise InputRefused(str(path), "is empty", _AGAIN)
+    claimed = [d for d in DIALECTS if d.recognises(head)]
+    if len(claimed) == 1:
+        return claimed[0]
+    names = ", ".join(d.name for d in claimed or DIALECTS)
+    raise InputRefused(
+        str(path),
+        f"could be any of {names}" if claimed else "is of no known format",
+        f'say format = "..." under [piv]; formats are {", ".join(d.name for d in DIALECTS)}',
+    )
+
+
+# ---- fields
+
+
+def raws(path: Path, dialect: Dialect) -> Iterator[Raw]:
+    """The fields of one file as they are in it; `InputRefused` as by the dialect's own reader, or
+    where that crashed or came to a limit.
+    """
+    if not dialect.guarded:
+        yield from dialect.read(path)
+        return
+    done, more = 0, True
+    while more:
+        try:
+            fields, more = guarded.run(some_fields, dialect.name, path, done)
+        except Malformed as fault:
+            raise InputRefused(str(path), str(fault), _AGAIN) from None
+        yield from fields
+        done += len(fields)
+
+
+def some_fields(name: str, path: Path, first: int) -> tuple[list[Raw], bool]:
+    """The fields of a file from number `first` on, as many as one answer may hold, and whether
+    there are more.
+    """
+    fields: list[Raw] = []
+    size = 0
+    for raw in itertools.islice(dialect_of(name).read(path), first, None):
+        if size > ANSWER:
+            return fields, True
+        fields.append(raw)
+        size += sum(np.asarray(a).nbytes for a in (raw.x, raw.y, raw.u, raw.v, raw.good))
+    return fields, False
+
+
+def read(
+    path: Path, setting: Setting | None = None, format_name: str | None = None
+) -> Iterator[VelocityField]:
+    """The fields of one file in SI, in the file's own axes; `InputRefused` where it cannot be read,
+    or holds no velocities in known units.
+    """
+    dialect = claimed_by(path) if format_name is None else dialect_of(format_name)
+    for i, raw in enumerate(raws(path, dialect)):
+        yield to_si(raw, setting or Setting(), f"{path}, field {i + 1}" if i else str(path))
+
+
+def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
+    """A field in SI on its grid, in the file's own axes; NaN where there is no vector.
+
+    Raises
+    ------
+    InputRefused
+        A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame
+        time; every vector is zero or missing; the grid is not rectangular and even.
+    """
+    length = _one(raw.length_unit, setting.length_unit, "length_unit", '"mm"', where)
+    example = '"m/s" (or "px/frame")'
+    velocity = _one(raw.velocity_unit, setting.velocity_unit, "velocity_unit", example, where)
+    per_length = _length(length, raw, setting, where)
+    per_velocity = _velocity(velocity, raw, setting, where)
+    u, v = np.asarray(raw.u, dtype=float), np.asarray(raw.v, dtype=float)
+    nothing = (u == 0) & (v == 0)
+    if len(u) and nothing.all():
+        raise InputRefused(
+            where,
+            "every vector is zero",
+            f"an export that took the mask for validity? {_AGAIN}",
+        )
+    good = raw.good & np.isfinite(u) & np.isfinite(v) & ~nothing
+    if not good.any():
+        raise InputRefused(
+            where,
+            f"none of its {len(u)} vectors is valid",
+            "check the mask and the flags of the export",
+        )
+    columns = [np.where(good, per_velocity * u, np.nan), np.where(good, per_velocity * v, np.nan)]
+    if raw.noise is not None:
+        columns.append(np.where(good & (raw.noise > 0), abs(per_velocity) * raw.noise, np.nan))
+    x, y, grids = on_grid(per_length * raw.x, per_length * raw.y, tuple(columns), where)
+    noise = grids[2] if raw.noise is not None else None
+    return VelocityField(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=noise)
+
+
+def _one(stated: str | None, manifest: str | None, key: str, example: str, where: str) -> str:
+    """The unit of a file or of the manifest; both must agree."""
+    if stated is None and manifest is None:
+        raise InputRefused(
+            where, f"does not say its {key.replace('_', ' ')}", f"add {key} = {example} under [piv]"
+        )
+    if stated is not None and manifest is not None and _plain(stated) != _plain(manifest):
+        raise InputRefused(
+            where,
+            f"says {stated!r} where the manifest's {key} is {manifest!r}",
+            f"leave {key} out, or export in {manifest!r}",
+        )
+    return _plain(stated if stated is not None else manifest or "")
+
+
+def _plain(unit: str) -> str:
+    text = unit.strip().strip("[]()").replace(" ", "").replace("µ", "u")
+    head, _, tail = text.partition("/")
+    head = "px" if head.lower() in PIXEL else head
+    tail = "frame" if tail.lower() in FRAME else tail
+    return f"{head}/{tail}" if tail else head
+
+
+def _length(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+    """Metres in a unit of length, which may be the pixel."""
+    if unit != "px":
+        return _factor(unit, "length", where)
+    scale = raw.scale_m if raw.scale_m is not None else setting.scale_m
+    if scale is None:
+        raise InputRefused(
+            where,
+            "is in pixels, and nothing says how large a pixel is",
+            'add scale = "20 um/px" under [piv]',
+        )
+    return scale
+
+
+def _velocity(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+    """m/s in a unit of velocity, or of displacement between a pair's images."""
+    head, _, tail = unit.partition("/")
+    if tail not in ("frame", ""):
+        if head != "px":
+            return _factor(unit, "velocity", where)
+        return _length(head, raw, setting, where) / _factor(tail, "time", where)
+    length = _length(head, raw, setting, where)
+    frame_time = raw.frame_time_s or setting.frame_time_s
+    if frame_time is None:
+        raise InputRefused(
+            where,
+            f"holds displacements ({unit}), not velocities",
+            'add frame_time = "100 us", the time between a pair\'s images',
+        )
+    return length / frame_time
+
+
+def _factor(unit: str, dimension: str, where: str) -> float:
+    try:
+        return units.to_si(unit, dimension, where)[0]
+    except ManifestError as refusal:
+        raise InputRefused(where, refusal.what, refusal.remedy) from None
+
+
+# ---- cases
+
+
+def files_of(root: Path, case: PivCase) -> list[Path]:
+    """Every file of a case, in the order of the numbers in their names; `ManifestError` where the
+    pattern leads outside the campaign's folder, or matches nothing, `InputRefused` where a file
+    leads outside by a link, or is no regular file.
+    """
+    where = f"piv case {case.name!r}: files"
+    if Path(case.files).is_absolute() or ".." in Path(case.files).parts:
+        raise ManifestError(
+            where,
+            f"{case.files!r} leads outside the campaign's folder",
+            "put the files themselves into the folder",
+        )
+    names = [source_of(root, path) for path in root.glob(case.files) if path.is_file()]
+    if not names:
+        raise ManifestError(
+            where,
+            f"no file matches {case.files!r} in {root}",
+            'write a pattern such as "piv/ground-3.4/*.txt"',
+        )
+    return [inside(root, name, where) for name in sorted(names, key=_natural)]
+
+
+def _natural(name: str) -> list[str | int]:
+    # every second part is a number
+    return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", name))]
+
+
+@dataclass
+class Stream:
+    """The fields of one case, one in memory at a time; `refused` lists files and their reasons."""
+
+    root: Path
+    piv: Piv
+    case: PivCase
+    files: list[Path]
+    refused: list[tuple[str, InputRefused]] = field(default_factory=list)
+
+    def __iter__(self) -> Iterator[VelocityField]:
+        said = partial(self.piv.setting, self.case)
+        setting = Setting(
+            length_unit=said("length_unit"),
+            velocity_unit=said("velocity_unit"),
+            scale_m=said("scale"),
+            frame_time_s=said("frame_time"),
+        )
+        lie = {name: said(name) for name in ("thrust", "across")}
+        lie |= {"origin_m": said("origin"), "v_sign": said("v_sign", 1)}
+        hidden = said("mask", [])
+        for path in self.files:
+            try:
+                for field in read(path, setting, said("format")):
+                    yield masked(orient(field, **lie), hidden)
+            except InputRefused as refusal:
+                self.refused.append((source_of(self.root, path), refusal))

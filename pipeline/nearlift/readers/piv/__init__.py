@@ -1,1 +1,0 @@
-"""Exported velocity grids: one file per dialect, told apart by what stands in the file."""
