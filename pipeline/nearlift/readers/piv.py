@@ -78,6 +78,10 @@ class Raw:
     noise: FloatArray | None = None
 
 
+def _all_good(table: FloatArray) -> BoolArray:
+    return np.ones(len(table), dtype=bool)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Header:
     """The content of a text's header.
@@ -106,7 +110,7 @@ class Header:
     columns: int = 0
     places: tuple[int, int, int, int] = (0, 1, 2, 3)
     promised: tuple[int, ...] = ()
-    good: Callable[[FloatArray], BoolArray] = lambda table: np.ones(len(table), dtype=bool)
+    good: Callable[[FloatArray], BoolArray] = _all_good
     length_unit: str | None = None
     velocity_unit: str | None = None
     scale_m: float | None = None
@@ -413,7 +417,6 @@ def dantec(lines: list[str], path: Path) -> Header:
     (x, length), (y, _), (u, velocity), (v, _) = (_dantec_column(names, c, path) for c in "xyuv")
     status = next((i for i, name in enumerate(names) if name.lower().startswith("status")), None)
     comma = separator != "," and bool(re.search(r"\d,\d", lines[at + 1]))
-    flags = {} if status is None else {"good": lambda table: table[:, status] == 0}
     return Header(
         first=at + 1,
         separator=separator,
@@ -423,7 +426,7 @@ def dantec(lines: list[str], path: Path) -> Header:
         promised=(int(size[1]), int(size[2])) if size else (),
         length_unit=length,
         velocity_unit=velocity if "/" in velocity else f"{velocity}/frame",
-        **flags,
+        good=_all_good if status is None else lambda table: table[:, status] == 0,
     )
 
 
