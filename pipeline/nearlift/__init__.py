@@ -3,7 +3,7 @@ uncertainty.
 
 >>> import nearlift
 >>> study = nearlift.load("raw/my-rig")    # doctest: +SKIP
->>> study.fit()["ground"].base.coefficients["K_b"]    # doctest: +SKIP
+>>> print(study.diagnose())    # doctest: +SKIP
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from nearlift.study.study import Study, load
+    from nearlift.study import Study, load, trials
 
 __version__ = "0.1.0"
-__all__ = ["Study", "__version__", "load"]
+__all__ = ["Study", "__version__", "load", "trials"]
 
 
 def __getattr__(name: str) -> Any:
-    # what `load` needs is imported when it is first asked for
-    if name in ("Study", "load"):
-        from nearlift.study import study
+    # imported when it is first asked for
+    if name in ("Study", "load", "trials"):
+        from nearlift import study
 
         return getattr(study, name)
     raise AttributeError(f"module 'nearlift' has no attribute {name!r}")
