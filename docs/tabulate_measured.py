@@ -26,10 +26,10 @@ from nearlift.likelihood import budget
 from nearlift.loop.diagnose import decide, set_up
 from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
+from nearlift.observed import choice, observe
 from nearlift.results import Observations
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
-from nearlift.trials import choice, observe
 
 HEAD = """# Measured campaigns
 

@@ -29,12 +29,12 @@ from nearlift.campaign import manifest as manifest
 from nearlift.errors import NearliftError
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
+from nearlift.observed import choice, observe
 from nearlift.results import Observations
 from nearlift.run.engine import Job
 from nearlift.run.workers import SerialExecutor
 from nearlift.stages import ingest, screening
 from nearlift.stages.ingest import TRIALS
-from nearlift.trials import choice, observe
 
 #: Reported; the screen was tuned on 700000 to 710099.
 FIRST_SEED = 720_000

@@ -22,9 +22,9 @@ from nearlift.loop.diagnose import diagnose
 from nearlift.loop.handle import handles
 from nearlift.loop.rehearsal import planned
 from nearlift.loop.search_problem import Options
+from nearlift.observed import observe
 from nearlift.planning.plans import plan, scatter
 from nearlift.run.workers import ordered
-from nearlift.trials import observe
 
 K_B = 2.0
 #: Sizes, in units of the detection limit.

@@ -12,7 +12,7 @@ import pytest
 
 from nearlift.campaign import manifest as campaign
 from nearlift.errors import ManifestError
-from nearlift.trials import choice
+from nearlift.observed import choice
 
 FOLDER = Path(__file__).parent
 GOOD = (FOLDER / "good.toml").read_text(encoding="utf-8")

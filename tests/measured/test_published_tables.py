@@ -14,9 +14,9 @@ from tests.unit import small_run
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import LoopDiagnosis, diagnose
 from nearlift.loop.search_problem import Options
+from nearlift.observed import choice, observe
 from nearlift.report.words import dependence
 from nearlift.stages.ingest import TRIALS
-from nearlift.trials import choice, observe
 
 pytestmark = pytest.mark.skipif(
     not FILE.is_file(), reason="the measured files of ../shared are not here"

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from nearlift.errors import ManifestError
+from nearlift.observed import observe
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
-from nearlift.trials import observe
 
 from . import small_run, sweeps
 from .bench_campaign import run_ingest

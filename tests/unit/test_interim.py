@@ -14,7 +14,7 @@ from nearlift.loop import structure
 from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.interim import INTERIM_SHARE, InterimLook, nominal_level
 from nearlift.loop.search_problem import Options
-from nearlift.trials import interim_look
+from nearlift.observed import interim_look
 
 from .simulated import campaign
 

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.likelihood import budget
+from nearlift.observed import observe
 from nearlift.readers import reader, segments
 from nearlift.stages.ingest import TRIALS
-from nearlift.trials import observe
 
 from . import small_run
 from .bench_campaign import run_ingest

@@ -16,8 +16,8 @@ from nearlift.likelihood.covariates import derive
 from nearlift.loop.admission import could_act
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
+from nearlift.observed import observe
 from nearlift.stages.ingest import TRIALS
-from nearlift.trials import observe
 
 from . import small_run
 from .small_run import nearlift

@@ -13,12 +13,12 @@ from nearlift.errors import NotConverged, UsageError
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.outlook import outlook
+from nearlift.observed import Trials, boundaries, choice, observe
 from nearlift.planning.forecast import of_plan
 from nearlift.planning.plans import PlannedTrials, as_schedule, draw, scatter, table_of
 from nearlift.results import Noise, Observations
 from nearlift.results.design import BoundaryOutlook, DesignOutlook, DrawnSchedule
 from nearlift.synthetic.trial_schedule import TrialSchedule
-from nearlift.trials import Trials, boundaries, choice, observe
 
 #: Duration of a trial where `[design]` gives none, s.
 USUAL_TRIAL_S = 20.0

@@ -18,6 +18,7 @@ from nearlift.loop.foresight import DRAWS, Foresight
 from nearlift.loop.handle import LIMIT_POWER, Handle, handles
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.within_trial import power as heating_power
+from nearlift.observed import Trials, boundaries
 from nearlift.planning.forecast import Forecast, of_trials
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.explanation import (
@@ -36,7 +37,6 @@ from nearlift.results.explanation import (
     Signature,
     UnnoticedShift,
 )
-from nearlift.trials import Trials, boundaries
 
 
 def explain(

@@ -19,10 +19,10 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.foresight import Foresight
 from nearlift.loop.rehearsal import planned
 from nearlift.loop.search_problem import SearchProblem
+from nearlift.observed import Trials, choice, observe, search_options
 from nearlift.results import Noise
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.outlook import UntestableEffect
-from nearlift.trials import Trials, choice, observe, search_options
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

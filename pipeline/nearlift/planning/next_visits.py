@@ -21,6 +21,7 @@ from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.separation import APART
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
+from nearlift.observed import Trials, boundaries, choice
 from nearlift.planning.forecast import Forecast, of_trials
 from nearlift.planning.question import Question
 from nearlift.planning.rows import Traverse, traverse
@@ -30,7 +31,6 @@ from nearlift.results.next_visits import NextVisit, NextVisits
 from nearlift.results.outlook import NextSession
 from nearlift.results.quotation import Results
 from nearlift.rounding import plain
-from nearlift.trials import Trials, boundaries, choice
 
 COUNT = 10
 #: Fall of chi2 below which an effect is assumed at its plausible size.

@@ -14,11 +14,11 @@ from nearlift.campaign.forecasts import Planned
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import ManifestError, UsageError
+from nearlift.observed import Trials
 from nearlift.results import Noise
 from nearlift.schedule import Schedule
 from nearlift.synthetic.records import GRAVITY
 from nearlift.synthetic.trial_schedule import TrialSchedule, balanced, from_both_sides, randomised
-from nearlift.trials import Trials
 
 #: Scatter of a small rig in good order, where neither `[design]` nor an earlier campaign gives it.
 ASSUMED = Noise(

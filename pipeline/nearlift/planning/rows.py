@@ -16,12 +16,12 @@ import numpy as np
 from nearlift import units
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
+from nearlift.observed import Trials
 from nearlift.planning.plans import OVERSHOOT_RADII
 from nearlift.results import Observations
 from nearlift.results.next_visits import NextVisits
 from nearlift.schedule import BY_NAME, csv_text
 from nearlift.synthetic.trial_schedule import TrialSchedule
-from nearlift.trials import Trials
 
 #: Units of a schedule's columns where the manifest gives none.
 USUAL = {"distance": "mm", "throttle": "percent", "start": "s", "supply": "V"}

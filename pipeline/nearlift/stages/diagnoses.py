@@ -14,6 +14,7 @@ from nearlift.fit.base_result import base_result, shape_doubts
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
+from nearlift.observed import boundaries, choice, interim_look, observe, search_options
 from nearlift.report import words
 from nearlift.results.diagnosis import (
     BoundaryDiagnosis,
@@ -24,7 +25,6 @@ from nearlift.results.fit import FitResults
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run.engine import Say, subprogress
 from nearlift.run.tables import Table
-from nearlift.trials import boundaries, choice, interim_look, observe, search_options
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from nearlift.observed import boundaries, observe
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.document import Json
 from nearlift.run import tables
@@ -14,7 +15,6 @@ from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.trial_table import trial_table
-from nearlift.trials import boundaries, observe
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign

@@ -9,10 +9,10 @@ from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.likelihood.level_curve import at_shown
 from nearlift.nomenclature import CARRIED
+from nearlift.observed import boundaries, observe
 from nearlift.reduction import cells, plausibility
 from nearlift.results import Observations
 from nearlift.run.tables import Table
-from nearlift.trials import boundaries, observe
 
 #: With more cells than this no covariance is written: a column of numbers for every cell, it grows
 #: with their square (34 MB here).

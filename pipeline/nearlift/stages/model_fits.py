@@ -20,13 +20,13 @@ from nearlift.fit.summary import summary
 from nearlift.likelihood import budget
 from nearlift.likelihood.noise import REPEATS
 from nearlift.likelihood.problem import height_slope
+from nearlift.observed import boundaries, choice, observe
 from nearlift.results.fit import FitResults, ModelComparison, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
 from nearlift.run.engine import Say, subprogress
 from nearlift.run.tables import Table
 from nearlift.stages import screening
 from nearlift.stages.posteriors import Posteriors
-from nearlift.trials import boundaries, choice, observe
 
 #: A chi² that would be exceeded in all but so small a share of campaigns says that the declared
 #: errors are not there.

@@ -17,13 +17,13 @@ from nearlift.declare import Boundary
 from nearlift.errors import NotConverged
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
+from nearlift.observed import boundaries, choice, observe
 from nearlift.reduction.quality import CODES, rejected
 from nearlift.report.trial_table import Exclusions, Refit, TrialCounts, TrialRow, TrialTable
 from nearlift.results.fit import FitResults
 from nearlift.run.engine import Job
 from nearlift.run.tables import Table
 from nearlift.stages.ingest import TRIALS
-from nearlift.trials import boundaries, choice, observe
 
 #: Excluded trials of one boundary that are put back one at a time.
 ONE_BY_ONE = 40
