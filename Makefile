@@ -13,10 +13,13 @@ RUN_SIZE  := 59 packages, 710 MB,
 DEV_SIZE  := some 110 packages, 1300 MB,
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
-.PHONY: demo test lint check mutate bench calibrate docs clean
+.PHONY: demo measured test lint check mutate bench calibrate docs clean
 
 demo: $(READY)            ## the main job on the embedded, simulated campaign; ends with the path of the report
 	$(BIN)/nearlift demo
+
+measured: $(READY)        ## fetch the public campaigns by digest, run the loop on each, and write docs/measured.md
+	$(BIN)/python -m measured
 
 test: $(TOOLS)            ## all tests but the slow calibration
 	$(BIN)/pytest -n auto

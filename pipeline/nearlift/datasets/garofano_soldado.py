@@ -27,7 +27,8 @@ FACING = {None: "coplanar", "_beta": "back_to_back", "_minbeta": "face_to_face"}
 
 
 def convert(files: dict[str, Path], folder: Path, name: str) -> None:
-    """Write the campaign, once the numbers are known to be those that were published.
+    """Write the campaign, once the numbers are known to be those that were published; a name that
+    ends with ``-axes`` wants the force along the rotors' axes.
 
     Raises
     ------
@@ -45,7 +46,9 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
     (folder / "published").mkdir()
     rows = folder / "published" / "thrust_vs_height.csv"
     rows.write_text(text, encoding="utf-8")
-    garofano_soldado_table.convert(rows, folder / "campaign", name=name)
+    garofano_soldado_table.convert(
+        rows, folder / "campaign", along_axes=name.endswith("-axes"), name=name
+    )
     for made in (folder / "campaign").iterdir():
         made.rename(folder / made.name)
     (folder / "campaign").rmdir()

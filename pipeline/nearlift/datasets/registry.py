@@ -19,7 +19,7 @@ OWN = Path(__file__).with_name("registry.toml")
 #: What the list says of a file whose digest nobody has worked out.
 UNKNOWN = "unknown"
 #: Modules of this package that make a campaign of files.
-CONVERTERS = ("crazyflie_stand", "garofano_soldado", "pitt_ras")
+CONVERTERS = ("crazyflie_stand", "garofano_soldado", "jirs", "pitt_ras", "pitt_ras_older")
 
 
 class PublicFile(Section):

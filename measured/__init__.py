@@ -1,0 +1,1 @@
+"""Measured campaigns through the loop: `make measured`, or ``python -m measured``."""

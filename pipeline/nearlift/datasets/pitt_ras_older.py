@@ -1,0 +1,82 @@
+"""Pitt-RAS 2017: six older sweeps, typed into the script that fitted them, as a campaign of means.
+
+Rows of the script are (force, pulse width in us, supply in V, distance in m). No throttle repeats
+between sweeps, so L_inf is a curve of throttle and supply.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from nearlift.datasets.pitt_ras import LEAST_THROTTLE
+from nearlift.errors import InputRefused
+
+ROW = re.compile(r"^\s*\(\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*\)", re.M)
+#: Where a sweep begins; a sweep that the authors commented out is left out.
+SWEEP = re.compile(r"^\s*np\.array\(\(", re.M)
+#: Pulse widths of zero and full throttle, us.
+ZERO_US, FULL_US = 1000.0, 2100.0
+MANIFEST = """\
+# Measured. Pitt-RAS IARC-7 thrust stand, 2017: one rotor on a load cell. See SOURCE.txt.
+schema = "nearlift.campaign/1"
+name   = "{name}"
+note   = "Propeller and unit of force are not recorded: 12x6 and gram-force are assumed. A ratio of lifts depends on neither, z over the radius does."
+
+[vehicle]
+name         = "one rotor, propeller not recorded"
+rotors       = 1
+rotor_radius = "152.4 mm"
+mass         = "1 kg"                # not recorded; nothing here depends on it
+
+[rig]
+held            = "throttle"
+distance_datum  = "rotor plane"
+distance_offset = "0 mm"
+gravity         = "9.80665 m/s^2"
+
+[records]
+reader = "means"
+
+[levels]
+by = "curve"                         # no throttle repeats
+of = ["throttle", "supply"]
+
+[trials.units]
+distance = "m"
+throttle = "fraction"
+lift     = "gf"
+supply   = "V"
+[trials.constants]
+boundary = "ground"
+
+[[uncertainty]]
+name  = "rotor radius"
+on    = "rotor_radius"
+value = "20 percent"
+scope = "campaign"
+"""
+#: Sweep, force, pulse width, supply, distance, as the script has them.
+Point = tuple[int, str, str, str, str]
+
+
+def convert(files: dict[str, Path], folder: Path, name: str) -> None:
+    """Write the campaign; a sweep is a session. `InputRefused` where the script has no sweep."""
+    (script,) = files.values()
+    text = script.read_text(encoding="utf-8", errors="replace")
+    parts = SWEEP.split(text)[1:]
+    found = [(k, *row) for k, part in enumerate(parts, 1) for row in ROW.findall(part)]
+    if not found:
+        raise InputRefused(str(script), "has no sweeps np.array((...))", "it is another file")
+    write(found, folder, name)
+
+
+def write(points: list[Point], folder: Path, name: str) -> None:
+    """Write these points as a campaign; low throttle is left out."""
+    lines = ["trial,distance,throttle,lift,supply,session"]
+    for i, (sweep, force, pulse, supply, distance) in enumerate(points):
+        throttle = (float(pulse) - ZERO_US) / (FULL_US - ZERO_US)
+        if throttle > LEAST_THROTTLE and float(force) > 0:
+            lines.append(f"s{sweep}-{i:02d},{distance},{throttle:g},{force},{supply},{sweep}")
+    (folder / "campaign.toml").write_text(MANIFEST.format(name=name), encoding="utf-8")
+    (folder / "trials.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
