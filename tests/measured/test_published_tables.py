@@ -37,7 +37,7 @@ def diagnosed(folder: Path, boundary: Any, inches: int) -> LoopDiagnosis:
 def on_the_page(boundary: str, inches: int) -> str:
     """The verdict that docs/measured.md gives the table."""
     page = Path(__file__).parents[2] / "docs" / "measured.md"
-    [line] = [
+    line, *_ = [
         x for x in page.read_text().splitlines() if x.startswith(f"| jirs2024-{boundary}-{inches}-")
     ]
     return line.split("**")[1]
