@@ -21,9 +21,8 @@ from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
 from nearlift.results import Observations
 from nearlift.run import tables
-from nearlift.stages.choices import choice
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.observe import boundaries, observe
+from nearlift.trials import boundaries, choice, observe
 
 #: Of more trials, only the most influential is left out; of more visits, all of one distance.
 MOST = 24
