@@ -19,10 +19,10 @@ from nearlift.loop import coefficients, confirmation
 from nearlift.loop.diagnose import decide, set_up
 from nearlift.loop.findings import named_effects
 from nearlift.loop.search_problem import Options
+from nearlift.observed import boundaries, choice, observe
 from nearlift.results import Observations
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
-from nearlift.trials import boundaries, choice, observe
 
 #: Of more trials, only the most influential is left out; of more visits, all of one distance.
 MOST = 24
