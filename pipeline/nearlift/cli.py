@@ -556,7 +556,8 @@ def next_visits(
     stop, and their cost. Stages ingest and, for identified effects, diagnose must have run. Nothing
     is written.
     """
-    from nearlift.report.visits import text
+    from nearlift.report import visits
+    from nearlift.results.document import as_json
     from nearlift.stages import forecasts
 
     asked = Question.parsed(question, until, rounds)
@@ -565,10 +566,10 @@ def next_visits(
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):
         batches, elsewhere = forecasts.next_visits(job, asked, count)
         rows = forecasts.next_rows(job, batches) if as_csv else ""
-    boundaries = {batch.boundary: batch.content for batch in batches}
+    boundaries = {b.boundary: as_json(b) | {"text": visits.lines(b)} for b in batches}
     call.answer(
         {"campaign": job.campaign.name, "boundaries": boundaries, "notes": elsewhere},
-        rows or "\n\n".join([*map(text, batches), *elsewhere]),
+        rows or "\n\n".join([*map(visits.text, batches), *elsewhere]),
     )
 
 

@@ -81,7 +81,7 @@ def _await_end(sentinel: int) -> None:
 def code_folder() -> Path | None:
     """Folder of compiled code: ``nearlift/code`` in the user's cache (XDG_CACHE_HOME), mode 0700.
 
-    None if another user could write there: the folder is a link, another user's, or of another
+    None if another user could write there. The folder is then a link, another user's, or of another
     mode; or one above it is another user's, or everybody's without the sticky bit. None also where
     it cannot be made.
     """

@@ -337,7 +337,7 @@ def execute_many(
     overrides: Mapping[str, object] | None = None,
 ) -> NoReturn:
     """Run several campaigns, going on after a refusal; exit with the most serious code."""
-    from nearlift.run.workers import gravest, run_campaigns
+    from nearlift.run.workers import most_serious, run_campaigns
     from nearlift.stages import looks
 
     ends = []
@@ -352,4 +352,4 @@ def execute_many(
             )
     if call.as_json:
         say(json.dumps({"campaigns": [asdict(one) for one in ends]}))
-    sys.exit(gravest(ends))
+    sys.exit(most_serious(ends))

@@ -153,7 +153,7 @@ def test_campaigns_end_as_each_alone_would(tmp_path, executor):
     assert ends[0].words == "seen"
     assert ends[0].ran == ("ingest",)
     assert ends[1].words.startswith("exit code 4: ")
-    assert workers.gravest(ends) == 4
+    assert workers.most_serious(ends) == 4
     (again,) = run_campaigns([one], tmp_path / "out", FIRST, "serial", 0, verdict)
     assert again.words == "seen; up to date"
     (forced,) = run_campaigns([one], tmp_path / "out", FIRST, "serial", 0, verdict, "ingest")

@@ -10,6 +10,7 @@ from nearlift import schedule as schedules
 from nearlift.errors import InputRefused, UsageError
 from nearlift.planning.question import ROUNDS, Question
 from nearlift.planning.rows import Traverse
+from nearlift.report import visits
 from nearlift.results.next_visits import NextVisits
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.forecasts import next_rows, next_visits
@@ -35,15 +36,14 @@ def test_the_words_say_where_to_stop_and_what_is_given_up():
         sees_evenly=0.9,
         visits=(),
     )
-    assert told.stop == (
+    assert visits.stop(told) == (
         "u(K_b) = 0.05 after about 40 more trials; 120 at all stations equally often"
     )
-    assert told.lines[-1].endswith("is found with 31 % probability instead of 90 %")
+    assert visits.lines(told)[-1].endswith("is found with 31 % probability instead of 90 %")
     never = dataclasses.replace(told, visits_wanted=None, best=0.06)
-    assert never.stop.startswith("u(K_b) = 0.05: out of reach of these stations")
-    assert (
-        "reached; for structure in distance go on"
-        in dataclasses.replace(told, visits_wanted=0).stop
+    assert visits.stop(never).startswith("u(K_b) = 0.05: out of reach of these stations")
+    assert "reached; for structure in distance go on" in visits.stop(
+        dataclasses.replace(told, visits_wanted=0)
     )
 
 

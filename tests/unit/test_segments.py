@@ -57,7 +57,7 @@ def test_a_sweep_becomes_trials(root: Path, tmp_path: Path) -> None:
     np.testing.assert_allclose(trials["sd_record supply"], 0.01, rtol=0.3)
     [note] = [n for n in outcome.notes if "cut into" in n]
     assert note == (
-        "3 records cut into 9 trials; 22.2 % of the samples are settling, 5.56 % stand in 3 pieces"
+        "3 records cut into 9 trials; 22.2 % of the samples are settling, 5.56 % are in 3 pieces"
         " that are too short, 3 pieces are at rest"
     )
 

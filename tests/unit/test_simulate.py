@@ -327,7 +327,7 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(remake, monk
         "ratio",
         lambda self, member=-1, **changes: lambda z: 1 + 20 * np.exp(-8 * (z - 0.52)) + 0.01 / z**2,
     )
-    monkeypatch.setattr(simulate, "fitted_lift", lambda *args: wall)
+    monkeypatch.setattr("nearlift.stages.simulated_flights.fitted_lift", lambda *args: wall)
     simulate.run(job)
     ground = job.read_json(SAFETY)["fitted"]["ground"]
     (level,) = ground["levels"]

@@ -168,7 +168,7 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     if few(data, answer.stage.base):
         return each_of(data.visit, data)
     influential = influential_trials(answer, quoted, data.visit)
-    hinge = quoted.hinge
+    hinge = quoted.most_influential
     if hinge and hinge[0] == "visit" and hinge[1].id not in [one.id for one in influential]:
         return (hinge[1], *influential)
     return influential

@@ -1,3 +1,4 @@
-"""Forecasts of a campaign: what a plan can show, which visits to make next, and what is known of
-one effect. All of them ask `loop.foresight`; nothing here opens a file.
+"""Forecasts of a campaign: detectable effects of a plan, next visits, and the account of an effect.
+
+They share `forecast`. Nothing here opens a file.
 """

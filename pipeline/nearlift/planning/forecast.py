@@ -27,8 +27,8 @@ from nearlift.results.outlook import UntestableEffect
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Forecast:
-    """Foresight of trials at one boundary, the effects that could act, and those that cannot be
-    tested with what to log.
+    """Power of trials at one boundary, the effects that could act, and those that cannot be tested
+    with what to log.
     """
 
     foresight: Foresight

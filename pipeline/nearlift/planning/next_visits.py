@@ -282,7 +282,7 @@ def _points(
         raise InputRefused(
             f"next visits at the {problem.data.boundary}",
             f"{effect.name} is absorbed by the coefficients and L_inf",
-            "another measurement is wanted, not more visits",
+            "make another measurement; more visits do not help",
         )
     handle = handles(effect)[0]
     vector = Foresight(stage=problem).vector(handle, min(handle.plausible, handle.largest))

@@ -145,7 +145,7 @@ class Traverse:
         """Side and detour of each visit, from the station `last` on.
 
         The side is +1 where the last move leads away from the boundary. It is the one from which
-        the station was visited less often, at random where both are even; the nearest and the
+        the station was visited less often, at random where both are even. The nearest and the
         farthest station have one side only. The detour is where to drive to first, or None.
         """
         balance = defaultdict(float, self.balance)

@@ -273,9 +273,9 @@ def influence(quoted: BoundaryResult) -> str:
 
 def dependence(quoted: BoundaryResult) -> str:
     """The single visit or trial that verdict or headline depend on; empty where there is none."""
-    if quoted.hinge is None:
+    if quoted.most_influential is None:
         return ""
-    kind, moved = quoted.hinge
+    kind, moved = quoted.most_influential
     headline = quoted.coefficients[quoted.headline]
     trial = headline.influence.trial
     turns = {}
@@ -340,7 +340,7 @@ def _reservations(evidence: Evidence, boundary: Boundary) -> list[str]:
     diagnosis, quoted = evidence.diagnosed(boundary), evidence.quoted(boundary)
     depends = dependence(quoted)
     said = [depends] if depends else []
-    hinge = quoted.hinge
+    hinge = quoted.most_influential
     suspects = [
         s
         for s in evidence.fits.influence[boundary].suspects
@@ -489,7 +489,11 @@ def _next(evidence: Evidence, boundary: Boundary, quoted: BoundaryResult) -> str
     state what is not stated, or to lower the largest source; and what to log.
     """
     diagnosis = evidence.diagnosed(boundary)
-    visit = quoted.hinge[1] if quoted.hinge and quoted.hinge[0] == "visit" else None
+    visit = (
+        quoted.most_influential[1]
+        if quoted.most_influential and quoted.most_influential[0] == "visit"
+        else None
+    )
     if diagnosis and diagnosis.next_experiment:
         # the visit that the answer depends on comes first
         ranked = sorted(

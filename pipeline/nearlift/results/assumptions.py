@@ -28,8 +28,8 @@ class CollapseTest:
     """An F test: what the freedom of `dof[0]` more unknowns gains, over noise known with `dof[1]`
     degrees of freedom.
 
-    A gain so small that noise would hardly ever leave it is no confirmation (`quiet`): the noise
-    was then put too large for what is tested, or in another shape than trials have it.
+    A gain smaller than noise would leave is no confirmation (`quiet`): the noise was then assumed
+    too large, or of another shape.
     """
 
     statistic: Annotated[Real, Field(alias="F")]
@@ -132,8 +132,8 @@ class SpeedLaw:
 class RotorTrend:
     """C_L per throttle: one constant, and a power law of speed.
 
-    `exponent` and `p_trend` are None for one throttle; `excess` is what the scatter about the law
-    has widened its interval by; `paper` the constant that the paper takes.
+    `exponent` and `p_trend` are None for one throttle. `excess` is the factor by which scatter
+    about the law widened its interval, `paper` the constant of the paper.
     """
 
     speed_from: str

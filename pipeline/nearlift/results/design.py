@@ -35,7 +35,7 @@ class ExpectedNoise:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ChangeOption:
     """Gain of a change to the plan for one pair: the `evidence` that its trials add, and how many
-    of them part the two; 0 where none are needed, and then no evidence is per trial.
+    trials distinguish the two. Without trials there is no evidence per trial.
     """
 
     change: str
@@ -47,8 +47,8 @@ class ChangeOption:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ConfoundedPair:
-    """An effect of one `size` of its parameter and a rival, their evidence by the plan as it is,
-    the changes that part them, the cheapest first, and what to log.
+    """An effect of one `size` and a rival: their evidence by the plan, the changes that distinguish
+    them, cheapest first, and what to log.
     """
 
     pair: tuple[str, str]

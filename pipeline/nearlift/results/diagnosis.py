@@ -180,8 +180,8 @@ class Station:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CoefficientLimit:
-    """Why a coefficient cannot be known from these trials: it depends on one visit, or levels of
-    their own absorb it; `share` of what is known of it.
+    """Reason for which a coefficient is not identifiable: it depends on one visit, or free levels
+    absorb it. `share` is that of its information.
     """
 
     coefficient: str

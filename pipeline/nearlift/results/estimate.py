@@ -22,8 +22,8 @@ class Interval:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate(Interval):
-    """A number in `unit` with its standard uncertainty and 90 % interval; of a parameter of a model
-    also whether it is at the end of its range.
+    """A number in `unit` with its standard uncertainty and 90 % interval. Parameters of a model
+    have `at_bound`: whether it is at the end of its range.
     """
 
     u: Unbounded
@@ -62,12 +62,11 @@ class Noise:
     dof : float
         Degrees of freedom behind them.
     sizes, log_covariance : tuple
-        The names of what was estimated (`drift0` and so on for the drifts), and the covariance of
-        the logarithms of their sizes: how well the noise itself is known. Empty where it was
-        declared.
+        Names of the estimated components (`drift0` and so on for the drifts), and the covariance
+        of the logarithms of their sizes. Empty where the noise was declared.
     modes : tuple
         Logarithms of the sizes at each mode of their posterior, force as a fraction of the median
-        lift: where the search among nearly the same trials begins.
+        lift. A search among nearly the same trials begins there.
     """
 
     relative: Real

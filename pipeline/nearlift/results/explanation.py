@@ -31,8 +31,9 @@ class WithinTrialPower:
 class Power:
     """Power curves over size (distance from the null, in the parameter's unit); arrays (m,).
 
-    Probabilities that the test for structure is significant (`seen`), and that the effect then is
-    the name or a rival (`within`), the name (`first`), or the name without a rival (`alone`). All
+    `seen` is the probability that the test for structure is significant. The others are those that
+    the effect then is identified or a rival (`within`), identified (`first`), or identified without
+    a rival (`alone`). All
     before the confirmation on held-out visits.
     """
 

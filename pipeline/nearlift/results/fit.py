@@ -158,8 +158,8 @@ class HeightTreatment:
     ratio : float
         Second order over first order in that coefficient.
     shift : float
-        Second order in that coefficient over its standard uncertainty: the criterion;
-        inf where an error of this size reaches a height at which the model has no value.
+        Second order in that coefficient over its standard uncertainty: the criterion. It is inf
+        where the error reaches a height without a value of the model.
     treatment : str
         ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"``
         (prediction averaged over the errors).
@@ -182,8 +182,8 @@ class ModelFit:
     title : str
         What a legend says.
     L_inf_N : mapping of float to Estimate
-        Lift far from every boundary, N, per throttle (a fraction); of a curve, at some throttles,
-        what else it is of at its median.
+        Lift far from every boundary, N, per throttle (a fraction). Of a curve, at some throttles,
+        its other arguments at their medians.
     levels : LevelFit or None
         The curve of L_inf, where ``[levels]`` asks for one.
     chi2, dof : float
@@ -302,8 +302,8 @@ class ModelScore:
     both predict.
 
     `elpd` is the sum of log predictive densities, `d_elpd` its excess over the reference's,
-    `u_d_elpd` the standard error of that by visits; `rmse` in log lift, `d_rmse` and `u_d_rmse`
-    likewise (jackknife over visits). `skipped` visits are those that the others say nothing about.
+    `u_d_elpd` the standard error of that by visits. `rmse` is in log lift; `d_rmse` and `u_d_rmse`
+    are by a jackknife over visits. `skipped` visits are those that the others say nothing about.
     """
 
     visits: int

@@ -86,8 +86,8 @@ class LevelFit:
     held_out: Mapping[int, Real]
 
     def lift_inf_N(self, **values: float) -> tuple[float, float]:
-        """L_inf in N and its standard uncertainty at a throttle (a fraction), what else the curve
-        is of at its median where it is not given.
+        """L_inf, N, and its standard uncertainty at a throttle (a fraction); other arguments of the
+        curve are at their medians unless given.
 
         Raises
         ------

@@ -53,8 +53,8 @@ class PosteriorParameter(DrawnEstimate):
     Attributes
     ----------
     ess, ess_tail, r_hat, tau : float
-        Effective draws in bulk and at the ends of the 90 % interval, agreement of chains, and steps
-        from one independent draw to the next. nan where they do not apply.
+        Effective draws in bulk and at the ends of the 90 % interval, R-hat, and autocorrelation
+        time in steps. nan where they do not apply.
     width_ratio : float
         Of the 90 % intervals after and before.
     at_low, at_high : float

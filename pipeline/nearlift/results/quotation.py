@@ -4,10 +4,10 @@ what conditions it would be another.
 Written by `diagnose`, and by `fit` alone until the residuals have been diagnosed. Whatever prints a
 coefficient of a campaign prints it from here. The rule of quotation, by verdict:
 
-- ``adequate``: the base fit at the loop's noise;
-- ``effect``: over the named effects and their rivals, their form uncertain;
-- ``unexplained``: the base fit, with what has no name carried as a random discrepancy;
-- ``not_diagnosed``: the base fit at the scatter of repeats.
+:adequate: The base fit at the loop's noise.
+:effect: Over the named effects and their rivals, their form uncertain.
+:unexplained: The base fit, with structure that has no name as a random discrepancy.
+:not_diagnosed: The base fit at the scatter of repeats.
 
 Numbers are in each coefficient's own unit. A coefficient's interval ends where its declared range
 ends: the truth is not beyond, so cutting loses no coverage. null in the file is infinity: endless
@@ -245,9 +245,9 @@ class BoundaryResult:
     """The result to quote of one boundary; this design cannot distinguish the `rivals` from the
     identified `effects`, whose `sizes` are given.
 
-    `wanted` is what a diagnosis would take where there is none. `rests_on` is set where leaving a
-    single trial out changes the verdict, or moves the headline by more than its standard
-    uncertainty; `rests_on_visit` where leaving a single visit out changes the verdict.
+    `wanted` is what a diagnosis would take where there is none. `rests_on` is a single trial
+    without which the verdict changes, or the headline moves by more than its standard uncertainty.
+    `rests_on_visit` is a single visit without which the verdict changes.
     """
 
     verdict: Verdict
@@ -285,7 +285,7 @@ class BoundaryResult:
         return f"{letter(name)} = {c.estimate}{ends}"
 
     @property
-    def hinge(self) -> tuple[Literal["visit", "trial"], Shift] | None:
+    def most_influential(self) -> tuple[Literal["visit", "trial"], Shift] | None:
         """The single visit or trial that the answer depends on, whichever moves it more; None where
         it depends on none.
         """

@@ -1,10 +1,11 @@
 """A run: which stages are stale, and how what they write gets to the disk.
 
-A stage is a function of a `Job`. It is stale when a digest of what it reads (its sections of the
-manifest, raw files, earlier products, seed, code) is not the one in provenance.json, or when a
-product is not what it wrote. A stage's files are kept in memory until it is done; then its record
-leaves provenance.json, its files take their places, and its record is written last. A run that was
-killed leaves a stage that is stale, never half believed.
+A stage is a function of a `Job`. It is stale when a digest of its inputs is not the one in
+provenance.json, or a product is not what it wrote. Inputs are sections of the manifest, raw files,
+earlier products, seed and code.
+
+A stage's files are kept in memory until it is done. Then its record leaves provenance.json, its
+files take their places, and its record is written last. A killed run leaves a stage that is stale.
 """
 
 from __future__ import annotations
@@ -240,8 +241,8 @@ class Job:
     overrides : mapping of str to object
         Values that the command line put in place of the manifest's, by option.
     pending : dict of str to (bytes or None), or None
-        Files of the stage that runs, None for one to be removed; None outside stages, where each
-        file is written at once.
+        Files of the stage that runs, None for one to be removed. Outside stages it is None, and
+        each file is written at once.
     """
 
     root: Path

@@ -1,5 +1,6 @@
-"""Products on disk: tables as Parquet with units and meanings, results as JSON; each file written
-whole or not at all, and read back only if it is what was written.
+"""Products on disk: tables as Parquet with units and meanings, results as JSON.
+
+Each file is written whole or not at all, and read back only if it is what was written.
 """
 
 from __future__ import annotations

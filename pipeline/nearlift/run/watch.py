@@ -69,7 +69,8 @@ def watch(
     say: Say = silent,
 ) -> Iterator[Round]:
     """Rounds without end; one is yielded whenever something was run or refused, or need not wait
-    any longer. `look` makes a round of a campaign that is up to date, told whether anything ran.
+    any longer. `look` makes a round of a campaign that is up to date, and gets whether
+    anything ran.
 
     Raises
     ------

@@ -1,5 +1,5 @@
-"""Where work runs: threads or processes share one campaign's trials; processes and a dask cluster
-take whole campaigns.
+"""Executors: threads or processes share one campaign's trials; processes and a dask cluster take
+whole campaigns.
 
 A task is a top-level function of plain values, so that a process can run it. Results come in the
 order of the tasks, whatever the executor and the number of workers.
@@ -289,7 +289,7 @@ def _require_names(roots: Sequence[Path]) -> None:
         seen[name] = root
 
 
-def gravest(ends: Sequence[End]) -> int:
+def most_serious(ends: Sequence[End]) -> int:
     """The exit code of all campaigns."""
     return max(
         (end.exit_code for end in ends),
@@ -393,7 +393,8 @@ def _client(address: str) -> Iterator[Any]:
             "start one (dask scheduler) and give the address that it prints: dask:tcp://HOST:8786",
         ) from None
     # a cluster that dies is reported once, here, and not by each of the library's loggers
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    for name in [n for n in logging.root.manager.loggerDict if n.startswith("distributed")]:
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     try:
         yield client
     finally:

@@ -31,12 +31,12 @@ DETECTION = Product(
         real(
             "range_z_hat",
             "1",
-            "farthest distance at which lift changes so much; nan: nowhere that was measured",
+            "farthest distance at which lift changes so much; nan: at no measured distance",
         ),
         real(
             "lo90",
             "1",
-            "lower end of its 90 % interval over the model's uncertainty; 0: perhaps nowhere",
+            "lower end of its 90 % interval over the model's uncertainty; 0: perhaps at none",
         ),
         real("hi90", "1", "upper end"),
         real("range_m", "m", "the same distance"),

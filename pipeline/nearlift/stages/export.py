@@ -59,7 +59,7 @@ write_python = _source("lift_model.py", python_module.module)
 
 
 def write_json(job: Job) -> str:
-    """lift_model.json, and its schema beside it."""
+    """lift_model.json with its schema."""
     _save(job, "lift_model.schema.json", json.dumps(json_document.SCHEMA, indent=1) + "\n")
     content = as_json(json_document.document(model_export(job)))
     return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")

@@ -1,4 +1,4 @@
-"""What only the whole campaign shows of its trials: further quality codes, refusals and notes."""
+"""Checks of trials against the whole campaign: quality codes, refusals and notes."""
 
 from __future__ import annotations
 
@@ -94,7 +94,7 @@ def _mark(table: tables.Table, name: str, marked: NDArray[np.bool_]) -> None:
 
 
 def unit_of(campaign: Campaign) -> tuple[str, str]:
-    """The unit that forces were read in, and the key where it stands."""
+    """The unit that forces were read in, and its key."""
     series = campaign.records.force
     return (
         (series.unit, "records.force.unit")
@@ -104,7 +104,7 @@ def unit_of(campaign: Campaign) -> tuple[str, str]:
 
 
 def judge(table: tables.Table, campaign: Campaign) -> list[str]:
-    """What only the whole campaign shows: refusals, further codes in `table`, and notes."""
+    """Check trials against each other; adds codes to `table`, and returns notes."""
     weight = campaign.vehicle.mass * campaign.rig.gravity
     unit, key = unit_of(campaign)
     plausibility.against_weight(table, weight, unit, key)

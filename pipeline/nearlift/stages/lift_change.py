@@ -23,8 +23,8 @@ def lift_change(trials: Table, campaign: Campaign) -> tuple[Table, Table, tuple[
     """Cells of accepted trials at one (boundary, distance, throttle), the covariance of their Delta
     L (empty beyond `MOST_CELLS`), and notes.
 
-    A throttle without a lift far from the boundary has no Delta L (nan), unless ``[quality]
-    near_reference`` asks for it: its L_inf would be a lift that the boundary changes. Where L_inf
+    A throttle without a lift far from the boundary has no L_inf, and its Delta L is nan. With
+    ``[quality] near_reference`` the farthest lift serves. Where L_inf
     is a curve, lifts are moved along it to the throttles that it shows.
 
     Raises
@@ -44,7 +44,7 @@ def lift_change(trials: Table, campaign: Campaign) -> tuple[Table, Table, tuple[
         carried[boundary] = _carried(trials, data, reduced[boundary])
     if not reduced:
         remedy = (
-            "trials.parquet stands; a change of lift wants trials at some distance to a ground,"
+            "trials.parquet is written; a change of lift needs trials at some distance to a ground,"
             " ceiling or sidewall"
         )
         raise InputRefused(
@@ -96,7 +96,7 @@ def lift_change(trials: Table, campaign: Campaign) -> tuple[Table, Table, tuple[
 
 
 def _carried(trials: Table, data: Observations, reduced: cells.Cells) -> dict[str, FloatArray]:
-    """Mean and standard uncertainty, for each cell, of what was measured beside lift.
+    """Mean and standard uncertainty, for each cell, of quantities measured with lift.
 
     The uncertainty is that of the mean of the trials' own, or the scatter of the trials where that
     is larger.

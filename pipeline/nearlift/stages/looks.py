@@ -1,6 +1,4 @@
-"""What a campaign shows once its stages are up to date, in a line: for `run` of many campaigns, and
-for a campaign that is being recorded.
-"""
+"""Results of a campaign in a line, for `run` of many campaigns and for `run --watch`."""
 
 from __future__ import annotations
 
@@ -62,8 +60,10 @@ def headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
 
 def visits(asked: Question, job: Job) -> tuple[str, ...]:
     """The next visits, or why there are none to propose."""
+    from nearlift.report import visits as visits_text
+
     try:
         batches, elsewhere = next_visits(job, asked)
     except NearliftError as refusal:
         return (f"next: {refusal.what}; {refusal.remedy}",)
-    return (*(line for batch in batches for line in batch.brief), *elsewhere)
+    return (*(line for batch in batches for line in visits_text.brief(batch)), *elsewhere)

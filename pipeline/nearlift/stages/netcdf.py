@@ -1,9 +1,8 @@
 """posterior.nc: the draws as netCDF-4, laid out as ArviZ wants them.
 
-Every model of every boundary has a group, such as ``/ground/sanchez_cuevas``, with the groups
-`posterior` (each parameter by chain and draw, and L_inf by throttle) and `sample_stats` in it. The
-first boundary's base model stands in the root as well, so that a reader who names no group finds a
-posterior.
+Every model of every boundary has a group, such as ``/ground/sanchez_cuevas``. In it `posterior`
+holds each parameter by chain and draw, and L_inf by throttle; `sample_stats` the densities. The
+first boundary's base model is in the root too, for readers that name no group.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ DIAGNOSTICS = ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof")
 
 
 def write(job: Job) -> str:
-    """Write posterior.nc beside the other products; returns its path.
+    """Write posterior.nc; returns its path.
 
     Raises
     ------

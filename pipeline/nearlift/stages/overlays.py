@@ -45,7 +45,7 @@ def _inside(root: Path, overlay: Overlay) -> Path:
         raise ManifestError(
             "report.overlay.file",
             f"there is no file {overlay.file!r} in {root}",
-            "mend the name, or leave the overlay out",
+            "correct the name, or leave the overlay out",
         )
     if path.stat().st_size > MAX_BYTES:
         raise InputRefused(
@@ -98,6 +98,6 @@ def _number(text: str | None, column: str, name: str, line: int) -> float:
         raise InputRefused(
             f"{name}, line {line}",
             f"{column} = {cell!r} is not {kind} that can be drawn",
-            "mend or remove that line",
+            "correct or remove that line",
         )
     return value

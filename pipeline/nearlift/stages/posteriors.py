@@ -42,7 +42,7 @@ class Posteriors:
 
     @functools.cached_property
     def settings(self) -> Settings:
-        """What the manifest asks for."""
+        """Sampler and effective draws of the manifest."""
         asked = self.campaign.fit
         return Settings(sampler=asked.sampler, ess=asked.ess, steps=asked.steps)
 
@@ -125,8 +125,8 @@ def _moments(draws: FloatArray) -> Moments:
 
 
 def _marginal(density: Density, draws: FloatArray) -> Moments:
-    """One parameter's moments: where it is the only one by the grid that judges the draws, which
-    has no Monte Carlo error; else by the draws.
+    """Moments of one parameter: by the grid where it is the only one, else by the draws. The grid
+    has no Monte Carlo error.
     """
     if len(density.problem.names) == 1 and draws.std() > 0:
         exact = grid(density, np.array([draws.mean()]), np.array([[draws.var()]]))

@@ -47,7 +47,7 @@ def proximity(job: Job) -> tuple[list[dict[str, object]], ProximityResult, tuple
         rows += range_rows(lift, device, chosen, job.campaign.vehicle.rotor_radius)
         entry = boundaries[boundary] = boundary_proximity(lift, device, chosen)
         if entry.refused:
-            notes.append(f"{boundary}: distance is not told from lift: {entry.refused}")
+            notes.append(f"{boundary}: distance cannot be inferred from lift:  {entry.refused}")
     readings: list[HeightReading | RefusedReading] = []
     for i, reading in enumerate(chosen.reading):
         try:
@@ -99,8 +99,8 @@ def read(job: Job, reading: LiftReading, lift: FittedLift | None = None) -> Heig
 
 def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
     """The manifest's sensor; else the bench's load cell, whose records say what averaging does.
-    What it does not take away is the bench's for either, since the model and L_inf are: the scatter
-    of its trials and the uncertainty of L_inf.
+    Averaging leaves the scatter of the
+    bench's trials and the uncertainty of L_inf.
     """
     weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
     if chosen.force_noise is not None and chosen.force_bandwidth is not None:

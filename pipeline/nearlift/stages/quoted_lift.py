@@ -1,10 +1,9 @@
-"""What flies, is detected and is exported: the fitted lift of one boundary, from results.json.
+"""Fitted lift of one boundary from results.json, for flights, detection and exports.
 
-Where the loop named an effect that belongs to the vehicle (a saturated ceiling, a sagging supply),
-the model is composed with it; one that belongs to the bench (a datum, a drift) stays there, and
-only the coefficient that it corrected is taken along. Draws have the ends of the intervals that are
-quoted and their correlation. What no interval bounds is drawn from its declared prior: it is not
-known, and does not fly as if it were.
+An identified effect of the vehicle, such as supply sag, is part of the model. One of the bench,
+such as a drift, is not; only the coefficient that it corrected is used. Draws have the ends of the
+intervals that are quoted and their correlation. What no interval bounds is drawn from its declared
+prior: it is not known, and does not fly as if it were.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ from nearlift.stages.ingest import TRIALS
 def _arguments(
     model: LiftModel, campaign: Campaign, trials: Table, mine: NDArray[np.bool_]
 ) -> dict[str, Any]:
-    """What a model needs beside its parameters, the same for a whole flight; refused where the
-    trials do not tell it, or one distance is not enough.
+    """Arguments of a model that are constant over a flight; refused where trials differ in them, or
+    one distance is not enough.
     """
     known = dict.fromkeys(AT_REFERENCE, 1.0) | campaign.geometry()
     if "gap_hat" in model.needs:
         raise InputRefused(
             f"model {model.name}",
-            "lift between two boundaries is for fits: flights, detection and exports know one"
-            " distance to one boundary, and would have it fade where the ceiling begins",
+            "lift between two boundaries is for fits; flights, detection and exports have one"
+            " distance to one boundary",
             "choose another `base` for them",
         )
     for name in (n for n in model.needs if n not in known):
@@ -57,8 +56,9 @@ def _arguments(
 
 
 def quoted_levels(job: Job, boundary: Boundary) -> tuple[dict[float, tuple[float, float]], float]:
-    """L_inf and its standard uncertainty by throttle, in N, and the relative scatter of trials, by
-    the quoted model: the accepted one where the boundary was diagnosed, else the base fit.
+    """L_inf and its standard uncertainty by throttle, N, and the relative scatter of trials.
+
+    They are those of the accepted model where the boundary was diagnosed, else of the base fit.
     """
     if job.load(Results).boundaries[boundary].verdict == "not_diagnosed":
         fitted = job.load(FitResults)

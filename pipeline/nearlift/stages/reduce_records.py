@@ -30,11 +30,11 @@ from nearlift.stages.rows import Rows, Task, reduce_piece
 
 #: What a manifest says wrong if all records carry a code.
 MISDESCRIBED = {
-    "NO_DATA": "; mend tare, settle or sample_rate under [load_cell]",
-    "TOO_SHORT": "; mend tare, settle or sample_rate under [load_cell]",
+    "NO_DATA": "; correct tare, settle or sample_rate under [load_cell]",
+    "TOO_SHORT": "; correct tare, settle or sample_rate under [load_cell]",
     "TARE": "; is tare too long, or sample_rate wrong, under [load_cell]?",
     "MIXED": "; is tare too short, or sample_rate wrong, under [load_cell]?",
-    "SATURATED": "; mend range under [load_cell], or the unit under [records] force",
+    "SATURATED": "; correct range under [load_cell], or the unit under [records] force",
     "STUCK": (
         '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s",'
         " and settle for its head"
@@ -177,8 +177,8 @@ def _from_records(job: Job, reader: Reader, schedule: Schedule) -> tuple[Rows, l
 
 
 def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str]:
-    """A remark on records that sweep the throttle and are given as one trial each, with the lines
-    that would cut them; their rows become MIXED.
+    """Remark on records that sweep the throttle but are given as one trial each, with the lines
+    that would cut them. Their rows become MIXED.
     """
     if job.campaign.cuts_records or job.campaign.records.pattern.find(MARK) < 0:
         return []
@@ -206,7 +206,7 @@ def _swept(job: Job, reader: Reader, schedule: Schedule, rows: Rows) -> list[str
 
 
 def _of_the_tare(campaign: Campaign) -> list[str]:
-    """What the manifest says of the tare that asks for a remark."""
+    """Remarks on the tare that the manifest declares."""
     remarks = []
     if campaign.load_cell.tare == "none":
         remarks.append(
@@ -260,7 +260,7 @@ def _settle(job: Job, rows: Rows) -> None:
             raise InputRefused(
                 str(job.root / name),
                 "was changed while it was being read",
-                "run again when nobody writes it any more",
+                "run again when it is complete",
             )
     late = {i for name in changed for i in owners[name]}
     late |= {

@@ -67,7 +67,7 @@ def row_of(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Task:
-    """What one worker is sent: a piece of the plan, and what it needs to reduce it."""
+    """Task of one worker: a piece of the plan, and the data to reduce it."""
 
     root: Path
     campaign: Campaign
@@ -77,10 +77,9 @@ class Task:
 
 
 class Rows:
-    """The answers for n trials in run order: `columns` of trials.parquet, so that a trial's memory
-    is that of its numbers, and the codes of each.
+    """Rows of n trials in run order, as `columns` of trials.parquet, and the codes of each.
 
-    A trial without an answer is MISSING. `further` are numbers of `Reduced` beside the usual ones.
+    A trial without an answer is MISSING. `further` are additional numbers of `Reduced`.
     """
 
     def __init__(self, n: int, further: tuple[str, ...] = ()) -> None:
@@ -160,7 +159,7 @@ def reduce_piece(task: Task) -> list[Row]:
 
 
 def conditions_of(campaign: Campaign) -> Conditions:
-    """What holds for every record of a campaign."""
+    """Conditions of every record of a campaign."""
     choice = campaign.quality
     return Conditions(
         rate_Hz=campaign.load_cell.sample_rate or 1.0,
@@ -220,7 +219,7 @@ def is_of_the_record(fault: Exception) -> bool:
 
 
 def _behind(piece: Piece, done: int) -> Piece:
-    """What is left of a piece behind so many of its trials."""
+    """Rest of a piece after so many of its trials."""
     return replace(
         piece,
         trials=piece.trials[done:],

@@ -1,4 +1,4 @@
-"""What single trials and visits are worth to the base fit, in numbers and in words."""
+"""Influence of single trials and visits on the base fit, in numbers and in words."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ANOTHER_U = 0.2
 
 
 def screen(fitted: LeastSquaresFit, parts: tuple[Component, ...], trials: Table) -> Influence:
-    """Every trial or visit of one boundary that stands out or moves the headline."""
+    """Outlying or influential trials and visits of one boundary."""
     problem, data = fitted.problem, fitted.problem.data
     left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
     # trials without repeats could not be compared before there was a curve
@@ -54,7 +54,7 @@ def _said(fitted: LeastSquaresFit, influence: Influence, s: Suspect) -> str:
         else f"visit {s.id} (trials {s.trials[0]} to {s.trials[-1]}, one stop)"
     )
     if s.without is None or not fitted.names:
-        return f"{what} stands out, and without it the base model does not fit"
+        return f"{what} is an outlier, and without it the base model does not fit"
     name = fitted.names[0]
     headline = fitted.estimates[name]
     in_u = abs(s.shift) / min(headline.u, s.without.u)
@@ -79,7 +79,7 @@ def _said(fitted: LeastSquaresFit, influence: Influence, s: Suspect) -> str:
 
 
 def notes(boundary: str, entry: Influence) -> Iterable[str]:
-    """What the console says of them, with the remedy."""
+    """Notes on them for the console, with the remedy."""
     for suspect in entry.suspects:
         ids = ", ".join(f'"{t}"' for t in suspect.trials)
         yield (f"{boundary}: {suspect.text}; to leave it out, set [quality] exclude = [{ids}]")

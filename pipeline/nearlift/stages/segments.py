@@ -1,5 +1,5 @@
-"""Records of many trials to rows: each is read once, cut, reduced piece by piece, and forgotten;
-the schedule of trials is made of what the pieces bring.
+"""Records of many trials to rows: each is read once, cut, and reduced piece by piece. The pieces
+make the schedule of trials.
 """
 
 from __future__ import annotations
@@ -38,8 +38,9 @@ FURTHER = ("u_zero_N",)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CutRecord:
-    """What one worker answers for one record: a row for each of its pieces, or one for a record
-    without any; what was counted; and why the record cannot be read as the manifest asks.
+    """Answer of one worker for one record: a row for each piece, or one where there is none.
+
+    It also has the counts, and why the record cannot be read as the manifest asks.
     """
 
     record: str
@@ -186,7 +187,7 @@ def _counts(whole: Segmented) -> Counter[str]:
 
 
 def _counted(answers: list[CutRecord]) -> list[str]:
-    """What was kept and what was not, in one line."""
+    """Shares of samples that were kept and left out, in one line."""
     total: Counter[str] = sum((a.counts for a in answers), Counter())
     if not total["pieces"]:
         return []
@@ -194,5 +195,5 @@ def _counted(answers: list[CutRecord]) -> list[str]:
     records = sum(a.counts["pieces"] > 0 for a in answers)
     kept = f"{records} record{'s' * (records != 1)} cut into {total['pieces']} trials"
     settling = f"{share['settling']:.3g} % of the samples are settling"
-    short = f"{share['between']:.3g} % stand in {total['short']} pieces that are too short"
+    short = f"{share['between']:.3g} % are in {total['short']} pieces that are too short"
     return [f"{kept}; {settling}, {short}, {total['rest']} pieces are at rest"]

@@ -126,7 +126,7 @@ def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, Fitted
 
 
 def _roll(job: Job, chosen: Simulate) -> Roll | None:
-    """Roll beside a wall by this campaign's fit; None without a sidewall or four rotors."""
+    """Roll next to a wall by this campaign's fit; None without a sidewall or four rotors."""
     v = job.campaign.vehicle
     if "sidewall" not in job.read_json(FIT)["boundaries"] or v.rotors != 4 or not v.rotor_spacing:
         return None

@@ -1,8 +1,8 @@
 """Trial table of the report: every trial from its file to the figures, and the influence of each
 exclusion.
 
-The influence is found by putting excluded trials back and fitting the base model again with the
-noise of the accepted ones: all of them, those of each quality code, and the first few one by one.
+The base model is fitted again with excluded trials put back: all of them, those of each quality
+code, and the first few one by one. The noise is that of the accepted trials.
 The influence of a trial that the fit names is that of a fit without it.
 """
 
