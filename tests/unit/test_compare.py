@@ -226,13 +226,11 @@ def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
             " t.textContent).filter(t => /^[bc]\\d/.test(t))"
         )
         assert page.run(names) == ["c3", "b9", "c0", "c1"]
-        page.run("document.querySelector('input[value=value]').click()")
-        page.wait(f'JSON.stringify({names}) === \'["c0","c3","c1","b9"]\'')
         # from line to line, downwards
         page.run("document.querySelector('.drawing').focus()")
         page.press("ArrowDown")
-        assert page.wait("document.querySelector('[aria-live]').textContent").startswith("c0: ")
-        assert "c0" in page.wait("document.querySelector('#vg-tooltip-element.visible')?.innerText")
+        assert page.wait("document.querySelector('[aria-live]').textContent").startswith("c3: ")
+        assert "c3" in page.wait("document.querySelector('#vg-tooltip-element.visible')?.innerText")
         assert page.run(
             "[...document.querySelectorAll('td a, th a')].map(a => a.getAttribute('href'))"
         ) == ["../c1/index.html"]

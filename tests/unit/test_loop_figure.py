@@ -9,11 +9,8 @@ import pytest
 
 from nearlift.reduction.quality import rejected
 from nearlift.report import registry
+from nearlift.report.figures import diagnosis as loop
 from nearlift.report.figures import style
-from nearlift.report.figures.diagnosis import abscissa as against
-from nearlift.report.figures.diagnosis import caption as loop_text
-from nearlift.report.figures.diagnosis import drawing as draw_loop
-from nearlift.report.figures.diagnosis import table as loop
 from nearlift.report.figures.files import render
 from nearlift.report.registry import FIGURES
 from nearlift.results.diagnosis import BoundaryDiagnosis
@@ -195,7 +192,7 @@ def edited(make_job, change, boundaries=("ground",)):
 def drawn(table):
     look = style.Style()
     with style.context(look):
-        figure = draw_loop.draw(table, look)
+        figure = loop.draw(table, look)
         figure.draw_without_rendering()
         return figure
 
@@ -280,7 +277,7 @@ def test_no_trial_is_lost_beyond_the_axis(make_job):
     assert 300.0 in far["value"].tolist()
     reach = pick(table, kind="reach", when="before")["value"][0]
     assert reach < 100
-    assert "of which" in loop_text.caption(evidence, table)
+    assert "of which" in loop.caption(evidence, table)
     ax = panels(drawn(table))["a"]
     ticks = [
         line
@@ -458,16 +455,14 @@ def test_coefficient_intervals_are_the_products(table):
     assert (reference["value"].tolist(), reference["note"].tolist()) == ([0.125], ["theory"])
 
 
-def test_a_constrained_interval_of_many_times_the_others_runs_out_of_the_axis(make_job):
+def test_the_widest_interval_is_drawn_whole(make_job):
     def widen(found):
         found["ground"]["coefficients"]["after"]["K_b"]["constrained"] = [-40.0, 60.0]
 
     _, table = edited(make_job, widen)
     ax = panels(drawn(table))["e"]
     low, high = ax.get_xlim()
-    assert -2 < low < 1.83 < 2.11 < high < 6
-    assert "−40.0 to 60.0" in {t.get_text() for t in ax.texts}
-    assert {line.get_marker() for line in ax.lines} >= {"<", ">"}
+    assert low < -40 < 60 < high
 
 
 def test_two_coefficients_stand_side_by_side(table):
@@ -489,8 +484,8 @@ def test_after_two_effects_the_covariate_of_the_other_is_shown_too(make_job):
         "residual before",
         "residual after",
     ] * 2
-    assert "and of the other effect" in loop_text.caption(evidence, table)
-    assert "(a–d)" in loop_text.caption(evidence, table)
+    assert "and of the other effect" in loop.caption(evidence, table)
+    assert "(a–d)" in loop.caption(evidence, table)
 
 
 def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
@@ -510,7 +505,7 @@ def test_minimal_findings_are_drawn_without_what_they_lack(make_job):
     # what is quoted is known whatever the findings lack
     assert set(table["part"].tolist()) == {"verdict", "residual", "coefficient"}
     assert sorted(panels(drawn(table))) == ["a", "b", "c"]
-    assert loop_text.alt(evidence, table)
+    assert loop.alt(evidence, table)
     render(SPEC.draw, table, style.Style())
 
 
@@ -550,7 +545,7 @@ def test_every_word_of_the_findings_can_be_drawn(make_job, word):
     figure = drawn(table)
     # what was not recorded is drawn in run order
     expected = {"tilt": "run_order", "rig_$_colour": "run_order"}.get(
-        word, against.AXES.get(word, against.Axis(column=word)).column
+        word, loop.AXES.get(word, loop.Abscissa(column=word)).column
     )
     assert set(cloud["covariate"].tolist()) == {expected}
     assert figure.axes[0].get_xlabel()
@@ -558,7 +553,7 @@ def test_every_word_of_the_findings_can_be_drawn(make_job, word):
 
 def test_bins_of_time_do_not_straddle_sessions():
     session = np.repeat([0, 1, 2], [50, 30, 100])
-    label = against.label(
+    label = loop.bins_of(
         "run_order", np.arange(180.0), np.random.default_rng(0).standard_normal(180), session
     )
     assert all(len(set(session[label == k].tolist())) == 1 for k in set(label.tolist()))
@@ -603,7 +598,7 @@ def test_axes_do_not_overlap(table):
 
 
 def test_caption_and_alternative_text_agree_with_the_picture(evidence, table):
-    caption, alt = loop_text.caption(evidence, table), loop_text.alt(evidence, table)
+    caption, alt = loop.caption(evidence, table), loop.alt(evidence, table)
     assert "Relative residuals (a, b, f, i)" in caption
     assert "Candidates (c, j)" in caption
     assert (
@@ -634,5 +629,5 @@ def test_a_real_diagnosis_can_be_drawn(make_job):
     table = loop.summarise(evidence)
     assert (table["part"] == "residual").any()
     assert (table["part"] == "error").any()
-    assert loop_text.caption(evidence, table)
+    assert loop.caption(evidence, table)
     render(SPEC.draw, table, style.Style())

@@ -15,9 +15,7 @@ import pytest
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.report import curves, relative_lift
-from nearlift.report.figures.fig2 import caption as fig2_words
-from nearlift.report.figures.fig2 import table as fig2
-from nearlift.report.figures.residuals import table as residuals
+from nearlift.report.figures import fig2, residuals
 from nearlift.report.tables import csv as to_csv
 from nearlift.results.quotation import LargestShifts, Shift
 from nearlift.rounding import decimals, plus_minus, siunitx
@@ -136,7 +134,7 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     # sixty trials a throttle, and the coefficient's slope beside the level
     assert noise / np.sqrt(60) < over.u_L_inf < 3 * noise / np.sqrt(60)
     assert relative_lift.named(made, "ground") == effects
-    assert ("are corrected for" in fig2_words._fit_note(made, "ground")) == bool(effects)
+    assert ("are corrected for" in fig2._fit_note(made, "ground")) == bool(effects)
 
 
 def test_theory_curves_take_the_published_values(table):
@@ -147,6 +145,12 @@ def test_theory_curves_take_the_published_values(table):
     line = rows(table, panel="ceiling", label="H-C (theory)")
     np.testing.assert_allclose(
         line["delta_L_percent"], 50 * (np.sqrt(1 + 1 / (8 * line["z_hat"] ** 2)) - 1)
+    )
+    own = rows(table, panel="ground", label="S-C, K_b = 2")
+    geometry = {"spacing_hat": 65 / 23, "diagonal_hat": np.sqrt(2) * 65 / 23}
+    np.testing.assert_allclose(
+        own["delta_L_percent"],
+        100 * (catalogue.model("sanchez_cuevas")(own["z_hat"], K_b=2.0, **geometry) - 1),
     )
     line = rows(table, panel="ground", label="S-C (PQuad)")
     model = catalogue.model("sanchez_cuevas")
@@ -173,10 +177,9 @@ def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
         shifted["delta_L_percent"], 100 * (model(stood, **arguments) - 1), rtol=2e-3
     )
     assert shifted["delta_L_percent"][0] < 0.95 * plain["delta_L_percent"][0]
-    assert "0.2 mm farther than recorded" in fig2_words.caption(moved, again)
+    assert "0.2 mm farther than recorded" in fig2.caption(moved, again)
     assert (
-        "than recorded"
-        not in fig2_words.caption(still, again).split("Sidewall:")[0].split("Ceiling:")[1]
+        "than recorded" not in fig2.caption(still, again).split("Sidewall:")[0].split("Ceiling:")[1]
     )
 
 
@@ -231,7 +234,7 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
         {"S-C, fitted"},
         {"S-C, least squares"},
     )
-    text = fig2_words.caption(moved, table)
+    text = fig2.caption(moved, table)
     assert "Thin line (ground): least squares, which differs visibly." in text
     own = moved.quoted("ground").coefficients["K_b"]
     assert f"(K_b = {plus_minus(own.value, own.u)}, k = 1)" in text
@@ -239,7 +242,7 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     entry["posterior"]["parameters"]["K_b"]["lo90"] = entry["parameters"]["K_b"]["lo90"] = None
     endless = rows(fig2.summarise(moved), panel="ground", kind="band")
     assert np.isnan(endless["lo90_percent"]).all()
-    assert "No band (ground)" in fig2_words.caption(moved, fig2.summarise(moved))
+    assert "No band (ground)" in fig2.caption(moved, fig2.summarise(moved))
 
 
 def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evidence, monkeypatch):
@@ -267,12 +270,12 @@ def test_symbols_that_hang_on_a_few_visits_are_said_to(by_farthest, monkeypatch)
     evidence, table = by_farthest, fig2.summarise(by_farthest)
     data = evidence.observations["ground"]
     visits = len(np.unique(data.visit[data.z_hat == data.z_hat.max()]))
-    monkeypatch.setattr(fig2_words, "FEW_FAR", visits)
-    assert f"All throttles share the {visits} visits of that station" in fig2_words.caption(
+    monkeypatch.setattr(fig2, "FEW_FAR", visits)
+    assert f"All throttles share the {visits} visits of that station" in fig2.caption(
         evidence, table
     )
-    monkeypatch.setattr(fig2_words, "FEW_FAR", visits - 1)
-    assert "All throttles share" not in fig2_words._shared_far(evidence, "ground")
+    monkeypatch.setattr(fig2, "FEW_FAR", visits - 1)
+    assert "All throttles share" not in fig2._shared_far(evidence, "ground")
 
 
 def test_what_a_coefficient_hangs_on_is_ringed(evidence, monkeypatch):
@@ -292,19 +295,24 @@ def test_what_a_coefficient_hangs_on_is_ringed(evidence, monkeypatch):
         if count:
             assert ring["z_hat"][0] == evidence.observations["ground"].z_hat[3]
             assert set(ring["label"]) == {f"trial {trial}: K_b by −0.6 u"}
-        text = fig2_words._influence_note(evidence, "ground")
+        text = fig2._influence_note(evidence, "ground")
         assert ("Rings" in text) == bool(count)
         assert ("more than 0.4 u" in text) == (not count)
 
 
-def test_the_table_says_what_the_symbols_are_referred_to(evidence, table, by_farthest):
-    fitted = rows(table, panel="ground", kind="L_inf")
-    far = rows(fig2.summarise(by_farthest), panel="ground", kind="L_inf")
+def test_every_row_of_the_table_can_be_drawn(evidence, table, by_farthest):
+    """The band of L_inf has ends and no Delta L; every other row is a point of its curve."""
+    level = rows(table, panel="ground", kind="L_inf")
     known = relative_lift.relative_lift(evidence, "ground").u_L_inf
-    assert fitted["label"].tolist() == ["the fit's"]
-    assert fitted["u_delta_L_percent"][0] == pytest.approx(100 * known)
-    assert far["label"].tolist() == ["the farthest"]
-    assert np.isnan(far["u_delta_L_percent"][0])
+    assert level["u_delta_L_percent"].tolist() == pytest.approx(2 * [100 * known])
+    assert np.isnan(level["delta_L_percent"]).all()
+    far = fig2.summarise(by_farthest)
+    assert "L_inf" not in far["kind"]
+    for drawn in (table, far):
+        others = drawn["kind"] != "L_inf"
+        assert np.isfinite(drawn["delta_L_percent"][others]).all()
+    band = rows(table, panel="ground", kind="band")
+    np.testing.assert_allclose(band["above_fit_percent"], 0, atol=1e-12)
 
 
 def test_no_curve_is_drawn_beyond_the_stations(table):
@@ -315,7 +323,7 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
 
 
 def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_farthest):
-    text = fig2_words.caption(evidence, table)
+    text = fig2.caption(evidence, table)
     for words in (
         "Bars: 1 standard uncertainty from scatter",
         "central 90 %",
@@ -326,7 +334,7 @@ def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_
     ):
         assert words in text
     table = fig2.summarise(by_farthest)
-    text = fig2_words.caption(by_farthest, table)
+    text = fig2.caption(by_farthest, table)
     assert "farthest station" in text
     model, fit = evidence.base("ground")
     far = float(rows(table, panel="ground", kind="data")["z_hat"].max())
@@ -348,7 +356,7 @@ def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):
     )
     table = fig2.summarise(gather(job))
     assert set(table["label"][table["kind"] == "model"]) == {"C-B (theory)"}
-    assert "PQuad" not in fig2_words.caption(gather(job), table)
+    assert "PQuad" not in fig2.caption(gather(job), table)
 
 
 def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
@@ -382,7 +390,7 @@ def test_csv_holds_what_is_drawn_and_no_formula(table):
     assert len(read) == len(table["panel"])
     assert list(read[0]) == list(table)
     np.testing.assert_allclose(
-        [float(r["delta_L_percent"]) for r in read], table["delta_L_percent"], rtol=1e-8
+        [float(r["delta_L_percent"] or "nan") for r in read], table["delta_L_percent"], rtol=1e-8
     )
     hostile = {
         "label": np.array(["=1+1", "+x", "-x", "@x", "fine", None], dtype=object),
@@ -408,7 +416,7 @@ def test_residuals_are_those_of_the_fit(evidence):
 
 
 def test_bins_hold_every_trial_once_and_their_means_are_right(evidence):
-    table = residuals.summarise(evidence)
+    table = residuals.summarise(evidence, every=True)
     mine = rows(table, panel="ground", covariate="supply_V")
     trials, means = rows(mine, kind="trial"), rows(mine, kind="bin")
     assert means["n_trials"].sum() == len(trials["x"])

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from nearlift.report import charts as interactive
 from nearlift.report.chapters import (
     assumptions,
     diagnosis,
@@ -23,10 +24,10 @@ from nearlift.report.chapters import (
     uncertainty,
     verdict,
 )
+from nearlift.report.charts import Chart
 from nearlift.report.documents import methods
 from nearlift.report.evidence import Evidence
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.page.chart import Chart
 from nearlift.run.engine import Stage
 from nearlift.run.tables import Product
 from nearlift.stages import STAGES
@@ -53,11 +54,11 @@ class Chapter:
     part : str
         Of `PARTS`.
     figures : tuple of FigureSpec
-        Shown beneath the text, those that were made: the chart of one that has a chart.
+        Shown below the text, those that were made.
     places : tuple of FigureSpec
         Those whose chart the template itself places.
     pictures : {"above", "beneath", "within"}
-        Where the figures stand; within the text the template places each.
+        Position of the figures; within the text the template places each.
     """
 
     name: str
@@ -269,9 +270,6 @@ FIGURES: tuple[FigureSpec, ...] = tuple(f for chapter in CHAPTERS for f in chapt
 
 def charts(evidence: Evidence) -> tuple[Chart, ...]:
     """The interactive charts that this campaign's products suffice for."""
-    made = [
-        spec.chart(evidence)
-        for spec in FIGURES
-        if spec.chart and evidence.has(*spec.needs, *spec.chart_needs)
-    ]
+    drawn = {"fig2": interactive.fig2, "residuals": interactive.residuals}
+    made = [drawn[f.name](evidence) for f in FIGURES if f.name in drawn and evidence.has(*f.needs)]
     return tuple(chart for chart in made if chart.views)

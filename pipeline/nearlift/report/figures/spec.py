@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from nearlift.campaign.manifest import Campaign
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.files import Draw
-from nearlift.report.page.chart import Chart
 from nearlift.run.tables import Product
 
 
@@ -27,10 +26,6 @@ class FigureSpec:
         Table and style to a figure.
     caption, alt : callable
         Evidence and table to text, its numbers computed from them.
-    chart : callable or None
-        Evidence to the interactive chart that stands in its place on a screen, if there is one.
-    chart_needs : tuple of Product
-        What the chart needs beyond the figure's products.
     asked : callable
         Whether a manifest's choices ask for it, beyond the stages that make its products; one that
         is not asked for is not missed.
@@ -43,6 +38,4 @@ class FigureSpec:
     draw: Draw
     caption: Callable[[Evidence, Columns], str]
     alt: Callable[[Evidence, Columns], str]
-    chart: Callable[[Evidence], Chart] | None = None
-    chart_needs: tuple[Product, ...] = ()
     asked: Callable[[Campaign], bool] = lambda campaign: True

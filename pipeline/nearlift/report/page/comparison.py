@@ -8,6 +8,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from nearlift.nomenclature import VERDICTS, letter
+from nearlift.report import charts
 from nearlift.report.evidence import Columns, distinct, where
 from nearlift.report.figures import forest
 from nearlift.report.page.render import Picture, rendered
@@ -40,7 +41,7 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
     remarks : collection of str
         What to hold against the groups.
     """
-    drawn = forest.chart(table)
+    drawn = charts.forest(table)
     picture = Picture(
         name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table)
     )

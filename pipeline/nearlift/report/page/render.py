@@ -13,8 +13,8 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from nearlift.report.charts import Chart, embedded
 from nearlift.report.evidence import Evidence
-from nearlift.report.page.chart import Chart, embedded
 from nearlift.report.phrases import along
 from nearlift.report.registry import CHAPTERS, PARTS, Chapter
 from nearlift.report.tables import spoken, typeset
