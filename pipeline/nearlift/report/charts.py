@@ -18,11 +18,12 @@ import pandas as pd
 from nearlift import nomenclature
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
-from nearlift.nomenclature import letter
+from nearlift.nomenclature import VERDICTS, letter
 from nearlift.reduction.quality import rejected
 from nearlift.report.evidence import Columns, Evidence, where
 from nearlift.report.figures.fig2 import force_unit
 from nearlift.report.figures.fig2 import summarise as fig2_table
+from nearlift.report.figures.forest import interval
 from nearlift.report.figures.residuals import residuals as trial_residuals
 from nearlift.report.figures.residuals import summarise as residual_table
 from nearlift.rounding import plain, plus_minus
@@ -364,13 +365,14 @@ def _forest_view(rows: pd.DataFrame, boundary: str, coefficient: str) -> Spec:
     alt = _altair()
     unit = str(rows["unit"].iloc[0])
     name = letter(coefficient)
-    whole: Any = rows
-    rows = rows.assign(
-        words=[
-            f"{r.label}: {name} = {plus_minus(r.value, (r.hi90 - r.lo90) / 3.29)}; {r.verdict}"
-            for r in whole.itertuples()
-        ]
-    )
+    known: Any = rows.to_dict("list")
+    judged = [VERDICTS.get(v, "") for v in known["verdict"]]
+    values = [interval(known, i) for i in range(len(rows))]
+    words = [
+        f"{label}: {name} = {value}" + f"; {verdict}" * bool(verdict)
+        for label, value, verdict in zip(known["label"], values, judged, strict=True)
+    ]
+    rows = rows.assign(words=words, text=values, judged=judged)
     title = name if unit in ("", "1") else f"{name} ({unit})"
     x = alt.X("value:Q", title=title).scale(zero=False)
     y = alt.Y("label:N", title=None, sort=None).axis(labelLimit=220)
@@ -390,7 +392,15 @@ def _forest_view(rows: pd.DataFrame, boundary: str, coefficient: str) -> Spec:
             y=y,
             color=colour,
             description="words:N",
-            tooltip=["label", "vehicle", alt.Tooltip("words:N", title="value"), "verdict"],
+            tooltip=[
+                alt.Tooltip(f"{n}:N", title=t)
+                for n, t in (
+                    ("label", "campaign"),
+                    ("vehicle", "vehicle"),
+                    ("text", "value, 90 %"),
+                    ("judged", "verdict"),
+                )
+            ],
         ),
     )
     return _finished(

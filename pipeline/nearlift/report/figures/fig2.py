@@ -169,11 +169,11 @@ def _panel(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
     span = float(np.nanmax(over.delta_L) - np.nanmin(over.delta_L))
     parts += _fit(evidence, boundary, grid, span)
     for part in parts:
-        change: Any = part.get("delta_L_percent", ())
-        if np.size(change):
+        drawn_at: Any = part.get("delta_L_percent", ())
+        if np.size(drawn_at):
             z_hat = np.atleast_1d(np.asarray(part["z_hat"], dtype=float))
             fitted = 100 * relative_lift.line(evidence, boundary, z_hat).middle
-            part["above_fit_percent"] = np.asarray(change) - fitted
+            part["above_fit_percent"] = np.asarray(drawn_at) - fitted
     return parts
 
 

@@ -4,7 +4,8 @@ and the next campaign beneath them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -52,7 +53,7 @@ def _interval(e: Estimate) -> dict[str, object]:
     return {"unit": e.unit, "value": e.value, "lo90": e.lo90, "hi90": e.hi90}
 
 
-def interval(rows: Columns, i: int) -> str:
+def interval(rows: Mapping[str, Any], i: int) -> str:
     """``2.00 (1.84 to 2.16)``: value and 90 % interval of one row."""
     value, low, high = (float(rows[end][i]) for end in ("value", "lo90", "hi90"))
     u = (high - low) / WIDTH_90
