@@ -103,6 +103,7 @@ def _finished(chart: Any, description: str, height: int) -> Spec:
         .configure_view(stroke=RULE)
     )
     spec: Spec = chart.to_dict(validate=False)
+    del spec["$schema"]  # an address, which the page has no use for
     spec["config"]["legend"]["layout"] = {"bottom": {"direction": "vertical", "anchor": "start"}}
     return {**spec, "autosize": {"type": "fit-x", "contains": "padding"}}
 
