@@ -360,7 +360,7 @@ def _header(path: Path, line: int, row: Sequence[str]) -> list[str]:
         raise InputRefused(
             f"{path}, line {line}",
             f"column {header.index('') + 1} has no name",
-            "name it, or take the stray comma away",
+            "name it, or take the extra comma away",
         )
     return header
 

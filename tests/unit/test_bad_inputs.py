@@ -514,7 +514,7 @@ STOPPED: list[tuple[str, Callable[[Path], None], int, str]] = [
         "14 header repeated",
         everywhere(lambda c: c * 2),
         4,
-        "repeats the header: two records stand in one file",
+        "repeats the header: two records are in one file",
     ),
     ("15 no tare", manifest('tare = "0.5 s", ', ""), 2, "[load_cell] needs tare"),
     (

@@ -164,7 +164,7 @@ class Rig(Section):
                 raise ValueError(f"distance_datum {datum!r} is none of {', '.join(DATUMS)}")
         if not GRAVITY[0] <= self.gravity <= GRAVITY[1]:
             raise ValueError(
-                f"gravity {self.gravity:g} m/s^2 is nowhere on Earth: it is 9.76 to 9.84 there;"
+                f"gravity {self.gravity:g} m/s^2 is not of this Earth: it is 9.76 to 9.84 there;"
                 ' write "9.80665 m/s^2", or your own value'
             )
         if self.gap is not None and self.arena is not None and self.gap > self.arena:

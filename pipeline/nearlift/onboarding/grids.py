@@ -1,4 +1,4 @@
-"""A velocity grid of a PIV run, told from a file, and the [piv] section for it."""
+"""A velocity grid of a PIV run, recognised by its file, and the [piv] section for it."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ class Inspection:
 
 
 class Head(NamedTuple):
-    """The rest head of the records: a tare and settling that leave a margin, and their reasons."""
+    """Rest head of the records: a tare and settling that leave a margin, and their reasons."""
 
     tare_s: float
     settle_s: float
@@ -114,7 +114,7 @@ class Head(NamedTuple):
 
 
 def usual_head(inspected: Sequence[Inspection]) -> Head | None:
-    """The rest head of records of one lift, measured; None where half of them show none."""
+    """Rest head of records of one lift, measured; None where half of them show none."""
     starts = [(f.start, f.force.rate_Hz) for f in inspected if f.start and f.force]
     if 2 * len(starts) <= len(inspected):
         return None

@@ -56,7 +56,7 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
 
     `files` are records, one for each trial, and perhaps the schedule: a table of which a column
     holds their names; or one long table of Parquet; or one table of means. A folder among them
-    stands for all plain files in it, hidden ones aside. `dialect` is how to read them, as
+    means all plain files in it, hidden ones aside. `dialect` is how to read them, as
     ``[records] dialect`` takes it. Files inside the folder stay where they are; others are copied
     into it.
 

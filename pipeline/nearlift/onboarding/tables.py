@@ -74,7 +74,7 @@ class Table:
         return [str(i) for i in range(1, len(self.rows) + 1)]
 
     def wanted(self, means: bool) -> list[str]:
-        """What a diagnosis needs besides, where the trials near some boundary are few."""
+        """Further needs of a diagnosis, where the trials near some boundary are few."""
         from nearlift.loop.admission import LEAST_TRIALS
 
         sides = Counter(self.cells("boundary")).items()

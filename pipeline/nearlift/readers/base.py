@@ -162,7 +162,7 @@ def _fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
 
 def wanted(name: str, names: Names) -> bool:
     """Whether `pick` may choose this channel for one of these names, so that a reader need not read
-    others; without names every channel is wanted.
+    others; without names all are.
     """
     if names is None:
         return True
@@ -355,8 +355,8 @@ class Reader:
     name, title : str
         Name in ``[records] reader``, and one line for the catalogue.
     contents : callable or None
-        ``contents(path, dialect, names)``: the channels of one file, at least those that `names`
-        may mean. None for `means`, a format without samples.
+        ``contents(path, dialect, names)``, a function of a module: the channels of one file, at
+        least those that `names` may mean. None for `means`, a format without samples.
     recognises : callable
         ``recognises(head, name)``: whether a file with these first bytes and this name is certainly
         of this format.
@@ -402,7 +402,7 @@ class Reader:
         if self.contents is None:
             raise InputRefused(str(path), f"is no record: {self.name!r} has none", "")
         if self.guarded or files.is_packed(path):
-            return guarded.run(open_here, self.name, path, dict(dialect), names)
+            return guarded.run(self.contents, path, dict(dialect), names)
         return self.contents(path, dialect, names)
 
     def files(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> list[Path]:
@@ -450,15 +450,6 @@ class Reader:
         """Every record of these trials, streamed, in the plan's order."""
         for piece in self.plan(campaign, root, trials).pieces:
             yield from self.read_piece(campaign, root, piece)
-
-
-def open_here(name: str, path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of a file by the reader of that name, in this process."""
-    from nearlift.readers import reader
-
-    read = reader(name).contents
-    assert read is not None
-    return read(path, dialect, names)
 
 
 def _one_for_all(campaign: Campaign) -> bool:

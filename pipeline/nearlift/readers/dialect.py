@@ -142,7 +142,7 @@ def sniff(head: bytes, where: str, said: Dialect = UNSTATED, *, whole: bool = Tr
         raise InputRefused(
             where,
             f"is not {encoding} text: {fault}",
-            "mend `encoding` under [records] dialect, or leave it out",
+            "correct `encoding` under [records] dialect, or leave it out",
         ) from None
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     # the line behind the last line feed may be cut off
@@ -284,7 +284,7 @@ def _values(line: str, place: str, layout: Layout, done: int) -> tuple[float | N
                 f"{row[i]!r} in column {layout.names[i]!r} is not a number",
                 cut_at(f"{pair[0]}:")
                 if pair and NUMBER.fullmatch(pair[1])
-                else "mend the line, or say the dialect under [records]",
+                else "correct the line, or say the dialect under [records]",
             )
     return values
 
@@ -318,7 +318,7 @@ def _see_names(
             raise _unfit(
                 FARTHEST,
                 f"{where}, line {top}",
-                f"holds {name!r} where the columns' names should stand",
+                f"holds {name!r} where the columns' names should be",
                 "name them: dialect = { columns = [...] } under [records]; if the file holds"
                 " several tables, save each as a file of its own",
             )
@@ -394,7 +394,7 @@ def _header(
                 0,
                 f"{where}, line {start + 1}",
                 f"has a cell without a label: {row[names.index('')]!r}",
-                "mend the line, or say `skip`",
+                "correct the line, or say `skip`",
             )
         return names, [""] * len(names), start + 1
     above = [at for at in range(start - 1, -1, -1) if not signs.skips(lines[at])][:2]

@@ -179,7 +179,7 @@ if hasattr(os, "register_at_fork"):
 def _environment() -> dict[str, str]:
     return {
         isolation.SAFE_PATH: "1",
-        # HDF5 would load filters from wherever this points
+        # HDF5 would load filters from where this points
         "HDF5_PLUGIN_PRELOAD": "::",
         # it reserves no address space ahead
         "ARROW_DEFAULT_MEMORY_POOL": "system",

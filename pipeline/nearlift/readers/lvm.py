@@ -155,7 +155,7 @@ class _Parser:
         several_clocks = columns.count(CLOCK) > 1
         for i, name in enumerate(channels):
             series = self.series.setdefault(name, _Series())
-            # the clock of each channel stands before it, or one before all
+            # each channel has a clock before it, or all have one
             place = columns.index(name) - 1 if several_clocks else i
             unit = _at(segment, "Y_Unit_Label", place)
             series.unit = unit_word(unit) or unit

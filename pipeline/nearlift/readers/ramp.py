@@ -62,7 +62,7 @@ class Ramp:
 
     @property
     def words(self) -> str:
-        """What it is."""
+        """The sweep, in words."""
         along = f", along {self.command!r}" if self.command else ""
         held = f", which has {self.levels} levels that hold" if self.levels else ""
         return f"takes many lifts{along}{held}: a sweep of the throttle, and no one trial"
@@ -94,8 +94,8 @@ def _means(values: FloatArray) -> FloatArray:
 
 
 def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp | None:
-    """What the record of one trial is, where its file tells; `NearliftError` where it cannot be
-    read, or its reader knows nothing of a record's other columns.
+    """The sweep in the record of one trial, if any; `NearliftError` where it cannot be read,
+    or its reader knows nothing of a record's other columns.
     """
     reader, spec = cutting(reader), ChannelSpec.from_manifest(campaign)
     contents = reader.open(path, reader.checked_dialect(campaign.records.dialect))
@@ -114,7 +114,7 @@ def of_file(campaign: Campaign, reader: Reader, trial: str, path: Path) -> Ramp 
 def ramp_of(
     force: Channel, channels: Sequence[Channel], clocks: Sequence[str], rate_Hz: float | None
 ) -> Ramp | None:
-    """What a record is that `moves`, at a rate that need not be known; None of any other.
+    """The sweep in a record that `moves`, at a rate that need not be known; None of any other.
 
     Of the file's channels, one that follows the force and is none of the `clocks` may be the
     command.

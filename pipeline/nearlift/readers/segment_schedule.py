@@ -84,7 +84,7 @@ def schedule_of_trials(campaign: Campaign, root: Path, pieces: Mapping[str, Piec
 def _together(
     cut: Segments, bring: Sequence[str], pieces: Sequence[Pieces]
 ) -> dict[str, FloatArray]:
-    """What pieces bring, by column; levels within `hold` of each other are one level."""
+    """The columns that pieces bring; levels within `hold` of each other are one level."""
     parts = [(len(record), record.brought) for record in pieces]
     columns = {name: _joined(name, parts) for name in bring}
     if cut.has_level and cut.hold > 0:

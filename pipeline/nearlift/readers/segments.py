@@ -91,7 +91,7 @@ class Segmented:
 
     @property
     def without_samples(self) -> Pieces:
-        """What the pieces bring."""
+        """The pieces without their samples."""
         pieces = self.pieces
         bring = pieces[0].brought if pieces else ()
         further = pieces[0].covariates if pieces else ()
@@ -262,7 +262,7 @@ def _beside(values: FloatArray, zero: FloatArray, rate_Hz: float) -> tuple[float
 
 
 def _level(name: str, values: FloatArray | float) -> float:
-    """What a piece's samples say: the median of a command, one of its values, else the mean."""
+    """The level of a piece's samples: the median of a command, one of its values, else the mean."""
     known = np.asarray(values, dtype=float)
     known = known[np.isfinite(known)]
     if not known.size:

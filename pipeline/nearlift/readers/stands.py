@@ -1,5 +1,5 @@
-"""Thrust stands: CSV with commas, points, one header line with units in the names. Each is a row of
-`STANDS`.
+"""CSV of thrust stands: commas, points, one header line with units in the names. Each product is a
+row of `STANDS`.
 
 RCbenchmark 1520, 1580 and 1585 write a byte order mark and a trailing comma. The unit of `Thrust`
 follows a preference of the user (gf, kgf, N): it is read from the header and must be the
@@ -20,7 +20,7 @@ from __future__ import annotations
 import csv
 import functools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -42,20 +42,20 @@ from nearlift.readers.files import content_of
 from nearlift.readers.table import Layout
 from nearlift.readers.text import from_text, with_rate
 
-#: Lift from which on a stand's rotors turn, whatever its speed channel reads, N.
+#: Lift from which on rotors turn, whatever their speed channel reads, N.
 MIN_LIFT_N = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stand:
-    """One stand's files: `known` recognises the names of its columns, folded and without units;
-    `speeds` the name of a rotor's speed; `texts` are names of columns that hold text.
+    """The files of one product: forms of the names of columns, folded and without units. Files of
+    it have a column of each form in `needs`; `speeds` are those of rotors, `texts` hold text.
     """
 
     name: str
     title: str
-    known: Callable[[set[str]], bool]
-    speeds: re.Pattern[str]
+    needs: tuple[str, ...]
+    speeds: str
     texts: tuple[str, ...] = ()
 
 
@@ -63,25 +63,22 @@ STANDS = (
     Stand(
         name="rcbenchmark",
         title="RCbenchmark 15xx",
-        known=lambda names: names >= {"time", "esc signal", "thrust", "voltage"},
-        speeds=re.compile("motor.*speed.*"),
+        needs=("time", "esc signal", "thrust", "voltage"),
+        speeds="motor.*speed.*",
         texts=("app message",),
     ),
     Stand(
         name="flight-stand",
         title="Tyto Flight Stand v2",
-        known=lambda names: (
-            "time" in names
-            and any(re.fullmatch(r"powertrain \d+ - force fz.*", name) for name in names)
-        ),
-        speeds=re.compile(".*rotation speed"),
+        needs=("time", r"powertrain \d+ - force fz.*"),
+        speeds=".*rotation speed",
         texts=("app message",),
     ),
     Stand(
         name="crazyflie",
         title="Crazyflie system identification",
-        known=lambda names: names >= {"pwm", "vbat"} and bool(names & {"weight", "thrust"}),
-        speeds=re.compile(r"rpm\d"),
+        needs=("pwm", "vbat", "weight|thrust"),
+        speeds=r"rpm\d",
     ),
 )
 
@@ -96,7 +93,8 @@ def _header(head: bytes) -> list[str]:
 
 
 def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
-    return stand.known({_bare(cell) for cell in _header(head)})
+    names = [_bare(cell) for cell in _header(head)]
+    return all(any(re.fullmatch(form, name) for name in names) for form in stand.needs)
 
 
 def _bare(name: str) -> str:
@@ -131,7 +129,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
         first=2,
         texts=tuple(i for i, name in enumerate(columns) if _bare(name) in stand.texts),
     )
-    turning = tuple(name for name in columns if stand.speeds.fullmatch(_bare(name)))
+    turning = tuple(name for name in columns if re.fullmatch(stand.speeds, _bare(name)))
     also = None if names is None else (*names, *turning)
     file = from_text(content, str(path), UNSTATED, also, layout)
     codes = (*file.codes, *_dead(file.channels, turning))
@@ -142,7 +140,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
 
 
 def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...]:
-    """`dead_speed` where the stand lifts and all its speeds, or one of more than two, read zero."""
+    """`dead_speed` where there is lift and all speeds, or one of more than two, read zero."""
     factor = {"N": 1.0, "gf": 9.80665e-3, "kgf": 9.80665}
     force = [
         c
@@ -156,7 +154,7 @@ def _dead(channels: Sequence[Channel], turning: Sequence[str]) -> tuple[str, ...
     if not lifts or not speeds or max(lifts) < MIN_LIFT_N:
         return ()
     still = [not np.any(np.nan_to_num(c.values)) for c in speeds]
-    # a stand with two kinds of probe uses one; a craft with four rotors turns all
+    # with two kinds of probe one is used; a craft with four rotors turns all
     return ("dead_speed",) if all(still) or (len(still) > 2 and any(still)) else ()
 
 

@@ -53,7 +53,7 @@ _WORDS = [
     )
     for spelling in (word, word.upper(), word.capitalize())
 ]
-_DAMAGED = "the file is damaged; copy it anew from the rig, or take the trial out of the schedule"
+_DAMAGED = "the file is damaged; copy it again from the rig, or take the trial out of the schedule"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,7 +178,7 @@ def number(text: str, at: str, column: str, decimal: str = ".", thousands: str =
     value = value_of(text, decimal, thousands)
     if value is not None:
         return value
-    remedy = "every cell must be a number; mend the line, or take the trial out of the schedule"
+    remedy = "every cell must be a number; correct the line, or take the trial out of the schedule"
     if re.fullmatch(r"[-+]?\d+[.,]\d+", text):
         remedy = f"write decimals with a {'point' if decimal == '.' else 'comma'}"
     elif re.fullmatch(r"[-+]?\d{1,3}([,.' ])\d{3}(\1\d{3})*([.,]\d*)?", text):
@@ -359,14 +359,14 @@ def row_of(line: str, at: str, layout: Layout) -> list[str]:
         raise InputRefused(
             at,
             f"is not a row of cells: {fault}",
-            "mend the line, or take the trial out of the schedule",
+            "correct the line, or take the trial out of the schedule",
         ) from None
     if layout.trailing and len(row) == len(names) + 1 and not row[-1]:
         row = row[:-1]
     if row == names:
         raise InputRefused(
             at,
-            "repeats the header: two records stand in one file",
+            "repeats the header: two records are in one file",
             "give each trial a file of its own",
         )
     if len(row) != len(names):
@@ -383,7 +383,7 @@ def row_of(line: str, at: str, layout: Layout) -> list[str]:
         raise InputRefused(
             at,
             f"is labelled {', '.join(found)}, not {', '.join(names)}",
-            "mend the line, or take the trial out of the schedule",
+            "correct the line, or take the trial out of the schedule",
         )
     return [pair[1] for pair in pairs if pair]
 
@@ -433,6 +433,6 @@ def _way_out(line: str, layout: Layout) -> str:
         )
     other = "point" if layout.decimal == "." else "comma"
     return (
-        f"decimals want a {other} and no cell may be left out; mend the line, or take the trial out"
-        " of the schedule"
+        f"decimals need a {other} and no cell may be left out; correct the line, or take the trial"
+        " out of the schedule"
     )

@@ -485,7 +485,7 @@ def _csv_layout(header: bytes) -> Layout:
     if names and all(NUMBER.fullmatch(name) for name in names):
         raise InputRefused(
             "",
-            "holds numbers where the columns' names should stand",
+            "holds numbers where the columns' names should be",
             'put a header line above the samples, or say reader = "text" and dialect = { columns ='
             " [...] }",
         )

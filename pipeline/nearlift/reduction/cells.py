@@ -58,7 +58,7 @@ class Cells:
     far: IntArray
 
     def covariance(self) -> FloatArray:
-        """Of delta_L, (c, c): 8 c^2 bytes, and three times that while it is made.
+        """Covariance of delta_L, (c, c): 8 c^2 bytes, and three times that while it is made.
 
         d delta = (d mean - (1 + delta) d mean_far) / mean_far: exactly nothing where a cell is its
         own reference.
@@ -94,7 +94,7 @@ def reduce(
     scatter = _scatter(label, count, mean, z, lift_N, u_lift_N, visit)
     far, near = _reference(z, t), np.isfinite(z)
     over = mean / mean[far]
-    # a cell and its reference stand at two distances, which share nothing
+    # a cell and its reference are at two distances, which share nothing
     both = scatter.variance + over**2 * scatter.variance[far]
     variance = np.where(far == np.arange(len(mean)), 0.0, both) / mean[far] ** 2
     return Cells(

@@ -1,4 +1,4 @@
-"""What holds for every record of a campaign: sample rate, head and settling, limits of quality."""
+"""Conditions of all records of a campaign: sample rate, head and settling, limits of quality."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples and blocks of samples that stand apart from the rest of a tare, by median and median
+"""Outlying samples and blocks of samples of a tare, by median and median
 absolute deviation (Hampel 1974).
 
 Median and deviation hold out against damage to nearly half of the samples, where mean and standard
@@ -15,11 +15,10 @@ import numpy as np
 from nearlift.declare import BoolArray, FloatArray
 from nearlift.reduction.stretch import SD_PER_MAD, Stretch, distinct, median
 
-#: Standard deviations, by the median, beyond which one of many stands apart; of few, whose scale is
+#: Standard deviations, by the median, beyond which one of many is outlying; of few, whose scale is
 #: uncertain, more are asked for.
 APART, FEW = 6.5, 20
-#: Share of that distance at which samples stand apart if there are at least so many, of at least so
-#: many.
+#: Share of that distance at which samples are outlying if there are so many, of at least so many.
 NEARER, SEVERAL, MANY = 0.7, 3, 100
 #: Samples of the first look, and the standard deviations at which blocks are looked at again.
 FIRST_LOOK, UNEVEN = 64, 5.0
@@ -36,19 +35,19 @@ LONGEST_RUN, LARGEST_SHARE = 5, 0.05
 IMPOSSIBLE, IMPOSSIBLE_SHARE = 20.0, 0.2
 #: Noise, in steps of the converter, that half of the samples on one code may hide.
 HIDDEN = 0.74
-#: How far beyond one block's limit a long segment must stand, being the best of many: the largest
+#: How far beyond one block's limit a long segment must be, being the best of many: the largest
 #: of 54,000 clean tares of 100 to 2000 samples, white with half as much noise of memory 0.9, was
 #: 1.4.
 OF_MANY = 1.6
 #: Samples that a converter's step is taken from.
 ENOUGH_CODES = 2000
-#: A step between two levels counts where it stands within the middle half, of so many means at
+#: A step between two levels counts where it is within the middle half, of so many means at
 #: least: nearer to the ends it is a start or a stop.
 EDGE, FEWEST_TO_STEP = 0.25, 8
 
 
 def suspicious(values: FloatArray, sums: Stretch) -> tuple[bool, bool]:
-    """Whether single samples, and whether a segment, may stand apart: a first and cheap look."""
+    """Whether single samples, and whether a segment, may be outlying: a first and cheap look."""
     n = len(values)
     few = values[:: max(1, n // FIRST_LOOK)]
     level, deviation, _ = _spread(few)
@@ -71,12 +70,12 @@ def _spread(values: FloatArray) -> tuple[float, float, float]:
 def step_of(values: FloatArray) -> float:
     """The step between a converter's codes; next to nothing where values are not coarse."""
     steps = np.sort(np.diff(distinct(values[:ENOUGH_CODES])))
-    # a damaged sample need not stand on a code
+    # a damaged sample need not be on a code
     return float(steps[len(steps) // 10]) if len(steps) else 0.0
 
 
 def far_samples(values: FloatArray, step: float) -> BoolArray:
-    """Mask of samples that stand apart, by the noise or what a converter's `step` may hide."""
+    """Mask of outlying samples, by the noise or what a converter's `step` may hide."""
     away = np.abs(values - median(values))
     limit = _apart(len(values)) * max(SD_PER_MAD * median(away), HIDDEN * step)
     nearer: BoolArray = away > NEARER * limit
@@ -116,8 +115,8 @@ def are_single(mask: BoolArray, largest_share: float = LARGEST_SHARE) -> bool:
 
 
 def moved_by_segment(values: FloatArray, step: float) -> tuple[float, bool]:
-    """By how much the segment that stands out most moves the mean, such as a block of damage or a
-    second level (0 if none does), and whether it stands at the beginning.
+    """By how much the most outlying segment moves the mean, such as a block of damage or a
+    second level (0 if none does), and whether it is at the beginning.
 
     It is the segment that explains most of the squares of the blocks' means: the longer it is, the
     smaller a change shows. The noise about the two levels leaves out the two blocks that fit worst,

@@ -1,4 +1,4 @@
-"""Where a record is cut into pieces: at steps of a column, at changes of its mean, into windows;
+"""Cuts of a record into pieces: at steps of a column, at changes of its mean, into windows;
 and what settling leaves of them.
 
 A cut is a pair of indices, the first sample and one past the last. Samples are counted, not timed:
@@ -41,7 +41,7 @@ class Span:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cuts:
     """The pieces that are long enough, how many are too short, and how many samples are settling or
-    stand in pieces too short.
+    are in pieces too short.
     """
 
     pieces: tuple[Span, ...] = ()
@@ -81,8 +81,8 @@ def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
     piece that is of use: it sets the grid, and no change is missed between two such pieces.
 
     Optimal partitioning (Jackson et al. 2005, IEEE Signal Process. Lett. 12, 105) of batch means,
-    whose noise is told from the differences of neighbours; every change is then moved to the sample
-    that fits best within a batch.
+    whose noise is estimated from the differences of neighbours. Every change is then moved to the
+    sample that fits best within a batch.
     """
     values = _filled(values)
     n = len(values)
@@ -109,7 +109,7 @@ def by_change(values: FloatArray, step: float, smallest: int) -> list[Cut]:
 
 
 def _filled(values: FloatArray) -> FloatArray:
-    """The same, samples without a number as the one before, the first ones as the first that is."""
+    """The values, each missing one as the one before, the first ones as the first known one."""
     known = np.isfinite(values)
     if known.all() or not known.any():
         return np.where(known, values, 0.0)
@@ -157,7 +157,7 @@ def windows(first: int, end: int, length: int) -> list[Cut]:
 
 
 def settled(cuts: Sequence[Cut], settle: int, shortest: int, length: int | None = None) -> Cuts:
-    """What is left of each cut behind its first `settle` samples, cut on into windows of `length`
+    """Pieces of each cut behind its first `settle` samples, cut on into windows of `length`
     where that is given, if it has `shortest` samples.
 
     Pieces are counted whether they are kept or not, so that another `settle` renames none of them

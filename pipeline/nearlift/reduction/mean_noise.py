@@ -42,7 +42,7 @@ def spectral_density_at_zero(
     it was made from.
 
     `tone` says whether the rotors ran. A tare has no tone; it is shorter, so it is cut into fewer
-    batches to keep them long. Biased low by noise whose correlation time is not short beside a
+    batches to keep them long. Biased low by noise whose correlation time is not short against a
     batch, as every estimate from one record is.
     """
     n = len(values)

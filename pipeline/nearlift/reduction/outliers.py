@@ -1,9 +1,9 @@
-"""Outlying trials: lifts that stand farther from their repeats and neighbours than noise allows,
+"""Outlying trials: lifts that are farther from their repeats and neighbours than noise allows,
 before any model.
 
 A trial is compared with the other trials of its (distance, throttle) cell; what remains, with that
 of the other trials of its visit. What moves a whole visit (its height, a drift, a gain) cancels,
-and so does what moves a whole cell (the curve, a rotor that stalls): an effect that nobody declared
+and so does what moves a whole cell (the curve, a rotor that stalls): an undeclared effect
 is no outlier. The scale is the median absolute deviation over the campaign. How far noise reaches
 is not assumed to be normal: Student's t is fitted to the larger part of the contrasts, its degrees
 of freedom unknown and integrated over, the largest contrasts only counted, so that an outlier does
@@ -47,7 +47,7 @@ COUNTED = 4
 TAIL_LIGHTEST, TAIL_HEAVIEST, TAIL_PRIOR = 1 / 6, 1 / 2, 0.04
 #: More quantiles than this of a long campaign tell nothing more of its tail.
 QUANTILES = 300
-#: Neighbours in distance that stand in for repeats once a curve is taken off.
+#: Neighbours in distance that replace repeats once a curve is taken off.
 NEAREST = 6
 
 
@@ -80,7 +80,7 @@ def screen(
     curve_removed: bool = False,
 ) -> Screen:
     """Compare each of n trials of one boundary with its repeats and neighbours; one that takes part
-    in a median which another outlier spoils is judged anew without that one.
+    in a median which another outlier spoils is judged again without that one.
 
     Arrays are (n,): natural logarithm of lift, distance over rotor radius (inf in free air),
     throttle, stop of the traverse. With `curve_removed`, `log_lift` is what a fitted curve leaves
@@ -117,10 +117,10 @@ def screen(
 def odd_visits(
     log_lift: FloatArray, z_hat: FloatArray, throttle: FloatArray, visit: IntArray
 ) -> IntArray:
-    """Labels of the visits whose trials together stand more than `ODD_VISIT` robust standard
+    """Labels of the visits whose trials together are more than `ODD_VISIT` robust standard
     deviations off their repeats in other visits.
 
-    No outliers yet: a drift nobody declared does as much. Arguments as for `screen`.
+    No outliers yet: an undeclared drift does as much. Arguments as for `screen`.
     """
     off = log_lift - _median_of_others(log_lift, _cells(z_hat, throttle))
     known = np.flatnonzero(np.isfinite(off))
@@ -186,7 +186,7 @@ def _scaled(comparisons: list[FloatArray], level: IntArray) -> tuple[FloatArray,
     if (with_others := np.isfinite(contrast).sum()) < LEAST_TRIALS:
         why_not = (
             f"{with_others} trials have repeats or neighbours to compare with; at least"
-            f" {LEAST_TRIALS} are wanted"
+            f" {LEAST_TRIALS} are needed"
         )
     return contrast, scaled, why_not
 
@@ -205,7 +205,7 @@ def _median_of_others(value: FloatArray, group: IntArray) -> FloatArray:
     for members in _groups(value, group, value):
         m = len(members)
         ranked, rank = value[members], np.arange(m)
-        # the k-th of the others is the k-th of all, or the next where oneself stands before it
+        # the k-th of the others is the k-th of all, or the next where oneself is before it
         low, high = ((m - 2) // 2, (m - 1) // 2)
         result[members] = (ranked[low + (low >= rank)] + ranked[high + (high >= rank)]) / 2
     return result
@@ -267,8 +267,8 @@ def student_tail(dof: FloatArray, x: FloatArray) -> FloatArray:
     """Chance that Student's t with `dof` >= 2 degrees of freedom exceeds `x` > 0, to 14 digits.
 
     With t = sqrt(dof) / tan(a) the density becomes sin(a)^(dof - 1), from 0 to the angle of x,
-    which Gauss and Legendre integrate over the fourth root of a: all that is wanted of scipy here
-    takes longer to load than a thousand records to reduce.
+    which Gauss and Legendre integrate over the fourth root of a. The part of scipy for it takes
+    longer to load than a thousand records to reduce.
     """
     v, weight = _gauss_legendre()
     angle, power = np.arctan2(np.sqrt(dof), x)[..., None], dof[..., None]

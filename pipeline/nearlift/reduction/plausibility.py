@@ -1,4 +1,4 @@
-"""What only a whole campaign can show: lengths of records, the weight, and whether lift rises with
+"""Checks of a whole campaign: lengths of records, the weight, and whether lift rises with
 throttle.
 
 A force that no vehicle of this weight can have is refused, with the unit that would make sense. A
@@ -115,7 +115,7 @@ def far_lifts(table: Mapping[str, NDArray[Any]]) -> dict[str, tuple[FloatArray, 
 def against_weight(table: Mapping[str, NDArray[Any]], weight_N: float, unit: str, key: str) -> None:
     """Refuse forces that cannot belong to a vehicle of this weight (mass times gravity).
 
-    `unit` is what they were read in, ``"count"`` where a calibration made them, and stands at `key`
+    `unit` is what they were read in, ``"count"`` where a calibration made them, and is at `key`
     of the manifest.
 
     Raises
@@ -178,7 +178,7 @@ def implausible(lift_N: FloatArray, weight_N: float) -> BoolArray:
 
 
 def not_rising(table: Mapping[str, NDArray[Any]]) -> list[tuple[str, float, float, float, float]]:
-    """Where far lift does not rise with throttle: (boundary, lower, upper, lift below, above)."""
+    """Throttles over which far lift does not rise: (boundary, lower, upper, lift below, above)."""
     return [
         (side, float(throttles[i]), float(throttles[i + 1]), float(lifts[i]), float(lifts[i + 1]))
         for side, (throttles, lifts) in far_lifts(table).items()
@@ -236,7 +236,7 @@ def without_lift(table: Mapping[str, NDArray[Any]]) -> BoolArray:
 def other_throttle(table: Mapping[str, NDArray[Any]]) -> BoolArray:
     """Trials that lift as those of another throttle do at their place: their label may be wrong.
 
-    Such a trial stands six times the usual scatter off its own throttle's median, and within three
+    Such a trial is six times the usual scatter off its own throttle's median, and within three
     times of another's, of five trials or more each: a supply that sags moves lift too, but it does
     not land on another throttle whose trials repeat well.
     """

@@ -1,4 +1,4 @@
-"""Samples of a record that are no force, stand apart, repeat one value, or came at a wrong time."""
+"""Samples of a record that are no force, outliers, repeat one value, or came at a wrong time."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ LARGEST_N = 1e9
 END_OF_RANGE, FEW_AT_END, SHARE_AT_END = 0.98, 3, 0.001
 #: Standard deviations beyond which a sample of the live part is looked at.
 FAR = 6.0
-#: Share of the samples that repeat the one before from which on a channel may stand still.
+#: Share of the samples that repeat the one before from which on a channel may be still.
 FEWEST_REPEATS = 0.1
 HOUR_S = 3600.0
 
@@ -62,7 +62,7 @@ def _far(live: FloatArray) -> BoolArray:
         if far.sum() == more.sum():
             break
         far = more
-    # rotors that still spin up are no stray samples
+    # rotors that still spin up are no outliers
     far[: int(np.argmin(far))] = False
     return far if far.mean() <= contamination.LARGEST_SHARE else np.zeros(len(live), dtype=bool)
 

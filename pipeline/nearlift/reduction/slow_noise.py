@@ -2,7 +2,7 @@
 means).
 
 Batch means take no notice of noise that remembers for longer than a batch. Here a record is cut
-into finer ones and asked how alike they are: correlation exp(-|t| / tau) beside white noise, its
+into finer ones and asked how alike they are: correlation exp(-|t| / tau) with white noise, its
 time and its share on a grid, each weighed by its restricted likelihood.
 
 * Whether there is slow noise is judged by contrasts with a straight line: a drift has its own code.

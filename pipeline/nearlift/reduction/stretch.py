@@ -15,13 +15,13 @@ SD_PER_MAD = 1.4826
 
 
 class Stretch(NamedTuple):
-    """What n samples add up to; `away` is a sample less the mean.
+    """Sums over n samples; `away` is a sample less the mean.
 
     `batches` (b,) are means of away, weighted with a Hann window and overlapping by half (away
     itself where it is cut into none), `gain` the sum of the window's squared weights; `squares` is
     the sum of away^2, `tilt` that of away times the sample's number less the middle one. `low` and
     `high` are the extremes; `repeats`, `at_low`, `at_high` and `far` count the samples that repeat
-    the one before, stand at either, and lie more than six standard deviations away.
+    the one before, are at either, and lie more than six standard deviations away.
     """
 
     n: int

@@ -33,7 +33,7 @@ def zero_of(
     """The tare's mean, its variance, codes, and how many samples were left out: single samples that
     are far from the others. A tare that is not one level is refused.
 
-    Both only where it matters beside the lift's own uncertainty; the plain mean else, which is the
+    Both only where it matters against the lift's own uncertainty; the plain mean else, which is the
     better one. Where the level wanders from its middle, so far may the trial's zero be from the
     mean: that is in the variance.
     """
