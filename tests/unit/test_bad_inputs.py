@@ -779,7 +779,7 @@ def test_30_32_a_line_without_an_end_costs_no_memory(
         assert (code, quality[TRIAL]) == (0, "truncated")
     else:
         assert (code, quality[TRIAL]) == (3, "MALFORMED")
-        assert "trials/t01.csv, after line 501: has a line of more than 8 MB" in said
+        assert "trials/t01.csv, after line 501: has a line of more than" in said
 
 
 def test_json_speaks_of_rejections_too(raw: Path) -> None:
