@@ -10,8 +10,12 @@ from tests.unit.manifests import manifest
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding.inspection import inspect
+from nearlift.onboarding.shown import block
 from nearlift.readers import reader
+from nearlift.readers.base import rate_of
 from nearlift.readers.clock import seconds_of
+from nearlift.reduction.conditions import Conditions
+from nearlift.reduction.samples import clock_codes
 
 
 @pytest.mark.parametrize(
@@ -25,6 +29,9 @@ from nearlift.readers.clock import seconds_of
         (["12/31/2024 11:59:59.990 PM", "1/1/2025 12:00:00.010 AM"], [0, 0.02]),
         (["27.10.2024 02:59:58,500", "27.10.2024 02:59:58,600"], [0, 0.1]),
         (["2024-10-27 02:59:58:012", "2024-10-27 02:59:58:022"], [0, 0.01]),
+        (["20241027T235958.5Z", "20241028T000000.25Z"], [0, 1.75]),
+        (["[14:05:03.000]", "[14:05:03.012]"], [0, 0.012]),
+        (["Oct 27 2024 14:05:03", "Oct 27 2024 14:05:04"], [0, 1]),
     ],
 )
 def test_usual_writings(cells: list[str], want: list[float]) -> None:
@@ -76,6 +83,23 @@ def test_a_record_by_its_clock(tmp_path: Path, header: str, row: str) -> None:
     assert record.time_s is not None
     np.testing.assert_allclose(record.time_s, np.arange(200) / 40, atol=1e-9)
     assert record.force_N.tolist() == force
+
+
+def test_stamps_in_whole_seconds_are_no_clock_of_samples(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time,force\n" + "".join(f"12:00:{i // 80:02d},{i % 7}\n" for i in range(400)))
+    found = inspect(path)
+    assert "80 rows to each 1 s: it is too coarse" in found.contents.notes[-1]
+    assert "\ntime" not in block(found)
+
+
+def test_stamps_in_whole_milliseconds_have_the_rate_of_the_samples() -> None:
+    """Steps of 12 and 13 ms are 80 Hz, and not 83."""
+    stamps = np.floor(12.5 * np.arange(400)) / 1000
+    assert rate_of(stamps) == pytest.approx(80, rel=2e-4)
+    assert clock_codes(stamps, Conditions(rate_Hz=80.0), "a") == []
+    with pytest.raises(InputRefused, match="runs at 80"):
+        clock_codes(stamps, Conditions(rate_Hz=83.3), "a")
 
 
 def test_a_time_that_cannot_be_read_is_named(tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ def test_what_cannot_be_screened_says_why():
     assert (
         few.why_not
         == f"16 trials have repeats or neighbours to compare with; at least {LEAST_TRIALS} are"
-        " wanted"
+        " needed"
     )
     exact = screen(*bench(5, size=0.0))
     assert exact.why_not == "most trials repeat exactly, so nothing shows how far noise reaches"

@@ -18,9 +18,10 @@ from nearlift.errors import InputRefused
 from nearlift.onboarding import grids, meaning, tables
 from nearlift.onboarding.grids import Grid
 from nearlift.onboarding.tables import Table
+from nearlift.readers import guarded
 from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
 from nearlift.readers.dialect import NoNames
-from nearlift.readers.files import head_of
+from nearlift.readers.files import content_of, head_of, is_gzip
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.ramp import Ramp, ramp_of
 from nearlift.readers.text import CSV, SHEET, TEXT
@@ -156,7 +157,7 @@ def inspect(
     """
     said = dict(dialect or {})
     length = _regular(path)
-    head = head_of(path, HEAD)
+    head = guarded.run(content_of, path, HEAD) if is_gzip(path) else head_of(path, HEAD)
     if not (said or record) and (grid := grids.grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
     if head.startswith(DATAFLASH):
@@ -235,6 +236,10 @@ def _notes(channels: Sequence[Channel], clock: Channel | None) -> list[str]:
         and len(set(c.values[: 4 * rows].tolist())) == rows
         and (c.values[rows:] == c.values[:-rows]).all()
     ]
+    if not same and (clock.values % 1 == 0).all():
+        step = clock.values[rows] - clock.values[rows - 1]
+        note = f"{clock.name!r} has {rows} rows to each {step:g} {clock.unit}: it is too coarse for"
+        return [f"{note} a clock of the samples; state their rate"]
     by = f"{same[0]!r} numbers them" if same else "no column numbers them"
     note = (
         f"each time of {clock.name!r} has {rows} rows: {rows} sensors in one file, and {by}; keep"

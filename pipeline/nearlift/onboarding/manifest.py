@@ -14,7 +14,7 @@ from tomlkit.items import InlineTable, Table
 from nearlift import units
 from nearlift.campaign.manifest import BLANK
 from nearlift.onboarding import meaning
-from nearlift.onboarding.inspection import Inspection, usual_head
+from nearlift.onboarding.inspection import Inspection, rows_per_stamp, usual_head
 from nearlift.onboarding.tables import ProposedSchedule
 from nearlift.printing import printable
 from nearlift.readers.base import AS_FORCE, FORCE_UNITS
@@ -130,8 +130,9 @@ def records_tables(
     if dialect := {**first.dialect, **named}:
         _set(table, "dialect", _inline(dialect), "the file has no names: FILL IN" if named else "")
     clock = first.clock
-    # a clock whose unit is doubtful is left out
-    if clock is not None and clock is not first.force and not first.doubt:
+    # a clock whose unit is doubtful, or with many rows to each stamp, is left out
+    fine = clock is not None and clock is not first.force and rows_per_stamp(clock) == 1
+    if clock is not None and fine and not first.doubt:
         seconds = None if clock.unit else meaning.clock_rate(replace(clock, unit="s"))
         remark = f"in s the rate is {seconds:.6g} Hz" if seconds else ""
         _set(table, "time", _inline({"column": clock.name, "unit": clock.unit or BLANK}), remark)

@@ -26,6 +26,7 @@ from nearlift.errors import InputRefused, ManifestError, did_you_mean
 from nearlift.readers import files, guarded
 from nearlift.readers.files import MARK, Piece, ReadingPlan
 from nearlift.readers.guarded import Malformed
+from nearlift.reduction.stretch import usual_step
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
@@ -176,9 +177,8 @@ def _in_a_group(name: str, folded: str) -> bool:
 
 
 def rate_of(clock: FloatArray) -> float | None:
-    """The steady rate of a clock in s, Hz: the inverse of its median step; None if it has none."""
-    steps = np.diff(clock[np.isfinite(clock)])
-    usual = float(np.median(steps)) if len(steps) else 0.0
+    """The steady rate of a clock in s, Hz: the inverse of its usual step; None if it has none."""
+    usual = usual_step(np.diff(clock[np.isfinite(clock)]))
     return 1 / usual if usual > 0 else None
 
 

@@ -1,9 +1,10 @@
 """Times of day as seconds: ISO 8601 with or without a zone, another date before a time of day, AM
-and PM, minutes and seconds as spreadsheets show them.
+and PM, minutes and seconds as spreadsheets write them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import math
 import re
@@ -15,7 +16,7 @@ from nearlift.declare import FloatArray
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 _TIME = re.compile(
-    r"(?:(?P<date>\d+[-./]\d+[-./]\d+)[T, ]+)?"
+    r"(?:(?P<date>[^:]*\d[^:]*?)(?:[T,]|\s)\s*)?"
     r"(?:(?P<hour>\d{1,2}):)?(?P<minute>\d{1,2}):(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?"
     r"(?:\s*(?P<half>[ap])\.?m\.?)?"
     r"(?:\s*(?P<zone>z|utc|[-+]\d{2}:?\d{2}))?",
@@ -55,7 +56,12 @@ def _parts(cell: str) -> tuple[float, int, float] | None:
     """Seconds of the day, the day (0 without a date), and the period after which the seconds begin
     again (0: never); None where the cell is no time.
     """
-    found = _TIME.fullmatch(cell.strip())
+    plain = cell.strip(" \t[]()")
+    found = _TIME.fullmatch(plain)
+    if found is None and "T" in plain:
+        # ISO 8601 without its signs
+        with contextlib.suppress(ValueError):
+            found = _TIME.fullmatch(datetime.datetime.fromisoformat(plain).isoformat())
     # two numbers without a fraction may be hours and minutes
     if found is None or not (found["hour"] or found["fraction"]):
         return None

@@ -212,6 +212,11 @@ def head_of(path: Path, length: int) -> bytes:
         return file.read(length)
 
 
+def is_gzip(path: Path) -> bool:
+    """Whether a file is compressed by gzip."""
+    return head_of(path, 2) == GZIP
+
+
 def is_packed(path: Path) -> bool:
     """Whether a file has its text inside; False where it cannot be opened."""
     try:

@@ -297,8 +297,10 @@ def _arrow_table(
     except pa.ArrowInvalid:
         return None
     # a quote without its other half may swallow lines
-    if b'"' in body and table.num_rows != sum(map(bool, map(bytes.strip, body.split(b"\n")))):
-        return None
+    if quotes := body.count(b'"'):
+        rows = sum(map(bool, map(bytes.strip, body.split(b"\n"))))
+        if quotes % 2 or table.num_rows != rows:
+            return None
     return table
 
 

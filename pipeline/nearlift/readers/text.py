@@ -29,6 +29,7 @@ from nearlift.readers.base import (
     Names,
     Reader,
     RecordsDialect,
+    fold,
     pick,
     rate_of,
     split_unit,
@@ -61,6 +62,8 @@ MOST_FOUND = 8
 ONE_COLUMN = "value"
 #: Rows from which on a clock is seen among them: noise grows through so many in one of 40,000.
 MIN_CLOCK_ROWS = 8
+#: Names of columns that hold times.
+CALLED_TIME = ("time", "timestamp", "time of day", "datetime", "clock", "zeit", "uhrzeit")
 CLOCKS = ("millis", "micros", "ms", "us", "t", "time", "tick")
 _CORRECT = "correct the file, or take the record out of the schedule"
 
@@ -167,7 +170,7 @@ def _known(head: bytes, said: Dialect, where: str) -> Layout | None:
             with contextlib.suppress(csv.Error):
                 cells = layout.split(row.rstrip("\r"))
                 texts = tuple(i for i, cell in enumerate(cells) if layout.value(cell) is None)
-                if texts == layout.texts:
+                if any(cells) and texts == layout.texts:
                     return layout
     return None
 
@@ -315,7 +318,10 @@ def _chosen(
         unread = [
             f"column {layout.names[i]!r} is not read: {row[i]!r} is no time of day that is known"
             for i in texts
-            if i not in clocks and re.match(r"\d{1,2}:\d\d", row[i])
+            if i not in clocks
+            and (
+                re.search(r"\d:\d\d", row[i]) or fold(split_unit(layout.names[i])[0]) in CALLED_TIME
+            )
         ]
         return layout.numeric, [i for i in clocks if i in layout.texts], unread
     columns = list(enumerate(layout.names))

@@ -9,7 +9,7 @@ from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused
 from nearlift.reduction import contamination
 from nearlift.reduction.conditions import Conditions
-from nearlift.reduction.stretch import Stretch, steady
+from nearlift.reduction.stretch import Stretch, steady, usual_step
 
 #: No force: beyond it numbers are damage, whatever the load cell.
 LARGEST_N = 1e9
@@ -127,7 +127,7 @@ def clock_codes(time_s: FloatArray, conditions: Conditions, where: str) -> list[
     if was_set.any():
         codes, steps = ["clock"], np.where(was_set, steps - HOUR_S * hours, steps)
         shortest, longest = float(steps.min()) * rate_Hz, float(steps.max()) * rate_Hz
-    usual = float(np.median(steps)) * rate_Hz
+    usual = usual_step(steps) * rate_Hz
     # a few steps of a clock that jitters do not tell its rate to a hundredth
     if not abs(usual - 1.0) <= max(0.01, 1 / len(steps)):
         rate = f"{rate_Hz / usual:.6g} Hz" if usual > 0 else "no steady rate"

@@ -109,6 +109,15 @@ def steady(clock: FloatArray, rate_Hz: float) -> bool:
     return len(steps) == 0 or bool(steps.min() > 0.99 and steps.max() < 1.01)
 
 
+def usual_step(steps: FloatArray) -> float:
+    """The usual step of a clock: the mean of those near the median one, for stamps may be rounded
+    to 12 and 13 ms; 0 where there is none.
+    """
+    middle = float(np.median(steps)) if len(steps) else 0.0
+    near = steps[np.abs(steps - middle) < 0.5 * abs(middle)]
+    return float(np.mean(near)) if len(near) else middle
+
+
 @functools.lru_cache(maxsize=8)
 def _ramp(n: int) -> FloatArray:
     """The numbers of n samples less the middle one."""
