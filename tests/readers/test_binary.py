@@ -9,9 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from tests.readers.test_formats import records
 from tests.unit import written
 from tests.unit.manifests import manifest
-from tests.unit.test_formats import records
 
 from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError

@@ -7,7 +7,7 @@ it. Three choices make the batches right:
 
 * they are long, a sixteenth of the record (an eighth of the tare) and at least 60 ms, so that slow
   noise is counted: u is 4 % low where the noise remembers for a twelfth of the tare's batch, 13 %
-  for a fifth (measured in tests/unit/test_record.py);
+  for a fifth (measured in tests/reduction/test_record.py);
 * each is weighted with a Hann window, so that a tone which does not fit a whole number of times
   leaks 30 dB less than from plain batches. For white noise the weighted means have ``sum(w^2) /
   sum(w)^2`` of the samples' variance, which is divided out;

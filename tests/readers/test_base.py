@@ -6,11 +6,10 @@ import os
 from pathlib import Path
 
 import pytest
+from tests.unit.manifests import manifest
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import BUILT_IN, reader, readers
-
-from .manifests import manifest
 
 
 def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:

@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.unit import written
 
 from nearlift import readers
 from nearlift.errors import InputRefused
 from nearlift.readers import files
 from nearlift.readers.base import Contents, pick
-
-from . import written
 
 FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60), 2)]
 ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.unit import written
+from tests.unit.bench_campaign import write_schedule
+from tests.unit.manifests import manifest
 
 from nearlift import readers, units
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.base import fold, pick, split_unit, unit_word
-
-from . import written
-from .bench_campaign import write_schedule
-from .manifests import manifest
 
 NUMBERS = st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=40)
 
@@ -265,8 +264,8 @@ def test_half_written_trials_are_flagged_and_held_against_the_planned_length(
     tmp_path: Path,
 ) -> None:
     """Flag and sample count, through a whole ingest."""
-    from .bench_campaign import force_mN, run_ingest
-    from .manifests import HEAD, LIVE, RATE
+    from tests.unit.bench_campaign import force_mN, run_ingest
+    from tests.unit.manifests import HEAD, LIVE, RATE
 
     rows = ["trial,boundary,distance,throttle"]
     for k in range(4):

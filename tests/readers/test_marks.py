@@ -8,13 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.unit import small_run, sweeps
+from tests.unit.bench_campaign import run_ingest
+from tests.unit.small_run import nearlift
 
 from nearlift.errors import InputRefused
 from nearlift.stages.ingest import TRIALS
-
-from . import small_run, sweeps
-from .bench_campaign import run_ingest
-from .small_run import nearlift
 
 PULSES = (40, 60, 80)
 HOLD, HEAD = 320, 160

@@ -12,17 +12,16 @@ import pytest
 from click.testing import Result
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.unit import small_run
+from tests.unit.bench_campaign import run_ingest
+from tests.unit.manifests import manifest
+from tests.unit.sweeps import CUT, HEAD_S, RATE, THROTTLES, campaign, lift_N, sweep, text_of, write
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.likelihood import budget
 from nearlift.observed import observe
 from nearlift.readers import reader, segments
 from nearlift.stages.ingest import TRIALS
-
-from . import small_run
-from .bench_campaign import run_ingest
-from .manifests import manifest
-from .sweeps import CUT, HEAD_S, RATE, THROTTLES, campaign, lift_N, sweep, text_of, write
 
 
 def table(folder: Path, out: Path, **changes: Any) -> dict[str, Any]:
