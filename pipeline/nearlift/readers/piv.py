@@ -156,9 +156,8 @@ def _read_text(path: Path, header_of: Callable[[list[str], Path], Header]) -> Ra
     first = next((row for row in rows if row), None)
     if first is None:
         raise InputRefused(str(path), "holds a header and no vectors", _AGAIN)
-    layout = Layout(separator=header.separator, decimal=header.decimal)
-    cells = layout.split(first)
-    trailing = len(cells) > 1 and cells[-1] == ""
+    cells = first.split(None if header.separator == BLANKS else header.separator)
+    trailing = len(cells) > 1 and not cells[-1].strip()
     names = tuple(f"column {i + 1}" for i in range(len(cells) - trailing))
     layout = Layout(
         separator=header.separator, decimal=header.decimal, names=names, trailing=trailing

@@ -7,6 +7,7 @@ the first bad line. Both give the bits of Python's `float`.
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import fnmatch
 import functools
@@ -230,7 +231,8 @@ def words(body: bytes, where: str, layout: Layout, first: int, place: int) -> li
     """The cells of one column as texts; arguments and refusals as for `parse`."""
     table = None if b"\0" in body else _arrow_table(body, layout, [place], "string")
     if table is not None:
-        return [str(cell or "") for cell in table.column(0).to_pylist()]
+        with contextlib.suppress(UnicodeDecodeError):
+            return [str(cell or "") for cell in table.column(0).to_pylist()]
     lines = enumerate(body.decode("utf-8", "replace").split("\n"), start=first)
     return [
         row_of(line.rstrip("\r"), f"{where}, line {number}", layout)[place]

@@ -312,7 +312,8 @@ def _chosen(
     """Indices of the columns of numbers to read, and of times of day, by the first row: those that
     `pick` may choose, or all. Notes name the times that cannot be read.
     """
-    texts = [i for i, cell in enumerate(row) if layout.value(cell) is None]
+    cells = row[: len(layout.names)]
+    texts = [i for i, cell in enumerate(cells) if layout.value(cell) is None]
     clocks = [i for i in texts if is_time(row[i])] if not layout.labels else []
     if names is None:
         unread = [
