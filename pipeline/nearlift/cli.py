@@ -26,7 +26,7 @@ os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
 from nearlift import __version__, terminal  # noqa: E402
 from nearlift.errors import ProductError, UsageError, brief, did_you_mean  # noqa: E402
-from nearlift.planning.question import ROUNDS, Question  # noqa: E402
+from nearlift.planning.question import ROUNDS, VisitQuestion  # noqa: E402
 from nearlift.printing import say  # noqa: E402
 from nearlift.stages import ORDER, STAGES  # noqa: E402
 from nearlift.terminal import COMPUTES, OPENS, Call  # noqa: E402
@@ -447,7 +447,7 @@ def run(
         _check(call, campaigns)
     elif watch:
         share = ROUNDS if rounds is None else rounds
-        asked = Question.parsed(question, until, share) if question else None
+        asked = VisitQuestion.parsed(question, until, share) if question else None
         _follow(call, campaigns[0], every, asked)
     elif len(campaigns) == 1:
         terminal.execute(call, campaigns[0], only)
@@ -484,7 +484,7 @@ def _check(call: Call, campaigns: tuple[Path, ...]) -> None:
         sys.exit(ProductError.exit_code)
 
 
-def _follow(call: Call, campaign: Path, period_s: float, asked: Question | None) -> None:
+def _follow(call: Call, campaign: Path, period_s: float, asked: VisitQuestion | None) -> None:
     """Run a campaign that is being recorded until interrupted; with --json, one object a round."""
     from nearlift.run.watch import watch
     from nearlift.stages import looks
@@ -560,7 +560,7 @@ def next_visits(
     from nearlift.results.document import as_json
     from nearlift.stages import forecasts
 
-    asked = Question.parsed(question, until, rounds)
+    asked = VisitQuestion.parsed(question, until, rounds)
     if as_csv and call.as_json:
         raise UsageError("--csv", "was asked for with --json", "choose one of them")
     with call.job(campaign, keep=True) as job, call.busy(f"nearlift: {job.campaign.name}"):

@@ -18,8 +18,9 @@ from tests.unit import small_run
 from tests.unit.small_run import job, ran, state
 
 from nearlift.errors import DeclarationError, InputRefused, ProductError, UsageError
-from nearlift.run import engine, tables
+from nearlift.run import engine, raw_files, tables
 from nearlift.run.engine import Busy, Outcome, Stage, ordered_stages, stage_of
+from nearlift.run.raw_files import RawFiles
 from nearlift.run.tables import Product, real
 from nearlift.stages import PRODUCTS, STAGES
 from nearlift.stages.ingest import TRIALS
@@ -201,21 +202,26 @@ def test_the_ledger_says_what_made_the_products(place):
 
 
 def test_raw_files_are_hashed_again_only_where_size_or_time_has_changed(place, monkeypatch):
-    raw = engine.RawFiles(root=place / "raw", cache=product(place, engine.CACHE))
-    campaign = job(place / "raw", place).campaign
-    before, _ = raw.hashed(campaign, STAGES)
-    raw.remember()
+    listed = {name: (name,) for name in job(place / "raw", place).inputs}
+
+    def raw():
+        return RawFiles(root=place / "raw", cache=product(place, engine.CACHE))
+
+    first = raw()
+    before = first.hashed(listed)
+    first.remember()
     hashed = []
-    monkeypatch.setattr(engine, "digests_of", lambda paths: [hashed.append(p) or "" for p in paths])
-    again = engine.RawFiles(root=place / "raw", cache=product(place, engine.CACHE))
-    assert again.hashed(campaign, STAGES)[0] == before
+    monkeypatch.setattr(
+        raw_files, "digests_of", lambda paths: [hashed.append(p) or "" for p in paths]
+    )
+    assert raw().hashed(listed) == before
     assert hashed == []
     os.utime(place / "raw" / "trials.csv", (5e8, 5e8))
-    engine.RawFiles(root=place / "raw", cache=product(place, engine.CACHE)).hashed(campaign, STAGES)
+    raw().hashed(listed)
     assert [Path(p).name for p in hashed] == ["trials.csv"]
     product(place, engine.CACHE).write_text('{"trials.csv": 3}')
     hashed.clear()
-    engine.RawFiles(root=place / "raw", cache=product(place, engine.CACHE)).hashed(campaign, STAGES)
+    raw().hashed(listed)
     assert len(hashed) == len(before)
 
 

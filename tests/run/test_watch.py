@@ -17,7 +17,7 @@ from tests.unit import test_compare as compared
 
 from nearlift.campaign import manifest as manifests
 from nearlift.errors import ManifestError
-from nearlift.planning.question import Question
+from nearlift.planning.question import VisitQuestion
 from nearlift.results.diagnosis import NOTHING
 from nearlift.results.document import typed
 from nearlift.results.quotation import Results
@@ -66,7 +66,7 @@ def until(rounds, wanted, limit_s: float = 60.0) -> list[Round]:
 
 def test_the_next_visits_are_said_after_each_look(recording, tmp_path):
     raw, late = recording
-    asked = Question.parsed("K_b", until=0.05)
+    asked = VisitQuestion.parsed("K_b", until=0.05)
     rounds = watching_of(raw, tmp_path, asked=asked)
     places, stop = next(rounds).next
     assert places.startswith("next at the ground: ")
@@ -197,7 +197,7 @@ def test_what_is_to_be_planned_is_asked_at_each_look(monkeypatch, tmp_path):
     words = ["--watch", "--next", "K_b", "--until", "0.05"]
     for more in ([], ["--rounds", "0.2"]):
         assert small_run.nearlift("run", tmp_path, *words, *more).exit_code == 0
-    assert asked == [Question.parsed("K_b", 0.05), Question.parsed("K_b", 0.05, 0.2)]
+    assert asked == [VisitQuestion.parsed("K_b", 0.05), VisitQuestion.parsed("K_b", 0.05, 0.2)]
 
 
 def test_several_campaigns_are_not_watched_at_once(recording, tmp_path):

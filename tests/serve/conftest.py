@@ -13,7 +13,7 @@ import pytest
 from matplotlib.image import imsave
 from tests.unit import small_run
 
-from nearlift.planning.question import Question
+from nearlift.planning.question import VisitQuestion
 from nearlift.run.watch import watch
 from nearlift.stages import STAGES
 
@@ -40,7 +40,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
     records[60].write_text("".join(",".join(row) + "\n" for row in (head, *rows)))
     for record in records[:84]:
         os.utime(record, (time.time() - 3600,) * 2)
-    asked = Question.parsed("K_b", until=0.05)
+    asked = VisitQuestion.parsed("K_b", until=0.05)
     stages = [s for s in STAGES if s.name in ("ingest", "reduce", "fit", "diagnose")]
     next(watch(raw, root, "serial", 0, stages=stages, asked=asked))
     reports = root / "reports" / "small"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +12,13 @@ import numpy as np
 from click.testing import CliRunner, Result
 
 from nearlift import catalogue
-from nearlift.campaign import manifest as manifests
 from nearlift.cli import main
 from nearlift.report.evidence import Evidence
 from nearlift.report.page.render import page
 from nearlift.report.registry import CHAPTERS
 from nearlift.report.tables import csv
 from nearlift.run import engine
-from nearlift.run.engine import CACHE, Job, RawFiles
+from nearlift.run.engine import Job
 from nearlift.run.workers import SerialExecutor
 from nearlift.stages import STAGES
 from nearlift.synthetic.records import Form, SimulatedBench, write_campaign
@@ -119,20 +119,8 @@ def chapter(evidence: Evidence, name: str) -> str:
 
 def job(root: Path, out: Path, **changes: Any) -> Job:
     """The campaign as the command line would open it."""
-    campaign = manifests.load(root)
-    processed = out / "processed" / campaign.name
-    raw = RawFiles(root=root, cache=processed / CACHE)
-    inputs, sources = raw.hashed(campaign, STAGES)
-    given = {
-        "processed": processed,
-        "reports": out / "reports" / campaign.name,
-        "executor": SerialExecutor(),
-        "stages": STAGES,
-        "inputs": inputs,
-        "sources": sources,
-        "stamps": raw.stamps,
-    }
-    return Job(**{"root": root, "campaign": campaign} | given | changes)
+    with engine.open_job(root, out, STAGES, SerialExecutor(), 0, keep=False) as opened:
+        return replace(opened, **changes)
 
 
 def ran(of: Job) -> list[str]:

@@ -8,7 +8,7 @@ import pytest
 
 from nearlift import schedule as schedules
 from nearlift.errors import InputRefused, UsageError
-from nearlift.planning.question import ROUNDS, Question
+from nearlift.planning.question import ROUNDS, VisitQuestion
 from nearlift.planning.rows import Traverse
 from nearlift.report import visits
 from nearlift.results.next_visits import NextVisits
@@ -148,7 +148,7 @@ def test_what_cannot_be_asked_is_refused_with_a_remedy(ingested, words, said):
 
 def test_what_the_supply_is_to_be_set_to_stands_in_the_rows(make_job):
     job = job_of(make_job, trials={"units": {"distance": "mm", "throttle": "percent"}})
-    ((found,), _) = next_visits(job, Question.parsed("drift"), 4)
+    ((found,), _) = next_visits(job, VisitQuestion.parsed("drift"), 4)
     (job.root / "trials.csv").write_text("trial,boundary,distance,throttle\nt0000,ground,30,25\n")
     header, *rows = next_rows(job, (found,)).splitlines()
     assert header == "trial,boundary,distance,throttle,supply"
@@ -163,7 +163,7 @@ def job_of(make_job, **given):
 
 
 def test_every_boundary_has_its_own_visits(small_job):
-    asked = Question.parsed("separate=height_offset,approach_backlash")
+    asked = VisitQuestion.parsed("separate=height_offset,approach_backlash")
     found, notes = next_visits(small_job, asked, 4)
     assert [of.boundary for of in found] == ["ground", "ceiling"]
     # there the amplitude absorbs an offset altogether
@@ -172,7 +172,7 @@ def test_every_boundary_has_its_own_visits(small_job):
 
 
 def test_one_throttle_is_enough(make_job):
-    ((found,), _) = next_visits(job_of(make_job, throttles=(0.5,)), Question.parsed("K_b"))
+    ((found,), _) = next_visits(job_of(make_job, throttles=(0.5,)), VisitQuestion.parsed("K_b"))
     # 19 trials: too few for a diagnosis
     assert "too few" in found.notes[0]
     assert found.throttles == 1
@@ -181,13 +181,13 @@ def test_one_throttle_is_enough(make_job):
 
 def test_a_curve_of_lift_is_planned_for_at_its_throttles(make_job):
     job = job_of(make_job, levels={"by": "curve", "of": ["throttle"], "degree": 2})
-    ((found,), _) = next_visits(job, Question.parsed("K_b"), 3)
+    ((found,), _) = next_visits(job, VisitQuestion.parsed("K_b"), 3)
     assert found.throttles == 4
     assert found.after < found.now
 
 
 def test_a_table_of_means_is_told_what_to_fill_in(make_job):
-    ((found,), _) = next_visits(job_of(make_job), Question.parsed("K_b"), 2)
+    ((found,), _) = next_visits(job_of(make_job), VisitQuestion.parsed("K_b"), 2)
     assert any("fill in the mean lift" in note for note in found.notes)
 
 
@@ -196,11 +196,11 @@ def test_a_quoted_uncertainty_of_another_kind_is_told(make_job):
     results = job.read_json(RESULTS)
     own = results["boundaries"]["ground"]["coefficients"]["K_b"]
     assert not any(
-        "results.json" in n for n in next_visits(job, Question.parsed("K_b"))[0][0].notes
+        "results.json" in n for n in next_visits(job, VisitQuestion.parsed("K_b"))[0][0].notes
     )
     own["u"] *= 10
     job.write_json(RESULTS, results)
-    ((found,), _) = next_visits(job, Question.parsed("K_b"), 2)
+    ((found,), _) = next_visits(job, VisitQuestion.parsed("K_b"), 2)
     assert any(f"results.json quotes u(K_b) = {own['u']:.2g}" in note for note in found.notes)
 
 
@@ -210,11 +210,11 @@ def test_nothing_to_plan_from_is_refused(make_job):
     trials["quality"][:] = "SATURATED"
     job.write(TRIALS, trials)
     with pytest.raises(InputRefused, match="no trial was accepted"):
-        next_visits(job, Question.parsed("K_b"))
+        next_visits(job, VisitQuestion.parsed("K_b"))
 
 
 def test_the_question_is_read_as_it_is_written():
-    assert Question.parsed("drift").pair == ("supply_sag", "gain_drift")
-    assert Question.parsed("separate= tilt , reynolds").pair == ("tilt", "reynolds")
+    assert VisitQuestion.parsed("drift").pair == ("supply_sag", "gain_drift")
+    assert VisitQuestion.parsed("separate= tilt , reynolds").pair == ("tilt", "reynolds")
     with pytest.raises(UsageError, match="wants two different effects"):
-        Question.parsed("drift=tilt,reynolds")
+        VisitQuestion.parsed("drift=tilt,reynolds")

@@ -43,7 +43,7 @@ def explain(
     name: str,
     trials: Trials,
     campaign: Campaign,
-    found: Mapping[Boundary, BoundaryDiagnosis],
+    diagnoses: Mapping[Boundary, BoundaryDiagnosis],
     seed: int,
 ) -> tuple[EffectAccount, list[EffectCurves]]:
     """Account of the effect of that name at every boundary, and curves of each of its sizes.
@@ -60,7 +60,7 @@ def explain(
     curves: list[EffectCurves] = []
     refused = []
     for boundary in boundaries(trials):
-        diagnosis = found.get(boundary)
+        diagnosis = diagnoses.get(boundary)
         try:
             forecast = of_trials(trials, campaign, boundary, diagnosis, seed)
         except NotConverged as fault:
@@ -109,7 +109,7 @@ def explain(
 
 
 def _at(
-    forecast: Forecast, effect: Effect, found: BoundaryDiagnosis | None
+    forecast: Forecast, effect: Effect, diagnosis: BoundaryDiagnosis | None
 ) -> tuple[EffectAtBoundary, list[EffectCurves]]:
     """Account at one boundary, and curves of the effect's sizes."""
     for lacking in forecast.untestable:
@@ -127,7 +127,7 @@ def _at(
         "draws": DRAWS,
         "few_visits": applies(problem.data),
         "noise": problem.noise,
-        "in_this_campaign": _verdict(effect.name, found),
+        "in_this_campaign": _verdict(effect.name, diagnosis),
     }
     if effect.within_trial:
         power = heating_power(problem.data, rate, LIMIT_POWER)
@@ -200,18 +200,18 @@ def _rms(x: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.square(x))))
 
 
-def _verdict(name: str, found: BoundaryDiagnosis | None) -> EffectVerdict | None:
+def _verdict(name: str, diagnosis: BoundaryDiagnosis | None) -> EffectVerdict | None:
     """Result of the loop on the effect; None where it has not run."""
-    if found is None:
+    if diagnosis is None:
         return None
-    named = next((e for e in found.effects if e.name == name), None)
-    tried = next((c for r in found.rounds for c in r.candidates if c.name == name), None)
+    named = next((e for e in diagnosis.effects if e.name == name), None)
+    tried = next((c for r in diagnosis.rounds for c in r.candidates if c.name == name), None)
     return EffectVerdict(
-        verdict=found.verdict,
+        verdict=diagnosis.verdict,
         named=named is not None,
         parameters=named.parameters if named else None,
         rivals=named.rivals if named else (),
-        rival_of=tuple(e.name for e in found.effects if name in e.rivals),
+        rival_of=tuple(e.name for e in diagnosis.effects if name in e.rivals),
         tried=EffectTrial(
             gain=tried.gain,
             p_value=tried.p_value,

@@ -72,7 +72,7 @@ def of_trials(
     trials: Trials,
     campaign: Campaign,
     boundary: Boundary,
-    found: BoundaryDiagnosis | None,
+    diagnosis: BoundaryDiagnosis | None,
     seed: int,
     *,
     few: bool = False,
@@ -116,7 +116,7 @@ def of_trials(
             untestable=untestable,
             notes=(note,),
         )
-    if found is not None:
+    if diagnosis is not None:
         # with a large effect the noise is known only after the search
-        problem = replace(problem, noise=found.noise)
+        problem = replace(problem, noise=diagnosis.noise)
     return Forecast(foresight=Foresight(stage=problem), effects=effects, untestable=untestable)

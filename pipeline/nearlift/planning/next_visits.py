@@ -23,7 +23,7 @@ from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
 from nearlift.observed import Trials, boundaries, choice
 from nearlift.planning.forecast import Forecast, of_trials
-from nearlift.planning.question import Question
+from nearlift.planning.question import VisitQuestion
 from nearlift.planning.rows import Traverse, traverse
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import BoundaryDiagnosis
@@ -40,10 +40,10 @@ NOTED_RATIO = 1.5
 
 
 def plan_visits(
-    asked: Question,
+    asked: VisitQuestion,
     trials: Trials,
     campaign: Campaign,
-    found: Mapping[Boundary, BoundaryDiagnosis],
+    diagnoses: Mapping[Boundary, BoundaryDiagnosis],
     quoted: Results,
     seed: int,
     count: int = COUNT,
@@ -76,7 +76,7 @@ def plan_visits(
             )
     batches, refused = [], []
     for boundary in present:
-        diagnosis = found.get(boundary)
+        diagnosis = diagnoses.get(boundary)
         try:
             forecast = of_trials(trials, campaign, boundary, diagnosis, seed, few=True)
             batches.append(_at(forecast, trials, campaign, diagnosis, quoted, asked, count))
@@ -95,18 +95,18 @@ def _at(
     forecast: Forecast,
     trials: Trials,
     campaign: Campaign,
-    found: BoundaryDiagnosis | None,
+    diagnosis: BoundaryDiagnosis | None,
     quoted: Results,
-    asked: Question,
+    asked: VisitQuestion,
     count: int,
 ) -> NextVisits:
     """Next visits at one boundary."""
     problem, effects = forecast.problem, forecast.effects
     data, notes = problem.data, list(forecast.notes)
     question, aim = (
-        _coefficient(problem, asked.coefficient, effects, found)
+        _coefficient(problem, asked.coefficient, effects, diagnosis)
         if asked.coefficient
-        else _rivals(problem, asked, effects, found)
+        else _rivals(problem, asked, effects, diagnosis)
     )
     if asked.coefficient:
         notes += _quoted(quoted, problem, asked.coefficient)
@@ -116,12 +116,12 @@ def _at(
         asked.drift or "supply_sag" in aim,
     )
     plan = next_visits.plan(problem, question, menu, asked.rounds)
-    if found is not None and not asked.coefficient:
+    if diagnosis is not None and not asked.coefficient:
         # the same two explanations, for sessions at other places too
         notes += [
             f"the diagnosis proposes {n.measure}: expected evidence {plain(n.expected_evidence, 2)}"
             f" in {n.trials} trials"
-            for n in found.next_experiment
+            for n in diagnosis.next_experiment
             if isinstance(n, NextSession) and n.separates == aim
         ]
     if data.record is not None:
@@ -205,11 +205,11 @@ def _coefficient(
     problem: SearchProblem,
     name: str,
     library: tuple[Effect, ...],
-    found: BoundaryDiagnosis | None,
+    diagnosis: BoundaryDiagnosis | None,
 ) -> tuple[Aim, tuple[str, ...]]:
     """Aim at the coefficient, with the effects that the diagnosis names in the model."""
     known = {e.name: e for e in library}
-    named = tuple(known[e.name] for e in found.effects if e.name in known) if found else ()
+    named = tuple(known[e.name] for e in diagnosis.effects if e.name in known) if diagnosis else ()
     fitted = problem.explain(named).fitted if named else problem.base_fit
     at = [p.name for p in problem.base.parameters].index(name)
     return next_visits.of_coefficient(fitted, at), (name,)
@@ -233,9 +233,9 @@ def _quoted(quoted: Results, problem: SearchProblem, name: str) -> list[str]:
 
 def _rivals(
     problem: SearchProblem,
-    asked: Question,
+    asked: VisitQuestion,
     library: tuple[Effect, ...],
-    found: BoundaryDiagnosis | None,
+    diagnosis: BoundaryDiagnosis | None,
 ) -> tuple[Aim, tuple[str, ...]]:
     """Aim at two explanations as fitted, or at a plausible size where the trials show none."""
     where = f"next visits at the {problem.data.boundary}"
@@ -245,7 +245,7 @@ def _rivals(
     if asked.pair:
         one, other = ((name,) for name in asked.pair)
     else:
-        listed = (found.explanations or ()) if found else ()
+        listed = (diagnosis.explanations or ()) if diagnosis else ()
         if len(listed) < 2:
             raise InputRefused(
                 where,

@@ -14,7 +14,7 @@ OF_DRIFT = ("supply_sag", "gain_drift")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Question:
+class VisitQuestion:
     """A coefficient, or two explanations to distinguish: by default those of the diagnosis.
 
     Attributes
@@ -32,8 +32,8 @@ class Question:
     rounds: float = ROUNDS
 
     @classmethod
-    def parsed(cls, text: str, until: float | None = None, rounds: float = ROUNDS) -> Question:
-        """Question of ``--for TEXT``.
+    def parsed(cls, text: str, until: float | None = None, rounds: float = ROUNDS) -> VisitQuestion:
+        """VisitQuestion of ``--for TEXT``.
 
         Raises
         ------

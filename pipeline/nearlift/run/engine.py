@@ -29,6 +29,7 @@ import nearlift
 from nearlift import blas
 from nearlift.errors import DeclarationError, InputRefused, NearliftError, ProductError, UsageError
 from nearlift.run import tables
+from nearlift.run.raw_files import Inputs, RawFiles, list_digest
 from nearlift.run.tables import LEDGER, Product
 
 # the command line is made of stages, so what a manifest needs is imported where a job is opened
@@ -40,8 +41,6 @@ MANIFEST = "campaign.toml"
 LOCK = ".lock"
 #: Digests of raw files by size and time of last change, so that they are not hashed at each run.
 CACHE = "inputs-cache.json"
-#: A file younger than this may change again within the resolution of its time stamp.
-YOUNG_NS = 2_000_000_000
 #: Packages whose version can change a number.
 NUMERICAL = (
     "numpy",
@@ -56,8 +55,6 @@ NUMERICAL = (
 )
 #: Names of unfinished files: a dot, the file's name, the process that writes it.
 UNFINISHED = re.compile(r"\..+\.\d+\.tmp\Z")
-#: Raw files of a stage, by the name under which provenance.json lists them.
-Inputs = Mapping[str, Sequence[str]]
 
 
 class Busy(NearliftError):
@@ -295,10 +292,6 @@ class Job:
             self, campaign=self.campaign.model_copy(update={section: wanted}), overrides=known
         )
 
-    def stage(self, name: str) -> Stage:
-        """The stage of that name."""
-        return stage_of(self.stages, name)
-
     def read(self, product: Product) -> tables.Table:
         """A table product of this campaign."""
         where = str(self.processed / product.file)
@@ -337,6 +330,15 @@ def stage_of(stages: Iterable[Stage], name: str) -> Stage:
     return named[name]
 
 
+def inputs_of(stages: Iterable[Stage], root: Path, campaign: Campaign) -> dict[str, Inputs]:
+    """Raw files of each stage that the campaign asks for."""
+    return {
+        stage.name: stage.inputs(root, campaign)
+        for stage in stages
+        if stage.inputs is not None and stage.configured(campaign)
+    }
+
+
 @contextlib.contextmanager
 def open_job(
     root: Path,
@@ -368,7 +370,10 @@ def open_job(
         )
     processed = out / "processed" / campaign.name
     raw = RawFiles(root=root, cache=processed / CACHE)
-    inputs, sources = ({}, {}) if planned else raw.hashed(campaign, stages)
+    of_stages = {} if planned else inputs_of(stages, root, campaign)
+    listed: dict[str, Sequence[str]] = {} if planned else {MANIFEST: (MANIFEST,)}
+    for inputs in of_stages.values():
+        listed |= inputs
     yield Job(
         root=root,
         campaign=campaign,
@@ -376,94 +381,14 @@ def open_job(
         reports=out / "reports" / campaign.name,
         executor=executor,
         stages=tuple(stages),
-        inputs=inputs,
-        sources=sources,
+        inputs=raw.hashed(listed),
+        sources={name: tuple(inputs) for name, inputs in of_stages.items()},
         stamps=raw.stamps,
         seed=seed,
         say=say,
     )
     if keep and not planned:
         raw.remember()
-
-
-@dataclass(kw_only=True)
-class RawFiles:
-    """Raw files of a campaign; one whose size and time are as in `cache` is not hashed again."""
-
-    root: Path
-    cache: Path
-    stamps: dict[str, tuple[int, int]] = field(default_factory=dict)
-    digests: dict[str, str] = field(default_factory=dict)
-    young: set[str] = field(default_factory=set)
-
-    def hashed(
-        self, campaign: Campaign, stages: Iterable[Stage]
-    ) -> tuple[dict[str, str], dict[str, tuple[str, ...]]]:
-        """Digests by name, the manifest's first, and the names of each stage's inputs."""
-        listed: dict[str, Sequence[str]] = {MANIFEST: (MANIFEST,)}
-        sources = {}
-        for stage in stages:
-            if stage.inputs is not None and stage.configured(campaign):
-                of_stage = stage.inputs(self.root, campaign)
-                sources[stage.name] = tuple(of_stage)
-                listed |= of_stage
-        self._look(dict.fromkeys(file for files in listed.values() for file in files))
-        return {
-            name: self.digests[name]
-            if (*files,) == (name,)
-            else list_digest({file: self.digests[file] for file in files})
-            for name, files in listed.items()
-        }, sources
-
-    def _look(self, files: Iterable[str]) -> None:
-        folder, known, now = self.root.as_posix(), self._known(), time.time_ns()
-        unknown = []
-        for file in files:
-            status = os.stat(f"{folder}/{file}")  # noqa: PTH116 - paths made one by one take longer
-            stamp = self.stamps[file] = status.st_size, status.st_mtime_ns
-            if now - status.st_mtime_ns < YOUNG_NS:
-                self.young.add(file)
-            if (old := known.get(file)) is not None and (old[0], old[1]) == stamp:
-                self.digests[file] = old[2]
-            else:
-                unknown.append(file)
-        paths = [f"{folder}/{file}" for file in unknown]
-        self.digests |= zip(unknown, digests_of(paths), strict=True)
-
-    def _known(self) -> dict[str, tuple[int, int, str]]:
-        try:
-            return {
-                file: (int(entry[0]), int(entry[1]), str(entry[2]))
-                for file, entry in tables.read_json_if_whole(self.cache).items()
-            }
-        except (KeyError, TypeError, ValueError, IndexError):
-            return {}
-
-    def remember(self) -> None:
-        """Keep the digests with the products, if there are any, unless the cache has them."""
-        fresh = {
-            file: (*self.stamps[file], sha)
-            for file, sha in self.digests.items()
-            if file not in self.young
-        }
-        if self.cache.parent.is_dir() and fresh != self._known():
-            tables.write_whole(self.cache, json.dumps(fresh).encode())
-
-
-def digests_of(paths: Sequence[str | Path]) -> list[str]:
-    """SHA-256 of each file, many of them by threads: hashing leaves the interpreter free."""
-    if len(paths) < 8:
-        return [tables.sha256(path) for path in paths]
-    portions = [paths[i : i + 16] for i in range(0, len(paths), 16)]
-    with futures.ThreadPoolExecutor(min(os.cpu_count() or 1, 4)) as pool:
-        each = pool.map(lambda portion: [tables.sha256(path) for path in portion], portions)
-        return [sha for digests in each for sha in digests]
-
-
-def list_digest(digests: Mapping[str, str]) -> str:
-    """SHA-256 of a list of files: their names, each with its own."""
-    text = "".join(f"{name} {sha}\n" for name, sha in digests.items())
-    return tables.digest_of(text.encode())
 
 
 # ---- staleness
@@ -802,7 +727,9 @@ def differences(
     lines = []
     for name, sha in inputs.items():
         files = lists.get(name, (name,))
-        if (*files,) == (name,):
+        if name not in lists and name.startswith("["):
+            lines.append(f"{name}: are other files by now")
+        elif (*files,) == (name,):
             lines += _difference(root / name, sha)
         elif list_digest({file: tables.sha256(root / file) for file in files}) != sha:
             lines.append(f"{name}: are not what they were")

@@ -16,7 +16,7 @@ from nearlift.stages.ingest import TRIALS
 
 if TYPE_CHECKING:
     from nearlift.declare import Boundary
-    from nearlift.planning.question import Question
+    from nearlift.planning.question import VisitQuestion
     from nearlift.results import Noise
     from nearlift.results.design import DesignOutlook
     from nearlift.results.explanation import EffectAccount
@@ -110,8 +110,8 @@ def explain(job: Job, name: str) -> EffectAccount:
     """
     from nearlift.planning.explain import explain
 
-    trials, found = job.read(TRIALS), findings(job.processed)
-    account, curves = explain(name, trials, job.campaign, found, job.seed)
+    trials, diagnoses = job.read(TRIALS), findings(job.processed)
+    account, curves = explain(name, trials, job.campaign, diagnoses, job.seed)
     if not curves:
         return account
     from nearlift.report.evidence import stack
@@ -125,7 +125,7 @@ def explain(job: Job, name: str) -> EffectAccount:
 
 
 def next_visits(
-    job: Job, asked: Question, count: int = 10
+    job: Job, asked: VisitQuestion, count: int = 10
 ) -> tuple[tuple[NextVisits, ...], tuple[str, ...]]:
     """Next visits at each boundary, and reasons where there are none; see
     `planning.next_visits.plan_visits`.
@@ -134,8 +134,8 @@ def next_visits(
     from nearlift.results.quotation import Results
 
     quoted = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={}))
-    trials, found = job.read(TRIALS), findings(job.processed)
-    return plan_visits(asked, trials, job.campaign, found, quoted, job.seed, count)
+    trials, diagnoses = job.read(TRIALS), findings(job.processed)
+    return plan_visits(asked, trials, job.campaign, diagnoses, quoted, job.seed, count)
 
 
 def next_rows(job: Job, batches: Sequence[NextVisits]) -> str:

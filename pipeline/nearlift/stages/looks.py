@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from nearlift.errors import NearliftError
-from nearlift.planning.question import Question
+from nearlift.planning.question import VisitQuestion
 from nearlift.reduction.quality import rejected
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.quotation import Results
@@ -28,7 +28,7 @@ def _verdict(loop: BoundaryDiagnosis | NotDiagnosed) -> str:
     return " + ".join(effect.name for effect in loop.effects) or loop.verdict
 
 
-def look(asked: Question | None, job: Job, fresh: bool) -> Round:
+def look(asked: VisitQuestion | None, job: Job, fresh: bool) -> Round:
     """A round of `run.watch`: trials so far, what is quoted of them, and the next visits where they
     are `asked` for and results are `fresh`.
     """
@@ -58,7 +58,7 @@ def headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
             yield f"{boundary} {result.claim}" + (f" ({interim.text})" if interim else "")
 
 
-def visits(asked: Question, job: Job) -> tuple[str, ...]:
+def visits(asked: VisitQuestion, job: Job) -> tuple[str, ...]:
     """The next visits, or why there are none to propose."""
     from nearlift.report import visits as visits_text
 

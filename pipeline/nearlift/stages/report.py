@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from nearlift.run.engine import Inputs, Job, Outcome, Stage
+from nearlift.run.engine import Job, Outcome, Stage
+from nearlift.run.raw_files import Inputs
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
