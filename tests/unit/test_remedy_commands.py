@@ -173,7 +173,6 @@ ELSEWHERE = {
     "nearlift next",
     "nearlift next --for",
     "nearlift inspect --cuts CAMPAIGN",
-    "nearlift run --watch",
 }
 
 

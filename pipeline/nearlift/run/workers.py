@@ -86,7 +86,7 @@ def open_executor(text: str) -> Iterator[futures.Executor]:
                 raise
     elif kind == "dask" and rest:
         raise UsageError(
-            "--executor", f"{text!r} takes whole campaigns", "`nearlift run` uses a cluster"
+            "--executor", f"{text!r} takes whole campaigns", "use serial, threads:N or processes:N"
         )
     else:
         raise UsageError(
