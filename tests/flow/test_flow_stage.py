@@ -4,6 +4,7 @@ is configured.
 
 from __future__ import annotations
 
+import csv
 import json
 import shutil
 from pathlib import Path
@@ -279,6 +280,12 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     assert others | {"flow", "report"} <= set(ran)
     assert ran.index("flow") < ran.index("report")
     assert (tmp_path / "reports/small/fig3.png").is_file()
+    drawn = list(csv.DictReader((tmp_path / "reports/small/downwash.csv").open()))
+    measured = [r for r in drawn if r["kind"] == "measured"]
+    assert measured
+    assert all(float(r["lo90_percent"]) < float(r["hi90_percent"]) for r in measured)
+    assert {r["label"] for r in drawn if r["kind"] == "model"} <= {"C-B (theory)", "S-C, fitted"}
+    assert "PIV at ẑ" in (tmp_path / "reports/small/summary.txt").read_text()
     page = (tmp_path / "reports/small/index.html").read_text()
     assert 'id="flow"' in page
     assert "SIMULATED fields, no measurement" in page

@@ -8,13 +8,15 @@ import copy
 import csv
 import dataclasses
 import io
+import re
+import shutil
 
 import numpy as np
 import pytest
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.report import curves, relative_lift
+from nearlift.report import curves, relative_lift, words
 from nearlift.report.figures import fig2, residuals
 from nearlift.report.tables import csv as to_csv
 from nearlift.results.quotation import LargestShifts, Shift
@@ -324,7 +326,7 @@ def test_no_curve_is_drawn_beyond_the_stations(table):
 
 def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_farthest):
     text = fig2.caption(evidence, table)
-    for words in (
+    for said in (
         "Bars: 1 standard uncertainty from scatter",
         "central 90 %",
         "unpublished rotor spacing",
@@ -332,7 +334,7 @@ def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_
         "K_b = 2",
         "u(L∞) = ",
     ):
-        assert words in text
+        assert said in text
     table = fig2.summarise(by_farthest)
     text = fig2.caption(by_farthest, table)
     assert "farthest station" in text
@@ -382,6 +384,23 @@ def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
     file.symlink_to(tmp_path / "outside.csv")
     with pytest.raises(ManifestError, match="outside the campaign's folder"):
         gather(job)
+
+
+def test_an_overlay_is_a_file_or_a_campaign_of_the_workspace(make_job):
+    job = make_job(boundaries=("ground",), report={"overlay": ["other.csv", "pitt"]})
+    (job.root / "other.csv").write_text(
+        "boundary,z_hat,delta_L,u\nground,1.5,0.1,0.01\nceiling,0.5,0.2,0.01\n,2,0.05,\n"
+    )
+    with pytest.raises(ManifestError, match="no campaign of that name was run here"):
+        gather(job)
+    other = job.processed.parent / "pitt"
+    other.mkdir()
+    shutil.copy(job.processed / LIFT.file, other / LIFT.file)
+    evidence = gather(job)
+    table = fig2.summarise(evidence)
+    np.testing.assert_allclose(rows(table, label="other")["z_hat"], [1.5, 2.0])
+    cells = evidence.table(LIFT)
+    np.testing.assert_allclose(rows(table, label="pitt")["delta_L_percent"], 100 * cells["delta_L"])
 
 
 def test_csv_holds_what_is_drawn_and_no_formula(table):
@@ -470,3 +489,11 @@ def test_rounding():
     assert plus_minus(-0.0001, 0.02) == "0.000 ± 0.020"
     assert decimals(0.00257) == 4
     assert plus_minus(-4.2, 29.0) == "−4 ± 29"
+
+
+def test_the_distance_of_a_change_of_two_percent_is_printed(evidence):
+    for boundary in ("ground", "ceiling", "sidewall"):
+        text = words.reach(evidence, boundary)
+        z_hat = float(re.search(r"ẑ = ([\d.]+) ", text)[1])
+        change = relative_lift.line(evidence, boundary, np.array([z_hat])).middle[0]
+        assert abs(change) == pytest.approx(0.02, rel=0.02)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import PurePath
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -62,11 +63,23 @@ class FitOptions(Section):
 
 
 class Overlay(Section):
-    """Further data for Figure 2: a CSV with the columns z_hat, delta_L and u (fractions)."""
+    """Measured data of others for Figure 2: a CSV with the columns z_hat, delta_L and u
+    (fractions), or the name of a data set or campaign that was run in this workspace.
+
+    A string is short for its file, with the file's name as label. Without `boundary` it is the
+    CSV's own column, else the ground.
+    """
 
     file: str
     label: str
-    boundary: Boundary
+    boundary: Boundary | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named(cls, value: object) -> object:
+        if isinstance(value, str):
+            return {"file": value, "label": PurePath(value).name.removesuffix(".csv")}
+        return value
 
 
 class Units(Section):

@@ -227,7 +227,7 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="velocity",
         facts=flow.facts,
         needs=(FIT, *FLOW_PRODUCTS),
-        figures=_figures("fig3", "fig4", "fig5"),
+        figures=_figures("downwash", "fig3", "fig4", "fig5"),
         pictures="within",
     ),
     Chapter(

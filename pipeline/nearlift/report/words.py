@@ -9,6 +9,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary
@@ -16,7 +18,9 @@ from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
 from nearlift.reduction.quality import rejected
-from nearlift.report.evidence import Evidence
+from nearlift.report import relative_lift
+from nearlift.report.evidence import Evidence, where
+from nearlift.report.figures import downwash
 from nearlift.report.phrases import (
     SCALES,
     chance,
@@ -38,6 +42,8 @@ from nearlift.results.quotation import BoundaryResult, CoefficientResult
 from nearlift.rounding import decimals, fixed, like, plain, signed
 from nearlift.schedule import BY_NAME
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.stages.fit import FIT
+from nearlift.stages.flow import DOWNWASH
 from nearlift.stages.ingest import TRIALS
 
 #: A base model whose chi2 has a smaller p-value than this is rejected.
@@ -54,6 +60,8 @@ INPUT_WORDS = {
     "rotor_spacing": "rotor spacing",
     "height": "distance datum",
 }
+#: Change of lift whose distance is printed.
+SEEN = 0.02
 #: Inputs of the load cell in `[[uncertainty]] on`.
 CELL = {"force", "gain", "linearity"}
 
@@ -70,6 +78,8 @@ class Brief:
         Inputs whose error is in no interval.
     error, sources, influence : str
         Of the headline coefficient.
+    reach, flow : str
+        Distance of a lift change of 2 %; downwash measured by PIV against the lift model's.
     doubts : tuple of str
         The most serious first.
     next : str
@@ -84,6 +94,8 @@ class Brief:
     sources: str
     doubts: tuple[str, ...]
     influence: str
+    reach: str
+    flow: str
     next: str
 
 
@@ -126,6 +138,8 @@ def briefs(evidence: Evidence) -> list[Brief]:
                 if (b in d.boundaries or not d.boundaries) and d.text != _inputs(evidence, b)
             ),
             influence=influence(quoted),
+            reach=reach(evidence, b),
+            flow=flow(evidence, b),
             next=_next(evidence, b, quoted),
         )
         for b in evidence.boundaries
@@ -309,6 +323,42 @@ def random_walk(size: float) -> str:
     return (
         f"the gain drifts irregularly by {100 * size:.2g} % of lift over the campaign,"
         " along nothing that was logged"
+    )
+
+
+def reach(evidence: Evidence, boundary: Boundary) -> str:
+    """Distance at which the quoted model's lift change is `SEEN`; empty beyond the trials."""
+    z_hat = evidence.observations[boundary].z_hat
+    z_hat = z_hat[np.isfinite(z_hat) & (z_hat > 0)]
+    if not len(z_hat):
+        return ""
+    grid = np.geomspace(z_hat.min(), z_hat.max(), 2000)
+    change = np.abs(relative_lift.line(evidence, boundary, grid).middle)
+    larger = np.flatnonzero(change >= SEEN)
+    if not len(larger) or larger[-1] == len(grid) - 1:
+        return ""
+    at = float(grid[larger[-1]])
+    mm = 1e3 * at * evidence.campaign.vehicle.rotor_radius
+    return f"Lift changes by {100 * SEEN:g} % at ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)."
+
+
+def flow(evidence: Evidence, boundary: Boundary) -> str:
+    """Downwash that PIV measured near a boundary, and what the base lift model implies."""
+    table = downwash.summarise(evidence) if evidence.has(DOWNWASH, FIT) else {}
+    rows = where(table, panel=boundary, kind="measured") if table else {}
+    if not rows or not len(rows["z_hat"]):
+        return ""
+    # cuts of the inflow first, then the nearest
+    i = min(range(len(rows["z_hat"])), key=lambda k: (rows["label"][k] != "", rows["z_hat"][k]))
+    z_hat, measured, low, high = (
+        float(rows[n][i]) for n in ("z_hat", "reduction_percent", "lo90_percent", "hi90_percent")
+    )
+    implied = downwash.implied(evidence, boundary, z_hat)
+    model = f"; the lift model implies {fixed(implied, 1)} %" if math.isfinite(implied) else ""
+    wake = " in the wake" if rows["label"][i] else ""
+    return (
+        f"PIV at ẑ = {plain(z_hat, 3)}: {fixed(measured, 1)} % less downwash{wake}"
+        f" (90 %: {fixed(low, 1)} to {fixed(high, 1)}){model}."
     )
 
 

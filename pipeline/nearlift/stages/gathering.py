@@ -55,7 +55,7 @@ def gather(job: Job) -> Evidence:
         observations={
             b: observe(trials, job.campaign, b) for b in boundaries(trials) if b in fitted
         },
-        overlays=overlays.read(job.root, job.campaign),
+        overlays=overlays.read(job.root, job.campaign, job.processed.parent),
         digests=digests,
         inputs=dict(job.inputs),
         versions=versions(),

@@ -1,10 +1,12 @@
-"""Further data for Figure 2, as the manifest names them: small CSV files of other groups."""
+"""Measured data of others for Figure 2, as the manifest names them: small CSV files, and cells of
+campaigns that were run in the same workspace.
+"""
 
 from __future__ import annotations
 
 import csv
 import math
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 
@@ -12,25 +14,51 @@ from nearlift.campaign.choices import Overlay
 from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.report.evidence import Columns
+from nearlift.run import tables
+from nearlift.stages.reduce import LIFT
 
 COLUMNS = ("z_hat", "delta_L", "u")
 MAX_BYTES = 5_000_000
 
 
-def read(root: Path, campaign: Campaign) -> tuple[tuple[Overlay, Columns], ...]:
-    """Every overlay of the manifest, as fractions.
+def read(root: Path, campaign: Campaign, processed: Path) -> tuple[tuple[Overlay, Columns], ...]:
+    """Every overlay of the manifest, as fractions; `processed` has the workspace's products.
 
     Raises
     ------
     ManifestError
-        A file is missing, or lies outside the campaign's folder.
+        A file is missing, or lies outside the campaign's folder; a data set was not run.
     InputRefused
         A file is too large, lacks a column, or holds a cell that is no number.
     """
     return tuple(
-        (overlay, _table(_inside(root, overlay), overlay.file))
+        (overlay.model_copy(update={"boundary": boundary}), table)
         for overlay in campaign.report.overlay
+        for boundary, table in _tables(root, overlay, processed).items()
     )
+
+
+def _tables(root: Path, overlay: Overlay, processed: Path) -> dict[str, Columns]:
+    """Points by boundary."""
+    if overlay.file.endswith(".csv"):
+        table = _table(_inside(root, overlay), overlay.file)
+        own = table.pop("boundary")
+        own[own == ""] = overlay.boundary or "ground"
+    else:
+        lift = processed / overlay.file / LIFT.file
+        if PurePath(overlay.file).name != overlay.file or not lift.is_file():
+            raise ManifestError(
+                "report.overlay",
+                f"{overlay.file!r} is no CSV file, and no campaign of that name was run here",
+                f"nearlift data get {overlay.file}, then nearlift run {overlay.file}",
+            )
+        cells = tables.read_table(lift, LIFT)
+        known = np.isfinite(cells["delta_L"]) & np.isfinite(cells["z_hat"])
+        own = cells["boundary"][known]
+        named = {"z_hat": "z_hat", "delta_L": "delta_L", "u": "u_delta_L"}
+        table = {to: np.asarray(cells[column][known], float) for to, column in named.items()}
+    wanted = [overlay.boundary] if overlay.boundary else sorted(set(own.tolist()))
+    return {b: {n: x[own == b] for n, x in table.items()} for b in wanted if (own == b).any()}
 
 
 def _inside(root: Path, overlay: Overlay) -> Path:
@@ -73,12 +101,13 @@ def _table(path: Path, name: str) -> Columns:
     if missing:
         wanted = f"an overlay has the columns {', '.join(COLUMNS)} (fractions; u may be empty)"
         raise InputRefused(name, f"lacks {', '.join(missing)}" if rows else "holds no rows", wanted)
-    return {
+    table = {
         c: np.array(
             [_number(row[c], c, name, i) for (i, _), row in zip(lines[1:], rows, strict=True)]
         )
         for c in COLUMNS
     }
+    return {**table, "boundary": np.array([row.get("boundary") or "" for row in rows], object)}
 
 
 def _number(text: str | None, column: str, name: str, line: int) -> float:

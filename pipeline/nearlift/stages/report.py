@@ -47,7 +47,7 @@ def run(job: Job) -> Outcome:
             Picture(
                 name=spec.name,
                 title=spec.title,
-                caption=spec.caption(evidence, rows),
+                caption=spec.captioned(evidence, rows),
                 alt=spec.alt(evidence, rows),
                 png=files["png"],
             )

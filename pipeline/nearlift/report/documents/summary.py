@@ -50,6 +50,8 @@ def _block(brief: words.Brief) -> list[str]:
         )
     for label, text in (
         ("", brief.omits),
+        ("", brief.reach),
+        ("", brief.flow),
         ("Error: ", brief.error),
         ("", brief.sources),
         ("Doubt: ", brief.doubts[0] if brief.doubts else ""),

@@ -153,12 +153,14 @@ def draw(table: Rows, look: Style) -> Figure:
 
 
 def colour(exponent: float, exponents: list[float]) -> Any:
-    """Black without a model, else blue, the darker the higher the power."""
+    """Black without a model, blue for the model, else from dark to light with the power."""
     if exponent == 0:
         return NONE
-    powers = [e for e in exponents if e != 0]
+    if exponent == 1:
+        return SERIES[0][0]
+    powers = [e for e in exponents if e not in (0, 1)]
     share = powers.index(exponent) / max(len(powers) - 1, 1)
-    return matplotlib.colormaps["Blues"](0.4 + 0.6 * share)
+    return matplotlib.colormaps["plasma"](0.1 + 0.75 * share)
 
 
 def _histories(ax: Axes, rows: Rows, side: str) -> None:

@@ -27,6 +27,8 @@ def render(draw: Draw, table: Mapping[str, object], look: Style) -> dict[str, by
     with context(look):
         figure = draw(table, look)
         _simplify_axes(figure)
+        if look.simulated:
+            _mark(figure, look)
         # one layout for both files, by the letters of the PDF
         FigureCanvasPdf(figure)
         if (layout := figure.get_layout_engine()) is not None:
@@ -43,6 +45,16 @@ def render(draw: Draw, table: Mapping[str, object], look: Style) -> dict[str, by
             png, "PNG", dpi=(DPI, DPI)
         )
     return {"pdf": pdf.getvalue(), "png": png.getvalue()}
+
+
+def _mark(figure: Figure, look: Style) -> None:
+    """Say in the image that the records are simulated."""
+    share = 0.14 / float(figure.get_figheight())
+    layout: Any = figure.get_layout_engine()
+    if layout is not None:
+        layout.set(rect=(0.012, share, 0.976, 1 - share))
+    text = {"ha": "right", "va": "bottom", "color": "0.35", "fontsize": look.text_pt - 1}
+    figure.text(0.995, 0.1 * share, "simulated records, not measured", **text, in_layout=False)
 
 
 def _simplify_axes(figure: Figure) -> None:

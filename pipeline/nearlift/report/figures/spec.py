@@ -39,3 +39,9 @@ class FigureSpec:
     caption: Callable[[Evidence, Columns], str]
     alt: Callable[[Evidence, Columns], str]
     asked: Callable[[Campaign], bool] = lambda campaign: True
+
+    def captioned(self, evidence: Evidence, table: Columns) -> str:
+        """Caption, which says where records are simulated."""
+        said = self.caption(evidence, table)
+        simulated = evidence.campaign.simulated and "simulated" not in said.lower()
+        return f"Simulated records, not measured. {said}" if simulated else said

@@ -41,6 +41,8 @@ class Style:
         Type, lines and symbols, in points.
     radius_mm : float or None
         Rotor radius; if given, distances are shown in millimetres.
+    simulated : bool
+        Whether each figure is marked as one of simulated records.
     """
 
     single_in: float = 3.25
@@ -50,6 +52,7 @@ class Style:
     line_pt: float = 1.0
     marker_pt: float = 3.2
     radius_mm: float | None = None
+    simulated: bool = False
 
 
 #: Okabe and Ito's colours that stand out on white, each with its own marker, so that greyscale
@@ -92,6 +95,7 @@ def style_of(campaign: Campaign) -> Style:
         single_in=report.column_width / INCH_M,
         double_in=report.full_width / INCH_M,
         radius_mm=1e3 * campaign.vehicle.rotor_radius if report.units.distance == "mm" else None,
+        simulated=campaign.simulated,
     )
 
 
