@@ -53,7 +53,12 @@ def _mark(figure: Figure, look: Style) -> None:
     layout: Any = figure.get_layout_engine()
     if layout is not None:
         layout.set(rect=(0.012, share, 0.976, 1 - share))
-    text = {"ha": "right", "va": "bottom", "color": "0.35", "fontsize": look.text_pt - 1}
+    text: dict[str, Any] = {
+        "ha": "right",
+        "va": "bottom",
+        "color": "0.35",
+        "fontsize": look.text_pt - 1,
+    }
     figure.text(0.995, 0.1 * share, "simulated records, not measured", **text, in_layout=False)
 
 
