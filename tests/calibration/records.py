@@ -30,7 +30,7 @@ from nearlift.readers import reader
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.quality import joined, rejected
 from nearlift.reduction.record import reduce_record
-from nearlift.stages import ingest
+from nearlift.stages import ingest, rows
 from nearlift.stages.ingest import TRIALS
 
 FloatArray = NDArray[np.float64]
@@ -90,7 +90,7 @@ def rig(name: str) -> Campaign:
     )
 
 
-def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[ingest.Row]:
+def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[rows.Row]:
     """The rows of files with these contents; whatever is raised here is a finding."""
     pattern = campaign.records.files or ""
     names = [f"t{i:04d}" for i in range(len(contents))]
@@ -98,13 +98,13 @@ def reduced(campaign: Campaign, folder: Path, contents: list[bytes]) -> list[ing
         written.put(folder, pattern.replace("{trial}", name), content)
     pieces = reader(campaign.records.reader).plan(campaign, folder, names).pieces
     tasks = [
-        ingest.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, inputs={})
+        rows.Task(root=folder, campaign=campaign, piece=piece, tare_after_N={}, inputs={})
         for piece in pieces
     ]
-    return [row for task in tasks for row in ingest.reduce_piece(task)]
+    return [row for task in tasks for row in rows.reduce_piece(task)]
 
 
-def fate(row: ingest.Row, lift_N: float, samples: int) -> str:
+def fate(row: rows.Row, lift_N: float, samples: int) -> str:
     """What became of a trial whose lift should be this; a length that is not the planned one is
     told by `[load_cell] record`.
     """
