@@ -101,26 +101,9 @@ BESIDE = tuple(k.name for k in KNOWN if k.inside in CARRIED)
 BRINGABLE = tuple(k.name for k in KNOWN if k.kind == "quantity" and not k.name.startswith("lift"))
 #: Names that a further column must not have.
 OF_TRIALS = (
-    "trial",
-    "boundary",
-    "z_hat",
-    "z_m",
-    "throttle",
-    "lift_N",
-    "u_lift_N",
-    "u_zero_N",
-    "n",
-    "n_removed",
-    "n_eff",
-    "drift_N_s",
-    "sd_N",
-    "quality",
-    "visit",
-    "source_sha256",
-    "source",
-    "samples",
-    "completeness",
-    "fault",
+    *("trial", "boundary", "z_hat", "z_m", "throttle", "lift_N", "u_lift_N", "u_zero_N", "n"),
+    *("n_removed", "n_eff", "drift_N_s", "sd_N", "quality", "visit", "source_sha256", "source"),
+    *("samples", "completeness", "fault"),
 )
 RESERVED = {*OF_TRIALS} | {k.inside for k in KNOWN} | {"u_height_m"}
 
@@ -254,20 +237,16 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
 def text_of(path: Path) -> str:
     """The file, or its first sheet, as text; refuses one that is missing or not UTF-8."""
     if not path.is_file():
-        raise InputRefused(
-            str(path),
-            "is missing",
-            "the schedule lists every trial; name it under [trials] file = ...",
-        )
+        remedy = "the schedule lists every trial; name it under [trials] file = ..."
+        raise InputRefused(str(path), "is missing", remedy)
     try:
         content = guarded.run(content_of, path) if is_packed(path) else content_of(path)
         return content.decode("utf-8-sig")
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "save the schedule as CSV") from None
     except UnicodeDecodeError as fault:
-        raise InputRefused(
-            str(path), f"is not UTF-8 text (byte {fault.start})", "save it as UTF-8"
-        ) from None
+        what = f"is not UTF-8 text (byte {fault.start})"
+        raise InputRefused(str(path), what, "save it as UTF-8") from None
 
 
 def unended(path: Path, text: str) -> list[str]:
@@ -343,25 +322,15 @@ def _without_remarks(text: str) -> str:
 
 def _header(path: Path, line: int, row: Sequence[str]) -> list[str]:
     """The columns' names."""
-    header = [name.strip() for name in row]
+    header, at = [name.strip() for name in row], f"{path}, line {line}"
     if len(header) == 1 and re.search(r"[;\t]", header[0]):
-        raise InputRefused(
-            str(path),
-            "is not separated by commas",
-            "save it with commas between cells and points in decimals",
-        )
+        remedy = "save it with commas between cells and points in decimals"
+        raise InputRefused(str(path), "is not separated by commas", remedy)
     if twice := sorted(n for n, k in Counter(header).items() if k > 1):
-        raise InputRefused(
-            f"{path}, line {line}",
-            f"the column {twice[0]!r} is there twice",
-            "rename or drop one of them",
-        )
+        raise InputRefused(at, f"the column {twice[0]!r} is there twice", "rename or drop one")
     if "" in header:
-        raise InputRefused(
-            f"{path}, line {line}",
-            f"column {header.index('') + 1} has no name",
-            "name it, or take the extra comma away",
-        )
+        what = f"column {header.index('') + 1} has no name"
+        raise InputRefused(at, what, "name it, or take the extra comma away")
     return header
 
 
@@ -429,16 +398,12 @@ def rename_records(
     bring = tuple(brought(campaign.segments))
     if RECORD_COLUMN not in columns or "trial" in columns:
         what = "has a column 'trial'" if "trial" in columns else "has no column 'record'"
-        raise ManifestError(
-            str(path), what, "with [segments] a row is a record: call the column of its ids record"
-        )
-    for name in bring:
-        if name in columns:
-            raise ManifestError(
-                str(path),
-                f"the column {name!r} is also brought by the pieces of records, by [segments]",
-                "take the column away, or the key under [segments] (maps, columns)",
-            )
+        remedy = "with [segments] a row is a record: call the column of its ids record"
+        raise ManifestError(str(path), what, remedy)
+    if both := [name for name in bring if name in columns]:
+        what = f"the column {both[0]!r} is also brought by the pieces of records, by [segments]"
+        remedy = "take the column away, or the key under [segments] (maps, columns)"
+        raise ManifestError(str(path), what, remedy)
     return {"trial" if n == RECORD_COLUMN else n: column for n, column in columns.items()}, bring
 
 
@@ -528,20 +493,15 @@ def _check_means(
     campaign: Campaign, path: Path, columns: Collection[str], means: Collection[str]
 ) -> None:
     """Refuse mean lifts with records, and ``reader = "means"`` without them."""
-    wanted = campaign.records.reader == "means"
+    wanted, reader = campaign.records.reader == "means", campaign.records.reader
     if wanted and "lift_N" not in means:
-        raise ManifestError(
-            str(path),
-            "has no column 'lift'",
-            'reader = "means" takes the mean lift of every trial from it; add lift, and its unit'
-            " under [trials.units]",
-        )
+        remedy = 'reader = "means" takes the mean lift of every trial from it; add lift, and its'
+        remedy += " unit under [trials.units]"
+        raise ManifestError(str(path), "has no column 'lift'", remedy)
     if means and not wanted:
-        raise ManifestError(
-            str(path),
-            f'the column {next(n for n in MEANS if n in columns)!r} belongs to reader = "means"',
-            f"rename it; here the lift comes from the {campaign.records.reader} records",
-        )
+        first = next(n for n in MEANS if n in columns)
+        what = f'the column {first!r} belongs to reader = "means"'
+        raise ManifestError(str(path), what, f"rename it; here the lift is from {reader} records")
 
 
 def _ids(column: TextColumn) -> NDArray[Any]:
@@ -597,13 +557,14 @@ def _plain(column: TextColumn) -> FloatArray:
     """Plain numbers: approach (+1, -1, or 0 where the traverse did not move), n (whole, from 1)."""
     values = column.numbers()
     for i in np.flatnonzero(np.isfinite(values)).tolist():
-        value, cell = values[i], repr(column.texts[i].strip())
-        if column.name == "approach" and value not in (-1.0, 0.0, 1.0):
-            remedy = "approach is +1 when the last move was away from the boundary, -1 towards it"
-            raise column.refusal(i, f"{cell} is not a side", remedy)
-        if column.name == "n" and not (value >= 1 and value == int(value)):
-            what = f"{cell} is not a number of samples"
-            raise column.refusal(i, what, "n is a whole number from 1")
+        if column.name == "approach" and values[i] not in (-1.0, 0.0, 1.0):
+            what, remedy = "side", "approach is +1 when the last move was away from the boundary,"
+            remedy += " -1 towards it"
+        elif column.name == "n" and not (values[i] >= 1 and values[i] == int(values[i])):
+            what, remedy = "number of samples", "n is a whole number from 1"
+        else:
+            continue
+        raise column.refusal(i, f"{column.texts[i].strip()!r} is not a {what}", remedy)
     return values
 
 
@@ -702,19 +663,16 @@ def _offset(campaign: Campaign, side: Boundary) -> float:
     if rig.datum(side) != "rotor axis":
         return offset
     if side != "sidewall":
+        what = f"the rotor axis is no datum for the {side}: it is at right angles to it"
+        own = '{ ground = "rotor plane", sidewall = "rotor axis" }'
         raise ManifestError(
-            "rig.distance_datum",
-            f"the rotor axis is no datum for the {side}: it is at right angles to it",
-            'give each boundary its own, such as { ground = "rotor plane", sidewall = "rotor'
-            ' axis" }',
+            "rig.distance_datum", what, f"give each boundary its own, such as {own}"
         )
     if abs(offset + r) > 0.1 * r:
-        raise ManifestError(
-            "rig.distance_offset",
-            f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis",
-            "z_hat counts from the nearest blade tip: make it minus one rotor radius, { sidewall"
-            f' = "{-1e3 * r:g} mm", ... }}',
-        )
+        what = f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis"
+        remedy = "z_hat counts from the nearest blade tip: make it minus one rotor radius,"
+        remedy += f' {{ sidewall = "{-1e3 * r:g} mm", ... }}'
+        raise ManifestError("rig.distance_offset", what, remedy)
     return offset
 
 
