@@ -258,6 +258,19 @@ def test_utf16_cut_within_a_character(tmp_path: Path) -> None:
     assert (found.codes, values(found, 1)) == (("truncated",), [2])
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
+@pytest.mark.parametrize("block", [997, 4096])
+def test_blocks_give_what_the_whole_gives(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, encoding: str, block: int
+) -> None:
+    force = np.random.default_rng(1).normal(size=3000).round(6)
+    rows = "".join(f"{i};{f}\r\n" for i, f in enumerate(force)).replace(".", ",")
+    monkeypatch.setattr(text, "LONGEST_LINE", block)
+    found = read(tmp_path, ("t;F\r\n" + rows).encode(encoding), names=("F",))
+    np.testing.assert_array_equal(found.channels[0].values, force)
+    assert found.codes == ()
+
+
 def test_a_bad_line_far_below_is_named(tmp_path: Path) -> None:
     rows = b"".join(b"%d,%d\n" % (i, i) for i in range(20000))
     with pytest.raises(InputRefused, match=r"f\.txt, line 20002: '7x' in column 'F' is not a"):

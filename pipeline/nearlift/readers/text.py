@@ -41,7 +41,7 @@ from nearlift.readers.files import content_of, is_sheet, sheet_of
 from nearlift.readers.table import Layout, no_nul, parse, row_of, words
 from nearlift.units import NUMBER
 
-#: Longest line, bytes.
+#: Longest line, and bytes that are parsed at once.
 LONGEST_LINE = 8 << 20
 OPTIONS = {
     "encoding": str,
@@ -189,11 +189,19 @@ def _read(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
     """The channels of a text in a known layout."""
     above, body, cut = _rows_of(content, layout, where)
     chosen, clocks, notes = _chosen(layout, names, where, _first_row(body, layout))
-    columns = dict(
-        zip(chosen, parse(body, where, layout, layout.first, chosen), strict=True) if chosen else ()
-    )
-    for i in clocks:
-        columns[i], bad = seconds_of(words(body, where, layout, layout.first, i))
+    held: list[list[FloatArray]] = [[np.empty(0)] for _ in chosen]
+    cells: list[list[str]] = [[] for _ in clocks]
+    for first, block in _blocks(body, layout.first, where):
+        for parts, values in zip(held, parse(block, where, layout, first, chosen), strict=True):
+            parts.append(values)
+        for i, texts in zip(clocks, cells, strict=True):
+            texts += words(block, where, layout, first, i)
+    columns = {
+        i: parts[1] if len(parts) == 2 else np.concatenate(parts)
+        for i, parts in zip(chosen, held, strict=True)
+    }
+    for i, texts in zip(clocks, cells, strict=True):
+        columns[i], bad = seconds_of(texts)
         if bad is not None and names is not None:
             raise InputRefused(
                 where, f"has no time of day in column {layout.names[i]!r}, row {bad + 1}", _CORRECT
@@ -216,10 +224,10 @@ def _read(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
         _refuse_clock_between(columns[0], where, layout.first)
     marks = list(_marks(above, layout)) if layout.ignore else []
     if layout.ignore:
-        first = 0 if marks and layout.skips(above[-1]) else len(marks)
+        known = 0 if marks and layout.skips(above[-1]) else len(marks)
         marks += _marks(body.decode("utf-8", "replace").split("\n"), layout)
         if names is not None or len(channels) == 1:
-            _require_one_kind(channels[0], [row for row, _ in marks[first:]], where)
+            _require_one_kind(channels[0], [row for row, _ in marks[known:]], where)
     spoken = layout.spoken()
     return Contents(
         channels=channels,
@@ -255,13 +263,27 @@ def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], byt
         start = content.find(b"\n", start) + 1 or end
     tail = content[end:]
     if len(tail) > LONGEST_LINE and tail.strip(b"\0"):
-        raise InputRefused(
-            f"{where}, after line {content.count(10)}",
-            f"has a line of more than {LONGEST_LINE >> 20} MB",
-            "it is no table, or damaged",
-        )
+        raise _too_long(f"{where}, after line {content.count(10)}")
     above = content[:start].decode("utf-8", "replace").split("\n")[:-1]
     return above, content[start:end], half or bool(tail.strip()) or b"\0" in tail
+
+
+def _blocks(body: bytes, first: int, where: str) -> Iterator[tuple[int, bytes]]:
+    """Whole lines of some megabytes, each with the number of its first line."""
+    start = 0
+    while start < len(body):
+        end = len(body)
+        if end - start > LONGEST_LINE:
+            end = body.rfind(b"\n", start, start + LONGEST_LINE) + 1
+            if not end:
+                raise _too_long(f"{where}, after line {first - 1}")
+        yield first, body[start:end]
+        first, start = first + body.count(b"\n", start, end), end
+
+
+def _too_long(at: str) -> InputRefused:
+    what = f"has a line of more than {LONGEST_LINE >> 20} MB"
+    return InputRefused(at, what, "it is no table, or damaged")
 
 
 def _marks(lines: Sequence[str], layout: Layout) -> Iterator[tuple[int, str]]:
