@@ -444,7 +444,11 @@ class Reader:
                     trial=trial, source=source, codes=("MALFORMED",), fault=f"{source}: {fault}"
                 )
                 continue
-            yield spec.record(contents, trial, str(path), source)
+            record = spec.record(contents, trial, str(path), source)
+            # its channels need not be in memory while the record is reduced
+            del contents
+            yield record
+            del record
 
     def read(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> Iterator[Record]:
         """Every record of these trials, streamed, in the plan's order."""

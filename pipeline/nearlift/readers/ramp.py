@@ -27,9 +27,9 @@ from nearlift.reduction import cuts
 from nearlift.reduction.samples import LARGEST_N
 from nearlift.reduction.stretch import SD_PER_MAD
 
-#: Means of so many stretches tell how the force moves. Below this part of the largest the rotors
-#: stand; what the rest of the record moves by, as a ratio and in units of the stretches' noise,
-#: beyond which it is no one lift.
+#: Stretches whose means show how the force moves. Below this part of the largest the rotors are at
+#: rest. The rest of the record moves by more than such a ratio, and more than so many times the
+#: stretches' noise, if it is no one lift.
 STRETCHES, AT_REST, MOVES, ABOVE_NOISE = 200, 0.05, 1.3, 10.0
 #: Samples of a record that is judged.
 FEWEST = 100

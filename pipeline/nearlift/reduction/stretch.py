@@ -12,6 +12,8 @@ from nearlift.declare import FloatArray, IntArray
 
 #: Standard deviations of normal noise in one median absolute deviation.
 SD_PER_MAD = 1.4826
+#: Samples up to which the numbers of a record are kept for the next one.
+MOST_KEPT = 1 << 20
 
 
 class Stretch(NamedTuple):
@@ -75,6 +77,7 @@ def stretch(values: FloatArray, half: int) -> Stretch:
     mean = float(np.add.reduce(values)) / n
     low, high = float(values.min()), float(values.max())
     away = values - mean
+    tilt = float(np.add.reduce(_times_ramp(away)))
     squared = away * away
     squares = float(np.add.reduce(squared))
     limit = 36.0 * squares / max(n - 1, 1)
@@ -92,7 +95,7 @@ def stretch(values: FloatArray, half: int) -> Stretch:
         gain,
         mean=mean,
         squares=squares,
-        tilt=float(np.add.reduce(away * _ramp(n))),
+        tilt=tilt,
         low=low,
         high=high,
         repeats=float(np.count_nonzero(values[1:] == values[:-1])),
@@ -116,6 +119,16 @@ def usual_step(steps: FloatArray) -> float:
     middle = float(np.median(steps)) if len(steps) else 0.0
     near = steps[np.abs(steps - middle) < 0.5 * abs(middle)]
     return float(np.mean(near)) if len(near) else middle
+
+
+def _times_ramp(away: FloatArray) -> FloatArray:
+    """Each sample times its number less the middle one."""
+    if len(away) <= MOST_KEPT:
+        return away * _ramp(len(away))
+    ramp = np.arange(len(away), dtype=float)
+    ramp -= 0.5 * (len(away) - 1)
+    ramp *= away
+    return ramp
 
 
 @functools.lru_cache(maxsize=8)
