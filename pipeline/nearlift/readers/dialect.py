@@ -28,6 +28,7 @@ from nearlift.readers.table import (
     Layout,
     cut_at,
     label,
+    number,
     parse,
     row_of,
 )
@@ -163,7 +164,7 @@ def _settled(lines: Sequence[str], where: str, said: Dialect) -> Layout:
 
 
 #: Names and numbers of the first rows: two dialects must agree on them.
-Reading = tuple[tuple[str, ...], tuple[tuple[float | None, ...], ...]]
+Reading = tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]
 
 
 def _fitting(lines: Sequence[str], where: str, said: Dialect) -> Layout:
@@ -258,35 +259,22 @@ def _fit(
         texts=tuple(i for i in range(len(names)) if _value(row[i], signs) is None),
     )
     _no_label(layout, lines, row, where)
-    reading: list[tuple[float | None, ...]] = []
+    reading: list[tuple[float, ...]] = []
     for at, line in enumerate(lines[start:], start):
         if layout.skips(line):
             continue
-        values = _values(line, f"{where}, line {at + 1}", layout, at - start)
+        place = f"{where}, line {at + 1}"
+        try:
+            cells = row_of(line, place, layout)
+            values = [
+                number(cells[i], place, layout.names[i], layout.decimal, layout.thousands)
+                for i in layout.numeric
+            ]
+        except InputRefused as refusal:
+            raise _Unfit(at - start, refusal) from None
         if len(reading) < READ:
             reading.append(tuple(0.5 if value != value else value for value in values))
     return layout, (tuple(names), tuple(reading))
-
-
-def _values(line: str, place: str, layout: Layout, done: int) -> tuple[float | None, ...]:
-    """The numbers of a row, None in columns of text; raises `_Unfit`, with the lines `done`."""
-    try:
-        row = row_of(line, place, layout)
-    except InputRefused as refusal:
-        raise _Unfit(done, refusal) from None
-    values = tuple(None if i in layout.texts else layout.value(cell) for i, cell in enumerate(row))
-    for i, value in enumerate(values):
-        if value is None and i not in layout.texts:
-            pair = label(row[i])
-            raise _unfit(
-                done,
-                place,
-                f"{row[i]!r} in column {layout.names[i]!r} is not a number",
-                cut_at(f"{pair[0]}:")
-                if pair and NUMBER.fullmatch(pair[1])
-                else "correct the line, or say the dialect under [records]",
-            )
-    return values
 
 
 def _see_names(

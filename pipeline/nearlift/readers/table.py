@@ -188,6 +188,8 @@ def number(text: str, at: str, column: str, decimal: str = ".", thousands: str =
             f'if {sign!r} parts thousands: reader = "text" with dialect = {{ thousands ='
             f' "{sign}" }} under [records]'
         )
+    elif (pair := label(text)) and NUMBER.fullmatch(pair[1]):
+        remedy = cut_at(f"{pair[0]}:")
     raise InputRefused(at, f"{text!r} in column {column!r} is not a number", remedy)
 
 
