@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from nearlift.version import __version__
+
 if TYPE_CHECKING:
     from nearlift.study import Study, load, trials
 
-__version__ = "0.1.0"
 __all__ = ["Study", "__version__", "load", "trials"]
 
 

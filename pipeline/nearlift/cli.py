@@ -24,12 +24,13 @@ default_to_one_thread()
 # looking for pydantic's plug-ins takes longer than checking a manifest
 os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")
 
-from nearlift import __version__, terminal  # noqa: E402
+from nearlift import terminal  # noqa: E402
 from nearlift.errors import ProductError, UsageError, brief, did_you_mean  # noqa: E402
 from nearlift.planning.question import ROUNDS, VisitQuestion  # noqa: E402
 from nearlift.printing import say  # noqa: E402
 from nearlift.stages import ORDER, STAGES  # noqa: E402
 from nearlift.terminal import COMPUTES, OPENS, Call  # noqa: E402
+from nearlift.version import __version__  # noqa: E402
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

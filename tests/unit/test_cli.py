@@ -554,9 +554,9 @@ def test_the_package_shows_what_there_is_and_imports_it_when_asked():
         [sys.executable, "-c", told], capture_output=True, text=True, check=True
     ).stdout.splitlines()
     assert lines == [
-        "['Study', '__version__', 'load']",
-        "[]",
-        "nearlift.study.study Study",
+        "['Study', '__version__', 'load', 'trials']",
+        "['nearlift.version']",
+        "nearlift.study Study",
     ]
 
 

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 
 from nearlift.compiler import compiled
+from nearlift.flight import NODES
 from nearlift.flight.gusts import begin, fill
-from nearlift.flight.monte_carlo import NODES
 
 #: Rows of the array of settings.
 Z0, ALPHA, BETA, GAMMA, DELTA, NOISE, SIGN, DROOP, CONTACT, MOST = range(10)

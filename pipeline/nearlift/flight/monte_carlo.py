@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.flight import Ratio, energy
+from nearlift.flight import NODES, Ratio, energy
 from nearlift.flight.crash_rate import binomial90, levels, resamples, wide_gaps
 from nearlift.flight.vehicle import AWAY, Groups
 from nearlift.randomness import generator
@@ -28,8 +28,6 @@ Spread = Callable[[Callable[[int], Any], Iterable[int]], Iterable[Any]]
 #: Height above which every table is constant; lift there is within 0.5 % of L_inf for the declared
 #: models at their declared parameters.
 TOP = 16.0
-#: Nodes of every table.
-NODES = 2049
 #: Largest block of flights, and number of blocks into which few flights are divided.
 BLOCK, LEAST_BLOCKS = 50, 4
 #: Share of the flights, and least number of them, that are flown again with half the step.

@@ -25,12 +25,12 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
-import nearlift
 from nearlift import blas
 from nearlift.errors import DeclarationError, InputRefused, NearliftError, ProductError, UsageError
 from nearlift.run import tables
 from nearlift.run.raw_files import Inputs, RawFiles, list_digest
 from nearlift.run.tables import LEDGER, Product
+from nearlift.version import __version__
 
 # the command line is made of stages, so what a manifest needs is imported where a job is opened
 if TYPE_CHECKING:
@@ -397,7 +397,7 @@ def open_job(
 @functools.cache
 def code_digest() -> str:
     """Digest of nearlift's own source, so that products of older code are stale."""
-    package = str(Path(nearlift.__file__).parent)
+    package = str(Path(__file__).parent.parent)
     files = []
     for folder, folders, names in os.walk(package):
         folders[:] = [name for name in folders if name != "__pycache__"]
@@ -607,7 +607,7 @@ def _committed(
         ledger,
         campaign=job.campaign.name,
         vehicle=job.campaign.vehicle.name,
-        nearlift=nearlift.__version__,
+        nearlift=__version__,
         platform=platform.platform(),
         versions=versions(),
         options=RunOptions(seed=job.seed),

@@ -10,7 +10,6 @@ import json
 from collections.abc import Callable
 from datetime import UTC, datetime
 
-import nearlift
 from nearlift.campaign.manifest import boundaries_of
 from nearlift.flight.export import c_header, json_document, python_module
 from nearlift.flight.export.model_export import ModelExport, exported
@@ -21,6 +20,7 @@ from nearlift.stages import netcdf
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.quoted_lift import fitted_lift
+from nearlift.version import __version__
 
 DRAWS = 2000
 
@@ -33,7 +33,7 @@ def model_export(job: Job) -> ModelExport:
     newest = max((p.stat().st_mtime for p in raw), default=None)
     return ModelExport(
         campaign=job.campaign.name,
-        nearlift=nearlift.__version__,
+        nearlift=__version__,
         digest=tables.sha256(job.processed / TRIALS.file),
         date=(
             "unknown" if newest is None else datetime.fromtimestamp(newest, UTC).date().isoformat()

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 
-import nearlift
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
@@ -24,6 +23,7 @@ from nearlift.run.engine import Job
 from nearlift.stages.fit import POSTERIOR
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.posteriors import LEVEL, split_level
+from nearlift.version import __version__
 
 FILE = "posterior.nc"
 #: Of the draws, as attributes.
@@ -48,7 +48,7 @@ def write(job: Job) -> str:
         ) from None
     draws, fits = job.read(POSTERIOR), job.load(FitResults)
     about = {
-        "created_by": f"nearlift {nearlift.__version__}",
+        "created_by": f"nearlift {__version__}",
         "campaign": job.campaign.name,
         "data_sha256": tables.sha256(job.processed / TRIALS.file),
     }

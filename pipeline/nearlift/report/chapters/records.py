@@ -7,7 +7,6 @@ import shlex
 
 import numpy as np
 
-import nearlift
 from nearlift.declare import BOUNDARIES, Boundary
 from nearlift.nomenclature import letter
 from nearlift.reduction.quality import CODES, code, reason, rejected
@@ -17,6 +16,7 @@ from nearlift.report.trial_table import Refit, TrialRow
 from nearlift.rounding import bytes_text, plain
 from nearlift.stages.fit import FIT
 from nearlift.stages.ingest import TRIALS
+from nearlift.version import __version__
 
 NAMES = {"none": "free air"}
 #: Trials that the page lists; all of them are in trials.parquet.
@@ -130,6 +130,6 @@ def provenance(evidence: Evidence) -> dict[str, object]:
     seed = f" --seed {evidence.seed}" if evidence.seed else ""
     return {
         "command": f"nearlift run {shlex.quote(evidence.campaign.name)}{seed}",
-        "nearlift": nearlift.__version__,
+        "nearlift": __version__,
         "evidence": evidence,
     }

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-import nearlift
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.likelihood import budget
@@ -29,6 +28,7 @@ from nearlift.rounding import plain
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import POSTERIOR
 from nearlift.stages.ingest import TRIALS
+from nearlift.version import __version__
 
 VERDICTS = {
     "adequate": "no residual structure was detected",
@@ -322,8 +322,7 @@ def _programs(evidence: Evidence) -> str:
     ]
     with_what = f"Python {versions.get('python', '')}, {listed(named)}" if named else "Python"
     return (
-        f"All numbers are those of nearlift {nearlift.__version__} with {with_what}, seed"
-        f" {evidence.seed}."
+        f"All numbers are those of nearlift {__version__} with {with_what}, seed {evidence.seed}."
     )
 
 

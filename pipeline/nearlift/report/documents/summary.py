@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import textwrap
 
-import nearlift
 from nearlift.nomenclature import letter
 from nearlift.report import words
 from nearlift.report.evidence import Evidence
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain
 from nearlift.stages.ingest import TRIALS
+from nearlift.version import __version__
 
 WIDTH = 80
 INDENT = " " * 6
@@ -24,7 +24,7 @@ def summary(evidence: Evidence) -> bytes:
     count = f"{trials} trials, {words.removed(evidence)}"
     simulated = " (simulated records)" if evidence.campaign.simulated else ""
     lines = [
-        *_wrapped(f"{evidence.campaign.name}{simulated}: {count}; nearlift {nearlift.__version__}"),
+        *_wrapped(f"{evidence.campaign.name}{simulated}: {count}; nearlift {__version__}"),
         *_wrapped(
             "+/-: one standard uncertainty u (k = 1); visit: the trials of one stop at a distance"
         ),
