@@ -9,10 +9,10 @@ from nearlift.errors import InputRefused
 from nearlift.flow.average import Lags, average, integrated
 from nearlift.flow.field import (
     VelocityField,
+    has_flipped_component,
     masked,
     mirrored,
     on_grid,
-    one_is_flipped,
     orient,
 )
 from nearlift.flow.outliers import spurious
@@ -150,9 +150,9 @@ def test_orientation_brings_every_picture_into_vehicle_axes():
 def test_mass_betrays_one_flipped_component():
     yy, xx = np.meshgrid(Y, X, indexing="ij")
     vx, vy = 50 * xx, -50 * yy
-    assert not one_is_flipped(field(vx, vy))
-    assert one_is_flipped(field(vx, -vy))
-    assert not one_is_flipped(field(np.full(vx.shape, np.nan), vy))
+    assert not has_flipped_component(field(vx, vy))
+    assert has_flipped_component(field(vx, -vy))
+    assert not has_flipped_component(field(np.full(vx.shape, np.nan), vy))
 
 
 def test_a_mask_takes_vectors_away():

@@ -103,7 +103,7 @@ def test_a_search_takes_the_datum_where_its_best_explanation_has_it():
     best = set_up(data, CEILING, (datum(0.5e-3),), Options())[0]
     begun = best.base, best.effects, best.parts, best.theta, best.options
     answer = search_to_convergence(prepare(best.datum.at(0.0), *begun))
-    assert answer.stage.datum.error_m == pytest.approx(best.datum.error_m, abs=0.25 * 0.5e-3)
+    assert answer.problem.datum.error_m == pytest.approx(best.datum.error_m, abs=0.25 * 0.5e-3)
     assert best.datum.likeliest(best.base_fit, best.slope) is best.datum
 
 

@@ -71,7 +71,7 @@ def sagging_stage():
 def ambiguous():
     """A datum 5 mm off, which several effects of distance could be."""
     answer = run(set_up(campaign(9, visits=8, datum=-5e-3), GROUND, (), Options())[0])
-    return answer.stage, answer
+    return answer.problem, answer
 
 
 def test_a_sagging_supply_is_found_named_and_removed(sagging):
@@ -427,10 +427,10 @@ def test_a_proposed_session_adds_power(null_stage):
     answer = run(set_up(campaign(12, visits=15, datum=3e-3), GROUND, (), Options())[0])
     assert len(answer.accepted) > 1
     one, other = (e.fitted.point for e in answer.accepted[:2])
-    now = separation.parted(answer.stage, answer.stage.data, one, other)
-    for proposal in separation.menu(answer.stage.data):
+    now = separation.parted(answer.problem, answer.problem.data, one, other)
+    for proposal in separation.menu(answer.problem.data):
         more = separation.parted(
-            answer.stage, separation.join(answer.stage.data, proposal.added), one, other
+            answer.problem, separation.join(answer.problem.data, proposal.added), one, other
         )
         assert more > now - 1e-6 * max(now, 1.0)
 
@@ -453,21 +453,21 @@ def test_what_the_bench_cannot_do_is_not_proposed():
     )
     near = data.z_hat.min()
     for answered, allowed in ((answer, True), (refused, False)):
-        menu = separation.menu(answered.stage.data, answered.stage.options.not_feasible)
+        menu = separation.menu(answered.problem.data, answered.problem.options.not_feasible)
         assert any(p.added.z_hat.min() < near for p in menu) is allowed
         both = [p for p in menu if "both directions" in p.text]
         assert bool(both) is allowed
         assert all(set(p.added.covariates["approach"].tolist()) == {-1.0, 1.0} for p in both)
         said = [
             text
-            for n in separation.next_experiment(answered.stage, answered)
+            for n in separation.next_experiment(answered.problem, answered)
             for text in (n.measure, *(a.measure for a in n.alternatives))
         ]
         assert said
         assert any("closer" in text for text in said) is allowed
     assert all(
         p.added.z_hat.max() <= data.z_hat.max()
-        for p in separation.menu(answer.stage.data, ("farther",))
+        for p in separation.menu(answer.problem.data, ("farther",))
     )
 
 
@@ -672,7 +672,7 @@ def test_an_effect_that_restarts_with_every_session_may_differ_in_size_each_time
     warm_up = stage.explain((effects["warm_up"],))
     # one size for all sessions is less than the greater part of what there is
     fitted = warm_up.fitted
-    assert not stage.greater_part(stage.base_fit.chi2 - fitted.chi2, stage.excess)
+    assert not stage.explains_enough(stage.base_fit.chi2 - fitted.chi2, stage.excess)
     assert warm_up.needed
     assert not stage.judged(fitted, 0.0, (0.0,)).needed
     # nothing else restarts
@@ -768,7 +768,7 @@ def test_an_effect_that_no_fold_found_still_predicts():
 
     def blind(part):
         return search.Answer(
-            stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=()
+            problem=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=()
         )
 
     scored = confirmation.held_out(stage, blind, sagging)
@@ -866,7 +866,7 @@ def test_a_cause_is_not_named_where_a_straight_line_along_its_covariate_is_plain
     answer = run(set_up(data, GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "tilt")
     assert (
-        reference_trends.log_evidence(answer.stage, own)
+        reference_trends.log_evidence(answer.problem, own)
         > own.evidence.over_none + RIVAL_MAX_2LNB / 2
     )
     assert "tilt" not in {name for e in answer.accepted for name in e.effects}
@@ -882,7 +882,7 @@ def test_gains_that_differ_by_session_are_no_single_step_in_time(gains, single_s
     lift_N = data.lift_N * (1 + 0.006 * np.array(gains)[data.session])
     answer = run(set_up(dataclasses.replace(data, lift_N=lift_N), GROUND, (), Options())[0])
     own = next(e for e in answer.singles if e.name == "session_gain")
-    ahead = reference_trends.log_evidence(answer.stage, own) - own.evidence.over_none
+    ahead = reference_trends.log_evidence(answer.problem, own) - own.evidence.over_none
     if single_step:
         assert ahead > RIVAL_MAX_2LNB / 2
         assert not any("session_gain" in e.effects for e in answer.accepted)
@@ -904,7 +904,7 @@ def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
     )
     own = next(e for e in answer.singles if e.name == "zero_drift")
     assert own.evidence.as_printed > own.evidence.uncertain
-    assert own.evidence.over_none > reference_trends.log_evidence(answer.stage, own)
+    assert own.evidence.over_none > reference_trends.log_evidence(answer.problem, own)
     # alone, so that the trials tell of its form
     assert answer.accepted == (own.without_rivals(),)
 
@@ -925,7 +925,7 @@ def test_a_straight_line_that_its_form_contains_does_not_disown_an_effect():
     candidate = dataclasses.replace(own.fitted.candidate, effects=(curved,))
     other = dataclasses.replace(own, fitted=dataclasses.replace(own.fitted, candidate=candidate))
     # the line in force leads, and would disown an effect that does not contain it
-    lead = reference_trends.log_evidence(answer.stage, other) - own.evidence.over_none
+    lead = reference_trends.log_evidence(answer.problem, other) - own.evidence.over_none
     assert lead > RIVAL_MAX_2LNB / 2
 
 

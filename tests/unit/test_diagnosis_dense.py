@@ -25,9 +25,9 @@ from nearlift.loop import (
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.explanation import LACK_OF_FIT_P, LEAST_SHARE
 from nearlift.loop.families import STEP, families
-from nearlift.loop.handle import handles
 from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.search_problem import Options
+from nearlift.loop.size_parameter import size_parameters
 from nearlift.loop.visibility import visibility
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB, LoopCoefficients, LoopEstimate
 
@@ -114,7 +114,7 @@ def readings(stage, e):
         e.fitted.candidate.form_discrepancy(e.fitted.vector, sd) for sd in (0.0, e.form_sd)
     )
     for reading, form_discrepancy in zip(
-        stage.readings(e.fitted, e.form_sd), (none, bent), strict=True
+        stage.linear_fits(e.fitted, e.form_sd), (none, bent), strict=True
     ):
         wave = reading.random_walk_gain * waves(stage.data) if reading.random_walk_gain else none
         yield reading, np.hstack([form_discrepancy, wave])
@@ -274,7 +274,7 @@ def test_what_is_silent_biases_by_what_the_coefficients_take_of_it(stage):
             c = columns[0][:, 0]
             shift = np.linalg.solve(information, jacobian.T @ inverse @ c)
             seen = c @ inverse @ c - shift @ information @ shift
-            prior = handles(effect)[0].plausible
+            prior = size_parameters(effect)[0].plausible
             bias = (
                 abs(shift[0])
                 * np.sqrt(information[0, 0])
@@ -489,7 +489,7 @@ def test_intervals_of_the_coefficient_are_made_of_its_answers(stage, tried):
     """
     accepted = (tried["supply_sag"], tried["warm_up"])
     answer = search.Answer(
-        stage=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted
+        problem=stage, first=stage.nothing_added[0], singles=(), pairs=(), accepted=accepted
     )
     answers = coefficients.answers(answer, {})
     reach, found = t.ppf(0.95, answers.dof[0]), answers.estimates()
@@ -523,7 +523,7 @@ def test_what_is_carried_where_nothing_has_a_name(stage):
     size that its moments give.
     """
     answer = search.Answer(
-        stage=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=()
+        problem=stage, first=of([-9.0, -1.0], ("supply", "tilt")), singles=(), pairs=(), accepted=()
     )
     unnamed = discrepancy.columns(stage, ["supply"])
     answers = coefficients.answers(answer, {})
@@ -684,7 +684,7 @@ def test_promising_pairs_gain_most_and_plainly_more_than_one_that_will_do(
     monkeypatch.setattr(search, "FIRST_PAIRS", 1)
     stage = dataclasses.replace(stage)
     excess = vars(stage)["excess"] = (stage.excess_sd + 11.0 * (len(every) // 2)) / 0.6
-    might = [stage.greater_part(1.1 * 10 * i + 10, excess) for i in range(len(every))]
+    might = [stage.explains_enough(1.1 * 10 * i + 10, excess) for i in range(len(every))]
     assert 1 < sum(might) < len(every) - 1
     assert (
         search.promising(stage, single, list(effects), None)
@@ -848,7 +848,7 @@ def test_a_throttle_that_only_a_fold_has_cannot_be_predicted(stage):
 
     def blind(part):
         return search.Answer(
-            stage=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=()
+            problem=part, first=part.nothing_added[0], singles=(), pairs=(), accepted=()
         )
 
     scored = confirmation.held_out(moved, blind)
@@ -896,7 +896,7 @@ def test_noise_is_taken_anew_about_an_explanation_that_is_large_beside_it(
 
         def run(stage, shortlist):
             return search.Answer(
-                stage=stage, first=None, singles=(), pairs=(), accepted=(next(passes),)
+                problem=stage, first=None, singles=(), pairs=(), accepted=(next(passes),)
             )
 
         monkeypatch.setattr(search, "run", run)

@@ -47,7 +47,7 @@ def test_the_slope_carries_a_small_datum_and_not_a_large_one():
     shifts = []
     for standard in (0.02e-3, 0.1e-3, 0.5e-3):
         found = fit(CEILING, data, (datum(standard),), SCATTER)
-        (datums,) = [m for m in found.plan.measures if m.component == "datum"]
+        (datums,) = [m for m in found.plan.assessments if m.component == "datum"]
         shifts.append(datums.shift)
         assert (
             (datums.treatment == "exact")
@@ -157,7 +157,7 @@ def test_the_mean_over_stops_undoes_their_bias():
     slope, averaged = (
         fit(CEILING, data, (), scatter, plan=plan) for plan in (heights.HeightPlan(), None)
     )
-    (measure,) = averaged.plan.measures
+    (measure,) = averaged.plan.assessments
     assert (measure.treatment, averaged.problem.blur_m) == ("mean", pytest.approx(0.3e-3))
     assert (slope.theta[0] - 0.125) / slope.estimates["alpha"].u == pytest.approx(
         measure.shift, rel=0.1
@@ -171,8 +171,8 @@ def test_a_scatter_of_heights_that_nobody_knows_is_not_corrected_for():
     )
     found = fit(CEILING, near_ceiling(5, visits=40, height=0.3e-3), (), scatter)
     assert found.problem.blur_m == 0
-    assert found.plan.measures[0].shift > heights.LIMIT
-    assert found.plan.measures[0].treatment == "slope"
+    assert found.plan.assessments[0].shift > heights.LIMIT
+    assert found.plan.assessments[0].treatment == "slope"
 
 
 @pytest.mark.parametrize(

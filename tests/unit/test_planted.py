@@ -30,14 +30,14 @@ DRIVER = """
 import json, shutil, sys
 from nearlift.cli import main
 from nearlift.stages import STAGES
-from nearlift.loop import foresight
+from nearlift.loop import power
 from nearlift.report import registry
 from nearlift.synthetic import demo
 
 if __name__ == "__main__":
     raw, commands = json.loads(sys.argv[1])
     demo.write_demo = lambda folder: shutil.copytree(raw, folder)
-    registry.FIGURES, foresight.DRAWS, codes = registry.FIGURES[:1], 50, {}
+    registry.FIGURES, power.DRAWS, codes = registry.FIGURES[:1], 50, {}
     for words in commands:
         try:
             codes[words[0]] = main(words, standalone_mode=False) or 0

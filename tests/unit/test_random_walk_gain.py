@@ -55,7 +55,7 @@ def test_an_effect_beside_a_walk_keeps_its_name_alone():
     found = answer(campaign(1, visits=8, gain=gain))
     assert found.accepted[0].effects == ("supply_sag",)
     assert found.accepted[0].random_walk_gain > 0
-    assert found.accepted[0].form_discrepancy.shape[1] > waves(found.stage.data).shape[1]
+    assert found.accepted[0].form_discrepancy.shape[1] > waves(found.problem.data).shape[1]
 
 
 def test_a_height_that_creeps_is_no_offset():

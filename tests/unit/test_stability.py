@@ -179,7 +179,7 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
     sagging, beyond, marginal
 ):
     answer, _ = sagging
-    stage, (found,) = answer.stage, answer.accepted
+    stage, (found,) = answer.problem, answer.accepted
     least = found.left.log10_p.min()
 
     def at(threshold):
@@ -190,7 +190,7 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
         problem.__dict__["null"] = chance
         left = replace(found.left, threshold=-100.0 if marginal else threshold)
         tested = (replace(found, left=left),)
-        return replace(answer, stage=problem, accepted=tested, singles=tested)
+        return replace(answer, problem=problem, accepted=tested, singles=tested)
 
     tried = trials_flipping_a_test(at(least + beyond))
     assert 1 <= len(tried) <= TRIES
@@ -208,7 +208,9 @@ def test_the_trials_without_which_the_likeliest_would_be_refused_or_accepted_are
 
 def decided(answer, quoted, label="trial"):
     """Trials or visits that decide."""
-    return [one.id for one in influential_trials(answer, quoted, getattr(answer.stage.data, label))]
+    return [
+        one.id for one in influential_trials(answer, quoted, getattr(answer.problem.data, label))
+    ]
 
 
 def spoken_for(fitted, gains, moved=0.0):
@@ -223,7 +225,7 @@ def spoken_for(fitted, gains, moved=0.0):
 def test_the_trials_that_decide_whether_there_is_a_name_are_tried(sagging):
     answer, quoted = sagging
     (first,) = answer.accepted
-    stage = replace(answer.stage)
+    stage = replace(answer.problem)
 
     def of(over_none, against=False, **of_test):
         evidence = replace(first.evidence, unnamed=0.0, as_printed=over_none, uncertain=over_none)
@@ -237,7 +239,7 @@ def test_the_trials_that_decide_whether_there_is_a_name_are_tried(sagging):
         about = replace(stage)
         about.__dict__["base_fit"] = base
         named = () if against else (name,)
-        return replace(answer, singles=(name,), accepted=named, stage=about)
+        return replace(answer, singles=(name,), accepted=named, problem=about)
 
     ids, visit = stage.data.trial, stage.data.visit
     assert decided(of(CREDIT + 1.5), quoted) == [ids[7], ids[9]]
@@ -265,7 +267,7 @@ def test_trials_that_decide_between_two_optima_of_one_effect_are_tried(
     # all of the margin is one trial's
     other = spoken_for(fitted, {7: 4.0}, moved)
     monkeypatch.setattr(stability, "optima", lambda *_: [fitted, other])
-    assert decided(answer, quoted) == ([answer.stage.data.trial[7]] if tried else [])
+    assert decided(answer, quoted) == ([answer.problem.data.trial[7]] if tried else [])
 
 
 @pytest.mark.parametrize("within", [True, False])
@@ -288,7 +290,7 @@ def test_trials_that_keep_a_rival_in_the_set_or_outside_are_tried(sagging, withi
     first = replace(first, fitted=mine)
     rival = replace(first, fitted=replace(fitted, candidate=candidate), evidence=evidence)
     among = replace(answer, singles=(first, rival), accepted=(first, rival) if within else (first,))
-    assert decided(among, quoted) == ([answer.stage.data.trial[7]] if tried else [])
+    assert decided(among, quoted) == ([answer.problem.data.trial[7]] if tried else [])
 
 
 def test_no_single_trial_decides_at_which_throttle_coefficients_hold():
@@ -352,7 +354,7 @@ def test_the_visits_that_are_tried_are_all_of_a_small_table_else_those_that_move
     def tried(n, quoted, accepted=(), to_try=visits_to_try):
         some = data.take(np.arange(data.n) < n)
         stage = SimpleNamespace(data=some, as_recorded=some, base=GROUND)
-        answer = SimpleNamespace(stage=stage, accepted=accepted, singles=(), pairs=())
+        answer = SimpleNamespace(problem=stage, accepted=accepted, singles=(), pairs=())
         return [v.id for v in to_try(answer, quoted)]
 
     assert tried(20, quoted) == [str(v) for v in np.unique(data.visit[:20])]
@@ -368,14 +370,14 @@ def test_a_shortlist_holds_what_may_come_first_without_a_trial(sagging):
     answer, _ = sagging
     (first,) = answer.accepted
     near = RIVAL_MAX_2LNB / 2 + search.SLACK
-    left_out = answer.stage.data.trial == answer.stage.data.trial[7]
+    left_out = answer.problem.data.trial == answer.problem.data.trial[7]
 
     def listed(behind, gains=None, named=True):
         """Whether one that trails the name, or nothing at all, by so much is on it."""
-        best = first.evidence.log if named else answer.stage.unnamed + CREDIT
+        best = first.evidence.log if named else answer.problem.unnamed + CREDIT
         log = best - behind
         evidence = replace(first.evidence, as_printed=log, uncertain=log)
-        fitted = spoken_for(first.fitted if named else answer.stage.base_fit, gains or {})
+        fitted = spoken_for(first.fitted if named else answer.problem.base_fit, gains or {})
         (effect,) = first.fitted.candidate.effects
         candidate = replace(first.fitted.candidate, effects=(replace(effect, name="another"),))
         rival = replace(first, fitted=replace(fitted, candidate=candidate), evidence=evidence)
@@ -425,7 +427,7 @@ def test_a_shortlist_changes_no_answer_without_a_trial(monkeypatch):
 
 def test_where_a_shortlist_would_name_another_everything_is_tried(sagging, monkeypatch):
     answer, _ = sagging
-    stage, given = answer.stage, []
+    stage, given = answer.problem, []
     nothing = replace(answer, accepted=())
     shortlist = answer.shortlist(answer.accepted, np.zeros(stage.data.n, dtype=bool))
 
@@ -460,7 +462,7 @@ def test_without_what_spoke_for_it_nothing_is_left_of_an_effect(gone):
     ground, library, _ = set_up(data, GROUND, (), Options())
     declared, rate = coefficients.declared_sizes((), library), ground.options.false_alarm_rate
     like = loop.decide(ground, False, rate)
-    about = like.answer.stage.about
+    about = like.answer.problem.about
     assert about is not None
     assert ("session_gain" in about[0].name) == (gone == "session")
     keep = ground.data.visit != ground.data.visit.max()

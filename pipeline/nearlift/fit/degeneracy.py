@@ -46,7 +46,7 @@ def degeneracies(
         for i, a in enumerate(names)
         for j in range(i)
     ]
-    toll = problem.level_sensitivity(jacobian)
+    toll = problem.d_shown_levels_d_theta(jacobian)
     _, given = problem.log_levels(theta)
     total = given + toll @ covariance @ toll.T
     cross = toll @ covariance

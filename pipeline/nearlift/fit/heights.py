@@ -31,7 +31,7 @@ from nearlift.results.fit import HeightTreatment
 LIMIT = 0.1
 #: Standard deviation of the logarithm of a height scatter above which it is too uncertain to
 #: correct for.
-VAGUE = 0.5
+MAX_LOG_SD = 0.5
 #: Quadrature nodes.
 NODES = 41
 #: Fall of the log density beyond which a node is ignored.
@@ -48,10 +48,10 @@ class HeightPlan:
 
     shared: tuple[Component, ...] = ()
     blur_m: float = 0.0
-    measures: tuple[HeightTreatment, ...] = ()
+    assessments: tuple[HeightTreatment, ...] = ()
 
 
-def measure(
+def plan_height_errors(
     problem: Problem,
     theta: FloatArray,
     parts: Sequence[Component],
@@ -77,18 +77,18 @@ def measure(
         several.append((gum.NAMES["height_m"], scatter.height_m))
     index = scatter.sizes.index("height_m") if "height_m" in scatter.sizes else None
     # a scatter of heights that repeats do not determine cannot be corrected for
-    guessed = index is not None and scatter.log_covariance[index][index] > VAGUE**2
+    sd_unidentified = index is not None and scatter.log_covariance[index][index] > MAX_LOG_SD**2
 
     spread = float(np.sqrt(sum(s**2 for _, s in several)))
     # nor is there a mean over heights at which the model has no value; a single wrong lift can make
     # the scatter so large
     mean = (
         bool(several)
-        and not guessed
+        and not sd_unidentified
         and bool(np.isfinite(replace(problem, blur_m=spread).log_ratio(theta)).all())
     )
 
-    def judged(errors: list[tuple[str, float]], treatment: str) -> list[HeightTreatment]:
+    def assess(errors: list[tuple[str, float]], treatment: str) -> list[HeightTreatment]:
         """First- and second-order effect on the most affected coefficient of errors of one kind,
         which are judged together.
         """
@@ -114,13 +114,13 @@ def measure(
             )
         return treatments
 
-    treatments = judged([(c.name, c.standard) for c in alone], "exact")
-    treatments += judged(several, "mean" if mean else "slope")
+    treatments = assess([(c.name, c.standard) for c in alone], "exact")
+    treatments += assess(several, "mean" if mean else "slope")
     exact = {m.component for m in treatments if m.treatment == "exact"}
     return HeightPlan(
         shared=tuple(c for c in alone if c.name in exact),
         blur_m=spread if any(m.treatment == "mean" for m in treatments) else 0.0,
-        measures=tuple(treatments),
+        assessments=tuple(treatments),
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit import batched
 from nearlift.fit.least_squares import parameter_covariance
-from nearlift.fit.minimum import polished, priced
+from nearlift.fit.minimum import finite_residuals, polished
 from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
@@ -243,7 +243,7 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
     low, high = np.r_[low, 0.1], np.r_[high, 3.0]
 
     def residuals(x: FloatArray) -> FloatArray:
-        return priced(problem.left(x[-1] * problem.log_ratio(x[:-1])))
+        return finite_residuals(problem.left(x[-1] * problem.log_ratio(x[:-1])))
 
     def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
         at, n = x[:, :-1], x[:, -1:]

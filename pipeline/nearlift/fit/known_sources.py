@@ -62,11 +62,13 @@ def without_each(
     scale = u / np.where(whole > 0, whole, 1.0)
     return {
         name: scale * spread(covariance)
-        for name, covariance in _lacking(problem, scatter, parts, further or {})
+        for name, covariance in _covariances_without_each_source(
+            problem, scatter, parts, further or {}
+        )
     }
 
 
-def _lacking(
+def _covariances_without_each_source(
     problem: Problem,
     scatter: Noise,
     parts: Sequence[tuple[Component, FloatArray]],

@@ -148,7 +148,7 @@ def fit(
                 covariance=noise.trial_covariance(data, settled, np.zeros(data.n)),
             )
             declared = trial.height_slope(theta)
-            lacking, source = noise.curves(data)
+            lacking, source = noise.saturated_mean_columns(data)
             settled, _ = noise.estimate(
                 data,
                 np.log(data.lift_N) - trial.log_ratio(theta),
@@ -168,7 +168,7 @@ def fit(
             break
     carried = slope[keep] if slope is not None else problem.height_slope(before)
     if plan is None:
-        plan = heights.measure(problem, theta, parts, settled, carried)
+        plan = heights.plan_height_errors(problem, theta, parts, settled, carried)
     if plan.shared or plan.blur_m:
         parts = tuple(c for c in parts if c not in plan.shared)
         problem = replace(assemble(model, data, parts, settled, theta, carried), blur_m=plan.blur_m)
@@ -196,7 +196,7 @@ def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
     for node in np.flatnonzero(over.weight > 0):
         at, offset = over.theta[node], over.offset_m[node]
         logs[node] = problem.best_levels(log_lift - problem.log_ratio(at, offset))
-        toll = problem.level_toll(problem.jacobian(at, offset))
+        toll = problem.d_levels_d_theta(problem.jacobian(at, offset))
         spread += over.weight[node] * (given + toll @ over.covariance[node] @ toll.T)
     log_levels = over.weight @ logs
     spread += (logs - log_levels).T @ (over.weight[:, None] * (logs - log_levels))
@@ -247,9 +247,9 @@ def _describe(
     determined &= np.sqrt(np.diag(covariance)) < VAGUE * width
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
     coefficients = problem.best_levels(np.log(data.lift_N) - problem.log_ratio(theta))
-    toll = problem.level_toll(jacobian)
+    toll = problem.d_levels_d_theta(jacobian)
     level_covariance = problem.level_covariance + toll @ covariance @ toll.T
-    levels_gain = problem.level_gain + problem.level_sensitivity(jacobian) @ g
+    levels_gain = problem.d_shown_levels_d_lift + problem.d_shown_levels_d_theta(jacobian) @ g
     level_dof = gum.freedom(problem, levels_gain, parts, scatter, slope)
     quantiles = [student.quantile(0.95, dof) for dof in level_dof]
     return LeastSquaresFit(

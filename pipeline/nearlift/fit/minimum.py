@@ -14,7 +14,7 @@ from nearlift.fit import batched
 from nearlift.likelihood.problem import Problem
 
 
-def priced(residuals: FloatArray) -> FloatArray:
+def finite_residuals(residuals: FloatArray) -> FloatArray:
     """Replace residuals without a value by one above any real misfit, so that a search can leave a
     pole.
     """
@@ -76,7 +76,7 @@ def minimise(problem: Problem, start: FloatArray | None = None) -> FloatArray:
         return np.array([values[n].value for n in problem.names])
 
     def residuals(values: Any) -> FloatArray:
-        return priced(problem.residuals(at(values)))
+        return finite_residuals(problem.residuals(at(values)))
 
     def derivatives(values: Any) -> FloatArray:
         return np.nan_to_num(problem.derivatives(at(values)), posinf=0.0, neginf=0.0).T

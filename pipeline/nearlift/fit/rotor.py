@@ -123,7 +123,7 @@ def examine(
     if not known.any():
         return RotorUnknown(missing=("rpm",), text=NO_SPEED)
     log_levels, given = problem.log_levels(theta)
-    toll = problem.level_sensitivity(problem.jacobian(theta))
+    toll = problem.d_shown_levels_d_theta(problem.jacobian(theta))
     whole = given + toll @ covariance @ toll.T
     speed = speed[known]
     C_L = coefficient(

@@ -54,7 +54,7 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
         profiles={p.parameter: p.ends for p in profiles},
         would_halve=remedies.halvings(fit),
         undeclared=inputs.undeclared(fit),
-        heights=fit.plan.measures,
+        heights=fit.plan.assessments,
         height_error=_height_error(fit),
     )
 

@@ -32,7 +32,7 @@ from nearlift.flight.reading import (
 from nearlift.results.document import IfAny, Real
 
 #: Number of heights that are inferred, and averaging time of a reading, s.
-TRIED = 25
+N_HEIGHTS = 25
 INVERTED_S = 1.0
 HOUR_S = 3600.0
 
@@ -149,7 +149,7 @@ def _located(lift: FittedLift, sigma: float) -> tuple[HeightTrial, ...]:
     low, high = lift.measured_z_hat
     best, *draws = lift.ratios
     trials = []
-    for z_hat in np.geomspace(low, high, TRIED):
+    for z_hat in np.geomspace(low, high, N_HEIGHTS):
         ratio = float(best(np.array([z_hat]))[0])
         height = inverse.locate(ratio, sigma, draws, low, high)
         trials.append(HeightTrial(z_hat=float(z_hat), ratio=ratio, **asdict(height)))

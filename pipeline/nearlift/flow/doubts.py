@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.errors import InputRefused
 from nearlift.flow.downwash import DEFLECTION_HAT, Cut, along_cut, over_span, span_weights
-from nearlift.flow.field import VelocityField, one_is_flipped, stands_transposed
+from nearlift.flow.field import VelocityField, has_flipped_component, is_transposed
 from nearlift.flow.scene import Scene
 
 #: A wake's speed may be this factor above or below that of the hovering vehicle (a quarter to full
@@ -27,7 +27,7 @@ def wake_speed_m_s(
     )
 
 
-def refuse_what_cannot_be(
+def check_plausible(
     mean: VelocityField, scene: Scene, cut: Cut, expected_m_s: float, where: str
 ) -> None:
     """Raise `InputRefused`, with the key that corrects it, if the field is implausible."""
@@ -67,13 +67,13 @@ def refuse_what_cannot_be(
             f" hovering vehicle's wake has {expected_m_s:.3g} m/s",
             "are the two velocity components swapped? else check thrust, across, origin, rotors",
         )
-    if stands_transposed(mean):
+    if is_transposed(mean):
         raise InputRefused(
             where,
             "mass is conserved only with x and y in each other's place",
             "the columns of the two coordinates are swapped; correct their names",
         )
-    if one_is_flipped(mean):
+    if has_flipped_component(mean):
         raise InputRefused(
             where,
             "one component is flipped against its axis: it creates air out of nothing",

@@ -231,7 +231,7 @@ def take_columns(values: FloatArray, position: FloatArray) -> FloatArray:
     return np.where(inside, mixed, np.nan)
 
 
-def one_is_flipped(field: VelocityField) -> bool:
+def has_flipped_component(field: VelocityField) -> bool:
     """Whether the field itself contradicts the sign of one component against its axis.
 
     Mass is conserved: dvx/dx and dvy/dy oppose each other, in a plane jet wholly, in a round one
@@ -249,7 +249,7 @@ def one_is_flipped(field: VelocityField) -> bool:
     return bool(together > DOUBT * scale and together > ERRORS * spread > 0)
 
 
-def stands_transposed(field: VelocityField) -> bool:
+def is_transposed(field: VelocityField) -> bool:
     """Whether mass would be conserved far better with x and y in each other's place.
 
     Beneath a rotor the wake's edge has much shear, which a transposed grid takes for divergence.

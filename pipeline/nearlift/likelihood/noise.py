@@ -25,11 +25,11 @@ from nearlift.declare import FloatArray
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
 from nearlift.likelihood.subspace import orthonormal
 from nearlift.likelihood.variance_components import (
-    ANOTHER,
-    ENOUGH,
+    MIN_REVISITS,
+    MODE_DEVIANCE,
     VarianceComponents,
     ages,
-    pulled_in,
+    winsorise,
 )
 from nearlift.results import IntArray, Noise, Observations
 
@@ -171,8 +171,8 @@ def estimate(
     for _ in range(PASSES):
         modes = model.modes(starts, y, ROUGH_STEP)
         starts = [mode.x for mode in modes]
-        y = np.sum([mode.weight * pulled_in(y, mode.at) for mode in modes], axis=0)
-    modes = model.modes(starts, y, LAST_STEP, ANOTHER)
+        y = np.sum([mode.weight * winsorise(y, mode.at) for mode in modes], axis=0)
+    modes = model.modes(starts, y, LAST_STEP, MODE_DEVIANCE)
     starts = [mode.x for mode in modes]
     weight, squares = np.array([m.weight for m in modes]), np.exp(2 * np.array(starts))
     size2 = weight @ squares
@@ -213,7 +213,7 @@ def _condensed(columns: FloatArray) -> FloatArray:
     return np.asarray(columns @ turn[:, kept], dtype=np.float64)
 
 
-def curves(data: Observations) -> tuple[list[FloatArray], str]:
+def saturated_mean_columns(data: Observations) -> tuple[list[FloatArray], str]:
     """Saturated mean columns of distance and throttle, and the label of the scatter about them.
 
     They are free means of distances and of (distance, throttle) cells, where distances were
@@ -224,7 +224,7 @@ def curves(data: Observations) -> tuple[list[FloatArray], str]:
     _, distance = np.unique(data.z_hat, return_inverse=True)
     label, level = cells(data), np.eye(len(data.levels))[data.level]
     few = [x.max() + 1 <= min(data.n / REPEATED, MOST_MEANS) for x in (distance, label)]
-    if len(np.unique(data.visit)) - len(np.unique(distance)) >= ENOUGH and all(few):
+    if len(np.unique(data.visit)) - len(np.unique(distance)) >= MIN_REVISITS and all(few):
         return [np.eye(x.max() + 1)[x] for x in (distance, label)], f"{REPEATS} about cell means"
     near = data.nearness
     shapes = np.cos(np.pi * np.outer(near / max(near.max(), 1e-300), np.arange(1, SHAPES + 1)))

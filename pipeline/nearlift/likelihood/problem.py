@@ -108,12 +108,12 @@ class Problem:
     @property
     def level_mean(self) -> FloatArray:
         """Log L_inf per throttle were the ratio 1 throughout, (K,); the ratio adds
-        `level_sensitivity` of its logarithm.
+        `d_shown_levels_d_theta` of its logarithm.
         """
         return self._shown_levels(np.log(self.data.lift_N))
 
     @property
-    def level_gain(self) -> FloatArray:
+    def d_shown_levels_d_lift(self) -> FloatArray:
         """Change of log L_inf of each throttle per unit change of each trial's log lift, theta
         held, (K, n).
         """
@@ -197,13 +197,13 @@ class Problem:
             x,
         )
 
-    def level_sensitivity(self, jacobian: FloatArray) -> FloatArray:
+    def d_shown_levels_d_theta(self, jacobian: FloatArray) -> FloatArray:
         """Derivatives of log L_inf at each shown throttle by the parameters, from the Jacobian (n,
         p).
         """
-        return self.data.shown(self.level_toll(jacobian))
+        return self.data.shown(self.d_levels_d_theta(jacobian))
 
-    def level_toll(self, jacobian: FloatArray) -> FloatArray:
+    def d_levels_d_theta(self, jacobian: FloatArray) -> FloatArray:
         """Derivatives of the coefficients of `level_columns` by the parameters, (K, p)."""
         return -self.best_levels(jacobian.T).T
 

@@ -75,7 +75,7 @@ class Stations:
             at=at,
             index=index,
             triangle=triangle,
-            level_rows=problem.level_sensitivity(indicator),
+            level_rows=problem.d_shown_levels_d_theta(indicator),
         )
 
     def chi2(self, theta: FloatArray) -> FloatArray:
@@ -111,6 +111,6 @@ class Stations:
         if rows is None:
             return (
                 self.problem.level_mean
-                + self.problem.level_sensitivity(log_ratio[:, self.index].T).T
+                + self.problem.d_shown_levels_d_theta(log_ratio[:, self.index].T).T
             )
         return self.problem.level_mean + where_finite(lambda x: x @ rows.T, log_ratio)

@@ -38,9 +38,9 @@ DETERMINED = 1e-8
 #: Steps of the search for the likeliest sizes at most.
 MOST_STEPS = 40
 #: Deviance above the least up to which another mode counts, too.
-ANOTHER = 9.0
+MODE_DEVIANCE = 9.0
 #: Revisits that tell what visits share beside distance, and visits that tell it from a drift.
-ENOUGH = 20
+MIN_REVISITS = 20
 
 
 def elapsed_trials(order: FloatArray) -> FloatArray:
@@ -123,7 +123,7 @@ class VarianceComponents:
             priors["height_m"], per_visit = PRIORS["height_m"], slope
         if len(np.unique(data.visit)) < data.n:
             priors["common"], common = PRIORS["common"], 1.0
-        if data.ordered and len(np.unique(data.visit)) >= ENOUGH:
+        if data.ordered and len(np.unique(data.visit)) >= MIN_REVISITS:
             drifts = sum(length <= data.n / 4 for length in DRIFT_LENGTHS)
             priors |= {f"drift{k}": DRIFT_PRIORS[k] for k in range(drifts)}
         # of unit sizes: what there is of the rest is set by the sizes
@@ -280,7 +280,7 @@ class VarianceComponents:
         ]
 
 
-def pulled_in(y: FloatArray, at: SizesAt) -> FloatArray:
+def winsorise(y: FloatArray, at: SizesAt) -> FloatArray:
     """The data, with trials beyond `CLIP` standard deviations from their prediction by all others
     moved to that limit.
     """

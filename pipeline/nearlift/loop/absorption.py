@@ -27,7 +27,7 @@ ABSORBED = 0.01
 
 
 def shifts(
-    stage: SearchProblem, answer: Answer, coefficients: LoopCoefficients
+    problem: SearchProblem, answer: Answer, coefficients: LoopCoefficients
 ) -> tuple[CoefficientShift, ...]:
     """Correlation of each named effect with each coefficient, and the coefficient's shift.
 
@@ -38,9 +38,9 @@ def shifts(
     absorbing = []
     for effect in answer.accepted[0].fitted.candidate.effects if answer.accepted else ():
         best = answer.accepted[0].fitted
-        part = stage.space.project(best.candidate.contribution(best.vector, effect))
+        part = problem.space.project(best.candidate.contribution(best.vector, effect))
         jacobian = best.jacobian
-        for i, parameter in enumerate(stage.base.parameters):
+        for i, parameter in enumerate(problem.base.parameters):
             slope = jacobian[:, i]
             lengths = float(np.linalg.norm(part) * np.linalg.norm(slope))
             r = float(part @ slope) / lengths if lengths > 0 else 0.0
@@ -69,27 +69,29 @@ def shifts(
     return tuple(absorbing)
 
 
-def unidentifiable_coefficients(stage: SearchProblem, best: Fitted) -> tuple[CoefficientLimit, ...]:
+def unidentifiable_coefficients(
+    problem: SearchProblem, best: Fitted
+) -> tuple[CoefficientLimit, ...]:
     """Coefficients that a single visit determines, or that gains per session absorb, at a fit.
 
     Gains per visit are used where visits are few. Trials may be measured or planned.
     """
     jacobian = best.jacobian
-    beside = orthonormal(np.delete(jacobian, np.arange(len(stage.theta)), axis=1))
-    places, station = np.unique(stage.as_recorded.z_hat, return_inverse=True)
+    beside = orthonormal(np.delete(jacobian, np.arange(len(problem.theta)), axis=1))
+    places, station = np.unique(problem.as_recorded.z_hat, return_inverse=True)
     absorbing = []
     gain = next(
         e.name for e in catalogue.effects() if e.varies_with == "session" and not e.additive
     )
-    for i, parameter in enumerate(stage.base.parameters):
+    for i, parameter in enumerate(problem.base.parameters):
         slope = jacobian[:, i] - beside @ (beside.T @ jacobian[:, i])
         whole = float(slope @ slope)
         if whole <= 0:
             continue
-        energy = np.bincount(station[stage.space.covariance.order], slope**2)
+        energy = np.bincount(station[problem.space.covariance.order], slope**2)
         most = int(np.argmax(energy))
         share, where = float(energy[most] / energy.sum()), float(places[most])
-        if share >= SINGLE_VISIT_SHARE and len(np.unique(stage.data.visit[station == most])) == 1:
+        if share >= SINGLE_VISIT_SHARE and len(np.unique(problem.data.visit[station == most])) == 1:
             text = (
                 f"{parameter.name} depends on a single visit at z_hat = {where:.3g}, which has"
                 f" {100 * share:.0f} % of the information."
@@ -103,11 +105,11 @@ def unidentifiable_coefficients(stage: SearchProblem, best: Fitted) -> tuple[Coe
                 )
             )
         # a visit always holds one distance: a gain per visit is tried only where visits are few
-        levelled = {"session": stage.data.session}
-        if applies(stage.data):
-            levelled["visit"] = stage.data.visit
+        levelled = {"session": problem.data.session}
+        if applies(problem.data):
+            levelled["visit"] = problem.data.visit
         for label, values in levelled.items():
-            basis = orthonormal(stage.space.project(indicators(values).T).T)
+            basis = orthonormal(problem.space.project(indicators(values).T).T)
             left = jacobian[:, i] - basis @ (basis.T @ jacobian[:, i])
             share = float(left @ left) / float(jacobian[:, i] @ jacobian[:, i])
             if share < ABSORBED and len(np.unique(values)) > 1:

@@ -19,12 +19,12 @@ from nearlift.loop.search_problem import SearchProblem
 STRAY = 0.01
 
 
-def contradictions(stage: SearchProblem, scored: HeldOut | None) -> tuple[str, ...]:
+def contradictions(problem: SearchProblem, scored: HeldOut | None) -> tuple[str, ...]:
     """Contradictions of an adequate base model, in words; `scored` are held-out residuals."""
-    return (*_floor_missed(stage, scored), *_strained(stage))
+    return (*_floor_missed(problem, scored), *_strained(problem))
 
 
-def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
+def _floor_missed(problem: SearchProblem, scored: HeldOut | None) -> list[str]:
     """One-sided t test over visits of the held-out `misfit` against what noise would make it."""
     from scipy.stats import t
 
@@ -32,17 +32,17 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
         return []
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     # of a declared error as much is free as the trials tell of it
-    declared = stage.space.project(declared_errors(stage).T)
-    free = stage.data.unknown_levels + len(stage.theta) + np.sum(declared**2)
-    left = misfit(stage, stage.noise, scored, scored.before)
-    beyond = np.bincount(visit, left - 1 - free / max(stage.data.n - free, 1))
+    declared = problem.space.project(declared_errors(problem).T)
+    free = problem.data.unknown_levels + len(problem.theta) + np.sum(declared**2)
+    left = misfit(problem, problem.noise, scored, scored.before)
+    beyond = np.bincount(visit, left - 1 - free / max(problem.data.n - free, 1))
     blocks = len(beyond)
     if blocks < 3 or beyond.sum() <= t.isf(STRAY, blocks - 1) * np.sqrt(blocks) * beyond.std(
         ddof=1
     ):
         return []
     error = float(np.sqrt(np.mean(scored.before[scored.predicted] ** 2)))
-    noise = floor(stage.data, stage.noise, stage.slope)
+    noise = floor(problem.data, problem.noise, problem.slope)
     return [
         (
             f"visits left out are predicted to {100 * error:.2g} %, where the noise floor is"
@@ -51,19 +51,19 @@ def _floor_missed(stage: SearchProblem, scored: HeldOut | None) -> list[str]:
     ]
 
 
-def _strained(stage: SearchProblem) -> list[str]:
+def _strained(problem: SearchProblem) -> list[str]:
     """Two-sided z test of each declared error's estimate, by Bonferroni where it has several."""
     from scipy.stats import norm
 
     # a fit of few visits leaves the declared errors out of its covariance
-    stage = dataclasses.replace(stage, independent=False)
-    absorbed, reasons = orthonormal(stage.base_fit.jacobian), []
-    for part in stage.parts:
-        columns = budget.columns(stage.data, part, stage.slope)
+    problem = dataclasses.replace(problem, independent=False)
+    absorbed, reasons = orthonormal(problem.base_fit.jacobian), []
+    for part in problem.parts:
+        columns = budget.columns(problem.data, part, problem.slope)
         if not columns.shape[1]:
             continue
-        residual = stage.base_fit.residual - absorbed @ (absorbed.T @ stage.base_fit.residual)
-        offset = np.abs(stage.space.project(columns.T) @ residual).max()
+        residual = problem.base_fit.residual - absorbed @ (absorbed.T @ problem.base_fit.residual)
+        offset = np.abs(problem.space.project(columns.T) @ residual).max()
         if offset > norm.isf(STRAY / 2 / columns.shape[1]):
             reasons.append(
                 f"{part.name} is off by {offset:.2g} of its stated standard uncertainties"

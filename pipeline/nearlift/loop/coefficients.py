@@ -15,9 +15,9 @@ from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import confirmation, discrepancy, few_visits
 from nearlift.loop.candidate import WIDE
 from nearlift.loop.candidate_fit import Fitted
-from nearlift.loop.handle import handles
 from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.size_parameter import size_parameters
 from nearlift.loop.visibility import visibility
 from nearlift.results.diagnosis import LoopCoefficients, LoopEstimate
 from nearlift.results.outlook import SilentEffect
@@ -27,7 +27,7 @@ Pair = tuple[FloatArray, FloatArray]
 
 
 def spread(
-    stage: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None
+    problem: SearchProblem, fitted: Fitted, nuisance: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Value and standard uncertainty of the base model's coefficients at a fit.
 
@@ -35,12 +35,12 @@ def spread(
     effects. They widen the covariance. The coefficients move to their new optimum by one
     Gauss-Newton step.
     """
-    p = len(stage.theta)
+    p = len(problem.theta)
     mean, sd = fitted.candidate.prior
     weight2 = np.where(np.isfinite(sd), 1 / sd**2, 0.0)
     j, r = fitted.jacobian, fitted.residual
     if nuisance is not None and nuisance.shape[1]:
-        white = stage.space.project(nuisance.T).T
+        white = problem.space.project(nuisance.T).T
         u, s = left_singular(white)
         shrink = s**2 / (1 + s**2)
         j_solved = j - u @ (shrink[:, None] * (u.T @ j))
@@ -57,7 +57,7 @@ def spread(
 
 
 def joint(
-    stage: SearchProblem, fitted: Fitted, form_discrepancy: FloatArray | None = None
+    problem: SearchProblem, fitted: Fitted, form_discrepancy: FloatArray | None = None
 ) -> FloatArray:
     """Covariance of everything fitted, coefficients first and the effects' parameters after them as
     the candidate's slots say: (P, P).
@@ -67,7 +67,7 @@ def joint(
     _, sd = fitted.candidate.prior
     j = fitted.jacobian
     if form_discrepancy is not None and form_discrepancy.shape[1]:
-        u, s = left_singular(stage.space.project(form_discrepancy.T).T)
+        u, s = left_singular(problem.space.project(form_discrepancy.T).T)
         j = j - u @ ((1 - 1 / np.sqrt(1 + s**2))[:, None] * (u.T @ j))
     return inverse(j.T @ j + np.diag(np.where(np.isfinite(sd), 1 / sd**2, 0.0)))
 
@@ -101,7 +101,7 @@ def declared_sizes(
 
 
 def constrained_columns(
-    stage: SearchProblem, chosen: tuple[str, ...], declared: dict[str, float]
+    problem: SearchProblem, chosen: tuple[str, ...], declared: dict[str, float]
 ) -> FloatArray:
     """Every effect that was not named, at its physical prior's size, as unit-variance columns (n,
     t).
@@ -109,16 +109,16 @@ def constrained_columns(
     `declared` overrides the size (in units of the prior) where the bench declares how well it knows
     an effect.
     """
-    columns = [np.zeros((stage.data.n, 0))]
-    for effect in {e.name: e for e, _ in stage.library}.values():
+    columns = [np.zeros((problem.data.n, 0))]
+    for effect in {e.name: e for e, _ in problem.library}.values():
         if effect.name in chosen:
             continue
-        candidate = stage.candidate(effect)
+        candidate = problem.candidate(effect)
         _, sd = candidate.prior
         sizes = candidate.sizes()
         # a search grants more than is physical, but for what differs by session
         physical = np.where(candidate.by_session, sd, sd / WIDE)[sizes]
-        shapes = [c for e, c in stage.library if e.name == effect.name]
+        shapes = [c for e, c in problem.library if e.name == effect.name]
         # one unknown size whose shape is unknown too: each shape carries its share of the variance
         for c in shapes:
             columns.append(c * physical * declared.get(effect.name, 1.0) / np.sqrt(len(shapes)))
@@ -205,41 +205,41 @@ def answers(answer: Answer, declared: dict[str, float]) -> Answers:
     """Coefficients before and after the loop; where visits are few, with jackknife uncertainties
     over visits.
     """
-    stage, best, p = answer.stage, answer.best, len(answer.stage.theta)
+    problem, best, p = answer.problem, answer.best, len(answer.problem.theta)
 
     def known_by(fitted: Fitted, form_discrepancy: FloatArray | None = None) -> Pair:
-        if not stage.independent:
-            return spread(stage, fitted, form_discrepancy)
-        u = confirmation.standard_error(few_visits.without_each(stage, fitted))
+        if not problem.independent:
+            return spread(problem, fitted, form_discrepancy)
+        u = confirmation.standard_error(few_visits.without_each(problem, fitted))
         return fitted.vector[:p], u[:p]
 
     carried: tuple[str, ...] = ()
-    unnamed = np.zeros((stage.data.n, 0))
-    if answer.verdict == "unexplained" and not stage.independent:
+    unnamed = np.zeros((problem.data.n, 0))
+    if answer.verdict == "unexplained" and not problem.independent:
         # structure without a name is no noise: it is carried, and the base fit leans away from it
         carried = tuple(discrepancy.covariates(answer.first)) or ("distance",)
-        unnamed = discrepancy.columns(stage, carried)
+        unnamed = discrepancy.columns(problem, carried)
     fits = [(e.name, e.fitted, e.form_discrepancy) for e in answer.accepted] or [
-        ("", stage.base_fit, unnamed)
+        ("", problem.base_fit, unnamed)
     ]
     members = tuple(
         (name, known_by(fitted, form_discrepancy)) for name, fitted, form_discrepancy in fits
     )
     chosen = answer.accepted[0].effects if answer.accepted else ()
-    unseen = np.hstack([fits[0][2], constrained_columns(stage, chosen, declared)])
-    exactly, constrained = spread(stage, best), spread(stage, best, unseen)
-    if stage.independent:
+    unseen = np.hstack([fits[0][2], constrained_columns(problem, chosen, declared)])
+    exactly, constrained = spread(problem, best), spread(problem, best, unseen)
+    if problem.independent:
         # the jackknife over visits does not show the variance from undetected effects
         value, u = members[0][1]
         hidden = np.maximum(constrained[1] ** 2 - exactly[1] ** 2, 0.0)
         constrained = value, np.sqrt(u**2 + hidden)
     return Answers(
-        names=tuple(q.name for q in stage.base.parameters),
-        dof=np.full(p, few_visits.freedom(stage)) if stage.independent else _freedom(stage),
-        before=known_by(stage.base_fit),
+        names=tuple(q.name for q in problem.base.parameters),
+        dof=np.full(p, few_visits.freedom(problem)) if problem.independent else _freedom(problem),
+        before=known_by(problem.base_fit),
         members=members,
         weights=weights(answer),
-        conditional=members[0][1] if carried or stage.independent else exactly,
+        conditional=members[0][1] if carried or problem.independent else exactly,
         constrained=constrained,
         carried=carried,
         unnamed=unnamed,
@@ -253,16 +253,16 @@ def weights(answer: Answer) -> FloatArray:
     return softmax([e.evidence.plausibility for e in answer.accepted] or [0.0])
 
 
-def _freedom(stage: SearchProblem) -> FloatArray:
+def _freedom(problem: SearchProblem) -> FloatArray:
     """Effective degrees of freedom of the base fit's coefficients, (p,)."""
-    g = np.zeros((0, stage.data.n))
-    if len(stage.theta):
-        g = gum.gain(stage.space, stage.base_fit.vector)
-    return gum.freedom(stage.space, g, stage.parts, stage.noise, stage.slope)
+    g = np.zeros((0, problem.data.n))
+    if len(problem.theta):
+        g = gum.gain(problem.space, problem.base_fit.vector)
+    return gum.freedom(problem.space, g, problem.parts, problem.noise, problem.slope)
 
 
 def silent(
-    stage: SearchProblem, effects: tuple[Effect, ...], limit: float
+    problem: SearchProblem, effects: tuple[Effect, ...], limit: float
 ) -> tuple[SilentEffect, ...]:
     """Effects that the coefficients and L_inf absorb, and the bias by undetected ones.
 
@@ -271,10 +271,10 @@ def silent(
     prior's size if it can never be detected. `u` is that uncertainty, of the base fit under the
     loop's noise floor; the one in fit.json has the noise of repeats.
     """
-    if not stage.base.parameters:
+    if not problem.base.parameters:
         return ()
-    names = [p.name for p in stage.base.parameters]
-    jacobian = stage.base_jacobian
+    names = [p.name for p in problem.base.parameters]
+    jacobian = problem.base_jacobian
     basis, covariance = orthonormal(jacobian), inverse(jacobian.T @ jacobian)
     u = np.sqrt(np.diag(covariance))
 
@@ -292,19 +292,19 @@ def silent(
 
     unseen = []
     for effect in effects:
-        if effect not in stage.effects and not effect.within_trial:
+        if effect not in problem.effects and not effect.within_trial:
             unseen.append(described(effect, "L_inf", 0.0, 0.0, hidden=True))
-        columns = [c for e, c in stage.library if e.name == effect.name and c.shape[1] == 1]
+        columns = [c for e, c in problem.library if e.name == effect.name and c.shape[1] == 1]
         if not columns:
             continue
-        white = stage.space.project(columns[0].T).T[:, 0]
+        white = problem.space.project(columns[0].T).T[:, 0]
         if np.linalg.norm(white) == 0:
             continue
-        share = visibility(stage, effect)
+        share = visibility(problem, effect)
         left = white - basis @ (basis.T @ white)
         shift = covariance @ jacobian.T @ white / u
         most = int(np.argmax(np.abs(shift)))
-        hidden, size = share < limit, handles(effect)[0].plausible
+        hidden, size = share < limit, size_parameters(effect)[0].plausible
         if not hidden:
             size = min(4.0 / max(float(np.linalg.norm(left)), 1e-300), size)
         if hidden or abs(shift[most]) * size > 1.0:

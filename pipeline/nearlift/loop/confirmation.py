@@ -78,7 +78,7 @@ def folds(data: Observations) -> list[NDArray[np.bool_]]:
 
 
 def held_out(
-    stage: SearchProblem,
+    problem: SearchProblem,
     again: Callable[[SearchProblem], Answer] | None = run,
     named: tuple[Effect, ...] = (),
     progress: Progress = ignore_progress,
@@ -89,7 +89,7 @@ def held_out(
     `again` is the search; if it is None, only the effects are refitted. Stated errors that visits
     share are predicted from the trials of the fold.
     """
-    data, declared = stage.data, declared_errors(stage)
+    data, declared = problem.data, declared_errors(problem)
     before, after, by_name = np.full((3, data.n), np.nan)
     chosen = []
     masks = folds(data)
@@ -100,16 +100,16 @@ def held_out(
         # extrapolated
         known = test & data.level_known_from(train)
         part = dataclasses.replace(
-            stage,
+            problem,
             data=data.take(train),
-            log_lift=stage.log_lift[train],
-            drawn=stage.null,
-            moved=stage.datum.take(train),
+            log_lift=problem.log_lift[train],
+            drawn=problem.null,
+            moved=problem.datum.take(train),
         )
         best = None
         if again:
             answer = again(part)
-            part, best = answer.stage, answer.best
+            part, best = answer.problem, answer.best
             chosen.append(answer.accepted[0].name if answer.accepted else answer.verdict)
         mine = (
             best
@@ -126,26 +126,26 @@ def held_out(
     )
 
 
-def predict(stage: SearchProblem, fitted: Fitted, at: Observations) -> FloatArray:
+def predict(problem: SearchProblem, fitted: Fitted, at: Observations) -> FloatArray:
     """Log lift of other trials from a fit: its ratio, and L_inf from the fit's own trials."""
-    levels = stage.space.best_levels(stage.log_lift - fitted.candidate.log_ratio(fitted.vector))
+    levels = problem.space.best_levels(problem.log_lift - fitted.candidate.log_ratio(fitted.vector))
     far = (
-        levels[np.searchsorted(stage.data.levels, at.throttle)]
+        levels[np.searchsorted(problem.data.levels, at.throttle)]
         if at.curve is None
         else at.level_columns @ levels
     )
     return np.asarray(far + fitted.candidate.log_ratio(fitted.vector, at))
 
 
-def declared_errors(stage: SearchProblem) -> FloatArray:
+def declared_errors(problem: SearchProblem) -> FloatArray:
     """Sensitivities (n, m) of log lift to the declared errors that trials share, each per standard
     uncertainty.
     """
-    return budget.shared(stage.data, stage.parts, stage.slope)
+    return budget.shared(problem.data, problem.parts, problem.slope)
 
 
 def held_out_residuals(
-    stage: SearchProblem,
+    problem: SearchProblem,
     fitted: Fitted,
     declared: FloatArray,
     at: Observations,
@@ -157,13 +157,13 @@ def held_out_residuals(
     The correction is the best linear unbiased prediction (Robinson 1991, Statistical Science 6,
     15). A fit with independent trials makes none.
     """
-    residual = np.log(at.lift_N) - predict(stage, fitted, at)
-    if not stage.independent:
+    residual = np.log(at.lift_N) - predict(problem, fitted, at)
+    if not problem.independent:
         residual -= declared_at @ (fitted.space.project(declared.T) @ fitted.residual)
     return np.asarray(residual, dtype=np.float64)
 
 
-def improves(stage: SearchProblem, scored: HeldOut) -> bool:
+def improves(problem: SearchProblem, scored: HeldOut) -> bool:
     """Whether the named effects reduce the held-out `misfit` by more than one standard error over
     visits.
 
@@ -173,20 +173,22 @@ def improves(stage: SearchProblem, scored: HeldOut) -> bool:
     """
     _, visit = np.unique(scored.visit[scored.predicted], return_inverse=True)
     before, named = (
-        misfit(stage, stage.assumed_noise, scored, residual)
+        misfit(problem, problem.assumed_noise, scored, residual)
         for residual in (scored.before, scored.named)
     )
     gained = np.bincount(visit, before - named)
     return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
 
 
-def misfit(stage: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatArray) -> FloatArray:
+def misfit(
+    problem: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatArray
+) -> FloatArray:
     """Squared residuals of the predicted trials, whitened by the noise and by declared errors that
     are independent between trials, clipped at `OUTLIER`.
     """
     keep = scored.predicted
-    data, slope = stage.data.take(keep), stage.slope[keep]
-    variance = budget.own_variance(data, stage.parts, slope)
+    data, slope = problem.data.take(keep), problem.slope[keep]
+    variance = budget.own_variance(data, problem.parts, slope)
     covariance = trial_covariance(data, noise, slope, None, variance)
     return np.minimum(covariance.whiten(residual[keep]) ** 2, OUTLIER**2)
 

@@ -80,7 +80,9 @@ class Datum:
 
 def datum(first: LeastSquaresFit, data: Observations) -> Datum:
     """The datum of the trials of a first fit, which leaves it to the slope."""
-    plan = heights.measure(first.problem, first.theta, first.parts, first.noise, first.slope)
+    plan = heights.plan_height_errors(
+        first.problem, first.theta, first.parts, first.noise, first.slope
+    )
     if not plan.shared:
         return Datum(recorded=data)
     exact = fit(

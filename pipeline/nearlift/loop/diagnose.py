@@ -34,13 +34,13 @@ from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.datum import Datum, datum
+from nearlift.loop.design_report import sensitivity
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import tells
 from nearlift.loop.far_lift import far_lift
 from nearlift.loop.findings import named_effects, partial, rounds, structure_tests
 from nearlift.loop.interim import InterimLook
 from nearlift.loop.noise_floor import prepare
-from nearlift.loop.outlook import sensitivity
 from nearlift.loop.result import result
 from nearlift.loop.search import Answer, Shortlist, run, search_to_convergence
 from nearlift.loop.search_problem import Options, SearchProblem
@@ -113,34 +113,36 @@ def diagnose(
     rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
     decided = decide(ground, confirm, rate, progress=progress)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
-    stage = answer.stage
-    shared = confirmation.declared_errors(stage)
+    problem = answer.problem
+    shared = confirmation.declared_errors(problem)
     residuals: dict[str, NDArray[Any]] = {
-        "trial": stage.data.trial,
+        "trial": problem.data.trial,
         "before": confirmation.held_out_residuals(
-            stage, stage.base_fit, shared, stage.data, shared
+            problem, problem.base_fit, shared, problem.data, shared
         ),
-        "after": confirmation.held_out_residuals(stage, answer.best, shared, stage.data, shared),
+        "after": confirmation.held_out_residuals(
+            problem, answer.best, shared, problem.data, shared
+        ),
     }
     error = None
     if scored is not None:
         after = scored.before if refuted else scored.after
         residuals |= {"held_out_before": scored.before, "held_out_after": after}
         error = confirmation.error(
-            answer, scored, noise.floor(stage.data, stage.noise, stage.slope)
+            answer, scored, noise.floor(problem.data, problem.noise, problem.slope)
         )
     answers = coefficients.answers(answer, declared)
     estimates, limits = (
         answers.estimates(),
-        absorption.unidentifiable_coefficients(stage, answer.best),
+        absorption.unidentifiable_coefficients(problem, answer.best),
     )
     findings = BoundaryDiagnosis(
-        base_model=stage.base.name,
-        false_alarm_rate=stage.options.false_alarm_rate,
+        base_model=problem.base.name,
+        false_alarm_rate=problem.options.false_alarm_rate,
         verdict=answer.verdict,
-        effects=named_effects(stage, answer),
+        effects=named_effects(problem, answer),
         explanations=tuple(e.effects for e in answer.accepted) or None,
-        partial=partial(stage, answer) if answer.verdict == "unexplained" else None,
+        partial=partial(problem, answer) if answer.verdict == "unexplained" else None,
         contradicted=answer.contradicted or None,
         wander=answer.random_walk_gain or None,
         p_value=answer.first.p_value,
@@ -150,25 +152,25 @@ def diagnose(
         not_confirmed=tuple(e.effects for e in refuted) or None,
         look=look.claim(options.false_alarm_rate) if look else None,
         error=error,
-        noise=stage.noise,
+        noise=problem.noise,
         L_inf_N=far_lift(
-            stage,
+            problem,
             answer.best,
             answer.accepted[0].form_discrepancy if answer.accepted else answers.unnamed,
         ),
         coefficients=estimates,
-        shifts=absorption.shifts(stage, answer, estimates),
+        shifts=absorption.shifts(problem, answer, estimates),
         limits=limits,
-        within_trial=heating(stage.data, library, rate),
+        within_trial=heating(problem.data, library, rate),
         not_testable=untestable,
         sensitivity=(
-            sensitivity(stage, {name for e in answer.accepted for name in e.effects})
-            if few(stage.data, base)
+            sensitivity(problem, {name for e in answer.accepted for name in e.effects})
+            if few(problem.data, base)
             else None
         ),
-        silent=coefficients.silent(stage, library, SILENT),
+        silent=coefficients.silent(problem, library, SILENT),
         next_experiment=(
-            *separation.next_experiment(stage, answer),
+            *separation.next_experiment(problem, answer),
             *separation.to_part_visits(limits),
         ),
     )
@@ -205,7 +207,7 @@ class Decided:
 
 
 def decide(
-    stage: SearchProblem,
+    problem: SearchProblem,
     confirm: bool,
     rate: float,
     like: Decided | None = None,
@@ -219,26 +221,26 @@ def decide(
     rate of a claim. At an interim analysis it is below that of the options, and an adequate model
     is not tested for contradictions.
     """
-    few = few_visits.applies(stage.data)
-    answer = few_visits.run(stage) if few else search_to_convergence(stage, shortlist)
-    early = rate < stage.options.false_alarm_rate
+    few = few_visits.applies(problem.data)
+    answer = few_visits.run(problem) if few else search_to_convergence(problem, shortlist)
+    early = rate < problem.options.false_alarm_rate
     if early:
-        answer = answer.claimed_below((stage if few else answer.stage).null.threshold(rate))
+        answer = answer.claimed_below((problem if few else answer.problem).null.threshold(rate))
     decided = Decided(answer=answer, refuted=(), scored=None)
     if like is not None and shortlist and decided.would_name != like.would_name:
         del answer, decided
-        return decide(stage, confirm, rate, like, progress=progress)
+        return decide(problem, confirm, rate, like, progress=progress)
     if like is not None and decided.would_name == like.would_name:
         unconfirmed = bool(like.refuted)
         answer = dataclasses.replace(answer, contradicted=like.answer.contradicted)
     else:
-        # folds of few visits start from the original stage, which is not yet `independent`
+        # folds of few visits start from the original problem, which is not yet `independent`
         named = answer.best.candidate.effects
         scored = None
         if confirm:
             # what a fold's own search would choose is told of the whole diagnosis alone
             again = few_visits.run if few else run if like is None else None
-            ground = stage if few else answer.stage
+            ground = problem if few else answer.problem
             scored = confirmation.held_out(ground, again, named, progress)
             if not scored.predicted.any():
                 # the other visits determine the L_inf of no held-out trial
@@ -247,11 +249,11 @@ def decide(
         unconfirmed = (
             scored is not None
             and bool(answer.accepted)
-            and not confirmation.improves(answer.stage, scored)
+            and not confirmation.improves(answer.problem, scored)
         )
         if answer.verdict == "adequate" and not early:
             answer = dataclasses.replace(
-                answer, contradicted=adequacy.contradictions(answer.stage, scored)
+                answer, contradicted=adequacy.contradictions(answer.problem, scored)
             )
     if unconfirmed:
         # effects that do not improve held-out predictions are not named, however well they fit
@@ -269,7 +271,7 @@ def _without(
     declared: dict[str, float],
 ) -> stability.Without | None:
     """The diagnosis of the trials `keep` alone; None where they cannot be diagnosed."""
-    whole = like.answer.stage
+    whole = like.answer.problem
     trials = whole.datum.take(keep)
     data = trials.recorded
     if len(np.unique(data.visit)) < 2 or not np.isfinite(data.z_hat).any():
@@ -281,7 +283,7 @@ def _without(
             # the last session, of which nothing is left, had a size of its own
             about, begin = None, ground
     try:
-        stage = prepare(
+        problem = prepare(
             trials,
             whole.base,
             whole.effects,
@@ -294,7 +296,7 @@ def _without(
         named = like.refuted or like.answer.accepted
         # where visits are few, they decide, and no evidence
         shortlist = None if whole.independent else like.answer.shortlist(named, ~keep)
-        answer = decide(stage, True, rate, like, shortlist).answer
+        answer = decide(problem, True, rate, like, shortlist).answer
         after = coefficients.answers(answer, declared).estimates().after
     except NotConverged:
         return None
@@ -351,5 +353,5 @@ def set_up(
     acting = inputs.acting(parts, base, first.theta)
     # trials of few visits are fitted as if they shared no error
     trials = Datum(recorded=kept) if few_visits.applies(kept) else datum(first, kept)
-    stage = prepare(trials, base, between, acting, first.theta, options)
-    return stage, known, untestable
+    problem = prepare(trials, base, between, acting, first.theta, options)
+    return problem, known, untestable

@@ -25,11 +25,11 @@ from nearlift.loop.structure import Structure
 from nearlift.nomenclature import SCHEDULE_WORDS
 
 
-def columns(stage: SearchProblem, flagged: Collection[str]) -> FloatArray:
+def columns(problem: SearchProblem, flagged: Collection[str]) -> FloatArray:
     """Discrepancy columns (n, t) of log lift with unit-variance unknowns; `flagged` are the
     covariates in which structure was found.
     """
-    data = stage.data
+    data = problem.data
     carried = [
         f.columns
         for f in families(data)
@@ -38,8 +38,8 @@ def columns(stage: SearchProblem, flagged: Collection[str]) -> FloatArray:
     if data.ordered:
         carried.append(moving(data).columns)
     # a curve bent at one throttle moves the coefficients that all share
-    by_throttle = times(stage.candidate().jacobian(stage.theta), indicators(data.throttle))
-    return np.hstack([_sized(stage, shape) for shape in (*carried, by_throttle)])
+    by_throttle = times(problem.candidate().jacobian(problem.theta), indicators(data.throttle))
+    return np.hstack([_sized(problem, shape) for shape in (*carried, by_throttle)])
 
 
 def covariates(structure: Structure) -> list[str]:
@@ -51,11 +51,11 @@ def covariates(structure: Structure) -> list[str]:
     ]
 
 
-def _sized(stage: SearchProblem, family: FloatArray) -> FloatArray:
+def _sized(problem: SearchProblem, family: FloatArray) -> FloatArray:
     """A family's columns times the standard deviation of its coefficients; none where it is 0."""
-    jacobian = orthonormal(stage.base_fit.jacobian)
-    white = stage.space.project(family.T).T
-    variance = _variance(white - jacobian @ (jacobian.T @ white), stage.base_fit.residual)
+    jacobian = orthonormal(problem.base_fit.jacobian)
+    white = problem.space.project(family.T).T
+    variance = _variance(white - jacobian @ (jacobian.T @ white), problem.base_fit.residual)
     return family * np.sqrt(variance) if variance > 0 else family[:, :0]
 
 

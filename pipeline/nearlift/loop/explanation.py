@@ -79,7 +79,7 @@ class Explanation:
         return self.needed and not self.fitted.at_bound
 
     @property
-    def possible(self) -> bool:
+    def eligible_as_rival(self) -> bool:
         """Whether it may be a rival: ln BF > 0, no parameter at its bound, each effect needed."""
         return (
             self.evidence.over_none > 0

@@ -11,7 +11,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.likelihood.covariates import varies
 from nearlift.likelihood.subspace import cosines
-from nearlift.likelihood.variance_components import ENOUGH
+from nearlift.likelihood.variance_components import MIN_REVISITS
 from nearlift.loop.structure import Hypothesis
 from nearlift.results import Observations
 
@@ -133,7 +133,7 @@ def families(data: Observations) -> tuple[Hypothesis, ...]:
     if varies(data, "approach"):
         sided = times(known["approach"][:, None], closeness)
         every.append(Hypothesis("approach", "approach", sided))
-    if data.ordered and visits >= ENOUGH:
+    if data.ordered and visits >= MIN_REVISITS:
         # fewer visits do not separate such curves from noise that the trials of a visit share
         every += [moving(data), *_bent_by(data, smooth_z[:, :2], additive)]
     if varies(data, "tilt_rad"):

@@ -13,27 +13,29 @@ from nearlift.loop.search_problem import SearchProblem
 from nearlift.results.estimate import ValueWithU
 
 
-def far_lift(stage: SearchProblem, fitted: Fitted, nuisance: FloatArray) -> dict[float, ValueWithU]:
+def far_lift(
+    problem: SearchProblem, fitted: Fitted, nuisance: FloatArray
+) -> dict[float, ValueWithU]:
     """L_inf at each throttle, in the average conditions of the trials at that throttle.
 
     Effects that act far away, such as a sagging supply, are included at their mean over those
     trials. `nuisance` (n, t) are columns of further unit-variance unknowns. Where trials count as
     independent, the uncertainty is that of a sum over whole visits (a sandwich estimate).
     """
-    data, candidate, vector = stage.data, fitted.candidate, fitted.vector
+    data, candidate, vector = problem.data, fitted.candidate, fitted.vector
     far = replace(candidate, data=replace(data, z_hat=np.full(data.n, np.inf)))
     design = np.hstack([data.level_columns, candidate.jacobian(vector), nuisance])
     free = data.unknown_levels
     sd = np.concatenate([np.full(free, np.inf), candidate.prior[1], np.ones(nuisance.shape[1])])
-    white = stage.space.covariance.whiten(design.T).T
+    white = problem.space.covariance.whiten(design.T).T
     covariance = inverse(white.T @ white + np.diag(1 / sd**2))
-    if stage.independent:
+    if problem.independent:
         visits, visit = np.unique(data.visit, return_inverse=True)
         scores = np.zeros((len(visits), len(covariance)))
         np.add.at(scores, visit, white * fitted.residual[:, None])
         scores *= np.sqrt(len(visits) / max(len(visits) - 1, 1))
         covariance = covariance @ scores.T @ scores @ covariance
-    levels = stage.space.best_levels(stage.log_lift - candidate.log_ratio(vector))
+    levels = problem.space.best_levels(problem.log_lift - candidate.log_ratio(vector))
     change, slope = np.nan_to_num(far.log_ratio(vector)), far.jacobian(vector)
     shown = data.shown(np.eye(free))
     by_throttle = {}

@@ -44,34 +44,34 @@ def applies(data: Observations) -> bool:
     return data.ordered and len(np.unique(data.visit)) <= FEW_VISITS
 
 
-def left_out(stage: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
+def left_out(problem: SearchProblem, effects: tuple[Effect, ...]) -> FloatArray:
     """Relative residual (n,) of every trial, predicted by a fit to the other visits; nan where
     these do not determine its L_inf.
     """
     whole = (
-        search(stage.candidate(*effects), stage.starts, stage.log_lift)
+        search(problem.candidate(*effects), problem.starts, problem.log_lift)
         if effects
-        else stage.base_fit
+        else problem.base_fit
     )
-    vectors = without_each(stage, whole)
-    visit_of, weight = _weights(stage)
-    rest = stage.log_lift - whole.candidate.log_ratio(vectors)
-    log_inf = _levels(stage, weight)(rest[:, None], np.arange(len(rest)))[:, 0]
-    trial = np.arange(stage.data.n)
+    vectors = without_each(problem, whole)
+    visit_of, weight = _weights(problem)
+    rest = problem.log_lift - whole.candidate.log_ratio(vectors)
+    log_inf = _levels(problem, weight)(rest[:, None], np.arange(len(rest)))[:, 0]
+    trial = np.arange(problem.data.n)
     result = rest[visit_of, trial] - log_inf[visit_of, trial]
-    predictable = [stage.data.level_known_from(visit_of != visit) for visit in range(len(rest))]
+    predictable = [problem.data.level_known_from(visit_of != visit) for visit in range(len(rest))]
     return np.where(np.array(predictable)[visit_of, trial], result, np.nan)
 
 
 def _levels(
-    stage: SearchProblem, weight: FloatArray
+    problem: SearchProblem, weight: FloatArray
 ) -> Callable[[FloatArray, IntArray], FloatArray]:
     """Weighted least squares of log L_inf, as a function of log lift (k, c, n) and of rows (k,) of
     `weight`.
 
     `weight` is (visits, n); each row of log lift uses one of its rows.
     """
-    columns = stage.data.level_columns
+    columns = problem.data.level_columns
     weighted = columns * weight[:, :, None]
     # a level that no weighted trial determines, as of a throttle in one visit alone, stays 0
     solve = weighted @ np.linalg.pinv(columns.T @ weighted, rcond=1e-13, hermitian=True)
@@ -82,15 +82,15 @@ def _levels(
     return log_inf
 
 
-def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
+def without_each(problem: SearchProblem, whole: Fitted) -> FloatArray:
     """Fitted vectors without each visit in turn, (visits, P), all refitted at once from the whole
     fit.
 
     The trials of the visit left out have weight zero. Parameters of a session without any other
     visit then take their prior's value.
     """
-    candidate, (_, weight) = whole.candidate, _weights(stage)
-    root, levels = np.sqrt(weight), _levels(stage, weight)
+    candidate, (_, weight) = whole.candidate, _weights(problem)
+    root, levels = np.sqrt(weight), _levels(problem, weight)
     mean, sd = candidate.prior
 
     def free(x: FloatArray, rows: IntArray) -> FloatArray:
@@ -98,7 +98,7 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
         return np.asarray((x - levels(x, rows)) * root[rows][:, None])
 
     def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
-        left = free((stage.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
+        left = free((problem.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
         return np.hstack([left, (vectors - mean) / sd])
 
     def linearised(vectors: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
@@ -114,22 +114,22 @@ def without_each(stage: SearchProblem, whole: Fitted) -> FloatArray:
     ).theta
 
 
-def _weights(stage: SearchProblem) -> tuple[IntArray, FloatArray]:
+def _weights(problem: SearchProblem) -> tuple[IntArray, FloatArray]:
     """The index of each trial's visit, (n,), and the inverse variance of each trial, 0 in the visit
     left out, (visits, n).
     """
-    visits, visit = np.unique(stage.data.visit, return_inverse=True)
+    visits, visit = np.unique(problem.data.visit, return_inverse=True)
     mine = visit == np.arange(len(visits))[:, None]
-    return visit, np.where(mine, 0.0, 1 / stage.space.covariance.variance)
+    return visit, np.where(mine, 0.0, 1 / problem.space.covariance.variance)
 
 
 def by_visit(
-    stage: SearchProblem, residual: FloatArray, predictable: NDArray[np.bool_]
+    problem: SearchProblem, residual: FloatArray, predictable: NDArray[np.bool_]
 ) -> FloatArray:
     """Sum of squared residuals of each visit over the trials that other visits predict, infinite
     where one of these has none.
     """
-    _, label = np.unique(stage.data.visit, return_inverse=True)
+    _, label = np.unique(problem.data.visit, return_inverse=True)
     counted = np.where(predictable, np.where(np.isfinite(residual), residual, np.inf), 0.0)
     return np.bincount(label, counted**2).astype(float)
 
@@ -151,17 +151,17 @@ def gain_is_significant(before: FloatArray, after: FloatArray, noise: float) -> 
     return bool(sure and gained.sum() >= GREATER_PART * (before.sum() - noise))
 
 
-def run(stage: SearchProblem) -> Answer:
+def run(problem: SearchProblem) -> Answer:
     """Test for structure, then forward selection of effects by their error on visits left out."""
-    first = stage.nothing_added[0]
-    working = dataclasses.replace(stage, independent=True)
+    first = problem.nothing_added[0]
+    working = dataclasses.replace(problem, independent=True)
     if not first.present:
-        return Answer(stage=working, first=first, singles=(), pairs=(), accepted=())
+        return Answer(problem=working, first=first, singles=(), pairs=(), accepted=())
     seen = visible(working)
     alone = left_out(working, ())
     # without its visit a trial may have no L_inf, whatever the effect
     predictable = np.isfinite(alone)
-    scatter = predictable.sum() * noise.floor(stage.data, stage.noise, stage.slope) ** 2
+    scatter = predictable.sum() * noise.floor(problem.data, problem.noise, problem.slope) ** 2
     none = by_visit(working, alone, predictable)
     best: tuple[Effect, ...] = ()
     to_beat = none
@@ -185,11 +185,13 @@ def run(stage: SearchProblem) -> Answer:
     most = max((e.evidence.log for e in accepted), default=0.0)
     rivals = [e for e in accepted if 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB]
     rivals.sort(key=lambda e: -e.evidence.plausibility)
-    return Answer(stage=working, first=first, singles=singles, pairs=pairs, accepted=tuple(rivals))
+    return Answer(
+        problem=working, first=first, singles=singles, pairs=pairs, accepted=tuple(rivals)
+    )
 
 
 def _explanation(
-    stage: SearchProblem,
+    problem: SearchProblem,
     effects: tuple[Effect, ...],
     none: FloatArray,
     squares: FloatArray,
@@ -200,17 +202,17 @@ def _explanation(
     score = (
         0.5 * len(squares) * float(np.log(none.sum() / total)) if np.isfinite(total) else -np.inf
     )
-    fitted = search(stage.candidate(*effects), stage.starts, stage.log_lift)
+    fitted = search(problem.candidate(*effects), problem.starts, problem.log_lift)
     return Explanation(
         fitted=fitted,
         form_sd=0.0,
         left=None,
-        gain=stage.base_fit.chi2 - fitted.chi2,
+        gain=problem.base_fit.chi2 - fitted.chi2,
         evidence=ExplanationEvidence.of_score(score),
         confirmed=confirmed,
     )
 
 
-def freedom(stage: SearchProblem) -> float:
+def freedom(problem: SearchProblem) -> float:
     """Degrees of freedom of the jackknife: visits less one, at least 1."""
-    return float(max(len(np.unique(stage.data.visit)) - 1, 1))
+    return float(max(len(np.unique(problem.data.visit)) - 1, 1))

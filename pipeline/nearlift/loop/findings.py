@@ -41,7 +41,7 @@ def structure_tests(answer: Answer) -> tuple[StructureTest, ...]:
     )
 
 
-def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ...]:
+def named_effects(problem: SearchProblem, answer: Answer) -> tuple[NamedEffect, ...]:
     """Effects of the best explanation, each with the rivals that could take its place."""
     if not answer.accepted:
         return ()
@@ -60,7 +60,7 @@ def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ..
             NamedEffect(
                 name=effect.name,
                 rivals=tuple(dict.fromkeys(rivals)),
-                parameters=_parameters(stage, best, effect.name),
+                parameters=_parameters(problem, best, effect.name),
                 mechanism=effect.mechanism,
             )
         )
@@ -68,18 +68,20 @@ def named_effects(stage: SearchProblem, answer: Answer) -> tuple[NamedEffect, ..
 
 
 def _parameters(
-    stage: SearchProblem, explanation: Explanation, effect: str
+    problem: SearchProblem, explanation: Explanation, effect: str
 ) -> dict[str, LoopEstimate]:
     """An effect's fitted parameters with 90 % intervals that allow for its uncertain form; one per
     session where they differ by session.
     """
     fitted = explanation.fitted
-    if stage.independent:
-        u = confirmation.standard_error(few_visits.without_each(stage, fitted))
-        quantile = student.quantile(0.95, few_visits.freedom(stage))
+    if problem.independent:
+        u = confirmation.standard_error(few_visits.without_each(problem, fitted))
+        quantile = student.quantile(0.95, few_visits.freedom(problem))
     else:
         u = np.sqrt(
-            np.maximum(np.diag(coefficients.joint(stage, fitted, explanation.form_discrepancy)), 0)
+            np.maximum(
+                np.diag(coefficients.joint(problem, fitted, explanation.form_discrepancy)), 0
+            )
         )
         quantile = student.NORMAL_90
     result = {}
@@ -92,12 +94,12 @@ def _parameters(
     return result
 
 
-def partial(stage: SearchProblem, answer: Answer) -> tuple[PartialEffect, ...]:
+def partial(problem: SearchProblem, answer: Answer) -> tuple[PartialEffect, ...]:
     """Shares of the structure's excess chi2 that the best single effects would explain."""
     # a size at a bound earns no share
     ranked = sorted((s for s in answer.singles if not s.fitted.at_bound), key=lambda s: -s.gain)[:3]
     # by chance the excess may be less than one effect's gain
-    whole = max(stage.excess, *(s.gain for s in ranked), 0.0)
+    whole = max(problem.excess, *(s.gain for s in ranked), 0.0)
     return tuple(
         PartialEffect(name=s.name, share=s.gain / whole) for s in ranked if s.gain > 0.05 * whole
     )
@@ -123,20 +125,20 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
     if not answer.first.present:
         largest = f"(p = {answer.first.p_value:.3g} for the largest of all tests)"
         return (_round((), "adequate", f"nothing exceeds the threshold {largest}"),)
-    if answer.stage.independent:
+    if answer.problem.independent:
         return tuple(_sweep(tried, answer) for tried in (answer.singles, answer.pairs) if tried)
     best = answer.accepted[0] if answer.accepted else None
     enough = "nothing is left beyond the threshold"
     if best is not None and best.by_chance:
-        enough = f"what it leaves may be chance (p = {answer.stage.left_by(best).p_value:.2g})"
+        enough = f"what it leaves may be chance (p = {answer.problem.left_by(best).p_value:.2g})"
     elif best is not None and best.confirmed:
-        share = min(best.gain / answer.stage.excess, 1.0)
+        share = min(best.gain / answer.problem.excess, 1.0)
         enough = (
             f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the"
             " true one"
         )
     alone = [s for s in answer.singles if s.accepted]
-    singles = _listing(answer.stage, answer.singles)
+    singles = _listing(answer.problem, answer.singles)
     if best is not None and alone and len(best.effects) == 1:
         return (_round(singles, f"accept {best.name}", enough),)
     why_not = (
@@ -155,7 +157,7 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
     return (
         _round(singles, "no single effect will do", why_not),
         _round(
-            _listing(answer.stage, answer.pairs, LISTED_PAIRS),
+            _listing(answer.problem, answer.pairs, LISTED_PAIRS),
             f"accept {best.name}" if best is not None else "unexplained",
             enough if best is not None else unnamed,
         ),
@@ -167,12 +169,12 @@ def _round(candidates: tuple[TriedCandidate, ...], decision: str, reason: str) -
 
 
 def _listing(
-    stage: SearchProblem, tried: tuple[Explanation, ...], most: int | None = None
+    problem: SearchProblem, tried: tuple[Explanation, ...], most: int | None = None
 ) -> tuple[TriedCandidate, ...]:
     """Candidates and the structure that they leave, the likeliest first, at most `most`."""
     rows = []
     for e in sorted(tried, key=lambda e: -e.evidence.log)[:most]:
-        left = stage.left_by(e)
+        left = problem.left_by(e)
         rows.append(
             TriedCandidate(
                 name=e.name,
@@ -200,7 +202,7 @@ def _sizes(explanation: Explanation) -> dict[str, float]:
 
 def _impossible(answer: Answer) -> str:
     """Single effects with a fair share of the structure but a size at a bound; empty if none."""
-    share = FAIR_SHARE * answer.stage.excess
+    share = FAIR_SHARE * answer.problem.excess
     ends = [
         f"{e.name} ({_at_end(e)})"
         for e in sorted(answer.singles, key=lambda e: -e.gain)
@@ -227,10 +229,10 @@ def _sweep(tried: tuple[Explanation, ...], answer: Answer) -> LoopRound:
     # remaining structure decides nothing here
     rows = tuple(
         dataclasses.replace(row, left_in=None, judged_by="visits left out")
-        for row in _listing(answer.stage, tried)
+        for row in _listing(answer.problem, tried)
     )
     chosen = [e for e in tried if e.accepted]
-    visits = f"({len(np.unique(answer.stage.data.visit))} visits, each in turn)"
+    visits = f"({len(np.unique(answer.problem.data.visit))} visits, each in turn)"
     if chosen:
         best = max(chosen, key=lambda e: e.evidence.log)
         return _round(rows, f"accept {best.name}", f"predicts visits left out best {visits}")

@@ -123,19 +123,19 @@ def of_coefficient(fitted: Fitted, i: int) -> Question:
     )
 
 
-def of_rivals(stage: SearchProblem, one: Point, other: Point) -> Question:
+def of_rivals(problem: SearchProblem, one: Point, other: Point) -> Question:
     """Question of the weight of one explanation against another: the first is held fixed, the
     parameters and form of the other are nuisances.
     """
-    mine, theirs = stage.candidate(*one[0]), stage.candidate(*other[0])
+    mine, theirs = problem.candidate(*one[0]), problem.candidate(*other[0])
 
     def columns(data: Observations) -> FloatArray:
         fixed, free = (dataclasses.replace(c, data=data) for c in (mine, theirs))
         apart = fixed.log_ratio(one[1]) - free.log_ratio(other[1])
-        form = free.form_discrepancy(other[1], stage.options.form_sd)
+        form = free.form_discrepancy(other[1], problem.options.form_sd)
         return np.hstack([np.nan_to_num(apart)[:, None], free.jacobian(other[1]), form])
 
-    forms = columns(stage.data).shape[1] - 1 - theirs.size
+    forms = columns(problem.data).shape[1] - 1 - theirs.size
     held = np.r_[0.0, 1 / theirs.prior[1] ** 2, np.ones(forms)]
     return Question(columns=columns, held=held, target=0)
 
@@ -312,28 +312,28 @@ class Plan:
         return float(ncx2.sf(needed, freedom, max(share * enough, 1e-9)))
 
 
-def plan(stage: SearchProblem, question: Question, offered: Menu, rotating: float) -> Plan:
-    """Plan from a stage's trials and the visits on offer; see `Plan` for `rotating`."""
-    n, both = stage.data.n, join(stage.data, offered.trials)
-    slope = height_slope(stage.base, both, stage.base.named(stage.theta))
-    declared = budget.shared(both, stage.parts, slope)
+def plan(problem: SearchProblem, question: Question, offered: Menu, rotating: float) -> Plan:
+    """Plan from a problem's trials and the visits on offer; see `Plan` for `rotating`."""
+    n, both = problem.data.n, join(problem.data, offered.trials)
+    slope = height_slope(problem.base, both, problem.base.named(problem.theta))
+    declared = budget.shared(both, problem.parts, slope)
     departed = np.eye(len(offered.z_hat))[offered.nearest(both.z_hat)]
     asked = question.columns(both)
     columns = np.hstack([asked, both.level_columns, declared, departed])
     levels, errors = both.level_columns.shape[1], declared.shape[1]
     held = np.r_[question.held, np.zeros(levels), np.ones(errors), np.zeros(departed.shape[1])]
-    bare = dataclasses.replace(stage.space.covariance, shared=np.zeros((n, 0)))
+    bare = dataclasses.replace(problem.space.covariance, shared=np.zeros((n, 0)))
     white = bare.whiten(columns[:n].T)
     added = []
     for rows in np.split(np.arange(offered.trials.n), len(offered)):
         visit, at = offered.trials.take(rows), slope[n + rows]
         covariance = trial_covariance(
-            visit, stage.noise, at, extra=budget.own_variance(visit, stage.parts, at)
+            visit, problem.noise, at, extra=budget.own_variance(visit, problem.parts, at)
         )
         there = covariance.whiten(columns[n + rows].T)
         added.append(there @ there.T)
-    first = np.unique(stage.data.visit, return_index=True)[1]
-    station = offered.nearest(stage.data.z_hat)
+    first = np.unique(problem.data.visit, return_index=True)[1]
+    station = offered.nearest(problem.data.z_hat)
     return Plan(
         menu=offered,
         now=white @ white.T + np.diag(held),

@@ -76,7 +76,7 @@ def prepare(
             budget.own_variance(data, parts, slope),
             noise_floor,
         )
-        stage = SearchProblem(
+        problem = SearchProblem(
             data=data,
             base=base,
             effects=effects,
@@ -90,9 +90,9 @@ def prepare(
         )
         if about is not None or not p:
             break
-        moved, jacobian = stage.base_fit.vector - vector, stage.base_fit.jacobian
+        moved, jacobian = problem.base_fit.vector - vector, problem.base_fit.jacobian
         u = np.sqrt(np.diag(np.linalg.pinv(jacobian.T @ jacobian)))
         if np.all(np.abs(moved) < SETTLED * u):
             break
         vector = vector + DAMPING * moved
-    return stage
+    return problem

@@ -15,9 +15,9 @@ import numpy as np
 
 from nearlift.likelihood.covariates import unlogged
 from nearlift.loop.candidate_fit import Point, search
-from nearlift.loop.foresight import Foresight
-from nearlift.loop.handle import Handle
+from nearlift.loop.power import DesignPower
 from nearlift.loop.separation import APART, join, menu, parted, session
+from nearlift.loop.size_parameter import SizeParameter
 from nearlift.results import Observations
 from nearlift.results.design import (
     ChangeOption,
@@ -40,7 +40,7 @@ GAUGE_M = 1e-4
 class Pair:
     """An effect of one size, and a rival with its probability to be named or a rival."""
 
-    handle: Handle
+    size_parameter: SizeParameter
     rival: str
     size: float
     chance: float
@@ -59,7 +59,7 @@ class DesignChange:
 
 
 def changes(
-    foresight: Foresight, pairs: list[Pair], variants: Mapping[str, Observations]
+    design: DesignPower, pairs: list[Pair], variants: Mapping[str, Observations]
 ) -> PlanChanges:
     """Changes that would separate each confounded pair, and those that serve most pairs.
 
@@ -67,21 +67,21 @@ def changes(
     confounded by the uncertainty of the effects' forms: no number of trials of this kind separates
     it.
     """
-    stage = foresight.stage
-    effects = {e.name: e for e, _ in stage.library}
-    offered = menu_of(foresight, variants)
+    problem = design.problem
+    effects = {e.name: e for e, _ in problem.library}
+    offered = menu_of(design, variants)
     listed: list[ConfoundedPair] = []
     tally: dict[str, list[tuple[bool, float]]] = {c.text: [] for c in offered}
     likeliest: dict[frozenset[str], Pair] = {}
     for pair in sorted(pairs, key=lambda p: -p.chance):
-        likeliest.setdefault(frozenset((pair.handle.effect.name, pair.rival)), pair)
+        likeliest.setdefault(frozenset((pair.size_parameter.effect.name, pair.rival)), pair)
     kept = list(likeliest.values())[:MOST_PAIRS]
     for pair in kept:
-        effect, rival = pair.handle.effect, effects[pair.rival]
-        one: Point = ((effect,), foresight.vector(pair.handle, pair.size))
-        log_lift = stage.candidate(effect).log_ratio(one[1])
-        other = search(stage.candidate(rival), stage.starts, log_lift).point
-        now = parted(stage, stage.data, one, other)
+        effect, rival = pair.size_parameter.effect, effects[pair.rival]
+        one: Point = ((effect,), design.vector(pair.size_parameter, pair.size))
+        log_lift = problem.candidate(effect).log_ratio(one[1])
+        other = search(problem.candidate(rival), problem.starts, log_lift).point
+        now = parted(problem, problem.data, one, other)
         by_form = now >= APART
         options: list[ChangeOption] = []
         for change in offered:
@@ -94,13 +94,13 @@ def changes(
             if option is not None and (other_kind or not by_form):
                 options.append(option)
         options.sort(key=lambda o: (o.trials_to_part, -o.evidence))
-        missing = {x for e in (effect, rival) for x in unlogged(e, stage.data)}
+        missing = {x for e in (effect, rival) for x in unlogged(e, problem.data)}
         listed.append(
             ConfoundedPair(
                 pair=(effect.name, rival.name),
-                parameter=pair.handle.parameter.name,
+                parameter=pair.size_parameter.parameter.name,
                 size=pair.size,
-                unit=pair.handle.parameter.unit,
+                unit=pair.size_parameter.parameter.unit,
                 rival_chance=pair.chance,
                 evidence_now=now,
                 held_together_by="form" if by_form else "noise",
@@ -128,7 +128,7 @@ def changes(
             pairs_parted=r.pairs_parted,
             pairs=r.pairs,
             evidence_per_trial=r.evidence_per_trial,
-            rivals_after=_after(foresight, by_text[r.change], kept),
+            rivals_after=_after(design, by_text[r.change], kept),
         )
         for r in ranking[:CHECKED]
     ]
@@ -155,53 +155,53 @@ def _option(change: DesignChange, gain: float, lacking: float) -> ChangeOption |
 
 
 def _after(
-    foresight: Foresight, change: DesignChange, pairs: list[Pair]
+    design: DesignPower, change: DesignChange, pairs: list[Pair]
 ) -> tuple[RivalChance, ...] | None:
     """Each pair's probability of confusion after the change; None if it changes no trials."""
     if change.data is None:
         return None
-    stage = foresight.stage
-    log_ratio = stage.candidate().log_ratio(stage.base_fit.vector, change.data)
+    problem = design.problem
+    log_ratio = problem.candidate().log_ratio(problem.base_fit.vector, change.data)
     changed = dataclasses.replace(
-        stage, data=change.data, log_lift=np.log(change.data.covariates["lift_inf_N"]) + log_ratio
+        problem, data=change.data, log_lift=np.log(change.data.covariates["lift_inf_N"]) + log_ratio
     )
-    then = dataclasses.replace(foresight, stage=changed)
+    then = dataclasses.replace(design, problem=changed)
     return tuple(
         RivalChance(
-            pair=(p.handle.effect.name, p.rival),
+            pair=(p.size_parameter.effect.name, p.rival),
             before=p.chance,
-            after=then.contest(p.handle, p.size).rivals.get(p.rival, 0.0),
+            after=then.contest(p.size_parameter, p.size).rivals.get(p.rival, 0.0),
         )
         for p in pairs
     )
 
 
-def menu_of(foresight: Foresight, variants: Mapping[str, Observations]) -> list[DesignChange]:
+def menu_of(design: DesignPower, variants: Mapping[str, Observations]) -> list[DesignChange]:
     """Everything that may be proposed for this design."""
-    stage = foresight.stage
+    problem = design.problem
 
     def by_data(data: Observations) -> Callable[[Point, Point, float], float]:
-        return lambda one, other, now: max(parted(stage, data, one, other) - now, 0.0)
+        return lambda one, other, now: max(parted(problem, data, one, other) - now, 0.0)
 
     offered = [
         DesignChange(text=text, trials=0, gain=by_data(data), data=data)
         for text, data in variants.items()
     ]
-    additions = {p.text: p.added for p in menu(stage.data, stage.options.not_feasible)} | _more(
-        stage.data
+    additions = {p.text: p.added for p in menu(problem.data, problem.options.not_feasible)} | _more(
+        problem.data
     )
     for text, added in additions.items():
-        whole = join(stage.data, added)
+        whole = join(problem.data, added)
         offered.append(DesignChange(text=text, trials=added.n, gain=by_data(whole), data=whole))
-    places = len(np.unique(stage.data.z_hat))
+    places = len(np.unique(problem.data.z_hat))
     offered.append(
         DesignChange(
             text="a motors-off sweep of all distances, twice",
             trials=2 * places,
-            gain=lambda one, other, _: _motors_off(foresight, one, other),
+            gain=lambda one, other, _: _motors_off(design, one, other),
         )
     )
-    if np.isfinite(stage.data.z_hat).any():
+    if np.isfinite(problem.data.z_hat).any():
         offered.append(
             DesignChange(
                 text=f"touch the traverse off with a gauge ({1e3 * GAUGE_M:g} mm)",
@@ -241,20 +241,20 @@ def _more(data: Observations) -> dict[str, Observations]:
     return options
 
 
-def _motors_off(foresight: Foresight, one: Point, other: Point) -> float:
+def _motors_off(design: DesignPower, one: Point, other: Point) -> float:
     """Evidence from two sweeps at rest, which show additive effects that do not depend on lift."""
-    stage = foresight.stage
-    sigma = float(np.hypot(stage.noise.force_N, np.median(stage.data.u_lift_N)))
+    problem = design.problem
+    sigma = float(np.hypot(problem.noise.force_N, np.median(problem.data.u_lift_N)))
     if sigma <= 0:
         return 0.0
-    _, first = np.unique(stage.data.z_hat, return_index=True)
+    _, first = np.unique(problem.data.z_hat, return_index=True)
     force = np.zeros(len(first))
     for sign, (effects, vector) in ((1.0, one), (-1.0, other)):
         for e in effects:
             # effects that grow with lift, or with previous lift, vanish when the rotors stand
             if e.additive and not e.loaded:
-                share = np.expm1(stage.candidate(*effects).contribution(vector, e))
-                force += sign * (share * stage.data.covariates["lift_inf_N"])[first]
+                share = np.expm1(problem.candidate(*effects).contribution(vector, e))
+                force += sign * (share * problem.data.covariates["lift_inf_N"])[first]
     return float(2 * np.sum((force / sigma) ** 2))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.likelihood.subspace import cosines
-from nearlift.likelihood.variance_components import ENOUGH
+from nearlift.likelihood.variance_components import MIN_REVISITS
 from nearlift.results import Observations
 
 #: Largest number of cosines; the rest of a random walk is noise that neighbours share.
@@ -22,10 +22,10 @@ SIZES = np.geomspace(1e-4, 2e-2, 16)
 def waves(data: Observations) -> FloatArray:
     """Columns (n, k) of log lift of unit size.
 
-    k is 0 where the order of the trials is unknown or visits are fewer than `ENOUGH`.
+    k is 0 where the order of the trials is unknown or visits are fewer than `MIN_REVISITS`.
     """
     visits = len(np.unique(data.visit))
-    if not data.ordered or visits < ENOUGH:
+    if not data.ordered or visits < MIN_REVISITS:
         return np.zeros((data.n, 0))
     count = min(WAVES, visits // 2)
     return cosines(data.covariates["run_order"], count) / np.arange(1, count + 1)

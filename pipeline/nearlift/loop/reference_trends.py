@@ -13,7 +13,7 @@ from nearlift.loop.families import STEP
 from nearlift.loop.search_problem import SearchProblem
 
 
-def log_evidence(stage: SearchProblem, e: Explanation) -> float:
+def log_evidence(problem: SearchProblem, e: Explanation) -> float:
     """Log evidence of the likeliest reference trend of an explanation, over that of the null.
 
     The references are straight lines in gain and in force along the covariate of each effect, and
@@ -23,9 +23,9 @@ def log_evidence(stage: SearchProblem, e: Explanation) -> float:
 
     Evidence is to first order, with unit information; minus infinity where no reference exists.
     """
-    data, absorbed = stage.data, orthonormal(stage.base_jacobian)
+    data, absorbed = problem.data, orthonormal(problem.base_jacobian)
     lift_N = data.covariates["lift_inf_N"] * np.exp(
-        stage.base_fit.candidate.log_ratio(stage.base_fit.vector)
+        problem.base_fit.candidate.log_ratio(problem.base_fit.vector)
     )
     lines = {"gain": np.ones(data.n), "force": np.median(lift_N) / lift_N}
     gains = [-np.inf]
@@ -35,25 +35,25 @@ def log_evidence(stage: SearchProblem, e: Explanation) -> float:
             continue
         contained = ("force" if effect.additive else "gain") if effect.contains_line else ""
         along = data.covariates[name] - data.covariates[name].mean()
-        white = stage.space.project(
+        white = problem.space.project(
             np.stack([along * line for kind, line in lines.items() if kind != contained])
         ).T
         white = white - absorbed @ (absorbed.T @ white)
         length2 = np.maximum(np.sum(white**2, axis=0), 1e-300)
-        gains.append(float(np.max((white.T @ stage.base_fit.residual) ** 2 / length2)))
+        gains.append(float(np.max((white.T @ problem.base_fit.residual) ** 2 / length2)))
     if e.fitted.candidate.by_session.any():
-        gains.append(best_step(stage))
-    beyond = stage.unnamed - stage.nothing_added[1]
+        gains.append(best_step(problem))
+    beyond = problem.unnamed - problem.nothing_added[1]
     return 0.5 * (max(gains) - float(np.log(data.n))) - beyond
 
 
-def best_step(stage: SearchProblem) -> float:
+def best_step(problem: SearchProblem) -> float:
     """Drop of chi2 by one step at the best of the times tried."""
-    hypotheses, basis = stage.hypotheses
+    hypotheses, basis = problem.hypotheses
     steps = [h.columns for h in hypotheses if h.name == STEP]
     if not steps:
         return 0.0
     columns = np.hstack(steps)
-    columns = columns - stage.absorbed @ (stage.absorbed.T @ columns)
-    along = columns.T @ (basis.T @ stage.base_fit.residual)
+    columns = columns - problem.absorbed @ (problem.absorbed.T @ columns)
+    along = columns.T @ (basis.T @ problem.base_fit.residual)
     return float(np.max(along**2 / np.maximum(np.sum(columns**2, axis=0), 1e-12)))

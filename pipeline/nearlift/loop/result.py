@@ -62,7 +62,7 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
     """The boundary's part of results.json; `answers` holds the coefficients under every answer,
     `error` the cross-validated error.
     """
-    stage, estimator = answer.stage, _estimator(answer, answers)
+    problem, estimator = answer.problem, _estimator(answer, answers)
     named = answer.accepted[0].effects if answer.accepted else ()
     others = dict.fromkeys(
         name for e in answer.accepted[1:] for name in e.effects if name not in named
@@ -83,25 +83,25 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
             which,
             max(len(answer.accepted), 1),
         )
-    if stage.independent:
+    if problem.independent:
         # by refits: what the fit varies by, and the visit whose omission moves it most
-        vectors = few_visits.without_each(stage, answer.best)
+        vectors = few_visits.without_each(problem, answer.best)
         centred = vectors - vectors.mean(axis=0)
         covariance = centred.T @ centred
-        visits = stage.data.visit
+        visits = problem.data.visit
         for i, (name, quoted) in enumerate(coefficients.items()):
             moved = vectors[:, i] - answer.best.vector[i]
-            most = largest(np.unique(visits), moved, visits, stage.as_recorded.z_hat)
+            most = largest(np.unique(visits), moved, visits, problem.as_recorded.z_hat)
             influence = dataclasses.replace(quoted.influence, visit=most)
             coefficients[name] = dataclasses.replace(quoted, influence=influence)
     else:
         form_discrepancy = (
             answer.accepted[0].form_discrepancy if answer.accepted else answers.unnamed
         )
-        covariance = joint(stage, answer.best, form_discrepancy)
+        covariance = joint(problem, answer.best, form_discrepancy)
     return BoundaryResult(
         verdict=answer.verdict,
-        base_model=stage.base.name,
+        base_model=problem.base.name,
         effects=named,
         rivals=tuple(others),
         coefficients=coefficients,
@@ -112,18 +112,18 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
         )
         if error is not None
         else None,
-        sizes=sizes(stage, answer),
+        sizes=sizes(problem, answer),
         correlation=_correlation(answer.best.candidate, covariance),
     )
 
 
-def sizes(stage: SearchProblem, answer: Answer) -> tuple[IdentifiedSize, ...]:
+def sizes(problem: SearchProblem, answer: Answer) -> tuple[IdentifiedSize, ...]:
     """Sizes of the identified effects, without the parameters of their form."""
     if not answer.accepted:
         return ()
     fitted, listed = answer.accepted[0].fitted, []
     forms = {s.parameter.name for s in fitted.candidate.slots if s.parameter.grid}
-    for effect, named in zip(fitted.candidate.effects, named_effects(stage, answer), strict=True):
+    for effect, named in zip(fitted.candidate.effects, named_effects(problem, answer), strict=True):
         lift = np.exp(fitted.candidate.contribution(fitted.vector, effect))
         percent = 100 * float(lift.max() - lift.min())
         for name, e in named.parameters.items():
@@ -159,22 +159,22 @@ def _correlation(candidate: Candidate, covariance: FloatArray) -> Correlation:
 
 def _holds(answer: Answer, answers: Answers) -> str:
     """Sentence on the errors that an interval includes."""
-    stage = answer.stage
+    problem = answer.problem
     errors = (
         ["the scatter of whole visits"]
-        if stage.independent
-        else ["trial noise", *budget.stated(stage.parts)]
+        if problem.independent
+        else ["trial noise", *budget.stated(problem.parts)]
     )
     if answers.carried:
         errors.append(f"the unexplained dependence on {' and '.join(answers.carried)}")
     named = answer.accepted[0].effects if answer.accepted else ()
-    if named and not stage.independent:
+    if named and not problem.independent:
         corrections = " and ".join(named)
         errors.append(f"the uncertainty of the {corrections} correction")
     if len(answer.accepted) > 1:
         errors.append("the choice between rivals")
     included = f"Includes {', '.join(errors[:-1])}{' and ' if errors[1:] else ''}{errors[-1]}"
-    if answers.carried or (named and not stage.independent):
+    if answers.carried or (named and not problem.independent):
         return included
     if named:
         return f"{included}, with {' and '.join(named)} in the model"
@@ -207,54 +207,59 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
     """The best answer's, linearised about the values quoted: its effects, their form and what has
     no name are unknowns in the covariance.
     """
-    stage, p = answer.stage, len(answers.names)
+    problem, p = answer.problem, len(answers.names)
     value, u = answers.value, answers.members[0][1][1]
     low, high = answer.best.candidate.bounds
-    problem, unknowns = _with_unknowns(answer, answers)
+    likelihood, unknowns = _marginal_likelihood(answer, answers)
     fixed = (value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u)
     lines: tuple[gum.Line, ...] = ()
     without: dict[str, FloatArray] = {}
-    if stage.independent:
+    if problem.independent:
         lines, without = (gum.further(VISITS, "A", np.diag(u)),), {VISITS: np.zeros(p)}
     elif p:
-        g = gum.gain(problem, value)
-        lines = gum.lines(problem, g, stage.parts, stage.noise, stage.slope)
+        g = gum.gain(likelihood, value)
+        lines = gum.lines(likelihood, g, problem.parts, problem.noise, problem.slope)
         lines += tuple(
-            gum.further(name, "B", g @ problem.covariance.shared[:, columns])
+            gum.further(name, "B", g @ likelihood.covariance.shared[:, columns])
             for name, columns in unknowns.items()
         )
-        parts = [(part, stage.slope) for part in stage.parts]
-        without = without_each(problem, problem.jacobian(value), stage.noise, parts, u, unknowns)
+        parts = [(part, problem.slope) for part in problem.parts]
+        without = without_each(
+            likelihood, likelihood.jacobian(value), problem.noise, parts, u, unknowns
+        )
     return Estimator(
-        problem=problem,
+        problem=likelihood,
         theta=value,
         u=u,
         dof=answers.dof,
         lines=lines,
         without=without,
-        parts=stage.parts,
-        slope=stage.slope,
+        parts=problem.parts,
+        slope=problem.slope,
         fixed=fixed,
-        z_hat=stage.as_recorded.z_hat,
+        z_hat=problem.as_recorded.z_hat,
     )
 
 
-def _with_unknowns(answer: Answer, answers: Answers) -> tuple[Problem, dict[str, slice]]:
-    """The likelihood in the coefficients alone, and which of its shared unknowns are what."""
-    stage, p = answer.stage, len(answers.names)
-    space, candidate, vector = stage.space, answer.best.candidate, answer.best.vector
-    data = dataclasses.replace(stage.data, lift_N=np.exp(stage.log_lift))
+def _marginal_likelihood(answer: Answer, answers: Answers) -> tuple[Problem, dict[str, slice]]:
+    """Likelihood of the coefficients alone, and the columns of each source in its covariance.
+
+    Effect sizes and discrepancies are marginalised into that covariance.
+    """
+    problem, p = answer.problem, len(answers.names)
+    space, candidate, vector = problem.space, answer.best.candidate, answer.best.vector
+    data = dataclasses.replace(problem.data, lift_N=np.exp(problem.log_lift))
     jacobian, (mean, sd) = candidate.jacobian(vector), candidate.prior
     shift = (
         candidate.log_ratio(vector)
-        - stage.candidate().log_ratio(vector[:p])
+        - problem.candidate().log_ratio(vector[:p])
         - jacobian[:, p:] @ (vector - mean)[p:]
     )
     further: dict[str, FloatArray] = {}
     for effect in candidate.effects:
         mine = candidate.entries_of(effect.name)
         further[f"size of {effect.name}"] = jacobian[:, mine] * sd[mine]
-    if answer.accepted and not stage.independent:
+    if answer.accepted and not problem.independent:
         further |= answer.accepted[0].nuisances
     if answers.carried:
         further[f"unexplained structure along {' and '.join(answers.carried)}"] = answers.unnamed
@@ -264,4 +269,4 @@ def _with_unknowns(answer: Answer, answers: Answers) -> tuple[Problem, dict[str,
             unknowns[name] = slice(shared.shape[1], shared.shape[1] + columns.shape[1])
             shared = np.hstack([shared, columns])
     covariance = dataclasses.replace(space.covariance, shared=shared)
-    return Problem(model=stage.base, data=data, covariance=covariance, shift=shift), unknowns
+    return Problem(model=problem.base, data=data, covariance=covariance, shift=shift), unknowns

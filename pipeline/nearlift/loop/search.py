@@ -59,7 +59,7 @@ class Shortlist:
     singles: int
 
 
-def search_to_convergence(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
+def search_to_convergence(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """Alternate the search and the noise estimate about the best explanation, at most two repeats.
 
     The noise is estimated about the best explanation if the structure is large compared with it,
@@ -67,20 +67,20 @@ def search_to_convergence(stage: SearchProblem, shortlist: Shortlist | None = No
     `shortlist`, only its explanations are tried.
     """
     # new cached values, freed when this search ends
-    stage = dataclasses.replace(stage)
-    answer = run(stage, shortlist)
+    problem = dataclasses.replace(problem)
+    answer = run(problem, shortlist)
     for again in range(2):
-        about, datum = large(answer), stage.datum.likeliest(answer.best, stage.slope)
+        about, datum = large(answer), problem.datum.likeliest(answer.best, problem.slope)
         if again:
             # once taken about an explanation, that of these trials stays so
-            about = about or stage.about
-        now, before = (one and one[0].effects for one in (about, stage.about))
-        if now == before and datum.error_m == stage.datum.error_m:
+            about = about or problem.about
+        now, before = (one and one[0].effects for one in (about, problem.about))
+        if now == before and datum.error_m == problem.datum.error_m:
             break
-        ground = stage.base, stage.effects, stage.parts, stage.theta, stage.options
-        del answer, stage
-        stage = prepare(datum, *ground, about=about)
-        answer = run(stage, shortlist)
+        ground = problem.base, problem.effects, problem.parts, problem.theta, problem.options
+        del answer, problem
+        problem = prepare(datum, *ground, about=about)
+        answer = run(problem, shortlist)
     return answer
 
 
@@ -89,7 +89,7 @@ def large(answer: Answer) -> tuple[Candidate, FloatArray] | None:
     tried = answer.accepted or sorted(
         (*answer.singles, *answer.pairs), key=lambda e: -e.evidence.log
     )
-    if not tried or tried[0].gain < LARGE * answer.stage.data.n:
+    if not tried or tried[0].gain < LARGE * answer.problem.data.n:
         return None
     return tried[0].fitted.candidate, tried[0].fitted.vector
 
@@ -102,7 +102,7 @@ class Answer:
     `contradicted` lists the evidence against a base model without residual structure.
     """
 
-    stage: SearchProblem
+    problem: SearchProblem
     first: Structure
     singles: tuple[Explanation, ...]
     pairs: tuple[Explanation, ...]
@@ -131,9 +131,9 @@ class Answer:
         size = (
             self.accepted[0].random_walk_gain
             if self.accepted
-            else self.stage.null_fit.random_walk_gain
+            else self.problem.null_fit.random_walk_gain
         )
-        return rms(self.stage.data, size)
+        return rms(self.problem.data, size)
 
     def shortlist(self, named: tuple[Explanation, ...], left_out: NDArray[np.bool_]) -> Shortlist:
         """Explanations that may belong to the set without the trials `left_out` (n,).
@@ -141,7 +141,7 @@ class Answer:
         `named` are the explanations of the whole set, confirmed or not. Without those trials an
         explanation gains, to first order, their share of its misfit.
         """
-        dropped = left_out[self.stage.space.covariance.order]
+        dropped = left_out[self.problem.space.covariance.order]
 
         def without(log: float, fitted: Fitted) -> float:
             return log + 0.5 * float(np.sum(fitted.residual[dropped] ** 2))
@@ -149,7 +149,7 @@ class Answer:
         least = (
             max(without(e.evidence.log, e.fitted) for e in named) - RIVAL_MAX_2LNB / 2
             if named
-            else without(self.stage.unnamed, self.stage.base_fit) + CREDIT
+            else without(self.problem.unnamed, self.problem.base_fit) + CREDIT
         )
         kept = {
             e.effects
@@ -163,35 +163,35 @@ class Answer:
     @property
     def best(self) -> Fitted:
         """The model to predict with: the best explanation, else the base model."""
-        return self.accepted[0].fitted if self.accepted else self.stage.base_fit
+        return self.accepted[0].fitted if self.accepted else self.problem.base_fit
 
 
-def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
+def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     """Test, then single effects, then pairs if no single one will do; those of the `shortlist`, if
     there is one.
 
     An effect is disowned if a reference trend leads it by more than a rival may trail. Something
     then varies with its covariate, but not as the effect does.
     """
-    first, _ = stage.nothing_added
+    first, _ = problem.nothing_added
     if not first.present:
-        return Answer(stage=stage, first=first, singles=(), pairs=(), accepted=())
-    seen = {e.name: e for e, _ in stage.library}
+        return Answer(problem=problem, first=first, singles=(), pairs=(), accepted=())
+    seen = {e.name: e for e, _ in problem.library}
     if shortlist:
         seen = {name: e for name, e in seen.items() if (name,) in shortlist.explanations}
-    visible = [e for e in seen.values() if visibility(stage, e) > SILENT]
+    visible = [e for e in seen.values() if visibility(problem, e) > SILENT]
     # one that has no value at some trial, however small, explains nothing
-    tried = [(e, stage.explain((e,))) for e in visible]
+    tried = [(e, problem.explain((e,))) for e in visible]
     visible = [e for e, s in tried if np.isfinite(s.gain)]
     singles = tuple(s for _, s in tried if np.isfinite(s.gain))
     clean = any(s.accepted for s in singles)
     if not clean:
-        singles = retry_with_wider_form(stage, singles)
+        singles = retry_with_wider_form(problem, singles)
     margin = RIVAL_MAX_2LNB / 2
     disowned = {
         s.name
         for s in singles
-        if s.accepted and s.evidence.over_none < reference_trends.log_evidence(stage, s) - margin
+        if s.accepted and s.evidence.over_none < reference_trends.log_evidence(problem, s) - margin
     }
     if disowned:
         singles = tuple(
@@ -202,7 +202,7 @@ def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
     best = max(alone, key=lambda e: e.evidence.log, default=None)
     gains = {s.name: s.gain for s in singles}
     offered = (
-        promising(stage, gains, visible, best)
+        promising(problem, gains, visible, best)
         if shortlist is None
         else [
             (one, two)
@@ -211,21 +211,21 @@ def run(stage: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
         ]
     )
     pairs = tuple(
-        stage.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
+        problem.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
     )
     if not clean and not any(p.accepted for p in pairs):
-        pairs = retry_with_wider_form(stage, pairs)
-    if stage.options.pairs:
+        pairs = retry_with_wider_form(problem, pairs)
+    if problem.options.pairs:
         # so few trials leave little for any test to find
         singles, pairs = accept_marginal_misfit(singles, pairs)
-    accepted = credible_set(stage, singles, pairs, shortlist.singles if shortlist else None)
+    accepted = credible_set(problem, singles, pairs, shortlist.singles if shortlist else None)
     if len(accepted) == 1:
         accepted = (accepted[0].without_rivals(),)
-    return Answer(stage=stage, first=first, singles=singles, pairs=pairs, accepted=accepted)
+    return Answer(problem=problem, first=first, singles=singles, pairs=pairs, accepted=accepted)
 
 
 def credible_set(
-    stage: SearchProblem,
+    problem: SearchProblem,
     singles: tuple[Explanation, ...],
     pairs: tuple[Explanation, ...],
     n_singles: int | None = None,
@@ -249,7 +249,7 @@ def credible_set(
     # of so many pairs to each single effect chance takes the likeliest
     price = RIVAL_MAX_2LNB / 2 + float(np.log(max((n_singles or len(singles)) - 1, 2) / 2))
     earned = not alone or any(
-        p.evidence.min_log_bayes_factor(alone[0].evidence) > price * stage.dispersion(p)
+        p.evidence.min_log_bayes_factor(alone[0].evidence) > price * problem.dispersion(p)
         and p.gain > alone[0].gain + SECOND
         for p in together
     )
@@ -259,8 +259,8 @@ def credible_set(
     # who belongs is for the evidence to say; who comes first among those also for how large such an
     # effect may plausibly be
     first = max(accepted, key=lambda e: e.evidence.log)
-    rivals = [e for e in tried if e.possible and within_bayes_factor(e, first)]
-    if not stage.options.pairs:
+    rivals = [e for e in tried if e.eligible_as_rival and within_bayes_factor(e, first)]
+    if not problem.options.pairs:
         # beside few trials the form of a large effect that the coefficients absorb can explain
         # anything
         rivals = [e for e in rivals if e.needed]
@@ -271,7 +271,7 @@ def credible_set(
         second = [
             p
             for p in pairs
-            if p.possible and p.eligible and not p.refuted and p.gain > least
+            if p.eligible_as_rival and p.eligible and not p.refuted and p.gain > least
             if within_bayes_factor(p, first)
         ]
         rivals += sorted(second, key=lambda e: -e.evidence.plausibility)
@@ -303,7 +303,10 @@ def accept_marginal_misfit(
 
 
 def promising(
-    stage: SearchProblem, gains: dict[str, float], visible: list[Effect], alone: Explanation | None
+    problem: SearchProblem,
+    gains: dict[str, float],
+    visible: list[Effect],
+    alone: Explanation | None,
 ) -> list[tuple[Effect, Effect]]:
     """Pairs of effects worth a fit, by their possible gain, largest first.
 
@@ -312,9 +315,9 @@ def promising(
     remainder of each effect. `gains` are those of the single effects. A gain beyond first order of
     one effect is assumed to persist in its pairs.
     """
-    if not stage.options.pairs:
+    if not problem.options.pairs:
         return []
-    projected = pair_gains(stage)
+    projected = pair_gains(problem)
     bent = {name: max(gain - projected[name, ""], 0.0) for name, gain in gains.items()}
     offered = sorted(
         (
@@ -332,7 +335,7 @@ def promising(
             (1 + LINEARISATION_SLACK) * gain + LINEARISATION_SLACK_CHI2,
             max(gains[one.name], gains[two.name]),
         )
-        return bool(stage.greater_part(most - beside, stage.excess - beside))
+        return bool(problem.explains_enough(most - beside, problem.excess - beside))
 
     return [
         (one, two)
@@ -341,16 +344,16 @@ def promising(
     ]
 
 
-def pair_gains(stage: SearchProblem) -> dict[tuple[str, str], float]:
+def pair_gains(problem: SearchProblem) -> dict[tuple[str, str], float]:
     """First-order drop of chi2 by two effects next to the coefficients, the largest over their
     shapes.
 
     Keys are the two names in either order; "" and a name are one effect alone.
     """
-    hypotheses, basis = stage.hypotheses
+    hypotheses, basis = problem.hypotheses
     named = tuple(h for h in hypotheses if h.effect)
-    which, stacked, ranks = structure.bases(named, stage.absorbed)
-    score, product = stacked.T @ (basis.T @ stage.base_fit.residual), stacked.T @ stacked
+    which, stacked, ranks = structure.bases(named, problem.absorbed)
+    score, product = stacked.T @ (basis.T @ problem.base_fit.residual), stacked.T @ stacked
     ends = np.cumsum(ranks)
     shapes = [("", np.arange(0))] + [
         (named[i].effect, np.arange(end - rank, end))
@@ -367,7 +370,7 @@ def pair_gains(stage: SearchProblem) -> dict[tuple[str, str], float]:
 
 
 def retry_with_wider_form(
-    stage: SearchProblem, tried: tuple[Explanation, ...]
+    problem: SearchProblem, tried: tuple[Explanation, ...]
 ) -> tuple[Explanation, ...]:
     """Retest explanations that remove at least 80 % of the excess chi2, with a form twice as wide.
 
@@ -377,7 +380,7 @@ def retry_with_wider_form(
     and imitates any step. Nor is one that removes less than the best step. The residual structure
     must vary with a covariate of the form, since no error of a form puts structure elsewhere.
     """
-    least = max(NEARLY_ALL * stage.excess, reference_trends.best_step(stage))
+    least = max(NEARLY_ALL * problem.excess, reference_trends.best_step(problem))
 
     def again(e: Explanation) -> Explanation:
         if (
@@ -387,7 +390,7 @@ def retry_with_wider_form(
             or e.fitted.candidate.by_session.any()
         ):
             return e
-        looser = stage.tested(stage.judged(e.fitted, LOOSER * e.form_sd, ()))
+        looser = problem.tested(problem.judged(e.fitted, LOOSER * e.form_sd, ()))
         bends = [name for effect in e.fitted.candidate.effects for name in bends_along(effect)]
         along = {
             word for name in bends for word in (SCHEDULE_WORDS.get(name, name), *ALSO.get(name, ()))

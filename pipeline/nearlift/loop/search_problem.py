@@ -291,7 +291,7 @@ class SearchProblem:
         )
         return self.tested(likeliest)
 
-    def readings(self, fitted: Fitted, form_sd: float) -> tuple[LinearFit, LinearFit]:
+    def linear_fits(self, fitted: Fitted, form_sd: float) -> tuple[LinearFit, LinearFit]:
         """A fit with an exact form, and with one uncertain by `form_sd`.
 
         Each has the likeliest random-walk gain.
@@ -325,7 +325,7 @@ class SearchProblem:
 
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
         """A fit whose form is uncertain by `form_sd`, what it leaves not yet tested."""
-        printed, uncertain = self.readings(fitted, form_sd)
+        printed, uncertain = self.linear_fits(fitted, form_sd)
         gain = self.gain(fitted, form_sd)
         return Explanation(
             fitted=fitted,
@@ -333,7 +333,7 @@ class SearchProblem:
             random_walk_gain=uncertain.random_walk_gain,
             left=None,
             gain=gain,
-            needed=all(bool(self.greater_part(gain - g, self.excess - g)) for g in without),
+            needed=all(bool(self.explains_enough(gain - g, self.excess - g)) for g in without),
             evidence=ExplanationEvidence(
                 as_printed=self.log_evidence(printed),
                 uncertain=self.log_evidence(uncertain),
@@ -356,7 +356,7 @@ class SearchProblem:
         left = RandomEffectsWhitener(columns)(fitted.residual)
         return self.base_fit.chi2 - float(np.sum(left**2))
 
-    def greater_part(
+    def explains_enough(
         self, gain: FloatArray | float, excess: FloatArray | float
     ) -> NDArray[np.bool_]:
         """Whether so much of chi2 is the greater part of a structure's `excess` over noise."""

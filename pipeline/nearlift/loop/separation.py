@@ -134,16 +134,16 @@ def join(a: Observations, b: Observations) -> Observations:
     )
 
 
-def parted(stage: SearchProblem, data: Observations, one: Point, other: Point) -> float:
+def parted(problem: SearchProblem, data: Observations, one: Point, other: Point) -> float:
     """Non-centrality with which the trials `data` discriminate `one` explanation, fitted or
     assumed, from the `other`, whose parameters are free.
     """
-    slope = height_slope(stage.base, data, stage.base.named(stage.theta))
+    slope = height_slope(problem.base, data, problem.base.named(problem.theta))
     space = Problem(
-        model=stage.base, data=data, covariance=trial_covariance(data, stage.noise, slope)
+        model=problem.base, data=data, covariance=trial_covariance(data, problem.noise, slope)
     )
-    mine = Candidate(base=stage.base, effects=one[0], data=data)
-    theirs = Candidate(base=stage.base, effects=other[0], data=data)
+    mine = Candidate(base=problem.base, effects=one[0], data=data)
+    theirs = Candidate(base=problem.base, effects=other[0], data=data)
     difference = np.nan_to_num(mine.log_ratio(one[1]) - theirs.log_ratio(other[1]))
     white = space.project(difference)
     basis = orthonormal(space.project(theirs.jacobian(other[1]).T).T)
@@ -151,7 +151,7 @@ def parted(stage: SearchProblem, data: Observations, one: Point, other: Point) -
     return float(left @ left)
 
 
-def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, ...]:
+def next_experiment(problem: SearchProblem, answer: Answer) -> tuple[NextSession, ...]:
     """For each of up to four rivals, the session that discriminates it best from the first
     explanation, by expected evidence per trial.
 
@@ -170,11 +170,11 @@ def next_experiment(stage: SearchProblem, answer: Answer) -> tuple[NextSession, 
     best = compared[0]
     experiments = []
     for rival in compared[1:5]:
-        now = parted(stage, stage.data, best.fitted.point, rival.fitted.point)
+        now = parted(problem, problem.data, best.fitted.point, rival.fitted.point)
         ranked = []
-        for proposal in menu(stage.as_recorded, stage.options.not_feasible):
-            whole = join(stage.data, proposal.added)
-            gain = parted(stage, whole, best.fitted.point, rival.fitted.point) - now
+        for proposal in menu(problem.as_recorded, problem.options.not_feasible):
+            whole = join(problem.data, proposal.added)
+            gain = parted(problem, whole, best.fitted.point, rival.fitted.point) - now
             ranked.append((gain / proposal.added.n, proposal))
         ranked.sort(key=lambda item: -item[0] * item[1].worth)
         rate, proposal = ranked[0]

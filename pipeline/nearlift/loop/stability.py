@@ -66,26 +66,26 @@ def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice
     One is whether an effect is named. The others are the choice of optimum and of rivals, if the
     headline moves by more than its standard uncertainty.
     """
-    first, stage = likeliest(answer), answer.stage
+    first, problem = likeliest(answer), answer.problem
     if first is None or not quoted.headline:
         return []
     headline = quoted.coefficients[quoted.headline]
-    i = [p.name for p in stage.base.parameters].index(quoted.headline)
+    i = [p.name for p in problem.base.parameters].index(quoted.headline)
     fitted, named = first.fitted, {e.name for e in answer.accepted}
     plain = first.confirmed if named else first.by_chance
     margin = first.evidence.over_none - (PLAIN if plain else CREDIT)
     if not named:
-        return [(stage.base_fit, fitted, -margin)] if margin < 0 else []
+        return [(problem.base_fit, fitted, -margin)] if margin < 0 else []
     # where visits are few, those left out decide, and no evidence
-    chosen = [] if stage.independent else [(fitted, stage.base_fit, margin)]
-    for other in optima(fitted.candidate, stage.starts, stage.log_lift):
+    chosen = [] if problem.independent else [(fitted, problem.base_fit, margin)]
+    for other in optima(fitted.candidate, problem.starts, problem.log_lift):
         if abs(other.vector[i] - fitted.vector[i]) > headline.u and np.isfinite(other.cost):
             chosen.append((fitted, other, (other.cost - fitted.cost) / 2))
     alike = [e for e in answer.accepted if e.tenable and len(e.effects) == len(first.effects)]
     best = max(alike, key=lambda e: e.evidence.log, default=first)
     for e in (*answer.singles, *answer.pairs):
         far = abs(e.fitted.vector[i] - headline.value) > headline.u
-        if far and e.possible and e.name != best.name:
+        if far and e.eligible_as_rival and e.name != best.name:
             within = RIVAL_MAX_2LNB / 2 - best.evidence.min_log_bayes_factor(e.evidence)
             if e.name in named:
                 chosen.append((e.fitted, best.fitted, within))
@@ -105,11 +105,11 @@ def influential_trials(
     if not chosen:
         return ()
     labels, index, count = np.unique(label, return_inverse=True, return_counts=True)
-    share, order = np.zeros(len(labels)), answer.stage.space.covariance.order
+    share, order = np.zeros(len(labels)), answer.problem.space.covariance.order
     for one, other, margin in chosen:
         each = np.bincount(index[order], 0.5 * (other.residual**2 - one.residual**2))
         np.maximum(share, each / max(margin, LEAST_MARGIN), out=share)
-    where = np.bincount(index, answer.stage.as_recorded.z_hat) / count
+    where = np.bincount(index, answer.problem.as_recorded.z_hat) / count
     return tuple(
         Shift.at(float(where[j]), str(labels[j]), 0.0)
         for j in np.argsort(-share)[:TRIES]
@@ -123,25 +123,25 @@ def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
     The tests are that for structure and the lack-of-fit test of the likeliest explanation. Up to
     `TRIES`, those first without which the smallest p-value is farthest beyond its threshold.
     """
-    stage = answer.stage
-    if stage.independent or not stage.hypotheses[0]:
+    problem = answer.problem
+    if problem.independent or not problem.hypotheses[0]:
         return ()
-    tests = [(stage.base_reading, [answer.first])]
+    tests = [(problem.base_reading, [answer.first])]
     first = likeliest(answer)
     if first and first.left:
-        reading = stage.linearised(first.fitted, first.form_sd, first.random_walk_gain)
-        marginal = replace(first.left, threshold=stage.null.threshold(LACK_OF_FIT_P))
+        reading = problem.linearised(first.fitted, first.form_sd, first.random_walk_gain)
+        marginal = replace(first.left, threshold=problem.null.threshold(LACK_OF_FIT_P))
         tests.append((reading, [first.left, marginal]))
     beyond = np.max(
         [
             (least - test.threshold) * (1 if test.present else -1)
             for reading, of_it in tests
-            for least in [stage.least_without_each(reading)]
+            for least in [problem.least_without_each(reading)]
             for test in of_it
         ],
         axis=0,
     )
-    order, data = stage.space.covariance.order, stage.as_recorded
+    order, data = problem.space.covariance.order, problem.as_recorded
     return tuple(
         Shift.at(float(data.z_hat[order[i]]), str(data.trial[order[i]]), 0.0)
         for i in np.argsort(-beyond)[:TRIES]
@@ -153,8 +153,8 @@ def trials_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
     """Trials to leave out: each one of a small table; else those that decide the name, and those
     without which a test would turn.
     """
-    data = answer.stage.as_recorded
-    if few(data, answer.stage.base):
+    data = answer.problem.as_recorded
+    if few(data, answer.problem.base):
         return each_of(data.trial, data)
     return (*influential_trials(answer, quoted, data.trial), *trials_flipping_a_test(answer))
 
@@ -164,8 +164,8 @@ def visits_to_try(answer: Answer, quoted: BoundaryResult) -> tuple[Shift, ...]:
 
     These decide the name, or move the headline by more than its standard uncertainty.
     """
-    data = answer.stage.as_recorded
-    if few(data, answer.stage.base):
+    data = answer.problem.as_recorded
+    if few(data, answer.problem.base):
         return each_of(data.visit, data)
     influential = influential_trials(answer, quoted, data.visit)
     hinge = quoted.most_influential

@@ -12,7 +12,7 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged, UsageError
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
-from nearlift.loop.outlook import outlook
+from nearlift.loop.design_report import outlook
 from nearlift.observed import Trials, boundaries, choice, observe
 from nearlift.planning.forecast import of_plan
 from nearlift.planning.plans import PlannedTrials, as_schedule, draw, scatter, table_of
@@ -58,7 +58,7 @@ def design(
                 for text, table in _in_random_order(campaign, made, seed).items()
             }
         forecasts[boundary] = outlook(
-            forecast.foresight, forecast.effects, forecast.untestable, noise, variants
+            forecast.design, forecast.effects, forecast.untestable, noise, variants
         )
     if not forecasts:
         raise NotConverged(

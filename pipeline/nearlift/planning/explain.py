@@ -14,8 +14,8 @@ from nearlift.errors import InputRefused, NotConverged
 from nearlift.likelihood.noise import floor
 from nearlift.loop import coefficients
 from nearlift.loop.few_visits import applies
-from nearlift.loop.foresight import DRAWS, Foresight
-from nearlift.loop.handle import LIMIT_POWER, Handle, handles
+from nearlift.loop.power import DRAWS, DesignPower
+from nearlift.loop.size_parameter import LIMIT_POWER, SizeParameter, size_parameters
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.loop.within_trial import power as heating_power
 from nearlift.observed import Trials, boundaries
@@ -132,7 +132,7 @@ def _at(
     if effect.within_trial:
         power = heating_power(problem.data, rate, LIMIT_POWER)
         return EffectWithinTrial(**common, within_trial=power), []
-    curves = [_size(forecast.foresight, handle) for handle in handles(effect)]
+    curves = [_size(forecast.design, size_parameter) for size_parameter in size_parameters(effect)]
     return EffectBetweenTrials(
         **common,
         share_visible=visibility(problem, effect),
@@ -140,18 +140,18 @@ def _at(
     ), curves
 
 
-def _size(foresight: Foresight, handle: Handle) -> EffectCurves:
+def _size(design: DesignPower, size_parameter: SizeParameter) -> EffectCurves:
     """Power, detection limit, confusions and harm of one of the effect's sizes."""
-    stage = foresight.stage
-    silent = visibility(stage, handle.effect) <= SILENT
-    power = None if silent else foresight.power(handle)
+    stage = design.problem
+    silent = visibility(stage, size_parameter.effect) <= SILENT
+    power = None if silent else design.power(size_parameter)
     limit = power.limit(LIMIT_POWER) if power else None
-    shown = min(handle.plausible, handle.largest) if limit is None else limit
-    raw, left = foresight.signature(handle, shown)
-    contest = None if silent else foresight.contest(handle, shown)
-    absorbed = {} if silent else foresight.absorbed(handle)
+    shown = min(size_parameter.plausible, size_parameter.largest) if limit is None else limit
+    raw, left = design.signature(size_parameter, shown)
+    contest = None if silent else design.contest(size_parameter, shown)
+    absorbed = {} if silent else design.absorbed(size_parameter)
     value, u = coefficients.spread(stage, stage.base_fit)
-    shift = foresight.harm(handle, shown)
+    shift = design.harm(size_parameter, shown)
     confused = [
         Confusion(
             effect=n,
@@ -162,13 +162,13 @@ def _size(foresight: Foresight, handle: Handle) -> EffectCurves:
         for n, a in absorbed.items()
     ]
     size = EffectSize(
-        parameter=handle.parameter.name,
-        unit=handle.parameter.unit,
-        meaning=handle.parameter.meaning,
-        per=handle.parameter.per,
-        shape=handle.shape,
-        plausible_size=handle.plausible,
-        largest_size=handle.largest,
+        parameter=size_parameter.parameter.name,
+        unit=size_parameter.parameter.unit,
+        meaning=size_parameter.parameter.meaning,
+        per=size_parameter.parameter.per,
+        shape=size_parameter.shape,
+        plausible_size=size_parameter.plausible,
+        largest_size=size_parameter.largest,
         detection_limit=limit,
         limit_within_set=power.limit(LIMIT_POWER, "within") if power else None,
         limit_named_alone=power.limit(LIMIT_POWER, "alone") if power else None,
@@ -186,7 +186,7 @@ def _size(foresight: Foresight, handle: Handle) -> EffectCurves:
         },
     )
     return EffectCurves(
-        effect=handle.effect,
+        effect=size_parameter.effect,
         data=stage.data,
         size=size,
         raw=raw,

@@ -16,8 +16,8 @@ from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.admission import could_act
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.foresight import Foresight
-from nearlift.loop.rehearsal import planned
+from nearlift.loop.expected_noise import planned
+from nearlift.loop.power import DesignPower
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.observed import Trials, choice, observe, search_options
 from nearlift.results import Noise
@@ -31,7 +31,7 @@ class Forecast:
     with what to log.
     """
 
-    foresight: Foresight
+    design: DesignPower
     effects: tuple[Effect, ...]
     untestable: tuple[UntestableEffect, ...]
     notes: tuple[str, ...] = ()
@@ -39,7 +39,7 @@ class Forecast:
     @property
     def problem(self) -> SearchProblem:
         """Trials, base model and noise."""
-        return self.foresight.stage
+        return self.design.problem
 
 
 def of_plan(
@@ -57,7 +57,7 @@ def of_plan(
     NotConverged
         Too few trials are planned.
     """
-    foresight, effects, untestable = planned(
+    design, effects, untestable = planned(
         observe(trials, campaign, boundary),
         choice(campaign, boundary)[0],
         budget.components(campaign),
@@ -65,7 +65,7 @@ def of_plan(
         search_options(campaign, seed),
         theta,
     )
-    return Forecast(foresight=foresight, effects=effects, untestable=untestable)
+    return Forecast(design=design, effects=effects, untestable=untestable)
 
 
 def of_trials(
@@ -111,7 +111,7 @@ def of_trials(
         )
         note = f"{lack.what} for a diagnosis; the noise is the {first.noise.source}"
         return Forecast(
-            foresight=Foresight(stage=problem),
+            design=DesignPower(problem=problem),
             effects=effects,
             untestable=untestable,
             notes=(note,),
@@ -119,4 +119,4 @@ def of_trials(
     if diagnosis is not None:
         # with a large effect the noise is known only after the search
         problem = replace(problem, noise=diagnosis.noise)
-    return Forecast(foresight=Foresight(stage=problem), effects=effects, untestable=untestable)
+    return Forecast(design=DesignPower(problem=problem), effects=effects, untestable=untestable)

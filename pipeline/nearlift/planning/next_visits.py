@@ -13,12 +13,12 @@ from nearlift.errors import InputRefused, NotConverged, UsageError
 from nearlift.loop import next_visits
 from nearlift.loop.candidate_fit import Point, search
 from nearlift.loop.coefficients import spread
-from nearlift.loop.foresight import Foresight
-from nearlift.loop.handle import handles
 from nearlift.loop.next_visits import Plan
 from nearlift.loop.next_visits import Question as Aim
+from nearlift.loop.power import DesignPower
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.separation import APART
+from nearlift.loop.size_parameter import size_parameters
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.nomenclature import letter
 from nearlift.observed import Trials, boundaries, choice
@@ -284,8 +284,10 @@ def _points(
             f"{effect.name} is absorbed by the coefficients and L_inf",
             "make another measurement; more visits do not help",
         )
-    handle = handles(effect)[0]
-    vector = Foresight(stage=problem).vector(handle, min(handle.plausible, handle.largest))
+    size_parameter = size_parameters(effect)[0]
+    vector = DesignPower(problem=problem).vector(
+        size_parameter, min(size_parameter.plausible, size_parameter.largest)
+    )
     supposed = problem.candidate(effect).log_ratio(vector)
     return ((effect,), vector), fitted(other, supposed)
 

@@ -12,7 +12,7 @@ from nearlift.campaign.piv import Piv, PivCase
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow import downwash
 from nearlift.flow.case import FlowCase, recorded
-from nearlift.flow.doubts import refuse_what_cannot_be, wake_speed_m_s
+from nearlift.flow.doubts import check_plausible, wake_speed_m_s
 from nearlift.flow.downwash import Cut
 from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
@@ -121,7 +121,7 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
     rig = job.campaign.rig
     density = rig.air_density or USUAL_DENSITY
     expected = wake_speed_m_s(vehicle.mass, rig.gravity, density, vehicle.rotors, radius)
-    refuse_what_cannot_be(mean, scene, cut, expected, where)
+    check_plausible(mean, scene, cut, expected, where)
     x = mean.x_m
     return FlowCase(
         name=spec.name,

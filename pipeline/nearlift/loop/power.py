@@ -19,9 +19,9 @@ from nearlift.likelihood.subspace import orthonormal
 from nearlift.loop import structure
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Linearised, mean_evidence
-from nearlift.loop.handle import LIMIT_POWER, Handle, NamingProbability
 from nearlift.loop.random_walk_gain import log_evidence_gain
 from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.size_parameter import LIMIT_POWER, NamingProbability, SizeParameter
 from nearlift.loop.visibility import SILENT, visibility, visible
 from nearlift.randomness import generator
 from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
@@ -36,31 +36,31 @@ VISIBLE_LENGTH = 4.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foresight:
-    """A stage, and what can be known of every effect before any of them is looked for.
+class DesignPower:
+    """A problem, and what can be known of every effect before any of them is looked for.
 
-    `quiet` is the noise's true size over the stage's, which is what the loop would take it for.
+    `quiet` is the noise's true size over the problem's, which is what the loop would take it for.
     """
 
-    stage: SearchProblem
+    problem: SearchProblem
     quiet: float = 1.0
 
     @property
     def _basis(self) -> FloatArray:
         """Orthonormal basis of the reduced space, (n, d)."""
-        return self.stage.hypotheses[1]
+        return self.problem.hypotheses[1]
 
     @cached_property
     def _bases(self) -> tuple[FloatArray, FloatArray]:
         """The hypotheses' bases there, side by side, and their ranks."""
-        return structure.bases(self.stage.hypotheses[0], self.stage.absorbed)[1:]
+        return structure.bases(self.problem.hypotheses[0], self.problem.absorbed)[1:]
 
     def _reduced(self, columns: FloatArray) -> FloatArray:
         """Columns of log lift, (n,) or (n, k), in the reduced space, unit noise, with what theta
         absorbs projected out; (d,) or (d, k).
         """
-        reduced = self._basis.T @ self.stage.space.project(columns.T).T
-        absorbed = self.stage.absorbed
+        reduced = self._basis.T @ self.problem.space.project(columns.T).T
+        absorbed = self.problem.absorbed
         return np.asarray(reduced - absorbed @ (absorbed.T @ reduced))
 
     @cached_property
@@ -68,123 +68,129 @@ class Foresight:
         """Draws of unit noise in the reduced space (m, d), and of the scale that the noise floor's
         own uncertainty gives them (m, 1).
         """
-        rng = generator(self.stage.options.seed, "foresight")
-        dof = min(self.stage.noise.dof, 1e6)
+        rng = generator(self.problem.options.seed, "foresight")
+        dof = min(self.problem.noise.dof, 1e6)
         draws = self.quiet * rng.standard_normal((DRAWS, self._basis.shape[1]))
         return draws, np.sqrt(dof / rng.chisquare(dof, size=(DRAWS, 1)))
 
     @cached_property
     def candidates(self) -> tuple[Effect, ...]:
         """The effects that theta and L_inf do not absorb entirely."""
-        return visible(self.stage)
+        return visible(self.problem)
 
-    def vector(self, handle: Handle, size: float) -> FloatArray:
+    def vector(self, size_parameter: SizeParameter, size: float) -> FloatArray:
         """The flat vector of the base model with this effect turned up by `size`, within its
         bounds.
         """
-        candidate = self.stage.candidate(handle.effect)
+        candidate = self.problem.candidate(size_parameter.effect)
         vector = candidate.null.copy()
-        vector[: len(self.stage.theta)] = self.stage.base_fit.vector
+        vector[: len(self.problem.theta)] = self.problem.base_fit.vector
         low, high = candidate.bounds
         for s in candidate.slots:
-            if s.parameter.name in handle.shape:
-                vector[s.start : s.stop] = handle.shape[s.parameter.name]
-            elif s.parameter.name == handle.parameter.name:
+            if s.parameter.name in size_parameter.shape:
+                vector[s.start : s.stop] = size_parameter.shape[s.parameter.name]
+            elif s.parameter.name == size_parameter.parameter.name:
                 several = s.stop - s.start > 1
                 vector[s.start : s.stop] += size * (
-                    self._spread(s.stop - s.start) if several else handle.direction
+                    self._spread(s.stop - s.start) if several else size_parameter.direction
                 )
         return np.clip(vector, low, high)
 
-    def _added(self, handle: Handle, size: float) -> FloatArray:
+    def _added(self, size_parameter: SizeParameter, size: float) -> FloatArray:
         """Contribution of an effect of this size to log lift, (n,)."""
-        candidate = self.stage.candidate(handle.effect)
-        return candidate.contribution(self.vector(handle, size), handle.effect)
+        candidate = self.problem.candidate(size_parameter.effect)
+        return candidate.contribution(self.vector(size_parameter, size), size_parameter.effect)
 
-    def _foretold(self, handle: Handle, size: float) -> FloatArray:
+    def _foretold(self, size_parameter: SizeParameter, size: float) -> FloatArray:
         """Noiseless log lift with it, (n,)."""
-        base = self.stage.base_fit
-        return base.candidate.log_ratio(base.vector) + self._added(handle, size)
+        base = self.problem.base_fit
+        return base.candidate.log_ratio(base.vector) + self._added(size_parameter, size)
 
-    def signature(self, handle: Handle, size: float) -> tuple[FloatArray, FloatArray]:
+    def signature(
+        self, size_parameter: SizeParameter, size: float
+    ) -> tuple[FloatArray, FloatArray]:
         """Contribution of the effect to the log lift of each trial, and its part that theta and
         L_inf do not absorb; both (n,).
         """
-        raw, base = self._added(handle, size), self.stage.base_fit
-        columns = np.hstack([self.stage.data.level_columns, base.candidate.jacobian(base.vector)])
-        whiten = self.stage.space.covariance.whiten
+        raw, base = self._added(size_parameter, size), self.problem.base_fit
+        columns = np.hstack([self.problem.data.level_columns, base.candidate.jacobian(base.vector)])
+        whiten = self.problem.space.covariance.whiten
         solution = np.linalg.lstsq(whiten(columns.T).T, whiten(raw), rcond=None)[0]
         return raw, raw - columns @ solution
 
-    def visible(self, handle: Handle, size: float) -> FloatArray:
+    def visible(self, size_parameter: SizeParameter, size: float) -> FloatArray:
         """The visible part in the reduced space, unit noise; (d,)."""
-        return self._reduced(self._added(handle, size))
+        return self._reduced(self._added(size_parameter, size))
 
     @cached_property
     def _critical(self) -> FloatArray:
         """The chi-square that each hypothesis must exceed."""
         from scipy.stats import chi2
 
-        level = 10.0 ** self.stage.nothing_added[0].threshold
+        level = 10.0 ** self.problem.nothing_added[0].threshold
         return np.asarray(chi2.isf(level, self._bases[1]), dtype=np.float64)
 
-    def _elsewhere(self, handle: Handle, size: float) -> FloatArray:
+    def _elsewhere(self, size_parameter: SizeParameter, size: float) -> FloatArray:
         """How the visible part differs in other draws of what differs by session, (m, d); (1, d) of
         zeros for any other effect.
         """
-        if handle.parameter.per != "session":
+        if size_parameter.parameter.per != "session":
             return np.zeros((1, self._basis.shape[1]))
-        candidate = self.stage.candidate(handle.effect)
-        mine = candidate.entries(lambda s: s.parameter.name == handle.parameter.name)
-        reduced = self._reduced(candidate.jacobian(self.vector(handle, 0.0))[:, mine])
-        rng = generator(self.stage.options.seed, "foresight", "sessions", "all")
+        candidate = self.problem.candidate(size_parameter.effect)
+        mine = candidate.entries(lambda s: s.parameter.name == size_parameter.parameter.name)
+        reduced = self._reduced(candidate.jacobian(self.vector(size_parameter, 0.0))[:, mine])
+        rng = generator(self.problem.options.seed, "foresight", "sessions", "all")
         others = _standard(rng.standard_normal((DRAWS, len(mine))))
         return np.asarray(size * (others - self._spread(len(mine))) @ reduced.T)
 
     def _spread(self, count: int) -> FloatArray:
         """One draw per session, of mean 0 and rms 1: what they have in common is L_inf."""
-        rng = generator(self.stage.options.seed, "foresight", "sessions")
+        rng = generator(self.problem.options.seed, "foresight", "sessions")
         return _standard(rng.standard_normal(count))
 
     def seen(self, signal: FloatArray) -> NDArray[np.bool_]:
         """Whether the test of all hypotheses exceeds its threshold, for each draw with this signal
         (d,) or (m, d) in the reduced space.
         """
-        absorbed, (draws, scale) = self.stage.absorbed, self._noise
+        absorbed, (draws, scale) = self.problem.absorbed, self._noise
         scores = draws + signal
         scores = (scores - (scores @ absorbed) @ absorbed.T) * scale
         chi2 = structure.chi2_of_each(scores, *self._bases)
         return np.asarray(np.any(chi2 > self._critical, axis=1))
 
-    def unit(self, handle: Handle) -> float:
+    def unit(self, size_parameter: SizeParameter) -> float:
         """The size whose visible part has a length of `VISIBLE_LENGTH` standard deviations, to
         first order; inf if nothing shows.
         """
-        small = 1e-3 * min(handle.plausible, handle.largest)
-        signal = self.visible(handle, small) + self._elsewhere(handle, small)
+        small = 1e-3 * min(size_parameter.plausible, size_parameter.largest)
+        signal = self.visible(size_parameter, small) + self._elsewhere(size_parameter, small)
         length = float(np.sqrt(np.mean(np.sum(signal**2, axis=1))))
         return VISIBLE_LENGTH * small / length if length > 1e-12 else np.inf
 
-    def _sizes(self, handle: Handle) -> FloatArray:
-        return np.linspace(0.0, min(REACH * self.unit(handle), handle.largest), STEPS)
+    def _sizes(self, size_parameter: SizeParameter) -> FloatArray:
+        return np.linspace(
+            0.0, min(REACH * self.unit(size_parameter), size_parameter.largest), STEPS
+        )
 
-    def limit(self, handle: Handle) -> float | None:
+    def limit(self, size_parameter: SizeParameter) -> float | None:
         """The size seen with a chance of 80 %; None where no possible size is."""
-        if visibility(self.stage, handle.effect) <= SILENT:
+        if visibility(self.problem, size_parameter.effect) <= SILENT:
             return None
-        size = self._sizes(handle)
-        signals = (self.visible(handle, s) + self._elsewhere(handle, s) for s in size)
+        size = self._sizes(size_parameter)
+        signals = (
+            self.visible(size_parameter, s) + self._elsewhere(size_parameter, s) for s in size
+        )
         chance = np.array([self.seen(signal).mean() for signal in signals])
         none = np.zeros_like(chance)
         curves = Power(size=size, seen=chance, within=none, first=none, alone=none)
         return curves.limit(LIMIT_POWER)
 
-    def power(self, handle: Handle) -> Power:
+    def power(self, size_parameter: SizeParameter) -> Power:
         """Detection and naming against size, up to three times the size that is just visible or to
         the parameter's bound.
         """
-        size = self._sizes(handle)
-        contests = [self.contest(handle, s) for s in size]
+        size = self._sizes(size_parameter)
+        contests = [self.contest(size_parameter, s) for s in size]
         return Power(
             size=size,
             **{
@@ -193,19 +199,19 @@ class Foresight:
             },
         )
 
-    def contest(self, handle: Handle, size: float) -> NamingProbability:
+    def contest(self, size_parameter: SizeParameter, size: float) -> NamingProbability:
         """Every candidate on noiseless data with this effect in them; noise drawn about
         the fits.
         """
-        stage, log_lift = self.stage, self._foretold(handle, size)
-        elsewhere = self._elsewhere(handle, size)
-        seen = self.seen(self.visible(handle, size) + elsewhere)
-        base = fit(stage.candidate(), stage.space, log_lift, stage.base_fit.vector)
+        problem, log_lift = self.problem, self._foretold(size_parameter, size)
+        elsewhere = self._elsewhere(size_parameter, size)
+        seen = self.seen(self.visible(size_parameter, size) + elsewhere)
+        base = fit(problem.candidate(), problem.space, log_lift, problem.base_fit.vector)
         none = mean_evidence(*self._evidence(base, elsewhere)[:2])
         structure = self._left(base, elsewhere)
         by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
         for effect in self.candidates:
-            fits = [search(c, stage.starts, log_lift) for c in stage.candidates(effect)]
+            fits = [search(c, problem.starts, log_lift) for c in problem.candidates(effect)]
             fits = [f for f in fits if not f.at_bound]
             if fits:
                 each = np.stack([self._evidence(f, elsewhere) for f in fits])
@@ -222,7 +228,9 @@ class Foresight:
         table = mean_evidence(readings[:, 0], readings[:, 1]) - none
         gain = structure - np.stack([by_name[n][1] for n in names])
         accepted = (
-            (table > CREDIT) & seen & stage.greater_part(gain, structure - self._basis.shape[1])
+            (table > CREDIT)
+            & seen
+            & problem.explains_enough(gain, structure - self._basis.shape[1])
         )
         best = np.where(accepted, table, -np.inf).argmax(axis=0)
         leads = np.take_along_axis(readings, best[None, None], 0) - readings
@@ -233,11 +241,11 @@ class Foresight:
         rivals = {
             n: float(member[i].sum() / total)
             for i, n in enumerate(names)
-            if n != handle.effect.name
+            if n != size_parameter.effect.name
         }
-        if handle.effect.name not in names:
+        if size_parameter.effect.name not in names:
             return NamingProbability(seen=float(seen.mean()), rivals=rivals)
-        mine = names.index(handle.effect.name)
+        mine = names.index(size_parameter.effect.name)
         first = member[mine] & (leader == mine)
         return NamingProbability(
             seen=float(seen.mean()),
@@ -255,10 +263,10 @@ class Foresight:
         """
         basis = self._basis
         scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
-        form_discrepancy = self.stage.space.project(
+        form_discrepancy = self.problem.space.project(
             fitted.candidate.form_discrepancy(fitted.vector, FORM_SD).T
         ).T
-        jacobian, waves = basis.T @ fitted.jacobian, basis.T @ self.stage.waves
+        jacobian, waves = basis.T @ fitted.jacobian, basis.T @ self.problem.waves
 
         def reading(form_discrepancy: FloatArray) -> tuple[FloatArray, FloatArray]:
             here = Linearised(
@@ -266,7 +274,7 @@ class Foresight:
             )
             left = here.by_unit_information(scores)
             random_walk_gain = log_evidence_gain(
-                left.scores, left.residual(waves), self.stage.data.n
+                left.scores, left.residual(waves), self.problem.data.n
             )
             return here.log(left) + random_walk_gain, here.by_priors(
                 scores
@@ -288,27 +296,29 @@ class Foresight:
         left = draws + basis.T @ fitted.residual - moved @ jacobian.T
         return np.asarray(np.sum(left**2, axis=1))
 
-    def absorbed(self, handle: Handle) -> dict[str, float]:
+    def absorbed(self, size_parameter: SizeParameter) -> dict[str, float]:
         """Share of the visible part's energy that each other candidate takes over, at the best of
         its shapes, to first order.
         """
-        mine = self.visible(handle, 1e-3 * min(handle.plausible, handle.largest))
+        mine = self.visible(
+            size_parameter, 1e-3 * min(size_parameter.plausible, size_parameter.largest)
+        )
         energy = float(mine @ mine)
         shares: dict[str, float] = {}
         if energy <= 0:
             return shares
-        for effect, columns in self.stage.library:
-            if effect.name == handle.effect.name:
+        for effect, columns in self.problem.library:
+            if effect.name == size_parameter.effect.name:
                 continue
             q = orthonormal(self._reduced(columns))
             share = float(np.sum((q.T @ mine) ** 2) / energy)
             shares[effect.name] = max(shares.get(effect.name, 0.0), min(share, 1.0))
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
-    def harm(self, handle: Handle, size: float) -> FloatArray:
+    def harm(self, size_parameter: SizeParameter, size: float) -> FloatArray:
         """Shift (p,) of the base model's coefficients by an undetected effect of this size."""
-        base, log_lift = self.stage.base_fit, self._foretold(handle, size)
-        moved = fit(base.candidate, self.stage.space, log_lift, base.vector)
+        base, log_lift = self.problem.base_fit, self._foretold(size_parameter, size)
+        moved = fit(base.candidate, self.problem.space, log_lift, base.vector)
         return np.asarray(moved.vector - base.vector)
 
 

@@ -1,7 +1,7 @@
 """Does a plan foretell its campaign? Chances of `nearlift design` beside what the loop makes of
 simulated campaigns of that plan.
 
-``python -m tests.calibration.test_foresight --n N --effects EFFECT,EFFECT`` prints the rows of
+``python -m tests.calibration.test_power --n N --effects EFFECT,EFFECT`` prints the rows of
 docs/stages/design.md for N campaigns each.
 """
 
@@ -19,9 +19,9 @@ from tests.unit.manifests import CRAZYFLIE, RIG
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
 from nearlift.loop.diagnose import diagnose
-from nearlift.loop.handle import handles
-from nearlift.loop.rehearsal import planned
+from nearlift.loop.expected_noise import planned
 from nearlift.loop.search_problem import Options
+from nearlift.loop.size_parameter import size_parameters
 from nearlift.observed import observe
 from nearlift.planning.plans import plan, scatter
 from nearlift.run.workers import ordered
@@ -60,18 +60,20 @@ class Bench:
         self.data = observe(made.table, campaign, "ground")
         self.base = catalogue.model("sanchez_cuevas")
         self.noise = scatter(campaign, "ground")
-        self.foresight, _, _ = planned(
+        self.design, _, _ = planned(
             self.data, self.base, (), self.noise, Options(), np.array([K_B])
         )
 
-    def draw(self, handle, size, seed):
-        rng, data = np.random.default_rng([seed, 77]), self.foresight.stage.data
-        candidate = self.foresight.stage.candidate(handle.effect)
+    def draw(self, size_parameter, size, seed):
+        rng, data = np.random.default_rng([seed, 77]), self.design.problem.data
+        candidate = self.design.problem.candidate(size_parameter.effect)
         if candidate.by_session.any():
             draw = rng.normal(size=int(data.session.max()) + 1)
             signal = np.log1p(size * (draw - draw.mean()) / draw.std())[data.session]
         else:
-            signal = candidate.contribution(self.foresight.vector(handle, size), handle.effect)
+            signal = candidate.contribution(
+                self.design.vector(size_parameter, size), size_parameter.effect
+            )
         jitter = (
             rng.normal(0, self.noise.height_m, data.visit.max() + 1)[data.visit] / data.radius_m
         )
@@ -90,9 +92,9 @@ class Bench:
 
     def row(self, executor, name, factor, count, confirm):
         """The forecast for one size, and what the loop said of `count` campaigns."""
-        handle = handles(catalogue.effect(name))[0]
-        size = factor * self.foresight.limit(handle)
-        contest = self.foresight.contest(handle, size)
+        size_parameter = size_parameters(catalogue.effect(name))[0]
+        size = factor * self.design.limit(size_parameter)
+        contest = self.design.contest(size_parameter, size)
         got = dict.fromkeys(("seen", "within", "alone"), 0)
         rivals: dict[str, int] = {}
         for found in ordered(
@@ -107,7 +109,7 @@ class Bench:
                 rivals[rival] = rivals.get(rival, 0) + 1
         return {
             "effect": name,
-            "unit": handle.parameter.unit,
+            "unit": size_parameter.parameter.unit,
             "factor": factor,
             "size": size,
             "n": count,
@@ -129,7 +131,7 @@ def bench():
 def said(job):
     """What the loop says of one campaign: effect, size, seed, and whether to confirm."""
     name, size, seed, confirm = job
-    drawn = bench().draw(handles(catalogue.effect(name))[0], size, 1000 + seed)
+    drawn = bench().draw(size_parameters(catalogue.effect(name))[0], size, 1000 + seed)
     return diagnose(drawn, bench().base, (), Options(seed=seed), confirm=confirm).findings.content
 
 
@@ -170,7 +172,7 @@ def test_foretold_rivals_are_the_ones_that_come(executor):
 def main():
     """Print the rows."""
     parser = argparse.ArgumentParser(
-        prog="python -m tests.calibration.test_foresight", description=__doc__.split("\n")[0]
+        prog="python -m tests.calibration.test_power", description=__doc__.split("\n")[0]
     )
     parser.add_argument("--n", type=int, default=60, help="campaigns of each effect and size")
     parser.add_argument("--effects", default=",".join(EFFECTS))
@@ -190,6 +192,6 @@ def main():
 
 if __name__ == "__main__":
     # by the name that workers know this module by
-    from tests.calibration.test_foresight import main as run_main
+    from tests.calibration.test_power import main as run_main
 
     run_main()

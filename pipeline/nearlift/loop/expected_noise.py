@@ -14,8 +14,8 @@ from nearlift.likelihood.noise import trial_covariance
 from nearlift.likelihood.problem import lift_ratio, usable
 from nearlift.loop.admission import admit, could_act
 from nearlift.loop.datum import Datum
-from nearlift.loop.foresight import Foresight
 from nearlift.loop.noise_floor import prepare
+from nearlift.loop.power import DesignPower
 from nearlift.loop.search_problem import Options, SearchProblem
 from nearlift.randomness import generator
 from nearlift.results import Noise, Observations
@@ -33,7 +33,7 @@ def planned(
     options: Options,
     theta: FloatArray,
     effects: tuple[Effect, ...] | None = None,
-) -> tuple[Foresight, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
+) -> tuple[DesignPower, tuple[Effect, ...], tuple[UntestableEffect, ...]]:
     """Power of planned trials.
 
     Simulated campaigns give the noise floor. A variance component that is hardly identified is not
@@ -52,7 +52,7 @@ def planned(
 
     Returns
     -------
-    Its `Foresight`, the testable effects, and the untestable ones with their remedies.
+    Its `DesignPower`, the testable effects, and the untestable ones with their remedies.
 
     Raises
     ------
@@ -69,7 +69,7 @@ def planned(
     kept = dataclasses.replace(kept, lift_N=levels[kept.level] * ratio)
     log_lift = np.log(kept.lift_N)
     parts = inputs.acting(parts, base, theta)
-    stage = SearchProblem(
+    problem = SearchProblem(
         data=kept,
         base=base,
         effects=between,
@@ -79,21 +79,26 @@ def planned(
         theta=theta,
         options=options,
     )
-    return _rehearsed(stage), known, untestable
+    return _rehearsed(problem), known, untestable
 
 
-def _rehearsed(stage: SearchProblem) -> Foresight:
+def _rehearsed(problem: SearchProblem) -> DesignPower:
     """Power at the root mean square of the noise floors of simulated campaigns."""
-    root = np.linalg.cholesky(trial_covariance(stage.data, stage.noise, stage.slope).dense())
+    root = np.linalg.cholesky(trial_covariance(problem.data, problem.noise, problem.slope).dense())
     floors, quiet = [], []
     for i in range(REHEARSALS):
-        rng = generator(stage.options.seed, "rehearsal", str(i))
-        log_lift = stage.log_lift + root @ rng.standard_normal(stage.data.n)
-        data = dataclasses.replace(stage.data, lift_N=np.exp(log_lift))
+        rng = generator(problem.options.seed, "rehearsal", str(i))
+        log_lift = problem.log_lift + root @ rng.standard_normal(problem.data.n)
+        data = dataclasses.replace(problem.data, lift_N=np.exp(log_lift))
         drawn = prepare(
-            Datum(recorded=data), stage.base, stage.effects, stage.parts, stage.theta, stage.options
+            Datum(recorded=data),
+            problem.base,
+            problem.effects,
+            problem.parts,
+            problem.theta,
+            problem.options,
         )
-        freedom = data.n - data.unknown_levels - len(stage.theta)
+        freedom = data.n - data.unknown_levels - len(problem.theta)
         floors.append(drawn.noise)
         quiet.append(drawn.base_fit.chi2 / freedom)
 
@@ -101,7 +106,7 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
         return float(np.sqrt(np.mean([getattr(n, name) ** 2 for n in floors])))
 
     noise = dataclasses.replace(
-        stage.noise,
+        problem.noise,
         relative=typical("relative"),
         force_N=typical("force_N"),
         height_m=typical("height_m"),
@@ -109,7 +114,7 @@ def _rehearsed(stage: SearchProblem) -> Foresight:
         drift=tuple(np.sqrt(np.mean([np.square(n.drift) for n in floors], axis=0)).tolist()),
         dof=float(np.mean([n.dof for n in floors])),
     )
-    return Foresight(
-        stage=dataclasses.replace(stage, noise=noise),
+    return DesignPower(
+        problem=dataclasses.replace(problem, noise=noise),
         quiet=float(np.sqrt(np.mean(quiet))),
     )

@@ -13,10 +13,15 @@ from nearlift.declare import Effect
 from nearlift.loop import coefficients
 from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.families import STEP, families
-from nearlift.loop.foresight import Foresight
-from nearlift.loop.handle import LIMIT_POWER, Handle, NamingProbability, handles
+from nearlift.loop.power import DesignPower
 from nearlift.loop.proposals import Pair, changes
 from nearlift.loop.search_problem import SearchProblem
+from nearlift.loop.size_parameter import (
+    LIMIT_POWER,
+    NamingProbability,
+    SizeParameter,
+    size_parameters,
+)
 from nearlift.loop.visibility import SILENT, visibility
 from nearlift.results import Noise, Observations
 from nearlift.results.design import BoundaryOutlook, ExpectedCoefficient, ExpectedNoise
@@ -34,7 +39,7 @@ CONFUSED = 0.5
 
 
 def outlook(
-    foresight: Foresight,
+    design: DesignPower,
     library: tuple[Effect, ...],
     untestable: tuple[UntestableEffect, ...],
     expected: Noise,
@@ -44,7 +49,7 @@ def outlook(
 
     Parameters
     ----------
-    foresight : Foresight
+    design : DesignPower
         Power of the design, at the noise floor that the loop would find.
     library : tuple of Effect
         The testable effects.
@@ -54,37 +59,42 @@ def outlook(
     variants : mapping of str to Observations
         The trials in other orders (of throttles, from both sides), with derived covariates.
     """
-    stage = foresight.stage
+    problem = design.problem
     rows: list[EffectOutlook] = []
     pairs: list[Pair] = []
     for effect in library:
         if effect.within_trial:
             continue
-        for handle in handles(effect):
-            row = weigh(foresight, handle)
+        for size_parameter in size_parameters(effect):
+            row = weigh(design, size_parameter)
             rows.append(row)
             pairs += [
-                Pair(handle=handle, rival=rival, size=row.plausible_size, chance=chance)
+                Pair(
+                    size_parameter=size_parameter,
+                    rival=rival,
+                    size=row.plausible_size,
+                    chance=chance,
+                )
                 for rival, chance in confounded(row).items()
             ]
-    value, u = coefficients.spread(stage, stage.base_fit)
-    unseen = coefficients.constrained_columns(stage, (), {})
-    _, u_wide = coefficients.spread(stage, stage.base_fit, unseen)
+    value, u = coefficients.spread(problem, problem.base_fit)
+    unseen = coefficients.constrained_columns(problem, (), {})
+    _, u_wide = coefficients.spread(problem, problem.base_fit, unseen)
     return BoundaryOutlook(
-        base_model=stage.base.name,
-        trials=stage.data.n,
-        false_alarm_rate=stage.options.false_alarm_rate,
-        noise=stage.noise,
+        base_model=problem.base.name,
+        trials=problem.data.n,
+        false_alarm_rate=problem.options.false_alarm_rate,
+        noise=problem.noise,
         coefficients={
             p.name: ExpectedCoefficient(
                 expected=float(v), u=float(s), u_with_undetected_effects=float(w)
             )
-            for p, v, s, w in zip(stage.base.parameters, value, u, u_wide, strict=True)
+            for p, v, s, w in zip(problem.base.parameters, value, u, u_wide, strict=True)
         },
         effects=tuple(rows),
         groups=groups(rows),
-        limits=unidentifiable_coefficients(stage, stage.base_fit),
-        changes=changes(foresight, pairs, variants),
+        limits=unidentifiable_coefficients(problem, problem.base_fit),
+        changes=changes(design, pairs, variants),
         expected_noise=ExpectedNoise(
             relative=expected.relative,
             force_N=expected.force_N,
@@ -95,18 +105,18 @@ def outlook(
     )
 
 
-def weigh(foresight: Foresight, handle: Handle) -> EffectOutlook:
-    """Detection limit of one handle, its contest at the plausible size, and the bias of the
+def weigh(design: DesignPower, size_parameter: SizeParameter) -> EffectOutlook:
+    """Detection limit of one size_parameter, its contest at the plausible size, and the bias of the
     coefficients at the largest plausible size that goes undetected.
     """
-    stage = foresight.stage
-    share = visibility(stage, handle.effect)
-    plausible = min(handle.plausible, handle.largest)
-    limit = foresight.limit(handle)
-    contest = foresight.contest(handle, plausible) if share > SILENT else NamingProbability()
+    problem = design.problem
+    share = visibility(problem, size_parameter.effect)
+    plausible = min(size_parameter.plausible, size_parameter.largest)
+    limit = design.limit(size_parameter)
+    contest = design.contest(size_parameter, plausible) if share > SILENT else NamingProbability()
     hiding = plausible if limit is None else min(limit, plausible)
-    shift = foresight.harm(handle, hiding)
-    _, u = coefficients.spread(stage, stage.base_fit)
+    shift = design.harm(size_parameter, hiding)
+    _, u = coefficients.spread(problem, problem.base_fit)
     if share <= SILENT:
         verdict = "silent"
     elif contest.seen < LIMIT_POWER:
@@ -120,10 +130,10 @@ def weigh(foresight: Foresight, handle: Handle) -> EffectOutlook:
             else "seen, seldom named"
         )
     return EffectOutlook(
-        effect=handle.effect.name,
-        parameter=handle.parameter.name,
-        unit=handle.parameter.unit,
-        shape=handle.shape,
+        effect=size_parameter.effect.name,
+        parameter=size_parameter.parameter.name,
+        unit=size_parameter.parameter.unit,
+        shape=size_parameter.shape,
         share_visible=share,
         plausible_size=plausible,
         detection_limit=limit,
@@ -136,7 +146,7 @@ def weigh(foresight: Foresight, handle: Handle) -> EffectOutlook:
         hides_up_to=hiding,
         bias={
             p.name: UnseenBias(shift=float(d), in_u=float(d / s) if s > 0 else 0.0)
-            for p, d, s in zip(stage.base.parameters, shift, u, strict=True)
+            for p, d, s in zip(problem.base.parameters, shift, u, strict=True)
         },
     )
 
@@ -159,23 +169,23 @@ def groups(rows: Iterable[EffectOutlook]) -> tuple[tuple[str, ...], ...]:
     return tuple(sorted({tuple(sorted(g)) for g in group.values()}))
 
 
-def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity:
+def sensitivity(problem: SearchProblem, seen: Collection[str] = ()) -> Sensitivity:
     """Families and effects searched for, and the detection limits of the effects.
 
     Limits hold about the base fit, which is wrong where an effect was `seen`: those are left out.
     """
-    foresight, data = Foresight(stage=stage), stage.data
-    declared = (data.u_lift_N / data.lift_N) ** 2 / stage.space.covariance.variance
+    design, data = DesignPower(problem=problem), problem.data
+    declared = (data.u_lift_N / data.lift_N) ** 2 / problem.space.covariance.variance
     listed = [
-        _limit(foresight, handle)
-        for effect in foresight.candidates
+        _limit(design, size_parameter)
+        for effect in design.candidates
         if effect.name not in seen
-        for handle in handles(effect)
+        for size_parameter in size_parameters(effect)
     ]
     return Sensitivity(
         trials=data.n,
         families=tuple(dict.fromkeys(f.name for f in families(data) if f.name != STEP)),
-        effects=tuple(e.name for e in foresight.candidates),
+        effects=tuple(e.name for e in design.candidates),
         chance=LIMIT_POWER,
         declared_share=float(np.median(declared)),
         limits=tuple(
@@ -184,18 +194,22 @@ def sensitivity(stage: SearchProblem, seen: Collection[str] = ()) -> Sensitivity
     )
 
 
-def _limit(foresight: Foresight, handle: Handle) -> DetectionLimit:
+def _limit(design: DesignPower, size_parameter: SizeParameter) -> DetectionLimit:
     """Detection limit of one effect's parameter, at a power of `LIMIT_POWER`."""
-    size, parameter, text = foresight.limit(handle), handle.parameter, handle.effect.name
+    size, parameter, text = (
+        design.limit(size_parameter),
+        size_parameter.parameter,
+        size_parameter.effect.name,
+    )
     if size is not None:
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         away = "" if parameter.value == 0 else f" away from {plain(parameter.value, 3)}"
         text += f" of {parameter.name} ≥ {plain(size, 2)}{unit}{away}"
     return DetectionLimit(
-        effect=handle.effect.name,
+        effect=size_parameter.effect.name,
         parameter=parameter.name,
         unit=parameter.unit,
         size=size,
-        plausible=handle.plausible,
+        plausible=size_parameter.plausible,
         text=text,
     )

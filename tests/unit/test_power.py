@@ -9,14 +9,14 @@ import pytest
 from nearlift import catalogue
 from nearlift.errors import NotConverged
 from nearlift.likelihood.covariates import derive
-from nearlift.loop import foresight as loop_foresight
-from nearlift.loop import outlook, proposals, rehearsal
+from nearlift.loop import design_report, expected_noise, proposals
+from nearlift.loop import power as loop_power
 from nearlift.loop.absorption import unidentifiable_coefficients
 from nearlift.loop.diagnose import set_up
-from nearlift.loop.handle import LIMIT_POWER, handles
-from nearlift.loop.rehearsal import planned
+from nearlift.loop.expected_noise import planned
 from nearlift.loop.search import run
 from nearlift.loop.search_problem import Options
+from nearlift.loop.size_parameter import LIMIT_POWER, size_parameters
 from nearlift.loop.within_trial import heating, power
 from nearlift.results import Noise
 from nearlift.results.explanation import Power
@@ -34,61 +34,57 @@ def foresee(**changes):
 
 
 @pytest.fixture(scope="module")
-def foresight():
+def design():
     return foresee()
 
 
-def handle(name, which=0):
-    return handles(catalogue.effect(name))[which]
+def size_parameter(name, which=0):
+    return size_parameters(catalogue.effect(name))[which]
 
 
 # ---- the core
 
 
-def test_a_name_is_foretold_to_compete_with_a_gain_that_wanders(foresight, monkeypatch):
-    sessions, tilt = handle("session_gain"), handle("tilt")
+def test_a_name_is_foretold_to_compete_with_a_gain_that_wanders(design, monkeypatch):
+    sessions, tilt = size_parameter("session_gain"), size_parameter("tilt")
     chances = []
     for _ in range(2):
-        chances.append([foresight.contest(h, foresight.limit(h)).within for h in (sessions, tilt)])
+        chances.append([design.contest(h, design.limit(h)).within for h in (sessions, tilt)])
         monkeypatch.setattr(
-            loop_foresight, "log_evidence_gain", lambda scores, *_: np.zeros(scores.shape[1])
+            loop_power, "log_evidence_gain", lambda scores, *_: np.zeros(scores.shape[1])
         )
     (differing, tilted), (alone, upright) = chances
     assert differing < alone - 0.1
     assert tilted == pytest.approx(upright, abs=0.02)
 
 
-def test_noise_is_drawn_as_large_as_rehearsals_leave_it_per_degree_of_freedom(
-    foresight, monkeypatch
-):
+def test_noise_is_drawn_as_large_as_rehearsals_leave_it_per_degree_of_freedom(design, monkeypatch):
     """Where they leave four times the noise's variance, each for its degrees of freedom, twice."""
-    data = foresight.stage.data
+    data = design.problem.data
     dof = data.n - len(THROTTLES) - 1
     rehearsed = SimpleNamespace(
-        noise=foresight.stage.noise, base_fit=SimpleNamespace(chi2=4.0 * dof)
+        noise=design.problem.noise, base_fit=SimpleNamespace(chi2=4.0 * dof)
     )
-    monkeypatch.setattr(rehearsal, "prepare", lambda *_: rehearsed)
-    assert rehearsal._rehearsed(foresight.stage).quiet == pytest.approx(2.0, rel=1e-12)
+    monkeypatch.setattr(expected_noise, "prepare", lambda *_: rehearsed)
+    assert expected_noise._rehearsed(design.problem).quiet == pytest.approx(2.0, rel=1e-12)
 
 
-def test_without_an_effect_the_chance_is_the_false_alarm_rate(foresight):
-    nothing = np.zeros(foresight.stage.hypotheses[1].shape[1])
+def test_without_an_effect_the_chance_is_the_false_alarm_rate(design):
+    nothing = np.zeros(design.problem.hypotheses[1].shape[1])
     # 1000 draws at 5 %, and a threshold from 6000: 3 sd of their difference is 2.2 %
-    assert dataclasses.replace(foresight, quiet=1.0).seen(nothing).mean() == pytest.approx(
+    assert dataclasses.replace(design, quiet=1.0).seen(nothing).mean() == pytest.approx(
         0.05, abs=0.022
     )
     # the floor comes out a little higher than the noise is
-    assert 0.85 < foresight.quiet < 1.03
+    assert 0.85 < design.quiet < 1.03
 
 
-def test_a_limit_is_where_the_chance_is_eighty_per_cent(foresight):
-    h = handle("supply_sag")
-    limit = foresight.limit(h)
-    assert foresight.seen(foresight.visible(h, limit)).mean() == pytest.approx(
-        LIMIT_POWER, abs=0.03
-    )
+def test_a_limit_is_where_the_chance_is_eighty_per_cent(design):
+    h = size_parameter("supply_sag")
+    limit = design.limit(h)
+    assert design.seen(design.visible(h, limit)).mean() == pytest.approx(LIMIT_POWER, abs=0.03)
     # four times the trials of the same kind see half the size
-    data = foresight.stage.data
+    data = design.problem.data
     index = np.tile(np.arange(data.n), 4)
     more = dataclasses.replace(
         data.take(index),
@@ -99,13 +95,13 @@ def test_a_limit_is_where_the_chance_is_eighty_per_cent(foresight):
     ) / limit == pytest.approx(0.5, abs=0.13)
 
 
-def test_the_foretold_chance_is_that_of_drawn_trials(foresight):
+def test_the_foretold_chance_is_that_of_drawn_trials(design):
     """24 campaigns at the limit, seen in 80 %: 11 or fewer by chance once in a thousand, all of
     them once in two hundred.
     """
-    h = handle("session_gain")
-    limit = foresight.limit(h)
-    stage = foresight.stage
+    h = size_parameter("session_gain")
+    limit = design.limit(h)
+    stage = design.problem
     rng = np.random.default_rng(5)
     seen = 0
     for _ in range(24):
@@ -126,9 +122,9 @@ def test_the_foretold_chance_is_that_of_drawn_trials(foresight):
     assert 12 <= seen <= 23
 
 
-def test_the_first_visible_part_is_what_theta_and_levels_leave(foresight):
-    raw, left = foresight.signature(handle("height_offset"), 1e-3)
-    stage = foresight.stage
+def test_the_first_visible_part_is_what_theta_and_levels_leave(design):
+    raw, left = design.signature(size_parameter("height_offset"), 1e-3)
+    stage = design.problem
     assert np.sqrt(np.mean(left**2)) < 0.4 * np.sqrt(np.mean(raw**2))
     absorbed = raw - left
     columns = np.hstack(
@@ -141,9 +137,9 @@ def test_the_first_visible_part_is_what_theta_and_levels_leave(foresight):
     assert raw[np.argmin(stage.data.z_hat)] == pytest.approx(-0.0043, rel=0.25)
 
 
-def test_harm_is_the_shift_of_a_fit_to_trials_that_hold_the_effect(foresight):
-    stage = foresight.stage
-    shift = foresight.harm(handle("height_offset"), 5e-4)[0]
+def test_harm_is_the_shift_of_a_fit_to_trials_that_hold_the_effect(design):
+    stage = design.problem
+    shift = design.harm(size_parameter("height_offset"), 5e-4)[0]
     held = stage.candidate(catalogue.effect("height_offset")).log_ratio(np.array([2.0, 5e-4]))
     fitted = dataclasses.replace(
         stage, log_lift=np.log(stage.data.covariates["lift_inf_N"]) + held
@@ -152,46 +148,46 @@ def test_harm_is_the_shift_of_a_fit_to_trials_that_hold_the_effect(foresight):
     assert shift < -0.03
 
 
-def test_a_near_double_is_a_rival_and_a_stranger_is_not(foresight):
-    contest = foresight.contest(handle("image_strength"), 0.2)
+def test_a_near_double_is_a_rival_and_a_stranger_is_not(design):
+    contest = design.contest(size_parameter("image_strength"), 0.2)
     assert contest.seen > 0.95
     assert contest.rivals["held_quantity"] > 0.6
     assert contest.rivals["airframe_stagnation"] > 0.8
     assert contest.rivals.get("supply_sag", 0.0) < 0.05
     assert contest.alone < 0.1
-    shares = foresight.absorbed(handle("image_strength"))
+    shares = design.absorbed(size_parameter("image_strength"))
     assert shares["held_quantity"] > 0.99
     assert all(0 <= s <= 1 for s in shares.values())
     assert list(shares.values()) == sorted(shares.values(), reverse=True)
 
 
-def test_a_contest_foretells_the_search(foresight):
+def test_a_contest_foretells_the_search(design):
     """A strong sag is named alone in the forecast, and by the search on drawn trials."""
-    h = handle("supply_sag")
-    contest = foresight.contest(h, 0.5)
+    h = size_parameter("supply_sag")
+    contest = design.contest(h, 0.5)
     assert contest.alone > 0.99
     data = campaign(31, visits=8, gain=lambda c: (c["supply_V"] / 3.8) ** 0.5)
     answer = run(set_up(data, GROUND, (), Options())[0])
     assert [e.name for e in answer.accepted] == ["supply_sag"]
 
 
-def test_a_contest_sees_the_effect_here_and_elsewhere(foresight, monkeypatch):
+def test_a_contest_sees_the_effect_here_and_elsewhere(design, monkeypatch):
     asked = []
 
     def seen(_, effect):
         asked.append(effect)
         return np.ones(len(effect), dtype=bool)
 
-    monkeypatch.setattr(type(foresight), "seen", seen)
-    h = handle("session_gain")
-    foresight.contest(h, 0.5)
-    elsewhere = foresight._elsewhere(h, 0.5)
+    monkeypatch.setattr(type(design), "seen", seen)
+    h = size_parameter("session_gain")
+    design.contest(h, 0.5)
+    elsewhere = design._elsewhere(h, 0.5)
     assert np.abs(elsewhere).max() > 0
-    assert np.allclose(asked[0], foresight.visible(h, 0.5) + elsewhere)
+    assert np.allclose(asked[0], design.visible(h, 0.5) + elsewhere)
 
 
-def test_chances_are_ordered(foresight):
-    found = foresight.power(handle("zero_drift"))
+def test_chances_are_ordered(design):
+    found = design.power(size_parameter("zero_drift"))
     for name in ("seen", "within", "first", "alone"):
         assert np.all((getattr(found, name) >= 0) & (getattr(found, name) <= 1))
     assert np.all(found.within <= found.seen + 1e-12)
@@ -221,10 +217,10 @@ def test_what_theta_absorbs_is_silent_and_has_no_limit():
         stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
         visits=8,
     )
-    foresight, library, _ = planned(
+    design, library, _ = planned(
         data, catalogue.model("hsiao_chirarattananon"), (), NOISE, Options(), np.array([0.125])
     )
-    row = outlook.weigh(foresight, handle("height_scale"))
+    row = design_report.weigh(design, size_parameter("height_scale"))
     assert row.verdict == "silent"
     assert row.detection_limit is None
     assert row.bias["alpha"].in_u != 0
@@ -252,18 +248,20 @@ def test_groups_are_linked_pairs():
         row("f", "too small to see", a=0.9),
         row("g", h=0.7),
     ]
-    assert outlook.groups(rows) == (("a", "b", "c"), ("g", "h"))
+    assert design_report.groups(rows) == (("a", "b", "c"), ("g", "h"))
 
 
-def test_changes_part_what_they_promise(foresight):
-    pair = proposals.Pair(handle=handle("reynolds"), rival="zero_offset", size=0.1, chance=0.8)
-    found = proposals.changes(foresight, [pair], {})
+def test_changes_part_what_they_promise(design):
+    pair = proposals.Pair(
+        size_parameter=size_parameter("reynolds"), rival="zero_offset", size=0.1, chance=0.8
+    )
+    found = proposals.changes(design, [pair], {})
     assert [p.pair for p in found.pairs] == [("reynolds", "zero_offset")]
     asked = found.pairs[0]
     assert asked.evidence_now < proposals.APART
     # a zero of the cell stands where the rotors do not, and costs little
     sweep = next(o for o in asked.options if o.change.startswith("a motors-off sweep"))
-    assert sweep.trials_to_part == 2 * len(np.unique(foresight.stage.data.z_hat))
+    assert sweep.trials_to_part == 2 * len(np.unique(design.problem.data.z_hat))
     assert "rpm" in asked.log
     assert "start" not in asked.log
     costs = [o.trials_to_part for o in asked.options]
@@ -273,19 +271,19 @@ def test_changes_part_what_they_promise(foresight):
     assert all(0 <= r.after <= 1 for b in checked for r in b.rivals_after)
 
 
-def test_a_gauge_parts_an_offset_from_what_else_acts_close_by(foresight):
+def test_a_gauge_parts_an_offset_from_what_else_acts_close_by(design):
     pair = proposals.Pair(
-        handle=handle("image_strength"), rival="height_offset", size=0.2, chance=1.0
+        size_parameter=size_parameter("image_strength"), rival="height_offset", size=0.2, chance=1.0
     )
-    options = proposals.changes(foresight, [pair], {}).pairs[0].options
+    options = proposals.changes(design, [pair], {}).pairs[0].options
     assert any(
         o.change.startswith("touch the traverse off") and o.trials_to_part == 0 for o in options
     )
 
 
-def test_the_same_trials_from_both_sides_let_backlash_show(foresight):
+def test_the_same_trials_from_both_sides_let_backlash_show(design):
     """Always from afar, backlash is an offset; from both sides it is itself."""
-    data = foresight.stage.data
+    data = design.problem.data
     one_sided = dataclasses.replace(
         data, covariates={**data.covariates, "approach": np.where(np.arange(data.n) < 8, 1.0, -1.0)}
     )
@@ -293,7 +291,7 @@ def test_the_same_trials_from_both_sides_let_backlash_show(foresight):
         data.visit
     ]
     both_sided = dataclasses.replace(data, covariates={**data.covariates, "approach": mixed})
-    h = handle("approach_backlash")
+    h = size_parameter("approach_backlash")
     lengths = []
     for trials in (one_sided, both_sided):
         lengths.append(
@@ -370,14 +368,14 @@ def test_derived_covariates_do_not_depend_on_the_planned_lift():
     assert np.array_equal(one.covariates["previous_lift_N"], two.covariates["previous_lift_N"])
 
 
-def test_a_visit_holds_one_distance_always_and_that_is_no_finding(foresight):
+def test_a_visit_holds_one_distance_always_and_that_is_no_finding(design):
     """Sessions hold them all; only a campaign of a few long visits has no more sessions than
     visits.
     """
-    stage = foresight.stage
+    stage = design.problem
     assert unidentifiable_coefficients(stage, stage.base_fit) == ()
     data = stage.data
     first = data.take(np.isin(data.visit, np.unique(data.visit)[:15]))
     few, _, _ = planned(first, GROUND, (), NOISE, Options(), np.array([2.0]))
-    texts = [f.text for f in unidentifiable_coefficients(few.stage, few.stage.base_fit)]
+    texts = [f.text for f in unidentifiable_coefficients(few.problem, few.problem.base_fit)]
     assert any("and a gain for every visit" in t for t in texts)

@@ -13,7 +13,7 @@ LIMIT_POWER = 0.8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Handle:
+class SizeParameter:
     """One size parameter of an effect, with `shape` the values of its shape parameters."""
 
     effect: Effect
@@ -38,8 +38,8 @@ class Handle:
         return 1.0 if high - self.parameter.value >= self.parameter.value - low else -1.0
 
 
-def handles(effect: Effect) -> tuple[Handle, ...]:
-    """One handle per size parameter of the effect, each shape at the grid value nearest to its
+def size_parameters(effect: Effect) -> tuple[SizeParameter, ...]:
+    """Size parameters of the effect, each shape at the grid value nearest to its
     prior's centre.
     """
     shape = {
@@ -48,7 +48,9 @@ def handles(effect: Effect) -> tuple[Handle, ...]:
         if p.grid
     }
     return tuple(
-        Handle(effect=effect, parameter=p, shape=shape) for p in effect.parameters if not p.grid
+        SizeParameter(effect=effect, parameter=p, shape=shape)
+        for p in effect.parameters
+        if not p.grid
     )
 
 
