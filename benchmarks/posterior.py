@@ -61,8 +61,8 @@ def curve(z: Any, K_b: Any, n: Any) -> Any:
     return (1 - 1 / (16 * z * z) - image(d) - 0.5 * image(2**0.5 * d) - 2 * K_b * image(b)) ** -n
 
 
-def nearlift(path: Path, ess: int, sampler: str) -> Any:
-    """This library: the fast path ("auto", checked by a grid), or emcee checked by both."""
+def nearlift(path: Path, ess: int, chain: bool) -> Any:
+    """nearlift: emcee checked by a grid, or the grid alone."""
     import numpy as np
 
     from nearlift.fit import posterior
@@ -98,7 +98,7 @@ def nearlift(path: Path, ess: int, sampler: str) -> Any:
         problem=Problem(model=model, data=data, covariance=covariance),
         centre=np.array([p.value for p in model.parameters]),
     )
-    return posterior.sample(density, posterior.Settings(sampler=sampler, ess=ess), 1).theta
+    return posterior.sample(density, posterior.Settings(ess=ess), 1, chain=chain).theta
 
 
 def whitener(found: dict[str, Any]) -> Any:
@@ -217,10 +217,11 @@ def contestant(
         draws = draw(data / DATA, ESS)
 
         def yardstick() -> dict[str, float]:
-            from nearlift.fit.convergence import ess
+            from nearlift.fit.ensemble import effective_draws
 
+            size = effective_draws(draws[:, :, :1].swapaxes(0, 1))[0]
             return {
-                "ESS of K_b": float(round(ess(draws[:, :, 0]))),
+                "ESS of K_b": float(round(size)),
                 "sd of K_b": float(draws[:, :, 0].std()),
             }
 
@@ -247,13 +248,13 @@ BENCH = Bench(
         ),
         contestant(
             "nearlift",
-            "nearlift, importance sampling, checked by a grid",
-            lambda p, e: nearlift(p, e, "auto"),
+            "nearlift, emcee, checked by a grid",
+            lambda p, e: nearlift(p, e, chain=True),
         ),
         contestant(
-            "nearlift-emcee",
-            "nearlift, emcee, checked by both",
-            lambda p, e: nearlift(p, e, "emcee"),
+            "nearlift-grid",
+            "nearlift, exact grid",
+            lambda p, e: nearlift(p, e, chain=False),
         ),
         contestant(
             "scalar",
@@ -267,13 +268,13 @@ BENCH = Bench(
             work="posterior to ESS 4000 over vectorised emcee",
             ours="nearlift",
             peer="vectorised",
-            must=0.3,
-            aim=0.08,
+            must=0.5,
+            aim=0.5,
         ),
     ),
     note=(
-        "Each stops by its own measure; the effective draws of what it returns are the bulk"
-        " estimate, by one yardstick for all, outside the clock. The exact standard deviation of"
-        " `K_b` is 0.118."
+        "Each stops by its own measure; the effective draws of what it returns are by"
+        " emcee's autocorrelation time, one yardstick for all, outside the clock. The exact"
+        " standard deviation of `K_b` is 0.118."
     ),
 )

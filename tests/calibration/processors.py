@@ -48,16 +48,14 @@ SAME = 1e-9
 #: Larger ones, each the rounding of a sum over the trials (2.2e-16 times the root of 400) times
 #: what makes it worse, rounded up to a power of ten: a direction in which the loop's families
 #: differ by 1e-8 is kept, and known to that over 1e-8; the limit of u is that of 1e8 times the
-#: trials beside what was declared once; Pareto's k is the shape of weights that differ by 1e-4,
-#: each known to that times chi2, 400; a height's slope by differences of 1e-4 of it is known to
+#: trials beside what was declared once; a height's slope by differences of 1e-4 of it is known to
 #: that over 1e-4, and u with the height unknown to that over the root of 1 - r^2, 1e-2; the
 #: deviance, 400, tells a size of noise that is 1e-4 of the scatter by the square of that.
-DIRECTIONS, REPEATS, WEIGHTS, SLOPES, SIZES = 1e-6, 1e-6, 1e-7, 1e-8, 1e-6
+DIRECTIONS, REPEATS, SLOPES, SIZES = 1e-6, 1e-6, 1e-8, 1e-6
 LARGER = {
     r"(diagnosis|results)\.json.*": DIRECTIONS,
     r"loop_residuals\.parquet:.*": DIRECTIONS,
     r".*\.u_limit": REPEATS,
-    r".*\.pareto_k": WEIGHTS,
     r".*\.u_if_free": SLOPES,
     r"fit\.json:\.noise\..*|.*\.u_input": SIZES,
 }

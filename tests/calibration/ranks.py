@@ -81,7 +81,8 @@ def rank(job: tuple[str, int, Told]) -> Rank:
     model = believed(boundary)
     fitted = fit(model, found.data, scatter=noise(found))
     density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
-    drawn = posterior.sample(density, posterior.Settings(ess=1000), seed, boundary).flat()[:, 0]
+    settings = posterior.Settings(ess=1000)
+    drawn = posterior.sample(density, settings, seed, boundary, chain=False).flat()[:, 0]
     truth = found.truth.theta[model.parameters[0].name]
     low, high = np.quantile(drawn, [0.05, 0.95])
     return Rank(share=float(np.mean(drawn < truth)), inside90=bool(low <= truth <= high))

@@ -15,7 +15,7 @@ import sys, arviz
 tree = arviz.from_netcdf(sys.argv[1])
 assert int(arviz.__version__.split(".")[0]) >= 1, arviz.__version__
 for group in ("posterior", "ground/sanchez_cuevas/posterior"):
-    assert tree[group]["K_b"].shape == (4, 1100), tree[group]["K_b"].shape
+    assert tree[group]["K_b"].size >= 4000, tree[group]["K_b"].shape
 print(float(arviz.ess(tree["posterior"]["K_b"].to_numpy())))
 """
 

@@ -396,11 +396,13 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
         given = {"fitted": fitted, "over_none": over_none, "needed": needed}
         e = restated(of_left(tried["supply_sag"], present), confirmed=None, **given)
         assert e.accepted == (not present and over_none > 2 and needed and not at_bound)
-        assert e.possible == (over_none > 0 and not at_bound and (needed or len(names) == 1))
+        assert e.eligible_as_rival == (
+            over_none > 0 and not at_bound and (needed or len(names) == 1)
+        )
         for confirmed in (False, True):
             judged = dataclasses.replace(e, confirmed=confirmed)
             assert judged.accepted == (confirmed and needed and not at_bound)
-            assert judged.possible == e.possible
+            assert judged.eligible_as_rival == e.possible
 
 
 def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tried):

@@ -190,10 +190,8 @@ def expected(evidence, quoted):
     yield ("Uncertainties are standard ones, by the GUM [@gum2008].",)
     own = entry["posterior"]
     yield (
-        "Posteriors of these models were drawn by "
-        + {"importance": "importance sampling", "emcee": "ensemble sampling"}[own["sampler"]],
-        {"importance": "the Pareto k of their weights", "emcee": "R-hat"}[own["sampler"]],
-        *(f" {check['by']}" for check in own["checks"] if not check["unfit"]),
+        "Posteriors of these models were drawn by ensemble sampling",
+        *(f" exact {check['by']}" for check in own["checks"] if not check["unfit"]),
     )
     if quoted.verdict == "not_diagnosed":
         yield (f"Residuals near the ground were not diagnosed: {block['reason']}.",)

@@ -49,7 +49,7 @@ if __name__ == "__main__":
 REFUSED = {"serve": 2}
 QUICK = """
 [fit]
-sampler = "importance"
+ess = 100
 ground = { rivals = [] }
 [simulate]
 flights = 20

@@ -49,7 +49,6 @@ def evidence(K_b, levels=0.5):
         "hi90": high,
         "unit": "1",
         "ess": 4000.0,
-        "r_hat": 1.0,
         "tau": 1.0,
     }
     entry |= {
@@ -60,15 +59,14 @@ def evidence(K_b, levels=0.5):
         "words": "",
     }
     said = {
-        **dict.fromkeys(("ess", "r_hat", "tau", "acceptance", "noise_dof")),
+        **dict.fromkeys(("ess", "tau", "acceptance", "noise_dof")),
         "model": "sanchez_cuevas",
         "data_sha256": "",
         "steps": 0,
         "L_inf_N": {},
-        "sampler": "importance",
+        "sampler": "grid",
         "chains": 4,
         "draws": N // 4,
-        "pareto_k": 0.1,
         "checks": [],
         "parameters": {"K_b": entry},
     }
@@ -150,15 +148,13 @@ def test_how_it_was_sampled_is_said_in_words():
         chains=100,
         draws=200,
         ess=5012.3,
-        r_hat=1.0,
         tau=8.3,
         acceptance=0.42,
         steps=600,
-        pareto_k=0.1,
         noise_dof=math.inf,
         checks=(
-            SamplerCheck(by="importance sampling", apart=1.23, where=""),
-            SamplerCheck(by="grid", apart=9.0, where="", unfit="too coarse for this shape"),
+            SamplerCheck(by="grid", apart=1.23, where=""),
+            SamplerCheck(by="finer grid", apart=9.0, where="", unfit="too coarse for this shape"),
         ),
         parameters={},
         L_inf_N={},
@@ -166,8 +162,8 @@ def test_how_it_was_sampled_is_said_in_words():
     told = page.how(done)
     assert "20000 draws by emcee, equal to 5012 independent ones." in told
     assert "600 steps of 100 walkers, 42 % accepted, τ = 8.3" in told
-    assert "The importance sampling agrees within 1.2 Monte Carlo standard errors" in told
-    assert "The grid was no check: too coarse for this shape" in told
+    assert "The grid agrees within 1.2 Monte Carlo standard errors" in told
+    assert "The finer grid was no check: too coarse for this shape" in told
     without = dataclasses.replace(done, sampler="none")
     assert page.how(without) == "no free parameter"
     assert page.how(None) == "no posterior"

@@ -70,17 +70,12 @@ def test_the_table_holds_every_model_and_fit_json_says_how(done):
         )
 
 
-def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
+def test_the_command_line_overrides_the_draws_once(done, tmp_path):
     raw, out = done
     asked = ask(raw, tmp_path, "ground = { rivals = [] }")
     again = tmp_path / "out"
     shutil.copytree(out, again)
-    assert (
-        small_run.nearlift(
-            "fit", asked, "--out", again, "--sampler", "emcee", "--ess", "300"
-        ).exit_code
-        == 0
-    )
+    assert small_run.nearlift("fit", asked, "--out", again, "--ess", "300").exit_code == 0
     said = json.loads((products(again) / FIT.file).read_text())["boundaries"]["ground"][
         "sanchez_cuevas"
     ]["posterior"]
@@ -88,9 +83,9 @@ def test_the_command_line_puts_a_sampler_in_place_once(done, tmp_path):
     assert said["ess"] >= 300
     assert said["parameters"]["K_b"]["ess_tail"] >= 150
     recorded = json.loads((products(again) / "provenance.json").read_text())["stages"]["fit"]
-    assert recorded["overrides"] == {"sampler": "emcee", "ess": 300}
+    assert recorded["overrides"] == {"ess": 300}
     assert (
-        "was last run with --sampler emcee --ess 300"
+        "was last run with --ess 300"
         in small_run.nearlift("run", "--dry-run", asked, "--out", again).stdout
     )
     assert small_run.nearlift("fit", asked, "--out", again, "--sampler", "gibbs").exit_code == 2
@@ -106,8 +101,7 @@ def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
     asked = ask(
         raw,
         tmp_path,
-        'sampler = "emcee"\nsteps = 400\nground = { base = "sanchez_cuevas_free_exponent", rivals ='
-        " [] }",
+        'ess = 20000\nsteps = 400\nground = { base = "sanchez_cuevas_free_exponent", rivals = [] }',
     )
     found = small_run.nearlift("fit", asked, "--out", out)
     assert found.exit_code == 5
@@ -120,7 +114,7 @@ def test_too_few_steps_end_the_run_with_code_5(done, tmp_path):
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ('sampler = "gibbs"', "fit.sampler"),
+        ('sampler = "emcee"', "known here"),
         ("ess = 5", "fit.ess"),
         ("walkers = 8", "did you mean|known here"),
     ],

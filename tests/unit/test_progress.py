@@ -110,7 +110,7 @@ def test_parts_of_an_activity_follow_each_other():
 def test_stages_tell_how_far_they_are(tmp_path):
     """Shares of one activity never fall, and none is beyond the whole."""
     file = small_run.write(tmp_path / "raw", visits=2) / "campaign.toml"
-    file.write_text(file.read_text() + '\n[fit]\nsampler = "emcee"\ness = 100\n')
+    file.write_text(file.read_text() + "\n[fit]\ness = 100\n")
     told: list[tuple[str, float | None]] = []
     job = small_run.job(
         tmp_path / "raw", tmp_path, say=lambda text, share=None, /: told.append((text, share))

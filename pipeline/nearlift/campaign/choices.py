@@ -44,14 +44,13 @@ class FitChoice(Section):
 class FitOptions(Section):
     """Models of each boundary, and sampling of their posteriors.
 
-    `sampler` "auto" is importance sampling if its check passes, else emcee. `ess` is the number of
-    effective draws, `steps` the limit of emcee's steps; `netcdf` writes posterior.nc as well.
+    `ess` is the number of effective draws, `steps` the limit of emcee's steps; `netcdf` writes
+    posterior.nc as well.
     """
 
     ground: FitChoice | None = None
     ceiling: FitChoice | None = None
     sidewall: FitChoice | None = None
-    sampler: Literal["auto", "emcee", "importance"] = "auto"
     ess: int = Field(default=4000, ge=100, le=1_000_000)
     steps: int = Field(default=20_000, ge=400, le=10_000_000)
     netcdf: bool = False

@@ -91,6 +91,31 @@ class Density:
             result[inside] = log_prior[inside] + self.log_likelihood(theta[inside])
         return result
 
+    @cached_property
+    def peak(self) -> FloatArray:
+        """Approximate mode of the posterior, (p,), searched from the least-squares theta.
+
+        It is rounded to a sixteenth of the spread: the last digits of a search depend on the
+        processor, and would change all draws.
+        """
+        from scipy.optimize import minimize
+
+        low, high = self.problem.model.bounds
+        scale = np.sqrt(np.diag(self.spread()))
+        start = np.clip(self.centre, low, high)
+
+        def at(x: FloatArray) -> FloatArray:
+            return np.asarray(np.clip(start + x * scale, low, high), dtype=np.float64)
+
+        def cost(x: FloatArray) -> float:
+            value = float(self(at(x)[None, :])[0])
+            return -value if np.isfinite(value) else 1e10
+
+        ends = list(zip((low - start) / scale, (high - start) / scale, strict=True))
+        end = minimize(cost, np.zeros(len(start)), method="L-BFGS-B", jac="3-point", bounds=ends).x
+        near = np.round(16 * end) / 16
+        return at(near if cost(near) < 1e10 else end)
+
     def spread(self) -> FloatArray:
         """First-order covariance (p, p) at the centre, from the data's information and normal
         priors as wide as the declared ones.

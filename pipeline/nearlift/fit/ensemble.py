@@ -1,60 +1,49 @@
-"""Ensemble Markov chain Monte Carlo by emcee, with differential-evolution and snooker moves; all
-walkers are evaluated at once.
+"""Ensemble sampling by emcee with differential-evolution moves, all walkers evaluated at once.
 
-The chain grows in blocks. A block carries the sampler's state at its end, the generator's included,
-so a chain resumed from its last block is bit for bit the uninterrupted one.
+The length of a chain follows from its autocorrelation time tau (Goodman and Weare 2010, as in
+emcee), which also gives the effective sample size: steps times walkers over tau.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
-from nearlift.fit import convergence
 from nearlift.fit.density import Density
-from nearlift.fit.importance import peak
 
-#: Steps per block.
+#: Steps between two assessments.
 BLOCK = 200
 #: Approximate lattice points per standard deviation for the walkers' starts: a power of two.
 LATTICE = 4096
-#: Length of a chain, in autocorrelation times, from which their estimate is trusted.
+#: Length of a chain in tau from which emcee's documentation trusts the estimate of tau.
 LENGTHS = 50
-#: Burn-in, in autocorrelation times.
+#: Burn-in in tau; emcee's tutorial takes 2 to 5.
 BURN = 10
-#: Upper limit of every parameter's R-hat.
-MIXED = 1.01
-#: Tail effective sample size required, as a fraction of the bulk one.
+#: Effective draws at the ends of the 90 % interval, as a fraction of those of the mean.
 TAIL = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class Block:
-    """Steps (t, w, p) with their log_prob (t, w), accepted moves per walker (w,), and the
-    generator's final state: `keys`, `place` and `cached`.
-    """
-
-    theta: FloatArray
-    log_prob: FloatArray
-    accepted: FloatArray
-    keys: NDArray[np.uint32]
-    place: NDArray[np.int64]
-    cached: float
+#: Share of moves along the whole difference of two walkers, by which they change between modes
+#: (ter Braak 2006, Stat. Comput. 16, 239).
+JUMPS = 0.1
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThinnedChain:
-    """A converged ensemble: thinned draws (w, n, p), log_prob (w, n), sampler statistics."""
+    """A converged ensemble: thinned draws (w, n, p), log_prob (w, n), sampler statistics.
+
+    `ess` and `ess_tail` (p,) are the effective draws of the mean and of the ends of the 90 %
+    interval.
+    """
 
     theta: FloatArray
     log_prob: FloatArray
     tau: FloatArray
+    ess: FloatArray
+    ess_tail: FloatArray
     acceptance: float
     steps: int
 
@@ -65,18 +54,14 @@ def walkers(p: int, wanted: int) -> int:
 
 
 def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
-    """Starting points of the walkers, (w, p), twice as widely spread about the peak as the
-    first-order posterior.
+    """Starting points of the walkers about the fit, (w, p), twice as wide as the first order.
 
-    On a lattice: walkers move by each other's differences, so that rounding errors of the starts
-    would grow until they changed every walker.
+    They are on a lattice: walkers move by each other's differences, so that rounding errors of the
+    starts would grow until they changed every walker.
     """
-    spread = density.spread()
-    root, step = (
-        2 * np.linalg.cholesky(spread),
-        2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE,
-    )
-    mean = peak(density)
+    mean, spread = density.peak, density.spread()
+    root = 2 * np.linalg.cholesky(spread)
+    step = 2.0 ** np.round(np.log2(np.sqrt(np.diag(spread)))) / LATTICE
     p = len(mean)
     places = np.empty((0, p))
     for attempt in range(200):
@@ -93,133 +78,92 @@ def begin(density: Density, rng: np.random.Generator, count: int) -> FloatArray:
     )
 
 
+def effective_draws(steps: FloatArray) -> FloatArray:
+    """Effective sample size of each quantity of steps (t, w, q), (q,); all if one is constant."""
+    size = steps.shape[0] * steps.shape[1]
+    return np.asarray(size / autocorrelation_time(steps), dtype=np.float64)
+
+
+def autocorrelation_time(steps: FloatArray) -> FloatArray:
+    """Integrated autocorrelation time by emcee of steps (t, w, q), (q,); 1 if one is constant."""
+    from emcee.autocorr import integrated_time
+
+    tau = np.ones(steps.shape[2])
+    for i, each in enumerate(np.moveaxis(steps, 2, 0)):
+        # the autocorrelation of a walker that never moves is 0 / 0
+        moving = each[:, np.ptp(each, axis=0) > 0]
+        if moving.size:
+            tau[i] = max(float(integrated_time(moving[:, :, None], tol=0, quiet=True)[0]), 1.0)
+    return tau
+
+
 def run(
     density: Density,
     rng: np.random.Generator,
     wanted: int,
     longest: int,
-    stored: Sequence[Block],
-    keep: Callable[[Block], None],
     least: int = 0,
+    progress: Callable[[int], None] = lambda _: None,
 ) -> ThinnedChain:
-    """Sample until every parameter has `wanted` effective draws in bulk, half as many in the tails,
-    and an R-hat below `MIXED`.
+    """Sample until every parameter has `wanted` effective draws, half as many in the tails.
 
     Parameters
     ----------
     rng : Generator
-        Places the walkers and seeds emcee; a resumed chain needs it in the same state as the first
-        time.
-    wanted, longest : int
-        Bulk effective sample size, and the most steps that may be spent on it.
-    stored : sequence of Block
-        Blocks of an interrupted run, in order. Each is assessed as if it were new, so that the
-        chain ends at the same step.
-    keep : callable
-        Called with each new block.
-    least : int
-        Fewest steps.
+        Places the walkers and seeds emcee.
+    wanted, longest, least : int
+        Effective sample size, and the most and fewest steps.
+    progress : callable
+        Called with the number of steps so far.
 
     Raises
     ------
     NotConverged
-        `longest` steps were too few; the message says how many would have been enough.
+        `longest` steps were too few; the message has the number that would have been enough.
     """
     import emcee
-
-    from nearlift.fit.snooker import SnookerMove
 
     p = len(density.centre)
     count = walkers(p, wanted)
     start = begin(density, rng, count)
-    seed = int(rng.integers(2**32))
-    sampler = emcee.EnsembleSampler(
-        count, p, density, moves=[(emcee.moves.DEMove(), 0.8), (SnookerMove(), 0.2)], vectorize=True
-    )
-    known = [b for b in stored if b.theta.shape[1:] == (count, p)]
-    blocks: list[Block] = []
-    state = emcee.State(start, random_state=np.random.RandomState(seed).get_state())
+    generator = np.random.RandomState(int(rng.integers(2**32)))
+    moves = [(emcee.moves.DEMove(), 1 - JUMPS), (emcee.moves.DEMove(gamma0=1.0), JUMPS)]
+    sampler = emcee.EnsembleSampler(count, p, density, moves=moves, vectorize=True)
+    state = emcee.State(start, random_state=generator.get_state())
     while True:
-        if blocks and BLOCK * len(blocks) >= least:
-            chain = _assess(blocks, wanted, longest)
-            if isinstance(chain, ThinnedChain):
-                return chain
-            if BLOCK * len(blocks) >= longest:
-                raise NotConverged(f"posterior of {density.problem.model.name}", *chain)
-        if known:
-            block = known.pop(0)
-            blocks.append(block)
-            generator = ("MT19937", block.keys, *block.place.tolist(), block.cached)
-            state = emcee.State(
-                block.theta[-1], log_prob=block.log_prob[-1], random_state=generator
-            )
-            continue
-        sampler.reset()
         state = sampler.run_mcmc(state, BLOCK)
-        kind, keys, position, has_cached, cached = state.random_state
-        assert kind == "MT19937"
-        block = Block(
-            theta=sampler.get_chain(),
-            log_prob=sampler.get_log_prob(),
-            accepted=np.asarray(sampler.backend.accepted, dtype=np.float64),
-            keys=np.asarray(keys, dtype=np.uint32),
-            place=np.array([position, has_cached], dtype=np.int64),
-            cached=float(cached),
-        )
-        keep(block)
-        blocks.append(block)
-
-
-def _assess(blocks: Sequence[Block], wanted: int, longest: int) -> ThinnedChain | tuple[str, str]:
-    """The thinned chain if it has converged; else the shortfall and its remedy."""
-    from emcee.autocorr import integrated_time
-
-    theta = np.concatenate([b.theta for b in blocks])
-    steps, count, _ = theta.shape
-    late = theta[steps // 4 :]
-    moving = np.ptp(late, axis=(0, 1)) > 0
-    tau = np.ones(theta.shape[2])
-    if moving.any():
-        tau[moving] = integrated_time(late[:, :, moving], tol=0, quiet=True)
-    slowest = float(np.nanmax(tau))
-    if not math.isfinite(slowest):
-        slowest = float(steps)
-    burn = min(math.ceil(BURN * slowest), steps - 1)
-    # thinning by tau / 2 costs few effective draws and saves most of the file
-    thin = max(int(slowest / 2), 1)
-    kept = theta[burn::thin].transpose(1, 0, 2)
-    need = math.ceil(max(LENGTHS * slowest, 1.1 * wanted * slowest / count) + BURN * slowest)
-    bulk, tail, mixed = 0.0, 0.0, math.inf
-    if steps >= need:
-        chains = [kept[:, :, i] for i in range(theta.shape[2])]
-        bulk, mixed = (
-            min(convergence.worth(c) for c in chains),
-            max(convergence.r_hat(c) for c in chains),
-        )
-        tail = min(convergence.tail(c) for c in chains)
-        if bulk >= wanted and tail >= TAIL * wanted and mixed < MIXED:
-            accepted = sum(b.accepted for b in blocks) / steps
-            log_prob = np.concatenate([b.log_prob for b in blocks])[burn::thin].T
-            return ThinnedChain(
-                theta=kept,
-                log_prob=log_prob,
-                tau=tau,
-                acceptance=float(np.mean(accepted)),
-                steps=steps,
+        steps = sampler.iteration
+        progress(steps)
+        if steps < least:
+            continue
+        theta = sampler.get_chain()
+        tau = autocorrelation_time(theta[steps // 4 :])
+        slowest = float(tau.max())
+        burn = min(math.ceil(BURN * slowest), steps - 1)
+        need = math.ceil(max(LENGTHS, 1.1 * wanted / count) * slowest) + burn
+        late = theta[burn:]
+        ess, tail = late.shape[0] * count / tau, np.zeros(p)
+        if steps >= need:
+            ends = np.quantile(late, [0.05, 0.95], axis=(0, 1))
+            tail = np.min([effective_draws((late <= end).astype(float)) for end in ends], axis=0)
+            if ess.min() >= wanted and tail.min() >= TAIL * wanted:
+                # thinning by tau / 2 costs few effective draws and saves most of the file
+                thin = max(int(slowest / 2), 1)
+                return ThinnedChain(
+                    theta=late[::thin].transpose(1, 0, 2),
+                    log_prob=sampler.get_log_prob()[burn::thin].T,
+                    tau=tau,
+                    ess=ess,
+                    ess_tail=tail,
+                    acceptance=float(np.mean(sampler.acceptance_fraction)),
+                    steps=steps,
+                )
+            short = max(wanted / ess.min(), TAIL * wanted / max(float(tail.min()), 1.0))
+            need = math.ceil(steps * max(1.2, 1.1 * short))
+        if steps >= longest:
+            raise NotConverged(
+                f"posterior of {density.problem.model.name}",
+                f"{steps} steps of {count} walkers, tau = {slowest:.3g}, effective draws"
+                f" {ess.min():.0f} of {wanted}",
+                f"run at least {need}: `steps = {need}` in [fit] (now {longest})",
             )
-        short = [
-            asked / max(worth, 1.0)
-            for asked, worth in ((wanted, bulk), (TAIL * wanted, tail))
-            if worth < asked
-        ]
-        need = math.ceil(steps * max([1.2, *(1.1 * s for s in short)]))
-    reached = (
-        f", effective draws {bulk:.0f} of {wanted}, in the tails {tail:.0f} of {TAIL * wanted:.0f},"
-        f" R-hat {mixed:.3f}"
-        if bulk
-        else ""
-    )
-    return (
-        f"{steps} steps of {count} walkers, tau = {slowest:.3g}{reached}",
-        f"run at least {need}: `steps = {need}` in [fit] (now {longest})",
-    )

@@ -12,7 +12,6 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, Parameter
 from nearlift.results.posterior import DeclaredPrior
@@ -106,40 +105,6 @@ class JointPrior:
         for i, prior in enumerate(self.each):
             total = total + prior.log_density(theta[..., i])
         return total
-
-    def draw(self, rng: np.random.Generator, n: int) -> FloatArray:
-        """Independent draws, (n, p)."""
-        uniform = rng.random((n, len(self.each)))
-        return np.stack([b.quantile(uniform[:, i]) for i, b in enumerate(self.each)], axis=-1)
-
-    @cached_property
-    def _logarithmic(self) -> NDArray[np.bool_]:
-        """Mask of the scale parameters: those with a log-normal prior."""
-        return np.array(
-            [b.parameter.prior.distribution == "lognorm" for b in self.each], dtype=bool
-        )
-
-    def coordinates(self, theta: FloatArray) -> FloatArray:
-        """Theta (..., p) with scales replaced by their logarithms."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return np.where(
-                self._logarithmic, np.log(np.where(self._logarithmic, theta, 1.0)), theta
-            )
-
-    def parameters(self, coordinates: FloatArray) -> FloatArray:
-        """Theta from its coordinates."""
-        with np.errstate(over="ignore"):
-            return np.where(
-                self._logarithmic,
-                np.exp(np.where(self._logarithmic, coordinates, 0.0)),
-                coordinates,
-            )
-
-    def log_stretch(self, theta: FloatArray) -> FloatArray:
-        """Log Jacobian, (...): added to a log density in coordinates, gives one in theta."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            each: FloatArray = -np.log(np.where(self._logarithmic, theta, 1.0)).sum(axis=-1)
-        return each
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

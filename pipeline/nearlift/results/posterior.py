@@ -1,4 +1,4 @@
-"""How a model's posterior was sampled and what it says: a block of fit.json."""
+"""Posterior of a model and its sampling: a block of fit.json."""
 
 from __future__ import annotations
 
@@ -14,8 +14,11 @@ APART = 5.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SamplerCheck:
-    """A second way to the same posterior: the largest distance in Monte Carlo standard errors, and
-    where; `unfit` says why it could not judge.
+    """Check of a chain by a grid: the largest disagreement, in Monte Carlo standard errors.
+
+    `where` locates it.
+
+    `unfit` is the reason why the grid could not judge.
     """
 
     by: str
@@ -52,9 +55,9 @@ class PosteriorParameter(DrawnEstimate):
 
     Attributes
     ----------
-    ess, ess_tail, r_hat, tau : float
-        Effective draws in bulk and at the ends of the 90 % interval, R-hat, and autocorrelation
-        time in steps. nan where they do not apply.
+    ess, ess_tail, tau : float
+        Effective draws of the mean and of the ends of the 90 % interval; autocorrelation time in
+        steps, 1 for independent draws.
     width_ratio : float
         Of the 90 % intervals after and before.
     at_low, at_high : float
@@ -67,7 +70,6 @@ class PosteriorParameter(DrawnEstimate):
 
     ess: Real
     ess_tail: Real
-    r_hat: Real
     tau: Real
     prior: DeclaredPrior
     width_ratio: Real
@@ -80,7 +82,7 @@ class PosteriorParameter(DrawnEstimate):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PosteriorSummary:
-    """The posterior of one model. `ess`, `r_hat` and `tau` are the worst of all parameters, None
+    """The posterior of one model. `ess` and `tau` are the worst of all parameters, None
     where there is none; `data_sha256` is that of the trials.
     """
 
@@ -90,11 +92,9 @@ class PosteriorSummary:
     chains: int
     draws: int
     ess: float | None
-    r_hat: float | None
     tau: float | None
     acceptance: Real
     steps: int
-    pareto_k: Real
     noise_dof: Unbounded
     checks: tuple[SamplerCheck, ...]
     parameters: Mapping[str, PosteriorParameter]

@@ -40,9 +40,7 @@ POSTERIOR = Product(
     columns=(
         text("boundary", "ground, ceiling or sidewall"),
         text("model", "name of the lift model"),
-        integer(
-            "chain", "walker of emcee, or one of four hands that independent draws were dealt to"
-        ),
+        integer("chain", "walker of emcee, or one of four parts of independent draws"),
         integer("draw", "position in the chain, thinned"),
         text(
             "parameter",
@@ -89,11 +87,6 @@ STAGE = Stage(
     writes=(FIT, PROFILES, POSTERIOR, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit"),
     options=(
-        Option(
-            flag="--sampler",
-            choices=("auto", "emcee", "importance"),
-            help="Instead of the manifest's [fit] sampler, this once.",
-        ),
         Option(
             flag="--ess",
             limits=(100, 1_000_000),

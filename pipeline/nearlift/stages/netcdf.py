@@ -27,7 +27,7 @@ from nearlift.version import __version__
 
 FILE = "posterior.nc"
 #: Of the draws, as attributes.
-DIAGNOSTICS = ("ess", "r_hat", "tau", "acceptance", "pareto_k", "noise_dof")
+DIAGNOSTICS = ("ess", "tau", "acceptance", "noise_dof")
 
 
 def write(job: Job) -> str:

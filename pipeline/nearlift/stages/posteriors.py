@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import math
 from dataclasses import dataclass, field, replace
 
@@ -14,8 +13,6 @@ from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
-from nearlift.fit.ensemble import BLOCK, Block
-from nearlift.fit.grid import grid
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
@@ -42,9 +39,9 @@ class Posteriors:
 
     @functools.cached_property
     def settings(self) -> Settings:
-        """Sampler and effective draws of the manifest."""
+        """Effective draws and steps of the manifest."""
         asked = self.campaign.fit
-        return Settings(sampler=asked.sampler, ess=asked.ess, steps=asked.steps)
+        return Settings(ess=asked.ess, steps=asked.steps)
 
     def added(
         self, fitted: LeastSquaresFit, entry: ModelFit, base: bool, say: Say
@@ -57,7 +54,7 @@ class Posteriors:
         boundary, name = fitted.problem.data.boundary, fitted.model.name
         try:
             density = Density(problem=stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
-            drawn = self._drawn(density, boundary, name, say)
+            drawn = self._drawn(density, boundary, name, base, say)
         except NotConverged as fault:
             if base:
                 raise
@@ -77,15 +74,19 @@ class Posteriors:
             [f"{boundary}: {text}" for text in unlike],
         )
 
-    def _drawn(self, density: Density, boundary: Boundary, name: str, say: Say) -> Posterior:
-        """The draws of one model."""
-        what, blocks = f"fit {boundary}: posterior of {name}", itertools.count(1)
+    def _drawn(
+        self, density: Density, boundary: Boundary, name: str, base: bool, say: Say
+    ) -> Posterior:
+        """The draws of one model: of a base model by emcee, of a rival from a grid."""
+        what = f"fit {boundary}: posterior of {name}"
 
-        def count(_: Block) -> None:
-            say(f"{what}, {BLOCK * next(blocks)} steps", 0.5)
+        def count(steps: int) -> None:
+            say(f"{what}, {steps} steps", 0.5)
 
         say(what, 0.5)
-        return posterior.sample(density, self.settings, self.seed, boundary, name, progress=count)
+        return posterior.sample(
+            density, self.settings, self.seed, boundary, name, chain=base, progress=count
+        )
 
 
 LEVEL = "L_inf_N"
@@ -124,15 +125,11 @@ def _moments(draws: FloatArray) -> Moments:
     return draws.mean(), draws.std(), np.quantile(draws, QUANTILES)
 
 
-def _marginal(density: Density, draws: FloatArray) -> Moments:
-    """Moments of one parameter: by the grid where it is the only one, else by the draws. The grid
-    has no Monte Carlo error.
-    """
-    if len(density.problem.names) == 1 and draws.std() > 0:
-        exact = grid(density, np.array([draws.mean()]), np.array([[draws.var()]]))
-        if exact.resolved:
-            return *exact.moments(0), exact.quantiles(QUANTILES)
-    return _moments(draws)
+def _marginal(drawn: Posterior, i: int) -> Moments:
+    """One parameter's moments, by the grid, which has no Monte Carlo error; else by the draws."""
+    if drawn.exact:
+        return *drawn.exact.moments(i), drawn.exact.quantiles(i, QUANTILES)
+    return _moments(drawn.theta[:, :, i].ravel())
 
 
 def _parameter(
@@ -142,7 +139,7 @@ def _parameter(
     parameter = prior.parameter
     change, estimate = compare_with_prior(prior, draws), fitted.estimates[parameter.name]
     over_fit, why = compare_with_fit(prior, draws, estimate.lo90, estimate.hi90)
-    mean, sd, (low, median, high) = _marginal(density, draws)
+    mean, sd, (low, median, high) = _marginal(drawn, i)
     # without degrees of freedom the draws know only what trials of one visit do not share
     ends = (low, high) if fitted.effective[i] else (-math.inf, math.inf)
     return PosteriorParameter(
@@ -154,7 +151,6 @@ def _parameter(
         unit=parameter.unit,
         ess=drawn.ess[i],
         ess_tail=drawn.ess_tail[i],
-        r_hat=drawn.r_hat[i],
         tau=drawn.tau[i],
         prior=change.prior,
         width_ratio=change.ratio,
@@ -181,11 +177,9 @@ def _summary(
         chains=drawn.log_prob.shape[0],
         draws=drawn.log_prob.shape[1],
         ess=drawn.ess.min() if len(drawn.ess) else None,
-        r_hat=drawn.r_hat.max() if len(drawn.r_hat) else None,
         tau=drawn.tau.max() if len(drawn.tau) else None,
         acceptance=drawn.acceptance,
         steps=drawn.steps,
-        pareto_k=drawn.pareto_k,
         noise_dof=density.dof,
         checks=drawn.checks,
         parameters={n: _parameter(density, drawn, fitted, i) for i, n in enumerate(drawn.names)},

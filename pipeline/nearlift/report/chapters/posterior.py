@@ -47,10 +47,7 @@ def how(drawn: PosteriorSummary | None) -> str:
             f" accepted, τ = {plain(drawn.tau or 0.0, 3)}"
         )
     else:
-        sampling = (
-            f"{n} independent draws by importance sampling (Pareto k = {plain(drawn.pareto_k, 2)},"
-            " valid below 0.7)"
-        )
+        sampling = f"{n} independent draws from a grid"
     judged = [
         f"The {c.by} agrees within {plain(c.apart, 2)} Monte Carlo standard errors"
         for c in drawn.checks

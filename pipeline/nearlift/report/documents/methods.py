@@ -193,24 +193,13 @@ def _fits(evidence: Evidence) -> str:
 
 def _posteriors(fits: Sequence[PosteriorSummary]) -> str:
     """How the base models' posteriors were drawn, and who judged them."""
-    drawn = {"importance": "importance sampling", "emcee": f"ensemble sampling {_cite('emcee')}"}
-    judges = {
-        "importance": f"the Pareto k of their weights {_cite('vehtari2024')}",
-        "emcee": f"R-hat {_cite('vehtari2021')}",
-    }
-    samplers = [s for s in dict.fromkeys(p.sampler for p in fits) if s in drawn]
-    if not samplers:
+    if not any(p.sampler == "emcee" for p in fits):
         return ""
-    second = dict.fromkeys(
-        f"a {check.by}" if check.by == "grid" else f"the {check.by}"
-        for p in fits
-        for check in p.checks
-        if not check.unfit
-    )
-    judged = listed(["effective draws", *(judges[s] for s in samplers), *second])
+    checks = [c for p in fits for c in p.checks if not c.unfit]
+    judged = listed(["effective draws", *(["an exact grid"] if checks else [])])
     return (
-        f" Posteriors of these models were drawn by {listed([drawn[s] for s in samplers])}, and"
-        f" judged by {judged}."
+        f" Posteriors of these models were drawn by ensemble sampling {_cite('emcee')}, and judged"
+        f" by {judged}."
     )
 
 

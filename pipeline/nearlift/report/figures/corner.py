@@ -137,7 +137,7 @@ def caption(evidence: Evidence, table: Columns) -> str:
     return " ".join(parts)
 
 
-SAMPLERS = {"importance": "importance sampling", "emcee": "emcee", "none": "its closed form"}
+SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
 def _correlation(x: FloatArray, y: FloatArray) -> float:
