@@ -54,6 +54,8 @@ def table(distance: str, throttle: str, lift: str, more: str = "") -> bytes:
         ("lift_gf", "gf"),
         ("Schub [mN]", "mN"),
         ("measured by cell (kg)", "kgf"),
+        ("Thrust (lbf) avg", "lbf"),
+        ("F", "FILL IN"),
     ],
 )
 def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, unit: str) -> None:
@@ -76,6 +78,8 @@ def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, uni
         ("Height above floor [mm]", "ESC throttle (%)", {"distance": "mm", "throttle": "percent"}),
         ("d_cm", "PWM (us)", {"distance": "cm", "throttle": "us"}),
         ("Bodenabstand (mm)", "Gas (%)", {"distance": "mm", "throttle": "percent"}),
+        ("gap/R", "Throttle %", {"distance": "R", "throttle": "percent"}),
+        ("h_over_R", "duty_pct", {"distance": "R", "throttle": "percent"}),
     ],
 )
 def test_distance_and_throttle_as_tables_call_them(

@@ -18,6 +18,7 @@ from nearlift.readers.base import (
     fold,
     rate_of,
     split_unit,
+    unit_word,
 )
 from nearlift.schedule import BY_NAME, KNOWN, RADII
 
@@ -52,7 +53,10 @@ CLOCKS = ("t", "time", "timestamp", "x_value", "zeit", "millis", "micros", "date
 #: Sample rates of load cells, Hz. A lower one is of means of steps, a higher one of another unit.
 USUAL_RATES_HZ = (1.0, 2e6)
 #: Headings of distances in rotor radii.
-AS_RADII = {"h/r", "z/r", "h/d", "z/d", "z_hat", "zhat", "d/r", "y/r"}
+AS_RADII = {
+    *("h/r", "z/r", "h/d", "z/d", "z_hat", "zhat", "d/r", "y/r"),
+    *("gap/r", "height/r", "distance/r", "dist/r", "clearance/r"),
+}
 #: Units behind the last underscore of a name.
 _SUFFIXES = {
     unit: unit
@@ -95,6 +99,12 @@ def named(name: str) -> tuple[str, str]:
     bare, unit = split_unit(name)
     if unit:
         return bare, _WRITTEN.get(fold(unit), unit)
+    if name.rstrip().endswith("%"):
+        return name.rstrip(" %"), "percent"
+    # a unit before the last words, as in "Thrust (lbf) mean"
+    within = re.fullmatch(r"([^()\[\]]+?)\s*[(\[]([^()\[\]]+)[)\]]\s*(\w[\w ]*)", name.strip())
+    if within and (inner := unit_word(within[2])):
+        return f"{within[1]} {within[3]}", inner
     head, _, suffix = name.strip().rpartition("_")
     if head and suffix in _SUFFIXES:
         return head, _SUFFIXES[suffix]
@@ -186,8 +196,9 @@ def schedule_column(name: str) -> tuple[str, str]:
     """The schedule's column that a column is by its name, and its unit; each may be empty."""
     bare, unit = named(name)
     plain = fold(bare).replace("_", " ")
-    if fold(name).replace(" ", "") in AS_RADII or unit == RADII or fold(unit) in AS_RADII:
-        half = "/d" in fold(name).replace(" ", "")
+    ratio = fold(name).replace("_over_", "/").replace(" ", "")
+    if ratio in AS_RADII or unit == RADII or fold(unit) in AS_RADII:
+        half = "/d" in ratio
         return ("", "") if half else ("distance", RADII)
     may = [
         known

@@ -20,6 +20,8 @@ from nearlift.readers.guarded import Malformed
 from nearlift.schedule import BY_NAME, MEANS, REQUIRED, csv_text
 from nearlift.units import NUMBER
 
+#: Names of a lift without a unit.
+LIFT_WORDS = {"thrust", "lift", "force", "fz", "f"}
 #: Largest table that is taken for a schedule, bytes.
 MOST_BYTES = 4 << 20
 #: Rows in a row at one setting, on average, beyond which a table is a record in steps.
@@ -215,7 +217,7 @@ def _add_lift(meant: dict[str, tuple[int, str]], numeric: Mapping[int, str]) -> 
         if not meaning.words(name) & other
         and (
             _force_unit(name) in FORCE_UNITS
-            or (not _force_unit(name) and meaning.words(name) & {"thrust", "lift", "force", "fz"})
+            or (not _force_unit(name) and meaning.words(name) & LIFT_WORDS)
         )
     ]
     called_mean = [p for p in forces if meaning.words(numeric[p]) & meaning.MEAN_WORDS]
