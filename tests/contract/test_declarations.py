@@ -12,7 +12,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from nearlift import catalogue
-from nearlift.declare import BOUNDARIES, Declaration, LiftModel, keywords
+from nearlift.declare import (
+    BOUNDARIES,
+    Check,
+    Declaration,
+    LiftModel,
+    Parameter,
+    keywords,
+    uniform,
+    variant,
+)
 from nearlift.errors import DeclarationError
 from nearlift.models import MODELS as BUILT_IN
 from nearlift.models.images import square
@@ -260,72 +269,23 @@ def test_importing_the_catalogue_imports_nothing_heavy():
     assert out.stdout.strip() == "[]"
 
 
-# --- every model: its derivatives
+# --- variants of a model
 
 
-def test_every_built_in_model_declares_its_derivatives():
-    assert [m.name for m in BUILT_IN if m.parameters and m.gradient is None] == []
-
-
-@pytest.mark.parametrize(
-    "model", [m for m in MODELS if m.gradient is not None], ids=lambda m: m.name
-)
-def test_gradient_is_that_of_the_ratio(model: LiftModel):
-    """Against five-point differences, which are good to 1e-9 of a derivative; where the ratio has
-    no value, neither has its derivative.
-    """
-    rng = np.random.default_rng(1)
-    m, z = 40, np.geomspace(max(0.3, 1.1 * model.valid_z_hat[0]), 20.0, 9)
-    low, high = (np.array([p.bounds[end] for p in model.parameters]) for end in (0, 1))
-    theta = low + (0.02 + 0.96 * rng.random((m, len(low)))) * (high - low)
-    theta[0] = [p.value for p in model.parameters]
-
-    def ratio(at: np.ndarray) -> np.ndarray:
-        return np.broadcast_to(
-            model.evaluate(
-                z,
-                **{p.name: at[:, i, None] for i, p in enumerate(model.parameters)},
-                **known(model),
-            ),
-            (m, len(z)),
-        )
-
-    found = model.gradient(
-        z, **{p.name: theta[:, i, None] for i, p in enumerate(model.parameters)}, **known(model)
+def test_a_variant_is_its_model_with_parameters_held_or_an_exponent():
+    base = next(m for m in BUILT_IN if m.name == "exponential")
+    n = Parameter(
+        name="n", unit="1", value=1.0, bounds=(0.1, 2.0), prior=uniform(0, 2), meaning="n"
     )
-    assert len(found) == len(model.parameters)
-    for i, own in enumerate(found):
-        h = np.zeros(len(low))
-        h[i] = 1e-4 * (high - low)[i]
-        wanted = (
-            8 * (ratio(theta + h) - ratio(theta - h))
-            - (ratio(theta + 2 * h) - ratio(theta - 2 * h))
-        ) / (12 * h[i])
-        # near a pole differences are no measure
-        tame = np.isfinite(wanted) & (np.abs(ratio(theta)) < 5)
-        assert tame.mean() > 0.3
-        np.testing.assert_allclose(
-            np.broadcast_to(own, wanted.shape)[tame], wanted[tame], rtol=2e-6, atol=1e-7
-        )
-        assert np.isnan(np.broadcast_to(own, wanted.shape)[np.isnan(ratio(theta))]).all()
-
-
-@pytest.mark.parametrize(
-    "model", [m for m in MODELS if m.gradient is not None and m.tends_to_one], ids=lambda m: m.name
-)
-def test_free_air_has_no_derivatives(model: LiftModel):
-    assert [float(d) for d in model.gradient(np.inf, **declared(model), **known(model))] == [
-        0.0
-    ] * len(model.parameters)
-
-
-def test_a_wrong_gradient_cannot_be_imported():
-    right = next(m for m in BUILT_IN if m.name == "exponential")
-    with pytest.raises(DeclarationError, match=r"gradient says d/db = .* differences say"):
-        dataclasses.replace(
-            right, gradient=lambda z, /, *, a, b: (np.exp(-b * z), a * z * np.exp(-b * z))
-        )
-    with pytest.raises(DeclarationError, match="gradient gives 1 derivatives for 2 parameters"):
-        dataclasses.replace(right, gradient=lambda z, /, *, a, b: (np.exp(-b * z),))
-    with pytest.raises(DeclarationError, match=r"gradient takes .*'a'.* but evaluate takes"):
-        dataclasses.replace(right, gradient=lambda z, /, *, a: (z,))
+    z = np.array([0.5, 1.0, np.inf])
+    held = variant(base, held={"a": 0.3}, name="held", checks=(Check(x=np.inf, expected=1.0),))
+    raised = variant(base, exponent=n, name="raised")
+    assert keywords(held.evaluate) == ("b",)
+    assert [p.name for p in raised.parameters] == ["a", "b", "n"]
+    np.testing.assert_array_equal(held(z, b=2.0), base(z, a=0.3, b=2.0))
+    np.testing.assert_array_equal(raised(z, n=0.7), base(z) ** 0.7)
+    np.testing.assert_array_equal(raised(z), base(z))
+    columns = raised.evaluate(z, a=0.3, b=2.0, n=np.array([[0.5], [1.0]]))
+    np.testing.assert_array_equal(columns[1], base(z, a=0.3, b=2.0))
+    with pytest.raises(DeclarationError, match="gives"):
+        variant(base, exponent=0.5, name="unchecked")

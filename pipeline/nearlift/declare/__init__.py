@@ -23,6 +23,7 @@ from nearlift.declare.declaration import (
     keywords,
 )
 from nearlift.declare.parameter import Check, Parameter, Prior, Source, normal, null, uniform
+from nearlift.declare.variants import variant
 
 __all__ = [
     "BOUNDARIES",
@@ -43,4 +44,5 @@ __all__ = [
     "normal",
     "null",
     "uniform",
+    "variant",
 ]

@@ -135,17 +135,12 @@ class LiftModel(Declaration):
     `per_rotor`, where a model has one, is the ratio of each rotor, with a last axis of rotors.
     `rotors` says whether the model describes an isolated rotor (``"one"``), a vehicle of several
     (``"several"``), or either.
-
-    `gradient`, where a model has one, has that signature too and returns the derivatives of the
-    ratio with respect to each parameter, a tuple in their order. It is compared with differences of
-    `evaluate` at every check. Without it, fits take differences.
     """
 
     boundary: Boundary
     rotors: Literal["one", "several", "any"] = "any"
     downwash: Evaluate | None = None
     per_rotor: Evaluate | None = None
-    gradient: Evaluate | None = None
     tends_to_one: bool = True
 
     def __post_init__(self) -> None:
@@ -158,37 +153,12 @@ class LiftModel(Declaration):
         for role, other in (
             ("downwash", self.downwash),
             ("per_rotor", self.per_rotor),
-            ("gradient", self.gradient),
         ):
             if other is not None and set(keywords(other)) != set(keywords(self.evaluate)):
                 raise self.refusal(
                     f"{role} takes {sorted(keywords(other))} but evaluate takes"
                     f" {sorted(keywords(self.evaluate))}",
                     "give both the same keyword-only names",
-                )
-        if self.gradient is not None:
-            for check in self.checks:
-                self._compare_gradient(check, self.gradient)
-
-    def _compare_gradient(self, check: Check, gradient: Evaluate) -> None:
-        """Refuse derivatives that are not those of `evaluate`, by central differences."""
-        at = {p.name: p.value for p in self.parameters} | dict(check.arguments)
-        declared = gradient(check.x, **at)
-        if len(declared) != len(self.parameters):
-            raise self.refusal(
-                f"gradient gives {len(declared)} derivatives for {len(self.parameters)} parameters",
-            )
-        for p, derivative in zip(self.parameters, declared, strict=True):
-            h = 1e-5 * max(abs(at[p.name]), 0.1)
-            up, down = (
-                float(np.squeeze(self.evaluate(check.x, **(at | {p.name: at[p.name] + s}))))
-                for s in (h, -h)
-            )
-            difference, given = (up - down) / (2 * h), float(np.squeeze(derivative))
-            if not abs(given - difference) <= 1e-5 * (abs(difference) + 1e-3):
-                raise self.refusal(
-                    f"gradient says d/d{p.name} = {given:.6g} at {check.x}, differences say"
-                    f" {difference:.6g}",
                 )
 
     @property

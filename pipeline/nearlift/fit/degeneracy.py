@@ -11,7 +11,8 @@ from nearlift.nomenclature import letter
 from nearlift.results.fit import Degeneracy
 from nearlift.rounding import plain, signed
 
-#: Absolute correlation above which a pair is degenerate.
+#: Absolute correlation above which a pair is degenerate: knowing one would reduce u of the other to
+#: sqrt(1 - r^2) = 0.31 of it.
 DEGENERATE = 0.95
 
 

@@ -24,8 +24,8 @@ from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray
 
-#: Fraction of its information that a block must keep after projecting out L_inf and coefficients to
-#: be predictable from the rest.
+#: Fraction of its information that a block must keep, after projecting out L_inf and coefficients,
+#: to be predictable from the rest: the square root of the floating-point precision, 1.5e-8.
 DETERMINED = 1e-8
 
 

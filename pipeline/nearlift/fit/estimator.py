@@ -35,7 +35,8 @@ from nearlift.results.quotation import (
 #: A source whose contribution and whose removal change an uncertainty by less than this fraction
 #: has no line.
 NO_LINE = 1e-6
-#: Shift by an undeclared input, in standard uncertainties, up to which it is no doubt.
+#: Shift by an undeclared input, in standard uncertainties, up to which it is no doubt: it would
+#: widen u by sqrt(1 + 0.3^2), 4 %.
 WORTH_TELLING = 0.3
 #: Step of the exponent in the derivative of a coefficient.
 EXPONENT_STEP = 0.01

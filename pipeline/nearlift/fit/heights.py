@@ -32,9 +32,9 @@ LIMIT = 0.1
 #: Standard deviation of the logarithm of a height scatter above which it is too uncertain to
 #: correct for.
 MAX_LOG_SD = 0.5
-#: Quadrature nodes.
+#: Number of quadrature nodes.
 NODES = 41
-#: Fall of the log density beyond which a node is ignored.
+#: Fall of the log density beyond which a node is ignored: exp(-16) = 1e-7.
 NEGLIGIBLE = 16.0
 
 

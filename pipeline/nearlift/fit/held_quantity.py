@@ -41,7 +41,8 @@ PLAUSIBLE = {
     2 / 3: "constant power",
     0.6: "constant speed, at least",
 }
-#: Exponents at constant speed (range of blade-element theory) and at constant power.
+#: Exponents n at constant speed (blade-element theory, solidity times lift slope 0.75 to 1.14) and
+#: at constant power (momentum theory).
 SPEED = (0.6, 0.82)
 POWER = 2 / 3
 #: Exponents at which the curve of the coefficient is drawn.
@@ -50,7 +51,7 @@ CURVE = np.round(np.arange(0.5, 1.2001, 0.05), 2)
 NOT_HELD = 0.01
 #: Least denominator of the formulas above: part of the change of lift at constant speed or power.
 LEAST_LEFT = 0.1
-#: Fewest visits, in one session, for a response.
+#: Fewest visits in one session for a response: six are left after a level and a slope.
 ENOUGH = 8
 FOLLOWS = "The exponent n of the lift ratio depends on what else is constant."
 #: What the manifest's `held` means for the exponent.

@@ -29,9 +29,9 @@ EXACT = 1.1e-12
 LOOK = 0.6
 #: Shift of the headline between fits, in its standard uncertainties, from which a trial is named.
 #: Below one, since leaving out a glitch shifts it by less than the glitch did: the information of
-#: the trial is lost too.
+#: the trial is lost too (docs/decisions.md#outliers).
 MOVES = 0.8
-#: `LOOK` for a visit that stands off as a whole.
+#: `LOOK` for a visit that is an outlier as a whole.
 LOOK_AT_ODD = 0.25
 #: Maximum number of trials named, and of fits for each name.
 MOST, TRIES = 10, 4

@@ -18,7 +18,7 @@ from nearlift.likelihood.problem import Problem, height_slope, usable
 from nearlift.results import Estimate, Noise, Observations
 from nearlift.results.fit import Degeneracy, ExcludedTrial
 
-#: Standard uncertainty over a parameter's range from which it is rounding: the parameter is
+#: Standard uncertainty over a parameter's range from which it is rounding, and the parameter
 #: undetermined.
 VAGUE = 1e6
 

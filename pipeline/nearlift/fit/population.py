@@ -18,9 +18,9 @@ from nearlift.results.estimate import Estimate
 
 #: Grid points of the integral over the spread.
 GRID = 400
-#: Fewest campaigns for an estimate of the spread.
+#: Fewest campaigns for an estimate of the spread: two have one difference and no scatter of it.
 FEWEST = 3
-#: Probability beyond each end of an interval.
+#: Probability beyond each end of an interval (90 %, as everywhere in the package).
 TAIL = 0.05
 
 

@@ -20,9 +20,10 @@ from nearlift.nomenclature import letter
 from nearlift.results.fit import Halving, Remedy, Repeats
 from nearlift.rounding import plain, signed
 
-#: Least relative reduction of an uncertainty for which a remedy is listed.
+#: Least relative reduction of an uncertainty for which a remedy is listed; u is printed to two
+#: digits.
 WORTH = 0.05
-#: Above this correlation two quantities are said to trade places.
+#: Absolute correlation above which two quantities are called confounded.
 TRADES = 0.9
 #: Factor and unit in which the error of an input is shown.
 SCALES = {

@@ -32,7 +32,7 @@ from nearlift.results.assumptions import (
 )
 from nearlift.rounding import plus_minus
 
-#: C_L in Carter, Bouchard and Quinn 2021.
+#: C_L of Carter, Bouchard and Quinn 2021, at every speed.
 PAPER = 1.6
 NO_SPEED = (
     "No rotor speed is known: log rpm in trials.csv, or give [vehicle.throttle_map], and C_L is"

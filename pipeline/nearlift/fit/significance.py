@@ -8,7 +8,7 @@ import numpy as np
 
 from nearlift.results.assumptions import CollapseTest
 
-#: Significance level of every test of an assumption.
+#: Significance level of every test of an assumption (convention).
 REJECTS = 0.05
 #: Probability below which scatter is so small that the assumed noise is suspect.
 SUSPECT = 1e-3

@@ -20,7 +20,7 @@ from nearlift.campaign.uncertainty import INPUTS_WITH_UNIT, Uncertainty
 from nearlift.declare import FloatArray
 from nearlift.results import IntArray, Observations
 
-#: What a model takes as known: a component on one of these is relative, on the exponent absolute.
+#: Inputs that a model takes as known: a component on one is relative, on the exponent absolute.
 INPUTS = ("rotor_radius", "rotor_spacing", "exponent", "mass", "air_density")
 GROUPED = ("distance", "throttle", "record", "session", "boundary", "campaign")
 

@@ -13,8 +13,8 @@ from nearlift.effects import STAND_INS
 from nearlift.likelihood.variance_components import elapsed_trials
 from nearlift.results import Observations
 
-#: A covariate that varies by less than this fraction of a plausible range tells nothing; absolute
-#: where the scale is fixed.
+#: Least variation of a covariate, as a fraction of a plausible range, for an effect along it to be
+#: tested; absolute where the scale is fixed.
 LEAST_SPREAD = {
     "temperature_K": 0.2,
     "pressure_Pa": 20.0,

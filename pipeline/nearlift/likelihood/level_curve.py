@@ -15,14 +15,14 @@ from nearlift.likelihood.covariance import visits_by_size
 from nearlift.results import Observations
 from nearlift.results.levels import LevelCurve
 
-#: The highest degree that is tried, and that a manifest may ask for.
+#: Highest degree of the curve, also for a manifest.
 MOST_DEGREE = 4
-#: Where throttles are more than this, so many stand for them: medians of equal shares of trials.
+#: Most throttles that are shown one by one; of more, so many medians of equal shares of trials.
 MOST_SHOWN, SHOWN = 12, 5
-#: What varies by less than this part of itself cannot carry a curve.
+#: Least relative range of a variable of the curve.
 LEAST_RANGE = 0.005
-#: Cosines of nearness that stand for any curve of distance, and parts of a campaign where visits
-#: are too few to be left out.
+#: Number of cosines of nearness for a smooth curve of distance, and of parts of a campaign where
+#: visits are too few to be left out.
 SHAPES, PARTS = 4, 10
 
 

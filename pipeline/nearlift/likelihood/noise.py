@@ -37,19 +37,18 @@ from nearlift.results import IntArray, Noise, Observations
 ENDLESS = 1e6
 #: Source of a noise that was estimated from repeats.
 REPEATS = "scatter of repeats"
-#: What a family of structure may amount to, as a fraction of lift; where trials scatter more about
-#: the model, as much as that.
+#: Size of a family of structure, as a fraction of lift; the scatter about the model where that is
+#: larger.
 STRUCTURE = 0.01
-#: A combination of unknowns with less than this part of the largest one's variance adds nothing but
-#: rounding.
+#: Variance, relative to the largest, below which a combination of unknowns is rounding.
 NEGLIGIBLE = 1e-13
-#: Smooth curves of distance; trials that a free mean must rest on, and the most means.
+#: Number of smooth curves of distance; fewest trials of a free mean, and the most means.
 SHAPES, REPEATED, MOST_MEANS = 6, 3, 400
-#: Heights and short drifts are also looked for from so many times their usual size on.
+#: Factor on the usual size of heights and short drifts for a second start of the search.
 FAR = 30.0
-#: How often outliers are pulled in.
+#: Number of times that outliers are winsorised (docs/decisions.md#one-noise-likelihood).
 PASSES = 2
-#: A step in the logarithm of a size that is a last one, before outliers are in place and after.
+#: Last step in the logarithm of a size, before and after outliers are winsorised.
 ROUGH_STEP, LAST_STEP = 0.1, 1e-6
 
 

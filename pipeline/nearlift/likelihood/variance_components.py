@@ -14,8 +14,8 @@ from nearlift.likelihood import semiseparable
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
 from nearlift.results import IntArray, Observations
 
-#: Trials over which the drifts forget; a drift is looked for where a boundary has four times as
-#: many.
+#: Correlation lengths of the drifts, in trials, a factor of four apart. A drift is estimated if a
+#: boundary has four times as many trials (docs/decisions.md#one-noise-likelihood).
 DRIFT_LENGTHS = (1.5, 6.0, 24.0, 96.0)
 #: Scale and degrees of freedom of the half-t prior on each size: a fraction of lift, of the median
 #: lift, metres, a fraction of lift. Converters and propellers repeat to half a percent, screw
@@ -30,16 +30,18 @@ PRIORS = {
     "common": (2e-3, 0.25),
 }
 DRIFT_PRIORS = ((2e-4, 2.0), (2e-4, 2.0), (6e-4, 1.0), (6e-4, 1.0))
-#: Standard deviations beyond which a trial is pulled in.
+#: Standard deviations beyond which a trial is winsorised (docs/decisions.md#one-noise-likelihood).
 CLIP = 3.5
-#: A trial that keeps less than this part of its precision beside what is free cannot be foretold
-#: from the rest.
+#: Share of its precision, after projecting out the free columns, below which a trial cannot be
+#: predicted from the rest: the square root of the floating-point precision, 1.5e-8.
 DETERMINED = 1e-8
-#: Steps of the search for the likeliest sizes at most.
+#: Maximum number of average-information steps.
 MOST_STEPS = 40
-#: Deviance above the least up to which another mode counts, too.
+#: Deviance above the least up to which a mode is averaged: below exp(-9/2) = 1 % of the weight
+#: (docs/decisions.md#one-noise-likelihood).
 MODE_DEVIANCE = 9.0
-#: Revisits that tell what visits share beside distance, and visits that tell it from a drift.
+#: Fewest revisits of distances that estimate a visit's common error, and fewest visits that
+#: distinguish it from a drift.
 MIN_REVISITS = 20
 
 

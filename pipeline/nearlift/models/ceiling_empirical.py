@@ -36,19 +36,11 @@ def evaluate(z_hat: Any, /, *, c: Any, e: Any) -> Any:
     return gain(cancelled(z_hat, c, e))
 
 
-def gradient(z_hat: Any, /, *, c: Any, e: Any) -> tuple[Any, ...]:
-    """Derivatives of `evaluate` with respect to c and e."""
-    shifted = clear_of_boundary(clear_of_boundary(z_hat) + e)
-    each = np.square(evaluate(z_hat, c=c, e=e)) / np.square(shifted)
-    return each, -2.0 * c * each / shifted
-
-
 MODEL = LiftModel(
     name="ceiling_empirical",
     title="Empirical ceiling",
     formula=r"\frac{L}{L_\infty} = \frac{1}{1 - c / (\hat{z} + e)^2}",
     evaluate=evaluate,
-    gradient=gradient,
     boundary="ceiling",
     parameters=(
         Parameter(

@@ -19,12 +19,9 @@ Nobahari and Sharifi's equivalent radius of 2.5 R is k = 6.25, whose pole is at 
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from nearlift.declare import Check, LiftModel, Parameter, Source, normal
+from nearlift.declare import Check, LiftModel, Parameter, Source, normal, variant
 from nearlift.models.inflow import clear_of_boundary, gain, image
 
 
@@ -36,11 +33,6 @@ def cancelled(z_hat: Any, k: Any) -> Any:
 def evaluate(z_hat: Any, /, *, k: Any) -> Any:
     """L / L_inf; nan at and below the pole sqrt(k) / 4. Shapes broadcast."""
     return gain(cancelled(z_hat, k))
-
-
-def gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
-    """Derivative of `evaluate` with respect to k."""
-    return (np.square(evaluate(z_hat, k=k)) * image(2.0 * clear_of_boundary(z_hat)),)
 
 
 def downwash(z_hat: Any, /, *, k: Any) -> Any:
@@ -65,7 +57,6 @@ MODEL = LiftModel(
     title="Cheeseman-Bennett, free coefficient",
     formula=r"\frac{L}{L_\infty} = \frac{1}{1 - k / (16 \hat{z}^2)}",
     evaluate=evaluate,
-    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     parameters=(COEFFICIENT,),
@@ -111,24 +102,12 @@ MODEL = LiftModel(
 )
 
 
-def constant_power(z_hat: Any, /, *, k: Any) -> Any:
-    """L / L_inf at constant power; nan at and below the pole sqrt(k) / 4. Shapes broadcast."""
-    return evaluate(z_hat, k=k) ** (2.0 / 3.0)
-
-
-def constant_power_gradient(z_hat: Any, /, *, k: Any) -> tuple[Any, ...]:
-    """Derivative of `constant_power` with respect to k."""
-    (plain,) = gradient(z_hat, k=k)
-    return (2.0 / 3.0 * evaluate(z_hat, k=k) ** (-1.0 / 3.0) * plain,)
-
-
-CONSTANT_POWER = replace(
+CONSTANT_POWER = variant(
     MODEL,
+    exponent=2.0 / 3.0,
     name="cheeseman_bennett_constant_power",
     title="Cheeseman-Bennett, constant power",
     formula=r"\frac{L}{L_\infty} = \left(1 - \frac{k}{16 \hat{z}^2}\right)^{-2/3}",
-    evaluate=constant_power,
-    gradient=constant_power_gradient,
     rotors="one",
     source=Source(
         citation=(
@@ -157,24 +136,12 @@ Refusal: nan at and below the pole, z_hat = sqrt(k) / 4.
 )
 
 
-def theory(z_hat: Any, /) -> Any:
-    """L / L_inf; nan at and below z_hat = 0.25."""
-    return evaluate(z_hat, k=1.0)
-
-
-def theory_downwash(z_hat: Any, /) -> Any:
-    """Induced velocity at the disk over its value far away."""
-    return downwash(z_hat, k=1.0)
-
-
-THEORY = LiftModel(
+THEORY = variant(
+    MODEL,
+    held={"k": 1.0},
     name="cheeseman_bennett_fixed",
     title="Cheeseman-Bennett, theory",
     formula=r"\frac{L}{L_\infty} = \frac{1}{1 - 1 / (16 \hat{z}^2)}",
-    evaluate=theory,
-    downwash=theory_downwash,
-    boundary="ground",
-    valid_z_hat=(0.25, float("inf")),
     source=Source(
         citation=MODEL.source.citation,
         equation=MODEL.source.equation,

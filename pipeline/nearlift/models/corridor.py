@@ -76,15 +76,6 @@ def evaluate(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> Any
     return each(z_hat, layout_hat=layout_hat, gap_hat=gap_hat, kappa=kappa).mean(axis=-1)
 
 
-def gradient(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> tuple[Any, ...]:
-    """Derivative of `evaluate` with respect to kappa."""
-    share = np.asarray(kappa, dtype=float)[..., None]
-    orders = enumerate(reflected(z_hat, layout_hat, gap_hat))
-    slope = sum((n * share ** (n - 1) * part for n, part in orders if n), start=np.zeros(1))
-    ratio = each(z_hat, layout_hat=layout_hat, gap_hat=gap_hat, kappa=kappa)
-    return ((np.square(ratio) * slope).mean(axis=-1),)
-
-
 def downwash(z_hat: Any, /, *, layout_hat: Any, gap_hat: Any, kappa: Any) -> Any:
     """Induced velocity at the disks over its value far away, mean over the rotors."""
     return 1.0 - cancelled_per_rotor(z_hat, layout_hat, gap_hat, kappa).mean(axis=-1)
@@ -103,7 +94,6 @@ MODEL = LiftModel(
         r" I_{ij}(H) = \frac{H / 4}{(\hat{h}_{ij}^2 + H^2)^{3/2}}"
     ),
     evaluate=evaluate,
-    gradient=gradient,
     downwash=downwash,
     per_rotor=each,
     boundary="ground",

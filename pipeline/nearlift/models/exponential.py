@@ -28,20 +28,11 @@ def evaluate(z_hat: Any, /, *, a: Any, b: Any) -> Any:
     return 1.0 + a * np.exp(-b * np.asarray(z_hat, dtype=float))
 
 
-def gradient(z_hat: Any, /, *, a: Any, b: Any) -> tuple[Any, ...]:
-    """Derivatives of `evaluate` with respect to a and b."""
-    z = np.asarray(z_hat, dtype=float)
-    decay = np.exp(-b * z)
-    # in free air the height is infinite and the decay nothing
-    return decay, -a * np.where(np.isinf(z), 0.0, z) * decay
-
-
 MODEL = LiftModel(
     name="exponential",
     title="Exponential",
     formula=r"\frac{L}{L_\infty} = 1 + a \, e^{-b \hat{z}}",
     evaluate=evaluate,
-    gradient=gradient,
     boundary="ground",
     parameters=(
         Parameter(

@@ -23,12 +23,11 @@ alpha_1 (recirculation) is left out.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Check, LiftModel, Parameter, Source, normal
+from nearlift.declare import Check, LiftModel, Parameter, Source, normal, variant
 from nearlift.models.inflow import clear_of_boundary
 
 
@@ -38,20 +37,9 @@ def gamma(z_hat: Any, alpha: Any) -> Any:
     return 0.5 + 0.5 * np.sqrt(np.where(radicand >= 0, radicand, np.nan))
 
 
-def slope(z_hat: Any, alpha: Any) -> Any:
-    """Derivative of `gamma` with respect to alpha."""
-    # the root is 2 gamma - 1
-    return 0.25 / (np.square(clear_of_boundary(z_hat)) * (2.0 * gamma(z_hat, alpha) - 1.0))
-
-
 def evaluate(z_hat: Any, /, *, alpha: Any) -> Any:
     """L / L_inf taken as gamma itself. Shapes broadcast."""
     return gamma(z_hat, alpha)
-
-
-def gradient(z_hat: Any, /, *, alpha: Any) -> tuple[Any, ...]:
-    """Derivative of `evaluate` with respect to alpha."""
-    return (slope(z_hat, alpha),)
 
 
 def downwash(z_hat: Any, /, *, alpha: Any) -> Any:
@@ -104,7 +92,6 @@ MODEL = LiftModel(
     title="Hsiao-Chirarattananon",
     formula=r"\frac{L}{L_\infty} = \frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha / \hat{z}^2}",
     evaluate=evaluate,
-    gradient=gradient,
     downwash=downwash,
     boundary="ceiling",
     parameters=(COEFFICIENT,),
@@ -119,26 +106,15 @@ MODEL = LiftModel(
 )
 
 
-def constant_power(z_hat: Any, /, *, alpha: Any) -> Any:
-    """L / L_inf at constant power. Shapes broadcast."""
-    return gamma(z_hat, alpha) ** (2.0 / 3.0)
-
-
-def constant_power_gradient(z_hat: Any, /, *, alpha: Any) -> tuple[Any, ...]:
-    """Derivative of `constant_power` with respect to alpha."""
-    return (2.0 / 3.0 * gamma(z_hat, alpha) ** (-1.0 / 3.0) * slope(z_hat, alpha),)
-
-
-CONSTANT_POWER = replace(
+CONSTANT_POWER = variant(
     MODEL,
+    exponent=2.0 / 3.0,
     name="hsiao_chirarattananon_constant_power",
     title="Hsiao-Chirarattananon, constant power",
     formula=(
         r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha /"
         r" \hat{z}^2}\right)^{2/3}"
     ),
-    evaluate=constant_power,
-    gradient=constant_power_gradient,
     checks=(
         Check(x=0.1, expected=1.761, tolerance=5e-4, quoted_by="own table of gamma^(2/3)"),
         Check(x=0.5, expected=1.074, tolerance=5e-4, quoted_by="the same table"),
@@ -163,51 +139,24 @@ fits the same data.
 )
 
 
-def free_exponent(z_hat: Any, /, *, alpha: Any, n: Any) -> Any:
-    """L / L_inf. Shapes broadcast."""
-    return gamma(z_hat, alpha) ** n
-
-
-def free_exponent_gradient(z_hat: Any, /, *, alpha: Any, n: Any) -> tuple[Any, ...]:
-    """Derivatives of `free_exponent` with respect to alpha and n."""
-    plain = gamma(z_hat, alpha)
-    raised = plain**n
-    return n * raised / plain * slope(z_hat, alpha), raised * np.log(plain)
-
-
-def free_exponent_downwash(
-    z_hat: Any, /, *, alpha: Any, n: Any
-) -> Any:  # same signature as `evaluate`, as the contract wants
-    """Induced velocity at the disk over its value far away, at the same thrust: 1 / gamma, whatever
-    n.
-    """
-    return 1.0 / gamma(z_hat, alpha) * np.ones_like(n)
-
-
-FREE_EXPONENT = replace(
+FREE_EXPONENT = variant(
     MODEL,
+    exponent=Parameter(
+        name="n",
+        unit="1",
+        value=1.0,
+        bounds=(0.1, 2.0),
+        prior=normal(0.8, 0.4),
+        meaning=(
+            "exponent of gamma: 1 the paper's convention, 2/3 constant power, 0.6 to 0.8"
+            " constant rpm"
+        ),
+    ),
     name="hsiao_chirarattananon_free_exponent",
     title="Hsiao-Chirarattananon, free exponent",
     formula=(
         r"\frac{L}{L_\infty} = \left(\frac{1}{2} + \frac{1}{2} \sqrt{1 + \alpha /"
         r" \hat{z}^2}\right)^{n}"
-    ),
-    evaluate=free_exponent,
-    gradient=free_exponent_gradient,
-    downwash=free_exponent_downwash,
-    parameters=(
-        COEFFICIENT,
-        Parameter(
-            name="n",
-            unit="1",
-            value=1.0,
-            bounds=(0.1, 2.0),
-            prior=normal(0.8, 0.4),
-            meaning=(
-                "exponent of gamma: 1 the paper's convention, 2/3 constant power, 0.6 to 0.8"
-                " constant rpm"
-            ),
-        ),
     ),
     checks=(
         Check(x=0.1, expected=2.337117, quoted_by="golden value of gamma, n = 1"),

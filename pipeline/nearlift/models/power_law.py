@@ -20,8 +20,6 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
 from nearlift.declare import Check, LiftModel, Parameter, Prior, Source, normal
 from nearlift.models.inflow import clear_of_boundary
 
@@ -29,14 +27,6 @@ from nearlift.models.inflow import clear_of_boundary
 def evaluate(z_hat: Any, /, *, a: Any, p: Any) -> Any:
     """L / L_inf; nan where z_hat is not positive. Shapes broadcast."""
     return 1.0 + a * clear_of_boundary(z_hat) ** -p
-
-
-def gradient(z_hat: Any, /, *, a: Any, p: Any) -> tuple[Any, ...]:
-    """Derivatives of `evaluate` with respect to a and p."""
-    z = clear_of_boundary(z_hat)
-    power = z**-p
-    # in free air the height is infinite and the power nothing
-    return power, -a * power * np.log(np.where(np.isinf(z), 1.0, z))
 
 
 AMPLITUDE = Parameter(
@@ -62,7 +52,6 @@ MODEL = LiftModel(
     title="Power law",
     formula=r"\frac{L}{L_\infty} = 1 + a \, \hat{z}^{-p}",
     evaluate=evaluate,
-    gradient=gradient,
     boundary="ground",
     parameters=(AMPLITUDE, POWER),
     source=Source(

@@ -27,12 +27,9 @@ mm across the diagonal.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from typing import Any
 
-import numpy as np
-
-from nearlift.declare import LiftModel, Parameter, Source, normal
+from nearlift.declare import LiftModel, Parameter, Source, normal, variant
 from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 
 
@@ -56,12 +53,6 @@ def cancelled(z_hat: Any, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
 def evaluate(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
     """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
     return gain(cancelled(z_hat, spacing_hat, diagonal_hat, K_b))
-
-
-def gradient(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> tuple[Any, ...]:
-    """Derivative of `evaluate` with respect to K_b."""
-    ratio = evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b)
-    return (np.square(ratio) * (4.0 * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)),)
 
 
 def downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any) -> Any:
@@ -127,7 +118,6 @@ MODEL = LiftModel(
         r" + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
     ),
     evaluate=evaluate,
-    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     rotors="several",
@@ -146,27 +136,12 @@ MODEL = LiftModel(
 )
 
 
-def published(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
-    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
-    return evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
-
-
-def published_downwash(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any) -> Any:
-    """Induced velocity at the disk over its value far away."""
-    return downwash(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=2.0)
-
-
-PUBLISHED = LiftModel(
+PUBLISHED = variant(
+    MODEL,
+    held={"K_b": 2.0},
     name="sanchez_cuevas_published",
     title="Sanchez-Cuevas, K_b = 2",
     formula=MODEL.formula.replace("2 K_b", "4"),
-    evaluate=published,
-    downwash=published_downwash,
-    boundary="ground",
-    rotors="several",
-    needs=("spacing_hat", "diagonal_hat"),
-    valid_z_hat=(0.25, float("inf")),
-    source=SOURCE,
     checks=tabulated(
         (1.0, 1.1586, _CRAZYFLIE, "table of sanchez_cuevas"),
         (5.0, 1.0256, _CRAZYFLIE, "the same table"),
@@ -184,32 +159,6 @@ Purpose: the fit of K_b has to beat it by more than the trials' errors, or K_b =
 )
 
 
-def free_exponent(z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any) -> Any:
-    """L / L_inf; nan where nothing of the inflow is left. Shapes broadcast."""
-    return evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b) ** n
-
-
-def free_exponent_gradient(
-    z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any
-) -> tuple[Any, ...]:
-    """Derivatives of `free_exponent` with respect to K_b and n."""
-    plain = evaluate(z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b)
-    raised = plain**n
-    fountain = 4.0 * image(2.0 * clear_of_boundary(z_hat), diagonal_hat)
-    return n * raised * plain * fountain, raised * np.log(plain)
-
-
-def free_exponent_downwash(
-    z_hat: Any, /, *, spacing_hat: Any, diagonal_hat: Any, K_b: Any, n: Any
-) -> Any:  # same signature as `evaluate`, as the contract wants
-    """Induced velocity at the disk over its value far away, at the same thrust: 1 - s,
-    whatever n.
-    """
-    return downwash(
-        z_hat, spacing_hat=spacing_hat, diagonal_hat=diagonal_hat, K_b=K_b
-    ) * np.ones_like(n)
-
-
 EXPONENT = Parameter(
     name="n",
     unit="1",
@@ -222,15 +171,12 @@ EXPONENT = Parameter(
     ),
 )
 
-FREE_EXPONENT = replace(
+FREE_EXPONENT = variant(
     MODEL,
+    exponent=EXPONENT,
     name="sanchez_cuevas_free_exponent",
     title="Sanchez-Cuevas, free exponent",
     formula=r"\frac{L}{L_\infty} = \left(1 - s(\hat{z}; \hat{d}, \hat{b}, K_b)\right)^{-n}",
-    evaluate=free_exponent,
-    gradient=free_exponent_gradient,
-    downwash=free_exponent_downwash,
-    parameters=(FOUNTAIN, EXPONENT),
     source=Source(
         citation="Own unification of what published ratios hold constant, over " + SOURCE.citation,
         doi=SOURCE.doi,

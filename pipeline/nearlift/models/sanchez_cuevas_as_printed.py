@@ -23,8 +23,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from nearlift.declare import LiftModel, Parameter, Source, normal
 from nearlift.models.inflow import clear_of_boundary, gain, image, tabulated
 from nearlift.models.sanchez_cuevas import four_images
@@ -42,12 +40,6 @@ def evaluate(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
     return gain(cancelled(z_hat, spacing_hat, inverse_K_b))
 
 
-def gradient(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> tuple[Any, ...]:
-    """Derivative of `evaluate` with respect to inverse_K_b."""
-    ratio = evaluate(z_hat, spacing_hat=spacing_hat, inverse_K_b=inverse_K_b)
-    return (np.square(ratio) * image(2.0 * clear_of_boundary(z_hat), spacing_hat),)
-
-
 def downwash(z_hat: Any, /, *, spacing_hat: Any, inverse_K_b: Any) -> Any:
     """Induced velocity at the disk over its value far away, 1 - s."""
     return 1.0 - cancelled(z_hat, spacing_hat, inverse_K_b)
@@ -63,7 +55,6 @@ MODEL = LiftModel(
         r" + 4 \hat{z}^2)^{3/2}}\right]^{-1}"
     ),
     evaluate=evaluate,
-    gradient=gradient,
     downwash=downwash,
     boundary="ground",
     rotors="several",

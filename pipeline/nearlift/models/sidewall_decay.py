@@ -28,20 +28,11 @@ def evaluate(z_hat: Any, /, *, a: Any, lambda_: Any) -> Any:
     return 1.0 - a * np.exp(-np.asarray(z_hat, dtype=float) / lambda_)
 
 
-def gradient(z_hat: Any, /, *, a: Any, lambda_: Any) -> tuple[Any, ...]:
-    """Derivatives of `evaluate` with respect to a and lambda_."""
-    z = np.asarray(z_hat, dtype=float)
-    decay = np.exp(-z / lambda_)
-    # in free air the gap is infinite and the decay nothing
-    return -decay, -a * np.where(np.isinf(z), 0.0, z) / np.square(lambda_) * decay
-
-
 MODEL = LiftModel(
     name="sidewall_decay",
     title="Exponential decay",
     formula=r"\frac{L}{L_\infty} = 1 - a \, e^{-\hat{z} / \lambda}",
     evaluate=evaluate,
-    gradient=gradient,
     boundary="sidewall",
     parameters=(
         Parameter(

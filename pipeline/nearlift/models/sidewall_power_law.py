@@ -14,8 +14,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
-
 from nearlift.declare import Check, LiftModel, Parameter, Prior, Source, normal
 from nearlift.models.inflow import clear_of_boundary
 
@@ -25,19 +23,11 @@ def evaluate(z_hat: Any, /, *, a: Any, p: Any) -> Any:
     return 1.0 - a * clear_of_boundary(1.0 + z_hat) ** -p
 
 
-def gradient(z_hat: Any, /, *, a: Any, p: Any) -> tuple[Any, ...]:
-    """Derivatives of `evaluate` with respect to a and p."""
-    axis = clear_of_boundary(1.0 + np.asarray(z_hat, dtype=float))
-    power = axis**-p
-    return -power, a * power * np.log(np.where(np.isinf(axis), 1.0, axis))
-
-
 MODEL = LiftModel(
     name="sidewall_power_law",
     title="Power law",
     formula=r"\frac{L}{L_\infty} = 1 - a \, (1 + \hat{z})^{-p}",
     evaluate=evaluate,
-    gradient=gradient,
     boundary="sidewall",
     parameters=(
         Parameter(
