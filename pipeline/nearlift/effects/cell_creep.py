@@ -3,8 +3,7 @@
     lift -> lift + creep previous_lift_N exp(-rest_s / creep_s)
 
 Mechanism: a loaded cell creeps, and recovers after the load is gone. A record that begins before it
-has recovered takes a tare that is too high or too low, in proportion to the load of the trial
-before.
+has recovered has a wrong tare, in proportion to the load of the trial before.
 
 Convention: creep > 0 reads too much lift after a heavy trial. A tare that is taken during recovery
 gives creep < 0, so both signs are admitted. previous_lift_N is 0 at the start of a session, rest_s

@@ -2,8 +2,8 @@
 
     lift -> lift (1 + crosstalk_along cos(turn_rad) + crosstalk_across sin(turn_rad))
 
-Mechanism: a vehicle whose thrust does not pass through the cell's axis loads it with a moment, of
-which a single-axis cell reads a part as force. Turned about its own axis on the cell, the vehicle
+Mechanism: a vehicle whose thrust does not pass through the cell's axis loads it with a moment. A
+single-axis cell reads a part of it as force. Turned about its own axis on the cell, the vehicle
 takes its arm along, and the part changes sign.
 
 Convention: turn_rad is the vehicle's angle about its thrust on the cell. crosstalk_along is the

@@ -2,8 +2,8 @@
 
     z_hat -> z_hat (1 + z_scale)
 
-Mechanism: the lead of the screw, the microsteps of the driver or the belt's pitch differ from what
-the counter assumes, so that distances are wrong in proportion. A wrong rotor radius does the same.
+Mechanism: the lead of the screw, the microsteps of the driver or the belt's pitch differ from the
+counter's assumption. Distances are wrong in proportion. A wrong rotor radius does the same.
 
 Convention: z_scale > 0 where the vehicle is farther away than recorded.
 

@@ -12,7 +12,7 @@ away), as z_hat^-1 with the power 1/2 (close to a ceiling). The power 0.68 betwe
 in place of 2.337 at z_hat = 0.1 with z_v = 0.15, as that height form does.
 
 Size on a Crazyflie: z_v up to 0.3. Boundary layers (0.65 mm at z_hat = 0.1) displace 3 to 10 % of
-the gap, so that viscosity alone is a modest correction down to z_hat = 0.1.
+the gap. Viscosity alone is therefore a modest correction down to z_hat = 0.1.
 
 Confounded with height_offset (0.97 under a ceiling), held_quantity (0.99), image_strength.
 """

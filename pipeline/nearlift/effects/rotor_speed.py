@@ -7,8 +7,8 @@ own change of torque move the speed from trial to trial. At a given inflow geome
 its square.
 
 Convention: speed_exponent is 2 where C_L is constant, a little more where it rises with Reynolds
-number, less where the logged speed is noisy or that of a part of the rotors. 0 is no effect, and
-there is no mechanism by which lift falls with speed. More than 3 is beyond any measured rise of
+number. It is less where the logged speed is noisy or that of a part of the rotors. 0 is no effect,
+and there is no mechanism by which lift falls with speed. More than 3 is beyond any measured rise of
 C_L. Speeds are relative to the throttle's own median, since L_inf is free for each throttle.
 
 Size: in Bitcraze's table of 2015 lift scales as speed to the power of 2.15. Under a ceiling, at

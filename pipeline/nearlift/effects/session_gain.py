@@ -10,8 +10,8 @@ Convention: gain > 0 reads more lift. One number for each session; L_inf takes u
 
 Size on a Crazyflie: span 0.5 %, mounting and propellers 1 to 5 %.
 
-Confounded with distance where a session ran at few distances (it can take the whole effect of the
-boundary), with gain_drift and air_density, of which it is the coarse version.
+Confounded with distance where a session ran at few distances: it can take the whole effect of the
+boundary. Also with gain_drift and air_density, of which it is the coarse version.
 """
 
 from __future__ import annotations

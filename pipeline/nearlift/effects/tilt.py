@@ -3,11 +3,10 @@
     ratio -> (1 + (ratio - 1) (1 + (tilt_first t + tilt_second t^2) z_hat^-tilt_decay))
     (1 - tilt_lean t^2 / 2),   t = tilt_rad + tilt_zero
 
-Mechanism: three of them. Tilted about another point than the vehicle's centre, the whole vehicle
-comes nearer or goes farther: first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one
-side come nearer by x_i t and gain more than the others lose: second order, 3 <x_i^2> t^2 / z^2 of a
-gain that scales as z^-2. Where the cell does not tilt, a tilted force acts on it by its cosine, at
-every distance.
+Mechanism: three of them. Tilted about another point than its centre, the vehicle comes nearer or
+goes farther: first order, gain (1 - 2 x_0 t / z). About its centre, rotors on one side come nearer
+by x_i t and gain more than the others lose: second order, 3 <x_i^2> t^2 / z^2 of a gain that scales
+as z^-2. Where the cell does not tilt, a tilted force acts on it by its cosine, at every distance.
 
 Convention: t > 0 as the schedule has it; tilt_first changes sign with it, tilt_second > 0 gains
 lift on either side. tilt_decay is 0 where a tilt acts in proportion to the gain (turned wakes and

@@ -1,7 +1,7 @@
 """Ensemble sampling by emcee with differential-evolution moves, all walkers evaluated at once.
 
 The length of a chain follows from its autocorrelation time tau (Goodman and Weare 2010, as in
-emcee), which also gives the effective sample size: steps times walkers over tau.
+emcee). The effective sample size is steps times walkers over tau.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Uncertainty budget of a fit after the GUM: each source's contribution to each variance.
 
-The estimator is linear in the trials' log lift near its optimum, ``theta = G y`` with
-``G = (J' P J)^-1 J' P`` and P the inverse covariance with L_inf projected out. The covariance is a
-sum of parts, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``: no part is left out or
-counted twice, and the shares add to one for the estimator that was used.
+Near its optimum the estimator is linear in the trials' log lift, ``theta = G y`` with ``G = (J' P
+J)^-1 J' P``. P is the inverse covariance with L_inf projected out. The covariance is a sum of
+parts, ``C = sum C_i``, so the variance is the sum of ``G C_i G'``. No part is left out or counted
+twice, and the shares add to one for the estimator that was used.
 """
 
 from __future__ import annotations

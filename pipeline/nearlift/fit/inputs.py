@@ -2,8 +2,8 @@
 mass.
 
 An input's error is an unknown of the likelihood like any other. It acts on log lift by the model's
-own derivative at the fitted coefficients, here per relative change of the input (per unit change of
-the exponent, whose nominal value is 1).
+own derivative at the fitted coefficients. The derivative is per relative change of the input, or
+per unit change of the exponent, whose nominal value is 1.
 
 - `rotor_radius` scales every distance and spacing at once, since a model sees them as multiples of
   it.

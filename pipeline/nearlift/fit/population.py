@@ -1,10 +1,10 @@
 """Random-effects analysis of one coefficient over campaigns: mean, spread between campaigns,
 prediction.
 
-``y = mu + spread * e + error``: each campaign's error has its own uncertainty and a part that
-campaigns share (by one load cell, say). A few campaigns hardly determine the spread. It is
-therefore integrated over, and not set to its most likely value, which is zero far too often. `mu`
-has a flat prior.
+``y = mu + spread * e + error``: each campaign's error has its own uncertainty. Campaigns may share
+a part of it (one load cell, say). A few campaigns hardly determine the spread. It is therefore
+integrated over, and not set to its most likely value, which is zero far too often. `mu` has a flat
+prior.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Leave-one-visit-out prediction: how well a model predicts each visit of the traverse from all the
 others, by `fit.deletion`.
 
-Shared unknowns are estimated from the other visits as far as those determine them, so a model is
-not scored on what the errors alone decide.
+Shared unknowns are estimated from the other visits as far as those determine them. A model is
+therefore not scored on the errors alone.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
 """Remedies that halve a coefficient's uncertainty: measuring another quantity, or more trials.
 
-All unknowns are estimated together - coefficients, log L_inf, the budget's shared unknowns with
-their declared uncertainty - and the inverse of their information is their covariance. An
-independent measurement of a quantity adds to its diagonal element. N repeats of the whole campaign
-multiply the trials' information and leave the declared part as it is.
+Coefficients, log L_inf and the budget's shared unknowns, with their declared uncertainty, are
+estimated together. The inverse of their information is their covariance. An independent measurement
+of a quantity adds to its diagonal element. N repeats of the whole campaign multiply the trials'
+information and leave the declared part as it is.
 """
 
 from __future__ import annotations

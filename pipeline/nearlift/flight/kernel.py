@@ -6,12 +6,12 @@
 Lengths in rotor radii, times in sqrt(r/g), forces in weights. s is +1 above a ground and -1 below a
 ceiling, where z is measured downwards. R(z) is L / L_inf by table; w is held for `hold`, of which
 the step is a whole part. A flight ends when z <= contact, by Runge-Kutta also between steps. u is
-limited to what the motors can do; with a lag the motors follow u, f' = (u - f) / lag, and f
+limited to the range of the motors. With a lag the motors follow u, f' = (u - f) / lag, and f
 replaces u in lift. With a delay the controller's command arrives late (linear between steps).
 
 A flight's gusts are made once for all settings. Settings are advanced together, so that the
 processor works on several while each waits for its table. A crashed setting leaves the list. Arrays
-are flat and every part of the state is a scalar: a slice of an array in the loop costs four times
+are flat and every part of the state is a scalar. A slice of an array in the loop costs four times
 as much as the step.
 """
 

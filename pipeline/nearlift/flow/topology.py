@@ -106,8 +106,8 @@ def gamma(field: VelocityField, radius_m: float, *, moving: bool = True) -> Floa
 def vortices(field: VelocityField, scene: Scene, reference_m_s: float) -> tuple[Vortex, ...]:
     """Vortex cores, from left to right.
 
-    Those within `PLANE_HAT` radii of the rotor plane or half a window of the ground are left out,
-    and those with vectors in less than half of their window.
+    Those within `PLANE_HAT` radii of the rotor plane or half a window of the ground are left out.
+    So are those with vectors in less than half of their window.
     """
     from scipy.ndimage import label
 

@@ -1,10 +1,10 @@
 """Errors shared by trials: each declared component as shared unknowns in the likelihood.
 
 A component is one unknown per element of its scope. In log lift a gain error counts 1, a force
-error 1 / L, a height error the slope d log ratio / dz, an error of a model's input the model's own
-derivative (`fit.inputs`). Scopes `sample` and `trial` are independent from trial to trial and only
-widen each trial's variance. Every other scope is a column (or several) of `shared`, and no number
-of repeats averages it down.
+error 1 / L, and a height error the slope d log ratio / dz. An error of a model's input counts the
+model's own derivative (`fit.inputs`). Scopes `sample` and `trial` are independent from trial to
+trial and only widen each trial's variance. Every other scope is a column (or several) of `shared`,
+and no number of repeats averages it down.
 """
 
 from __future__ import annotations

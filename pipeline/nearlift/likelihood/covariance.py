@@ -1,8 +1,8 @@
 """Covariance of the trials' log lift, kept as its components, with an inverse square root applied
 in O(n).
 
-The first layer is each trial's own variance, the second the components shared with earlier trials
-in run order (the height of a visit, its other common errors, slow drift). The third is a few shared
+The first layer is each trial's own variance. The second are components shared with earlier trials
+in run order: the height of a visit, its other common errors, slow drift. The third is a few shared
 unknowns (a budget's components), each with its column of sensitivities. No n x n matrix is formed.
 """
 

@@ -8,7 +8,7 @@ mean model.
 
 Structure that the mean model may lack is not noise. It takes part as unknowns of a generous size,
 so that neither hides in the other and nothing runs out of degrees of freedom. Every size has a weak
-prior, half-t, maximised in its logarithm (see `PRIORS`): none is ever zero, and few visits do not
+prior, half-t, maximised in its logarithm (see `PRIORS`). None is ever zero, and few visits do not
 let one grow without bound. The posterior may have several modes: much scatter of heights, or little
 and a larger gain per visit. The covariance is then the mean over them, so that no trial decides
 between them. Trials beyond `CLIP` standard deviations from all others are winsorised. Sources:

@@ -1,11 +1,11 @@
 """Covariance with memory in run order, factored and applied in time linear in the trials.
 
-``K = diag(variance) + sum_k A_k M_k A_k``: process k has an amplitude at every trial, and keeps the
-part `memory[i, k]` of itself from trial i - 1 to trial i (0 where it restarts). Two trials share
-the product of the memories between them. An Ornstein-Uhlenbeck drift keeps exp(-dt / tau); the
-common error of a visit is kept whole within it. Such a matrix has a Cholesky factor ``L = 1 +
-tril(A W')`` of the same kind, found in one pass. Source: Foreman-Mackey 2018, Res. Notes AAS 2, 31
-(celerite's recursions), with memories of any kind.
+``K = diag(variance) + sum_k A_k M_k A_k``: process k has an amplitude at every trial. It keeps the
+part `memory[i, k]` of itself from trial i - 1 to trial i, 0 where it restarts. Two trials share the
+product of the memories between them. An Ornstein-Uhlenbeck drift keeps exp(-dt / tau); the common
+error of a visit is kept whole within it. Such a matrix has a Cholesky factor ``L = 1 + tril(A W')``
+of the same kind, found in one pass. Source: Foreman-Mackey 2018, Res. Notes AAS 2, 31 (celerite's
+recursions), with memories of any kind.
 
 All arrays are in run order, C-contiguous: `variance` (n,), `amplitude` and `memory` (n, J),
 right-hand sides (n, m).

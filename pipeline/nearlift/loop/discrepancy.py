@@ -1,9 +1,9 @@
 """Model discrepancy: unexplained structure as random effects in the coefficients' uncertainty.
 
 Residual structure is not noise: intervals with noise alone cover a coefficient half as often as
-they state. The random effects are every family along a covariate in which structure was found,
-curves of distance that change with time where the order of the trials is known, and coefficients
-that differ by throttle.
+they state. The random effects are every family along a covariate in which structure was found, and
+coefficients that differ by throttle. Where the order of the trials is known, curves of distance
+that change with time are added.
 
 The coefficients of a family share one variance s^2, by the method of moments, ``E |W'r|^2 = |W|^2 +
 s^2 |W'W|^2`` (Frobenius norms). W are its whitened columns with L_inf and model coefficients

@@ -5,7 +5,7 @@ inverse variance of that weight is the evidence that discriminates the two (T-op
 trials have an information matrix on the unknown and on its nuisance parameters: log L_inf, other
 coefficients, named effects and their forms, stated errors. Every visit adds to it.
 
-A share of each batch visits the stations in rotation, whatever the question: visits chosen for the
+A share of each batch visits the stations in rotation, whatever the question. Visits chosen for the
 question alone would never reveal that the model is wrong.
 """
 

@@ -16,8 +16,8 @@ from nearlift.loop.search_problem import SearchProblem
 def log_evidence(problem: SearchProblem, e: Explanation) -> float:
     """Log evidence of the likeliest reference trend of an explanation, over that of the null.
 
-    The references are straight lines in gain and in force along the covariate of each effect, and
-    one step in gain at any time where a size differs by session. A line that an effect's form
+    The references are straight lines in gain and in force along the covariate of each effect. Where
+    a size differs by session, one step in gain at any time is added. A line that an effect's form
     contains (`Effect.contains_line`) is no reference, since it could win only by having fewer
     parameters.
 

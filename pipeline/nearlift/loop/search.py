@@ -233,10 +233,10 @@ def credible_set(
     """The explanations that this design cannot distinguish, best first; empty if none was accepted.
 
     Pairs replace a tenable single effect only if the best pair leads it under both form models. The
-    required lead grows with the number of pairs and with the dispersion of the residuals, because
-    one effect of uncertain form can imitate two, and two can imitate one of unusual form. A pair
-    that a single effect leads under either form model is not accepted. `n_singles` is the number of
-    single effects tried, if `singles` are not all.
+    required lead grows with the number of pairs and with the dispersion of the residuals. The
+    reason is that one effect of uncertain form can imitate two, and two can imitate one of unusual
+    form. A pair that a single effect leads under either form model is not accepted. `n_singles` is
+    the number of single effects tried, if `singles` are not all.
     """
     if not any(e.accepted for e in (*singles, *pairs)):
         return ()

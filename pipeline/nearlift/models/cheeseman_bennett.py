@@ -124,7 +124,7 @@ Ground, one rotor: Cheeseman and Bennett's image at constant power, with momentu
     L / L_inf = (1 - k / (16 z_hat^2))^(-2/3)
 
 Convention: as in `cheeseman_bennett`. The image takes the fraction s = k / (16 z_hat^2) from the
-inflow, so the power ratio at constant thrust is 1 - s; thrust grows as power to the 2/3, hence the
+inflow, so the power ratio at constant thrust is 1 - s. Thrust grows as power to the 2/3, hence the
 exponent. Cheeseman and Bennett instead leave v_i as it was, which gives the exponent 1.
 
 Approximation: momentum theory; all power is induced power. At constant rpm the exponent lies near

@@ -6,7 +6,7 @@
 
 with z = z_hat from the ground, g = `[rig] gap` over r from ground to ceiling, h_ij the distance of
 rotors i and j. n = 1 has the ceiling's own image (2 g - 2 z), and the image in both planes with the
-ground last (2 g + 2 z). It also has the two that are mirrored twice (2 g): they blow as the rotor
+ground last (2 g + 2 z). It also has the two that are mirrored twice (2 g). They blow as the rotor
 does and draw more air through it, whereas a single mirror turns the rotor round.
 
 Convention: kappa is the share of an image that the ceiling gives, and counts once for each

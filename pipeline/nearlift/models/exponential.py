@@ -8,9 +8,9 @@ over rotor radius.
 Approximation: empirical. It decays faster than any sum of images (which falls as 1 / z_hat^2), so
 it fits near stations well and far ones badly. It is finite at contact, where the images are not.
 
-Traps: published fits have a constant other than 1 (1.028 in a flight fit), which is an error of
-zero or of the lift far away. Here L_inf takes that part. Amplitude and decay are strongly
-correlated where no station lies below z_hat = 1 / b.
+Traps: published fits have a constant other than 1 (1.028 in a flight fit). It is an error of zero
+or of the lift far away. Here L_inf takes that part. Amplitude and decay are strongly correlated
+where no station lies below z_hat = 1 / b.
 """
 
 from __future__ import annotations

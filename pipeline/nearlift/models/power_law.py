@@ -5,8 +5,8 @@
 Convention: a > 0 gains lift, p > 0. z_hat is rotor plane to ground over rotor radius.
 
 Approximation: empirical. p = 2 and a = 1/16 is Cheeseman and Bennett to first order. A quadrotor's
-images add up to a = 1/4 with p = 2 far away and less near by, so a single power fits either range
-and not both. No pole above contact.
+images add up to a = 1/4 with p = 2 far away and less near by. A single power fits either range and
+not both. No pole above contact.
 
 Refusal: nan where z_hat is not positive.
 
