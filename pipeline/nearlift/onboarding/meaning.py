@@ -144,13 +144,6 @@ def _rank(channel: Channel) -> int:
     return said + 50 * bool(named_unit) if channel.unit in ("", "count", *AS_FORCE) else 0
 
 
-def is_raw_force(channel: Channel) -> bool:
-    """Whether a channel is called a force, or the counts of one: no command of the rotors."""
-    plain = fold(named(channel.name)[0]).replace("_", " ")
-    force = any(word in plain for word in FORCE_WORDS) or {"adc", "hx711"} & words(channel.name)
-    return bool(force) and not words(channel.name) & COMMAND_WORDS
-
-
 def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel | None:
     """The channel that may be the clock of the force."""
     group = force.name.rpartition(".")[0] if force is not None and "." in force.name else ""
