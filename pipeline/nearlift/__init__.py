@@ -8,6 +8,7 @@ uncertainty.
 
 from __future__ import annotations
 
+import importlib
 from typing import TYPE_CHECKING, Any
 
 from nearlift.version import __version__
@@ -21,9 +22,7 @@ __all__ = ["Study", "__version__", "load", "trials"]
 def __getattr__(name: str) -> Any:
     # imported when it is first asked for
     if name in ("Study", "load", "trials"):
-        from nearlift import study
-
-        return getattr(study, name)
+        return getattr(importlib.import_module("nearlift.study"), name)
     raise AttributeError(f"module 'nearlift' has no attribute {name!r}")
 
 

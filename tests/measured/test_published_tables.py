@@ -15,7 +15,7 @@ from nearlift.likelihood import budget
 from nearlift.loop.diagnose import LoopDiagnosis, diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.observed import choice, observe
-from nearlift.report.words import dependence
+from nearlift.report.phrases import dependence
 from nearlift.stages.ingest import TRIALS
 
 pytestmark = pytest.mark.skipif(

@@ -29,7 +29,7 @@ from nearlift.loop.stability import (
     with_decisive_visits,
 )
 from nearlift.loop.structure import Null
-from nearlift.report.words import dependence
+from nearlift.report.phrases import dependence
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import RestsOn, Shift
 

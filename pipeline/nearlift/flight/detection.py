@@ -110,7 +110,7 @@ class BoundaryProximity:
 class ProximityResult:
     """Content of proximity.json; `averaging_s` is the averaging time of the inferred heights."""
 
-    schema: str
+    schema: str = "nearlift.proximity/1"
     false_alarm_rate: Real
     miss_rate: Real
     averaging_s: Real

@@ -24,7 +24,7 @@ class PresetFlights:
 class SafetyResult:
     """Flights of the paper's and the fitted models near the boundaries, and roll near a wall."""
 
-    schema: str
+    schema: str = "nearlift.safety/1"
     presets: Mapping[str, PresetFlights]
     fitted: Mapping[Boundary, FittedFlights]
     roll: IfAny[Roll] = None

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 
 from nearlift.catalogue import titled
-from nearlift.nomenclature import letter
+from nearlift.nomenclature import letter, noun
 from nearlift.results.diagnosis import BoundaryDiagnosis
 from nearlift.results.quotation import BoundaryResult, IdentifiedSize
 from nearlift.rounding import like, plain
@@ -120,3 +120,44 @@ def _scale(size: IdentifiedSize) -> tuple[float, str]:
     if head in ("m", "N"):
         return SCALES[head]
     return 1.0, "" if size.unit == "1" else size.unit
+
+
+def dependence(quoted: BoundaryResult) -> str:
+    """The single visit or trial that verdict or headline depend on; empty where there is none."""
+    if quoted.most_influential is None:
+        return ""
+    kind, moved = quoted.most_influential
+    headline = quoted.coefficients[quoted.headline]
+    trial = headline.influence.trial
+    turns = {}
+    for name, on in (("trial", quoted.rests_on), ("visit", quoted.rests_on_visit)):
+        if on and on.verdict != quoted.verdict:
+            shown = trial if trial and trial.id == on.trial else on.moved
+            turns[name, on.moved.id] = shown.place, on.claim
+    _, turned = turns.pop((kind, moved.id), ("", ""))
+    also = "".join(
+        f" Without {name} {place} the verdict is {claim}."
+        for (name, _), (place, claim) in turns.items()
+    )
+    where = f"{kind} {moved.place}"
+    if abs(moved.shift) <= headline.u:
+        return (
+            f"The verdict depends on {where}: without it, it is {turned or quoted.verdict}.{also}"
+        )
+    to = like(headline.value + moved.shift, headline.u)
+    value = f"{noun(quoted.headline)} is {to} ({_signed(moved.shift)})"
+    other = f"the verdict is {turned} and " if turned else ""
+    return f"The answer depends on {where}: without it {other}{value}.{also}"
+
+
+def random_walk(size: float) -> str:
+    """The sentence on a gain that drifts by this fraction of lift along no logged quantity."""
+    return (
+        f"the gain drifts irregularly by {100 * size:.2g} % of lift over the campaign,"
+        " along nothing that was logged"
+    )
+
+
+def _signed(shift: float) -> str:
+    """A shift with its sign, to two digits."""
+    return ("+" if shift > 0 else "") + plain(shift, 2)

@@ -24,7 +24,9 @@ from nearlift.report.figures import downwash
 from nearlift.report.phrases import (
     SCALES,
     chance,
+    dependence,
     listed,
+    random_walk,
     sentence,
     sizes,
     structure_along,
@@ -39,7 +41,7 @@ from nearlift.report.sources import (
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
 from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
-from nearlift.rounding import decimals, fixed, like, plain, signed
+from nearlift.rounding import decimals, fixed, plain, signed
 from nearlift.schedule import BY_NAME
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
@@ -282,47 +284,6 @@ def influence(quoted: BoundaryResult) -> str:
         f"Most influential: {first} ({letter(name)} {shift} without it)"
         + "".join(f", {other} ({moved})" for other, moved in rest)
         + "."
-    )
-
-
-def dependence(quoted: BoundaryResult) -> str:
-    """The single visit or trial that verdict or headline depend on; empty where there is none."""
-    if quoted.most_influential is None:
-        return ""
-    kind, moved = quoted.most_influential
-    headline = quoted.coefficients[quoted.headline]
-    trial = headline.influence.trial
-    turns = {}
-    for name, on in (("trial", quoted.rests_on), ("visit", quoted.rests_on_visit)):
-        if on and on.verdict != quoted.verdict:
-            shown = trial if trial and trial.id == on.trial else on.moved
-            turns[name, on.moved.id] = shown.place, on.claim
-    _, turned = turns.pop((kind, moved.id), ("", ""))
-    also = "".join(
-        f" Without {name} {place} the verdict is {claim}."
-        for (name, _), (place, claim) in turns.items()
-    )
-    where = f"{kind} {moved.place}"
-    if abs(moved.shift) <= headline.u:
-        return (
-            f"The verdict depends on {where}: without it, it is {turned or quoted.verdict}.{also}"
-        )
-    to = like(headline.value + moved.shift, headline.u)
-    value = f"{noun(quoted.headline)} is {to} ({_signed(moved.shift)})"
-    other = f"the verdict is {turned} and " if turned else ""
-    return f"The answer depends on {where}: without it {other}{value}.{also}"
-
-
-def _signed(shift: float) -> str:
-    """A shift with its sign, to two digits."""
-    return ("+" if shift > 0 else "") + plain(shift, 2)
-
-
-def random_walk(size: float) -> str:
-    """The sentence on a gain that drifts by this fraction of lift along no logged quantity."""
-    return (
-        f"the gain drifts irregularly by {100 * size:.2g} % of lift over the campaign,"
-        " along nothing that was logged"
     )
 
 

@@ -13,7 +13,7 @@ import pandas as pd
 
 from nearlift.errors import NearliftError
 from nearlift.reduction import quality
-from nearlift.report import words
+from nearlift.report import phrases
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis
 from nearlift.results.quotation import Results
 from nearlift.rounding import plus_minus
@@ -69,7 +69,7 @@ def verdicts(place: CampaignFolder) -> list[Verdict]:
                 coefficients=tuple(result.stated(name) for name in result.coefficients),
                 claim=f"effect: {result.claim}" if result.effects else result.claim,
                 tone=TONES[result.verdict],
-                notes=tuple(filter(None, (rivals, interim, words.dependence(result)))),
+                notes=tuple(filter(None, (rivals, interim, phrases.dependence(result)))),
             )
         )
     return cards

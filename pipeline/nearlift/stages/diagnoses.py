@@ -15,7 +15,7 @@ from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.loop.diagnose import diagnose
 from nearlift.observed import boundaries, choice, interim_look, observe, search_options
-from nearlift.report import words
+from nearlift.report import phrases
 from nearlift.results.diagnosis import (
     BoundaryDiagnosis,
     DiagnosisResults,
@@ -87,8 +87,8 @@ def diagnose_boundaries(
             f"{boundary}: {remark}"
             for remark in (
                 *(diagnosis.findings.contradicted or ()),
-                words.random_walk(diagnosis.findings.wander) if diagnosis.findings.wander else "",
-                words.dependence(diagnosis.quoted),
+                phrases.random_walk(diagnosis.findings.wander) if diagnosis.findings.wander else "",
+                phrases.dependence(diagnosis.quoted),
             )
             if remark
         ]

@@ -16,8 +16,7 @@ from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.results.document import as_json
 from nearlift.run import tables
 from nearlift.run.engine import Job
-from nearlift.stages import netcdf
-from nearlift.stages.fit import RESULTS
+from nearlift.stages.fit import RESULTS, write_netcdf
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.version import __version__
@@ -67,7 +66,7 @@ def write_json(job: Job) -> str:
 
 #: Writer of each format, which returns the path.
 FORMATS: dict[str, Callable[[Job], str]] = {
-    "netcdf": netcdf.write,
+    "netcdf": write_netcdf,
     "c": write_c,
     "document": write_json,
     "python": write_python,

@@ -61,7 +61,6 @@ def run(job: Job) -> Outcome:
     """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends
     the run with exit code 5.
     """
-    from nearlift.stages import netcdf
     from nearlift.stages.model_fits import fit_boundaries
 
     trials = job.read(TRIALS)
@@ -72,11 +71,26 @@ def run(job: Job) -> Outcome:
     job.save(fits.results)
     job.save(fits.quoted)
     if job.campaign.fit.netcdf:
-        netcdf.write(job)
+        write_netcdf(job)
     else:
         # draws of an earlier fit would be taken for this one's
         job.remove("processed/posterior.nc")
     return Outcome(notes=fits.notes)
+
+
+def write_netcdf(job: Job) -> str:
+    """Write posterior.nc; returns its path."""
+    from nearlift.results.fit import FitResults
+    from nearlift.stages import netcdf
+    from nearlift.version import __version__
+
+    about = {
+        "created_by": f"nearlift {__version__}",
+        "campaign": job.campaign.name,
+        "data_sha256": tables.sha256(job.processed / TRIALS.file),
+    }
+    content = netcdf.content(job.read(POSTERIOR), job.load(FitResults), about)
+    return str(job.put(f"processed/{netcdf.FILE}", content))
 
 
 STAGE = Stage(

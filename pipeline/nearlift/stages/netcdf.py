@@ -19,19 +19,15 @@ from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
 from nearlift.results.fit import FitResults
 from nearlift.run import tables
-from nearlift.run.engine import Job
-from nearlift.stages.fit import POSTERIOR
-from nearlift.stages.ingest import TRIALS
 from nearlift.stages.posteriors import LEVEL, split_level
-from nearlift.version import __version__
 
 FILE = "posterior.nc"
 #: Of the draws, as attributes.
 DIAGNOSTICS = ("ess", "tau", "acceptance", "noise_dof")
 
 
-def write(job: Job) -> str:
-    """Write posterior.nc; returns its path.
+def content(draws: tables.Table, fits: FitResults, about: Mapping[str, str]) -> bytes:
+    """Draws of all models as a file, with attributes `about`.
 
     Raises
     ------
@@ -46,12 +42,6 @@ def write(job: Job) -> str:
             "needs the package h5netcdf, which is not installed",
             "pip install 'nearlift[netcdf]'",
         ) from None
-    draws, fits = job.read(POSTERIOR), job.load(FitResults)
-    about = {
-        "created_by": f"nearlift {__version__}",
-        "campaign": job.campaign.name,
-        "data_sha256": tables.sha256(job.processed / TRIALS.file),
-    }
     sink = io.BytesIO()
     with h5netcdf.File(sink, "w") as file:
         for boundary in (b for b in BOUNDARIES if b in fits.boundaries):
@@ -74,7 +64,7 @@ def write(job: Job) -> str:
                 _model(file.create_group(f"{boundary}/{model}"), model, chosen, notes)
                 if "posterior" not in file:
                     _model(file, model, chosen, notes)
-    return str(job.put(f"processed/{FILE}", sink.getvalue()))
+    return sink.getvalue()
 
 
 def _model(group: Any, model: str, draws: tables.Table, notes: Mapping[str, object]) -> None:

@@ -21,7 +21,6 @@ from nearlift.flight.reading import HeightReading, RefusedReading, read_height
 from nearlift.reduction.quality import rejected
 from nearlift.results.fit import FitResults
 from nearlift.run.engine import Job
-from nearlift.stages.detect import PROXIMITY
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.quoted_lift import fitted_lift, quoted_levels
 
@@ -57,7 +56,6 @@ def proximity(job: Job) -> tuple[list[dict[str, object]], ProximityResult, tuple
             readings.append(RefusedReading(boundary=reading.boundary, refused=why))
             notes.append(f"detect.reading[{i}]: {why}")
     result = ProximityResult(
-        schema=PROXIMITY.schema,
         false_alarm_rate=chosen.false_alarm_rate,
         miss_rate=chosen.miss_rate,
         averaging_s=INVERTED_S,

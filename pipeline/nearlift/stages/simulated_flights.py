@@ -21,7 +21,6 @@ from nearlift.results.fit import FitResults
 from nearlift.run.engine import Job, Say, subprogress
 from nearlift.stages.fit import FIT
 from nearlift.stages.quoted_lift import fitted_lift
-from nearlift.stages.simulate import SAFETY
 
 #: Air density where the manifest gives none, kg/m^3: the paper's.
 AIR = 1.2
@@ -40,9 +39,7 @@ def simulated_flights(job: Job) -> tuple[SafetyResult, Rows, Rows, tuple[str, ..
     job = replace(job, say=_counting(job, chosen))
     published, rates, samples = _presets(job, chosen, key)
     fitted, fitted_rates = _fitted(job, chosen, key)
-    result = SafetyResult(
-        schema=SAFETY.schema, presets=published, fitted=fitted, roll=_roll(job, chosen)
-    )
+    result = SafetyResult(presets=published, fitted=fitted, roll=_roll(job, chosen))
     tests = {
         f"{name} {boundary}": flown.convergence
         for name, preset in published.items()
