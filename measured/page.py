@@ -164,7 +164,7 @@ By arithmetic on the measured means. Sizes are in units of the campaign's noise 
 INJECTIONS_TAIL = """
 - A table of 20 cells has no order, so no drift is searched, and only single effects are tried: a second one next to a first ends *unexplained*.
 - L_inf at each throttle takes up most of a zero offset, and the library limits it to 50 mN.
-- A height offset of 1 mm changes lift by less than 0.1 % on rotors of 127 mm or more.
+- A height offset of 1 mm changes lift by 1 % at most, at the nearest distance of 50 mm: less than the noise floor.
 - In nine sweeps, a gain drift and a session gain of twice the noise end *unexplained*: both are confounded with the sag and the distance.
 """
 
@@ -188,10 +188,12 @@ def injections(found: list[tuple[Case, Finding, Finding]]) -> str:
     lines.append("| all | | " + " | ".join(sums) + " |")
     lines += [
         "",
-        f"{anyway} of those that abstained are in campaigns that are unexplained anyway. All rows,"
-        " with errors and the coefficient with and without the injection:"
-        " [measured-injections.csv](measured-injections.csv). One line makes a row again:"
-        " `python -m measured --case jirs2024-ceiling-12-inch gain_drift 2`.",
+        (
+            f"{anyway} of those that abstained are in campaigns that are unexplained anyway. All rows,"
+            " with errors and the coefficient with and without the injection:"
+            " [measured-injections.csv](measured-injections.csv). One line makes a row again:"
+            " `python -m measured --case jirs2024-ceiling-12-inch gain_drift 2`."
+        ),
         "",
         "| campaign | without an injection | interval holds the coefficient without it |",
         "|---|---|---|",
