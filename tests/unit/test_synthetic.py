@@ -308,7 +308,7 @@ def demo_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_demo_is_small_and_says_what_it_is(demo_folder: Path) -> None:
-    assert sum(p.stat().st_size for p in demo_folder.rglob("*") if p.is_file()) < 16e6
+    assert sum(p.stat().st_size for p in demo_folder.rglob("*") if p.is_file()) < 24e6
     text = (demo_folder / "campaign.toml").read_text()
     assert tomllib.loads(text)["simulated"] is True
     assert text.startswith("# SIMULATED")
@@ -331,6 +331,33 @@ def test_the_demo_has_its_effect_at_the_ground_only(demo_folder: Path, tmp_path:
     levels = (table["throttle"][far][:, None] == np.array(trial_schedule.THROTTLES)).astype(float)
     exponent = np.linalg.lstsq(np.column_stack([levels, x]), y, rcond=None)[0][-1]
     assert exponent == pytest.approx(2.0, abs=0.6)
+    # the worn battery of the near visits
+    volts, near = table["supply_V"], table["z_m"] < demo.WORN_BELOW_M
+    side = table["boundary"] == "ground"
+    less = volts[side & ~near].mean() - volts[side & near].mean()
+    assert less == pytest.approx(demo.WORN_V, abs=0.01)
+
+
+def test_the_demo_is_the_papers_campaign(demo_folder: Path) -> None:
+    plan = demo.design()
+    stations = {side: np.unique(plan.recorded_m[plan.boundary == side]) for side in table_1.TABLE_1}
+    for side in ("ceiling", "sidewall"):
+        np.testing.assert_allclose(stations[side], table_1.PERCENT_DIAMETER.z_m(side))
+    assert len(stations["ground"]) == 22
+    assert len(plan) == 62 * 4 * demo.VISITS
+    manifest = campaign.load(demo_folder)
+    assert manifest.load_cell.sample_rate == 1000.0
+    assert {u.on for u in manifest.uncertainty} == {"height", "rotor_radius", "rotor_spacing"}
+
+
+def test_its_ceiling_gains_60_percent_at_the_nearest_station_and_the_theory_from_half_a_radius():
+    truth = demo.truths()["ceiling"]
+    z_hat, supply = np.array([0.1, 0.3, 0.5, 1.0]), {"supply_V": np.full(4, 3.9)}
+    ratio = truth.lift_N(z_hat, np.full(4, 0.5), supply) / truth.lift_inf_N[0.5]
+    assert ratio[0] == pytest.approx(1.60, abs=0.005)
+    np.testing.assert_allclose(ratio[2:], [1.112372, 1.030330], atol=1e-6)
+    theory = 0.5 + 0.5 * np.sqrt(1 + 0.125 / z_hat**2)
+    assert ratio[1] < theory[1]
 
 
 def test_the_demo_is_the_same_each_time(demo_folder: Path, tmp_path: Path) -> None:

@@ -36,8 +36,8 @@ from nearlift.randomness import generator
 
 #: Sharpness of a jet's edge.
 EDGE = 6
-#: Size of the stagnation zone, radius from which wall jets slow down, height over which a fountain
-#: loses its air, and of the side wind's layer on the ground; over rotor radius.
+#: Usual size of the stagnation zone, radius from which wall jets slow down, height over which a
+#: fountain loses its air, and of the side wind's layer on the ground; over rotor radius.
 STAGNANT, SPREAD, FOUNTAIN, WALL = 2.0, 2.5, 5.0, 0.5
 #: Share of its air by which a jet gains from the still air around it, within each radius.
 GAINED = 0.06
@@ -69,12 +69,15 @@ class Wake:
     lean : float
         Stream to the right over V r: what tilts the jets.
     blobs : tuple of Blob
+    stagnant : float
+        Radius over which the wall jet reaches its speed, over rotor radius.
     """
 
     scene: Scene
     speed_m_s: float
     lean: float = 0.0
     blobs: tuple[Blob, ...] = ()
+    stagnant: float = STAGNANT
 
     def velocity(self, x_m: FloatArray, y_m: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Components at points, from central differences of the stream functions."""
@@ -119,7 +122,7 @@ class Wake:
                 side = math.copysign(1.0, centre_m)
                 apart = np.maximum(side * x_m / r, 0.0) + height**2 / FOUNTAIN
                 height = height * apart / np.maximum(np.hypot(height, apart), 1e-12)
-            wall = 4 * height * slow * rho2 / np.sqrt(rho2 + STAGNANT**2)
+            wall = 4 * height * slow * rho2 / np.sqrt(rho2 + self.stagnant**2)
             m = _smaller(m, wall)
         gained = 1 + GAINED * (np.hypot(y_m / r, 1) - y_m / r + 2 * np.sqrt(rho2)) / 2
         result: FloatArray = (
