@@ -53,13 +53,13 @@ value = "0.1 mm"
 scope = "boundary"
 
 [[uncertainty]]
-name  = "rotor radius"
+name  = "radius"
 on    = "rotor_radius"
 value = "0.1 mm"
 scope = "campaign"
 
 [[uncertainty]]
-name  = "rotor spacing"
+name  = "spacing"
 on    = "rotor_spacing"
 value = "0.3 mm"
 scope = "campaign"
