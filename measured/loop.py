@@ -89,8 +89,8 @@ def diagnosed(campaign: Campaign, data: Observations) -> Finding:
     parts, options = budget.components(campaign), Options()
     ground, library, _ = set_up(data, base, parts, options)
     decided = decide(ground, True, options.false_alarm_rate)
-    answer, stage = decided.answer, decided.answer.stage
-    floor = noise.floor(stage.data, stage.noise, stage.slope)
+    answer, problem = decided.answer, decided.answer.problem
+    floor = noise.floor(problem.data, problem.noise, problem.slope)
     before = after = None
     if decided.scored is not None:
         error = confirmation.error(answer, decided.scored, floor)
@@ -99,7 +99,7 @@ def diagnosed(campaign: Campaign, data: Observations) -> Finding:
     name, c = next(iter(coefficients.answers(answer, declared).estimates().after.items()))
     return Finding(
         verdict=answer.verdict,
-        effects=tuple((e.name, tuple(e.rivals)) for e in named_effects(stage, answer)),
+        effects=tuple((e.name, tuple(e.rivals)) for e in named_effects(problem, answer)),
         before=before,
         after=after,
         floor=float(floor),
