@@ -85,7 +85,7 @@ class Place:
         return Place(self.evidence, self.product, (*self.path, *path))
 
     def every(self, *path: str | int) -> list[Place]:
-        """The places of all that stands below one, a list or an object, in order."""
+        """The places of all entries below one, a list or an object, in order."""
         place = self.at(*path)
         within = place.content or ()
         return [place.at(k) for k in (range(len(within)) if isinstance(within, list) else within)]

@@ -18,7 +18,7 @@ from nearlift.stages.fit import RESULTS
 
 #: So many lines of structure, and of silent effects, are shown.
 LINES = 12
-#: More parameters than this (a gain for every session) are told by their range.
+#: More parameters than this (a gain for every session) are shown by their range.
 PARAMETERS = 3
 #: Nearer to a bound than this part of the allowed range, a parameter is at it.
 AT_BOUND = 1e-6

@@ -18,7 +18,7 @@ from nearlift.rounding import fixed, like, plain
 from nearlift.stages.fit import FIT
 from nearlift.stages.flow import DOWNWASH, FLOW, FLOW_TOPOLOGY
 
-#: What the paper says, and what of it stands; tests recompute every number.
+#: Statements of the paper and their check; tests recompute every number.
 CLAIMS = (
     (
         "22 % less downwash near the ceiling (ẑ = 2)",

@@ -75,7 +75,7 @@ def grouped(
     together: dict[str, list[Degeneracy]] = {}
     for d in degeneracies:
         first, second = d.pair
-        # pairs of the model's own coefficients, and what cannot be told apart at all, stand alone
+        # pairs of the model's own coefficients, and what is not identifiable, have a sentence each
         alone = second in parameters or (d.u_if_free is None and not second.startswith(LEVEL))
         together.setdefault(
             f"{first} {second}" if alone else LEVEL if second.startswith(LEVEL) else second, []

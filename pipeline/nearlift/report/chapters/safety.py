@@ -9,7 +9,7 @@ from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
 from nearlift.stages.simulate import SAFETY
 
-#: Assumptions on the loss of lift of the two pairs of rotors beside a wall.
+#: Assumptions on the loss of lift of the two pairs of rotors next to a wall.
 ROLLS = {
     "near_pair_only": "the near pair alone loses lift",
     "same_law": "both pairs lose by one law, each over its own gap",

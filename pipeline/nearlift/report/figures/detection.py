@@ -170,15 +170,15 @@ def _range(ax: Any, rows: Rows) -> None:
         )
     ax.set_ylim(bottom=0)
     somewhere = distinct(rows["case"][np.isfinite(rows["y"])])
-    nowhere = [c for c in distinct(rows["case"]) if c not in somewhere]
+    undetected = [c for c in distinct(rows["case"]) if c not in somewhere]
     if not somewhere:
         ax.set_ylim(0, 1)
-        words_alone(ax, "nowhere")
-    elif nowhere:
+        words_alone(ax, "not detected")
+    elif undetected:
         ax.text(
             0.96,
             0.04,
-            "\n".join(["nowhere with", *nowhere]),
+            "\n".join(["not detected with", *undetected]),
             transform=ax.transAxes,
             ha="right",
             va="bottom",

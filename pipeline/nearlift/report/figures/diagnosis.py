@@ -80,7 +80,7 @@ CANDIDATES = 8
 COEFFICIENTS = 2
 #: And so many of the conditions on which it would be another.
 DOUBTS = 3
-#: The axis reaches so many standard deviations of a trial before; trials beyond stand at its edge.
+#: Reach of the axis in standard deviations of a trial; trials beyond are ticks at its edge.
 REACH = 3.2
 COLUMNS = (
     *("panel", "letter", "part", "kind", "when", "covariate", "series", "label", "note", "unit"),
@@ -121,7 +121,7 @@ MEANT = {"named": "named", "rival": "rival", "worse": "accepted"}
 BESIDE, PANEL = 4.5, 0.29
 #: A floor lower than this part of its axis has its number above it.
 BENEATH = 1 / 6
-#: Behind numbers that stand on a line.
+#: Behind numbers on a line.
 PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.2}
 
 
@@ -266,7 +266,7 @@ def candidates(diagnosis: BoundaryDiagnosis) -> list[LoopNumber]:
     listed = ranked(diagnosis)
     shown = listed[:CANDIDATES]
     if listed and not any("+" not in c.tried.name for c in shown):
-        # beside pairs, the best of those that stand alone shows why one is not enough
+        # the best single effect shows why one is not enough
         shown = [*shown[:-1], next((c for c in listed if "+" not in c.tried.name), shown[-1])]
     return [
         LoopNumber(
@@ -636,7 +636,7 @@ def _block(part: SubFigure, block: Rows, look: Style, named: bool) -> None:
 
 
 def _two_lines(block: Rows) -> bool:
-    """Whether the residuals stand above what follows from them, and not beside it."""
+    """Whether the residuals have a line of their own."""
     residuals = distinct(where(block, part="residual")["letter"])
     return "candidate" in block["part"] or len(residuals) > 1
 
@@ -838,7 +838,7 @@ def _draw_error(ax: Axes, rows: Rows) -> None:
             zorder=3,
         )
     top = 1.3 * float(np.nanmax([floor, *values, *high]))
-    # numbers stand above what they belong to, the floor's beneath its line if that leaves it room
+    # numbers are above their mark, the floor's below its line if there is room
     numbers, places = [*values, floor], [*np.fmax(values, high), floor]
     for i, (value, at) in enumerate(zip(numbers, places, strict=True)):
         if np.isfinite(value):
@@ -854,7 +854,7 @@ def _draw_error(ax: Axes, rows: Rows) -> None:
 
 
 def _draw_coefficients(ax: Axes, rows: Rows) -> Axes:
-    """Each coefficient's intervals, one beside the other; the leftmost axes are handed back."""
+    """Each coefficient's intervals, next to each other; returns the leftmost axes."""
     names = distinct(rows["label"])
     figure, place = ax.get_figure(), ax.get_subplotspec()
     axes = [ax]

@@ -1,5 +1,5 @@
 """Profile likelihoods of the base models' coefficients, a panel each, their intervals marked, with
-the parabola that a standard uncertainty stands for.
+the parabola that a standard uncertainty implies.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ from nearlift.report.figures.style import (
 )
 from nearlift.stages.simulate import CRASH_RATES, SAFETY
 
-#: A rate of zero has no place on a logarithmic axis: it stands at half a crash.
+#: A rate of zero is drawn at half a crash, since the axis is logarithmic.
 FLOOR = 0.5
 COST = SERIES[1][0]
 #: Where the vehicle touches, and nearer.

@@ -55,7 +55,7 @@ class Style:
     simulated: bool = False
 
 
-#: Okabe and Ito's colours that stand out on white, each with its own marker, so that greyscale
+#: Okabe and Ito's colours that are clear on white, each with its own marker, so that greyscale
 #: keeps them apart.
 SERIES = (
     ("#0072B2", "o"),
@@ -67,7 +67,7 @@ SERIES = (
 )
 #: Size of each series' symbols over the style's.
 NESTED = (1.3, 1.15, 1.0, 0.85, 0.7, 0.6)
-#: Theory in grey and black, told apart by dashes.
+#: Theory in grey and black, with different dashes.
 REFERENCES = (
     ("#555555", (0, (5, 2))),
     ("#111111", (0, (1, 1.2))),
@@ -208,7 +208,7 @@ def headed(panels: Sequence[str]) -> list[str]:
 def note(
     ax: Axes, text: str, at: tuple[float, float], apart: tuple[float, float], **more: Any
 ) -> None:
-    """Small words beside a place, so many points apart from it."""
+    """Small words near a place, so many points away from it."""
     small = matplotlib.rcParams["legend.fontsize"]
     ax.annotate(text, at, apart, textcoords="offset points", fontsize=small, **more)
 

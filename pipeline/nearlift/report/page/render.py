@@ -19,7 +19,7 @@ from nearlift.report.phrases import along
 from nearlift.report.registry import CHAPTERS, PARTS, Chapter
 from nearlift.report.tables import spoken, typeset
 
-#: The part that stands open.
+#: The part that is open.
 FIRST = "verdict"
 NAMES = {"ground": "Ground", "ceiling": "Ceiling", "sidewall": "Sidewall"}
 
