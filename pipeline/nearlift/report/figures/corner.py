@@ -6,8 +6,8 @@ import itertools
 import re
 from typing import Any
 
-import corner
 import numpy as np
+from corner.core import corner_impl
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
@@ -110,7 +110,7 @@ def draw(table: Rows, look: Style) -> Figure:
         low, high = drawn.min(axis=0), drawn.max(axis=0)
         # a parameter without spread still has a place
         room = np.where(reach > 0, 0.0, 1e-3 * np.maximum(np.abs(centre), 1e-6))
-        corner.corner(
+        corner_impl(
             drawn,
             fig=block,
             labels=[_label(n) for n in names[boundary]],
