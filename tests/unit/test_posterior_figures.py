@@ -26,8 +26,6 @@ NOT_ASKED = {
     **dict.fromkeys(("degeneracies", "excluded", "undeclared", "heights"), ()),
     **{key: {} for key in ("L_inf_N", "profiles", "would_halve")},
     "covariance": {"names": ["K_b"], "values": [[0.01]]},
-    "dof": 10,
-    "n_trials": 11,
 }
 
 

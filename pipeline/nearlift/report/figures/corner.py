@@ -57,7 +57,9 @@ def summarise(evidence: Evidence) -> Columns:
 
 def caption(evidence: Evidence, table: Columns) -> str:
     """Caption, numbers included."""
-    parts = ["Posterior of each base model: histograms of the draws; contours hold 50, 90 and 99 %."]
+    parts = [
+        "Posterior of each base model: histograms of the draws; contours hold 50, 90 and 99 %."
+    ]
     for boundary in evidence.boundaries:
         drawn = draws(evidence, boundary)
         model, fit = evidence.base(boundary)
@@ -124,7 +126,9 @@ def draw(table: Rows, look: Style) -> Figure:
             label_kwargs={"fontsize": look.text_pt},
             quiet=True,
         )
-        block.subplots_adjust(left=0.32 / len(names[boundary]) + 0.08, bottom=0.2, top=0.9, wspace=0.16)
+        block.subplots_adjust(
+            left=0.32 / len(names[boundary]) + 0.08, bottom=0.2, top=0.9, wspace=0.16
+        )
         block.suptitle(title, fontsize=look.text_pt, x=0.02, ha="left")
         for ax in block.axes:
             ax.tick_params(labelsize=look.text_pt - 1.5, labelrotation=0)
