@@ -33,6 +33,8 @@ from nearlift.readers.files import content_of, inside, is_packed
 from nearlift.readers.guarded import Malformed
 from nearlift.units import NUMBER
 
+#: Largest compressed schedule, unpacked, bytes.
+MOST_BYTES = 8 << 20
 #: Cells without a value, in lower case.
 BLANK = ("", "nan", "na", "n/a", "none", "null", "-")
 #: Categories of invisible characters: control, direction, ends of lines.
@@ -240,7 +242,11 @@ def text_of(path: Path) -> str:
         remedy = "the schedule lists every trial; name it under [trials] file = ..."
         raise InputRefused(str(path), "is missing", remedy)
     try:
-        content = guarded.run(content_of, path) if is_packed(path) else content_of(path)
+        packed = is_packed(path)
+        content = guarded.run(content_of, path, MOST_BYTES + 1) if packed else content_of(path)
+        if packed and len(content) > MOST_BYTES:
+            what = f"holds more than {MOST_BYTES >> 20} MB"
+            raise InputRefused(str(path), what, "unpack it: no schedule has so many trials")
         return content.decode("utf-8-sig")
     except Malformed as fault:
         raise InputRefused(str(path), str(fault), "save the schedule as CSV") from None

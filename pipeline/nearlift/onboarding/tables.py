@@ -141,7 +141,11 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
     if path.stat().st_size > MOST_BYTES:
         return None
     try:
-        content = guarded.run(content_of, path) if is_packed(path) else content_of(path)
+        length = MOST_BYTES + 1
+        packed = is_packed(path)
+        content = guarded.run(content_of, path, length) if packed else content_of(path, length)
+        if len(content) > MOST_BYTES:
+            return None
         layout = sniff(content, str(path), text.given(dialect))
         lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
         width = len(layout.names)
