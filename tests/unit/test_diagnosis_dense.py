@@ -402,7 +402,7 @@ def test_what_is_accepted_and_what_is_possible(stage, tried, names):
         for confirmed in (False, True):
             judged = dataclasses.replace(e, confirmed=confirmed)
             assert judged.accepted == (confirmed and needed and not at_bound)
-            assert judged.eligible_as_rival == e.possible
+            assert judged.eligible_as_rival == e.eligible_as_rival
 
 
 def test_a_second_look_is_for_what_accounts_for_nearly_all_and_plainly(stage, tried):
