@@ -188,12 +188,12 @@ def test_a_posterior_unlike_least_squares_says_why():
     ratio, why = said(2.0, normal(0.0, 1.2))
     assert ratio == pytest.approx(0.5, abs=0.02)
     assert (
-        "the 90 % interval of a is 0.5 times as wide as that of least squares, probably because the"
+        "the 90 % interval of a is 0.5 times the width by least squares, probably because the"
         " prior narrows it" in why
     )
     assert "the bound -2 cuts it off" in said(2.0, uniform(-100, 100), (-2.0, 100.0))[1]
-    assert "the curve is not straight" in said(2.0, uniform(-100, 100))[1]
-    assert "the curve is not straight" in said(0.5, normal(0.0, 1.2))[1]
+    assert "the model is not linear" in said(2.0, uniform(-100, 100))[1]
+    assert "the model is not linear" in said(0.5, normal(0.0, 1.2))[1]
     assert np.isnan(said(np.nan, uniform(-100, 100))[0])
 
 

@@ -181,14 +181,12 @@ def compare_with_fit(
     ]
     if ratio < NARROW and prior.width90 < CLOSE * wide:
         reasons.append("the prior narrows it")
-    reasons = reasons or [
-        "the curve is not straight over the interval, as least squares takes it for"
-    ]
+    reasons = reasons or ["the model is not linear there"]
     name = prior.parameter.name
     return (
         ratio,
         (
-            f"the 90 % interval of {name} is {ratio:.2g} times as wide as that of least squares,"
+            f"the 90 % interval of {name} is {ratio:.2g} times the width by least squares,"
             f" probably because {' and '.join(reasons)}; see its profile"
         ),
     )
