@@ -4,6 +4,8 @@ import csv
 import json
 
 import pytest
+from tests.unit import small_run
+from tests.unit.small_run import nearlift, state
 
 from nearlift.campaign import manifest as manifests
 from nearlift.planning.plans import draw
@@ -12,9 +14,6 @@ from nearlift.results.design import DesignOutlook
 from nearlift.results.document import as_json, typed
 from nearlift.results.explanation import EffectAccount
 from nearlift.schedule import read_schedule
-
-from . import small_run
-from .small_run import nearlift, state
 
 PLAN = """
 [design]

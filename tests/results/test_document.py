@@ -9,6 +9,7 @@ from typing import Annotated
 
 import pytest
 from pydantic import Field
+from tests.unit import verdicts
 
 from nearlift.errors import ProductError
 from nearlift.results import Estimate, Noise
@@ -18,8 +19,6 @@ from nearlift.results.fit import FitResults
 from nearlift.results.quotation import Results
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
-
-from . import verdicts
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

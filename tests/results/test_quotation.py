@@ -9,6 +9,8 @@ import math
 
 import numpy as np
 import pytest
+from tests.unit import verdicts
+from tests.unit.simulated import campaign
 
 from nearlift import catalogue
 from nearlift.fit.estimator import Estimator
@@ -18,9 +20,6 @@ from nearlift.results.document import as_json, typed
 from nearlift.results.quotation import Results, ends
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, RESULTS
-
-from . import verdicts
-from .simulated import campaign
 
 KEYS = {
     "value",

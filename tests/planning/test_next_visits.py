@@ -5,6 +5,7 @@ import json
 
 import numpy as np
 import pytest
+from tests.unit import small_run
 
 from nearlift import schedule as schedules
 from nearlift.errors import InputRefused, UsageError
@@ -15,8 +16,6 @@ from nearlift.results.next_visits import NextVisits
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.forecasts import next_rows, next_visits
 from nearlift.stages.ingest import TRIALS
-
-from . import small_run
 
 
 def test_the_words_say_where_to_stop_and_what_is_given_up():
