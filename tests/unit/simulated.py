@@ -94,10 +94,10 @@ def restated(explanation, **fields):
     if "log_evidence" in fields:
         log = fields.pop("log_evidence")
         over = evidence.over_none
-        evidence = dataclasses.replace(evidence, as_printed=log, uncertain=log, unnamed=log - over)
+        evidence = dataclasses.replace(evidence, exact=log, discrepant=log, unnamed=log - over)
     if "over_none" in fields:
         unnamed = evidence.log - fields.pop("over_none")
         evidence = dataclasses.replace(evidence, unnamed=unnamed)
-    own = {n: fields.pop(n) for n in ("as_printed", "uncertain", "plausibility") if n in fields}
+    own = {n: fields.pop(n) for n in ("exact", "discrepant", "plausibility") if n in fields}
     evidence = dataclasses.replace(evidence, **own)
     return dataclasses.replace(explanation, evidence=evidence, **fields)

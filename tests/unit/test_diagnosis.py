@@ -710,7 +710,7 @@ def test_what_cannot_be_told_apart_stands_beside_what_is_named(null_stage):
     )
     assert listed(singles) == [("warm_up",), ("supply_sag",)]
     # an uncertain form may cost what the effect as printed does not, or the other way
-    for reading in ("as_printed", "uncertain"):
+    for reading in ("exact", "discrepant"):
         either = restated(singles[2], **{reading: 0.0})
         assert set(listed((singles[0], either))) == {("supply_sag",), ("air_density",)}
     # what is likelier than nothing, if not by enough to be named, is a rival and never the name;
@@ -903,7 +903,7 @@ def test_an_uncertain_form_does_not_make_a_straight_line_likelier():
         set_up(dataclasses.replace(data, lift_N=data.lift_N + drift), GROUND, (), Options())[0]
     )
     own = next(e for e in answer.singles if e.name == "zero_drift")
-    assert own.evidence.as_printed > own.evidence.uncertain
+    assert own.evidence.exact > own.evidence.discrepant
     assert own.evidence.over_none > reference_trends.log_evidence(answer.problem, own)
     # alone, so that the trials tell of its form
     assert answer.accepted == (own.without_rivals(),)

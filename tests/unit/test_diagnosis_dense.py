@@ -171,7 +171,7 @@ def test_log_evidence_is_that_of_unit_information_beside_nothing_added(stage, tr
             # one unknown more each: how much sessions differ, and how far the gain wanders
             unknowns = len(paying) + bool(len(session)) + bool(reading.random_walk_gain)
             logs.append(-0.5 * (chi2_ + volume + prior + unknowns * np.log(stage.data.n)))
-        assert [e.evidence.as_printed, e.evidence.uncertain] == pytest.approx(logs, rel=1e-6)
+        assert [e.evidence.exact, e.evidence.discrepant] == pytest.approx(logs, rel=1e-6)
         expected = np.logaddexp(*logs) - np.log(2)
         assert e.evidence.log == pytest.approx(expected, rel=1e-6), e.name
         assert e.evidence.over_none == pytest.approx(expected - stage.unnamed, rel=1e-6, abs=1e-5)
@@ -188,7 +188,7 @@ def test_without_rivals_a_form_is_as_uncertain_as_the_trials_say(tried):
     e = tried["supply_sag"]
     bent = e.fitted.candidate.form_discrepancy(e.fitted.vector, e.form_sd)
     for odds in (1e-3, 1.0, 50.0):
-        known = restated(e, as_printed=0.0, uncertain=np.log(odds))
+        known = restated(e, exact=0.0, discrepant=np.log(odds))
         columns = known.without_rivals().nuisances["form of supply_sag"]
         expected = max(odds / (1 + odds), LEAST_SHARE) * bent @ bent.T
         np.testing.assert_allclose(columns @ columns.T, expected, atol=1e-12 * expected.max())

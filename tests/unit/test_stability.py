@@ -228,7 +228,7 @@ def test_the_trials_that_decide_whether_there_is_a_name_are_tried(sagging):
     stage = replace(answer.problem)
 
     def of(over_none, against=False, **of_test):
-        evidence = replace(first.evidence, unnamed=0.0, as_printed=over_none, uncertain=over_none)
+        evidence = replace(first.evidence, unnamed=0.0, exact=over_none, discrepant=over_none)
         name = replace(first, evidence=evidence, **of_test)
         # trials that speak for the name, or against it
         other = spoken_for(first.fitted, {7: 3.0, 9: 1.0})
@@ -278,8 +278,8 @@ def test_trials_that_keep_a_rival_in_the_set_or_outside_are_tried(sagging, withi
     behind = RIVAL_MAX_2LNB / 2 + (-4.0 if within else 4.0)
     evidence = replace(
         first.evidence,
-        as_printed=first.evidence.as_printed - behind,
-        uncertain=first.evidence.uncertain - behind,
+        exact=first.evidence.exact - behind,
+        discrepant=first.evidence.discrepant - behind,
         unnamed=-1e3,
     )
     # the trial speaks for what the set is with it
@@ -376,7 +376,7 @@ def test_a_shortlist_holds_what_may_come_first_without_a_trial(sagging):
         """Whether one that trails the name, or nothing at all, by so much is on it."""
         best = first.evidence.log if named else answer.problem.unnamed + CREDIT
         log = best - behind
-        evidence = replace(first.evidence, as_printed=log, uncertain=log)
+        evidence = replace(first.evidence, exact=log, discrepant=log)
         fitted = spoken_for(first.fitted if named else answer.problem.base_fit, gains or {})
         (effect,) = first.fitted.candidate.effects
         candidate = replace(first.fitted.candidate, effects=(replace(effect, name="another"),))

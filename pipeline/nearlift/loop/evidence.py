@@ -26,27 +26,28 @@ from nearlift.results import IntArray
 CREDIT = 2.0
 
 
-def mean_evidence(as_printed: FloatArray | float, uncertain: FloatArray | float) -> FloatArray:
-    """Log of the mean of two readings' evidence, which are given as logarithms; nan of a fit that
-    has no value at some trial.
+def mean_evidence(exact: FloatArray | float, discrepant: FloatArray | float) -> FloatArray:
+    """Log of the mean evidence of both form models, given as logarithms.
+
+    It is nan for a fit that has no value at some trial.
     """
     with np.errstate(invalid="ignore"):
-        return np.asarray(np.logaddexp(as_printed, uncertain) - np.log(2.0))
+        return np.asarray(np.logaddexp(exact, discrepant) - np.log(2.0))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExplanationEvidence:
     """Log evidence of an explanation, in natural logarithms.
 
-    `as_printed` takes its form as exact, `uncertain` as discrepant. Both use unit information, so
+    `exact` is with an exact form, `discrepant` with a discrepant one. Both use unit information, so
     that the width of a declared prior does not matter; they decide which explanations belong to the
     set. `unnamed` is the evidence of the null: the base model, with a random-walk gain if that is
     likelier. `plausibility` uses the declared priors and is the mean over both forms; it ranks the
     set.
     """
 
-    as_printed: float
-    uncertain: float
+    exact: float
+    discrepant: float
     unnamed: float
     plausibility: float
 
@@ -55,12 +56,12 @@ class ExplanationEvidence:
         """A log score on visits left out, relative to the base model's, in the place of all: it
         knows of no prior and no form.
         """
-        return cls(as_printed=score, uncertain=score, unnamed=0.0, plausibility=score)
+        return cls(exact=score, discrepant=score, unnamed=0.0, plausibility=score)
 
     @property
     def log(self) -> float:
         """Log of the mean evidence of both forms."""
-        return float(mean_evidence(self.as_printed, self.uncertain))
+        return float(mean_evidence(self.exact, self.discrepant))
 
     @property
     def over_none(self) -> float:
@@ -69,12 +70,12 @@ class ExplanationEvidence:
 
     @property
     def form_share(self) -> float:
-        """Probability that the form is uncertain rather than as printed."""
-        return float(np.exp(self.uncertain - np.logaddexp(self.as_printed, self.uncertain)))
+        """Probability that the form is discrepant rather than exact."""
+        return float(np.exp(self.discrepant - np.logaddexp(self.exact, self.discrepant)))
 
     def min_log_bayes_factor(self, other: ExplanationEvidence) -> float:
         """Log Bayes factor over another explanation: the smaller of both form models."""
-        return min(self.as_printed - other.as_printed, self.uncertain - other.uncertain)
+        return min(self.exact - other.exact, self.discrepant - other.discrepant)
 
 
 class RandomEffectsWhitener:

@@ -222,10 +222,10 @@ class DesignPower:
                     np.take_along_axis(left, pick, 0)[0],
                 )
         names = list(by_name)
-        # (effects, 2, draws) by both readings, and (effects, draws) by the priors
+        # (effects, 2, draws) by both form models, and (effects, draws) by the priors
         every = np.stack([by_name[n][0] for n in names])
-        readings, order = every[:, :2], every[:, 2]
-        table = mean_evidence(readings[:, 0], readings[:, 1]) - none
+        by_form, order = every[:, :2], every[:, 2]
+        table = mean_evidence(by_form[:, 0], by_form[:, 1]) - none
         gain = structure - np.stack([by_name[n][1] for n in names])
         accepted = (
             (table > CREDIT)
@@ -233,7 +233,7 @@ class DesignPower:
             & problem.explains_enough(gain, structure - self._basis.shape[1])
         )
         best = np.where(accepted, table, -np.inf).argmax(axis=0)
-        leads = np.take_along_axis(readings, best[None, None], 0) - readings
+        leads = np.take_along_axis(by_form, best[None, None], 0) - by_form
         # once one may be named, others stand beside it by their evidence alone
         member = accepted.any(axis=0) & (table > 0) & (2 * leads.min(axis=1) <= RIVAL_MAX_2LNB)
         leader = np.where(accepted & member, order, -np.inf).argmax(axis=0)
@@ -268,7 +268,7 @@ class DesignPower:
         ).T
         jacobian, waves = basis.T @ fitted.jacobian, basis.T @ self.problem.waves
 
-        def reading(form_discrepancy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def evidence(form_discrepancy: FloatArray) -> tuple[FloatArray, FloatArray]:
             here = Linearised(
                 fitted=fitted, jacobian=jacobian, form_discrepancy=basis.T @ form_discrepancy
             )
@@ -280,8 +280,8 @@ class DesignPower:
                 scores
             ).log_likelihood + random_walk_gain
 
-        printed, uncertain = reading(form_discrepancy[:, :0]), reading(form_discrepancy)
-        return np.stack([printed[0], uncertain[0], mean_evidence(printed[1], uncertain[1])])
+        exact, discrepant = evidence(form_discrepancy[:, :0]), evidence(form_discrepancy)
+        return np.stack([exact[0], discrepant[0], mean_evidence(exact[1], discrepant[1])])
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
         """Chi2 of a fit in its declared form, for each draw of the noise, (m,)."""

@@ -223,7 +223,7 @@ class SearchProblem:
         random_walk_gain: float = 0.0,
         basis: FloatArray | None = None,
     ) -> LinearFit:
-        """A fit with its form uncertain by `form_sd` and a `random_walk_gain` of that size.
+        """A fit with its form discrepant by `form_sd` and a `random_walk_gain` of that size.
 
         Its coordinates begin with those of an orthonormal `basis` (n, d), the hypotheses' if None,
         and span all columns of the fit.
@@ -257,16 +257,17 @@ class SearchProblem:
             self.options.false_alarm_rate,
         )
 
-    def least_without_each(self, reading: LinearFit) -> FloatArray:
-        """The smallest log10 p of the whole test on what a reading leaves without each trial, to
-        first order, (n,).
+    def least_without_each(self, linear_fit: LinearFit) -> FloatArray:
+        """Smallest log10 p of the whole test on a linear fit's residuals without each trial, (n,).
+
+        It is to first order.
         """
-        left = reading.left
+        left = linear_fit.left
         hypotheses = structure.mapped(self.hypotheses[0], left.whiten)
         _, stacked, ranks = structure.bases(hypotheses, left.removed)
         if not len(ranks):
             return np.zeros(self.data.n)
-        return structure.least_log10_p(reading.without_each.T, stacked, ranks)
+        return structure.least_log10_p(linear_fit.without_each.T, stacked, ranks)
 
     def left_by(self, e: Explanation) -> Structure:
         """Test for structure on the residuals of an explanation, computed if it was not yet."""
@@ -292,53 +293,53 @@ class SearchProblem:
         return self.tested(likeliest)
 
     def linear_fits(self, fitted: Fitted, form_sd: float) -> tuple[LinearFit, LinearFit]:
-        """A fit with an exact form, and with one uncertain by `form_sd`.
+        """Linear fits with an exact form, and with one discrepant by `form_sd`.
 
         Each has the likeliest random-walk gain.
         """
-        uncertain = self.linearised(fitted, form_sd, basis=self.common)
+        discrepant = self.linearised(fitted, form_sd, basis=self.common)
         certain = dataclasses.replace(
-            uncertain.here, form_discrepancy=uncertain.here.form_discrepancy[:, :0]
+            discrepant.here, form_discrepancy=discrepant.here.form_discrepancy[:, :0]
         )
-        printed = dataclasses.replace(uncertain, here=certain)
-        return self.with_random_walk_gain(printed), self.with_random_walk_gain(uncertain)
+        exact = dataclasses.replace(discrepant, here=certain)
+        return self.with_random_walk_gain(exact), self.with_random_walk_gain(discrepant)
 
-    def with_random_walk_gain(self, reading: LinearFit) -> LinearFit:
+    def with_random_walk_gain(self, linear_fit: LinearFit) -> LinearFit:
         """The fit with the likeliest random-walk gain, if that exceeds its penalty.
 
         Its coordinates begin with the `common` ones.
         """
-        left, here = reading.left_by_unit_information, reading.here
+        left, here = linear_fit.left_by_unit_information, linear_fit.here
         random_walk_gain = likeliest(
             left.scores[:, 0], left.residual(self.waves_in_common), self.data.n
         )
         if not random_walk_gain:
-            return reading
+            return linear_fit
         form_discrepancy = np.hstack(
             [here.form_discrepancy, random_walk_gain * left.embed(self.waves_in_common)]
         )
         return dataclasses.replace(
-            reading,
+            linear_fit,
             here=dataclasses.replace(here, form_discrepancy=form_discrepancy),
             random_walk_gain=random_walk_gain,
         )
 
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
-        """A fit whose form is uncertain by `form_sd`, what it leaves not yet tested."""
-        printed, uncertain = self.linear_fits(fitted, form_sd)
+        """Explanation of a fit with form discrepant by `form_sd`, its residuals not tested yet."""
+        exact, discrepant = self.linear_fits(fitted, form_sd)
         gain = self.gain(fitted, form_sd)
         return Explanation(
             fitted=fitted,
             form_sd=form_sd,
-            random_walk_gain=uncertain.random_walk_gain,
+            random_walk_gain=discrepant.random_walk_gain,
             left=None,
             gain=gain,
             needed=all(bool(self.explains_enough(gain - g, self.excess - g)) for g in without),
             evidence=ExplanationEvidence(
-                as_printed=self.log_evidence(printed),
-                uncertain=self.log_evidence(uncertain),
+                exact=self.log_evidence(exact),
+                discrepant=self.log_evidence(discrepant),
                 unnamed=self.unnamed,
-                plausibility=float(mean_evidence(printed.plausibility, uncertain.plausibility)),
+                plausibility=float(mean_evidence(exact.plausibility, discrepant.plausibility)),
             ),
         )
 
@@ -383,7 +384,7 @@ class SearchProblem:
         return 1.0 + max(self.excess - e.gain, 0.0) / float(self.hypotheses[1].shape[1])
 
     @cached_property
-    def base_reading(self) -> LinearFit:
+    def base_linear_fit(self) -> LinearFit:
         """The base model alone."""
         return self.linearised(self.base_fit, 0.0)
 
@@ -400,8 +401,8 @@ class SearchProblem:
     @cached_property
     def nothing_added(self) -> tuple[Structure, float]:
         """The test on what the base model alone leaves, and its log evidence."""
-        return self.remaining(self.base_reading.left), self.log_evidence(self.base_reading)
+        return self.remaining(self.base_linear_fit.left), self.log_evidence(self.base_linear_fit)
 
-    def log_evidence(self, reading: LinearFit) -> float:
+    def log_evidence(self, linear_fit: LinearFit) -> float:
         """Log evidence by unit information, with the penalty for a random-walk gain."""
-        return reading.log - bic_penalty(reading.random_walk_gain, self.data.n)
+        return linear_fit.log - bic_penalty(linear_fit.random_walk_gain, self.data.n)

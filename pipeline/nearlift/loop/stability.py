@@ -126,17 +126,17 @@ def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
     problem = answer.problem
     if problem.independent or not problem.hypotheses[0]:
         return ()
-    tests = [(problem.base_reading, [answer.first])]
+    tests = [(problem.base_linear_fit, [answer.first])]
     first = likeliest(answer)
     if first and first.left:
-        reading = problem.linearised(first.fitted, first.form_sd, first.random_walk_gain)
+        linear_fit = problem.linearised(first.fitted, first.form_sd, first.random_walk_gain)
         marginal = replace(first.left, threshold=problem.null.threshold(LACK_OF_FIT_P))
-        tests.append((reading, [first.left, marginal]))
+        tests.append((linear_fit, [first.left, marginal]))
     beyond = np.max(
         [
             (least - test.threshold) * (1 if test.present else -1)
-            for reading, of_it in tests
-            for least in [problem.least_without_each(reading)]
+            for linear_fit, of_it in tests
+            for least in [problem.least_without_each(linear_fit)]
             for test in of_it
         ],
         axis=0,
