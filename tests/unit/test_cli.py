@@ -320,6 +320,16 @@ def test_a_defect_is_not_dressed_up_as_a_refusal(raw, tmp_path, monkeypatch):
     assert isinstance(nearlift("run", raw, "--out", tmp_path).exception, ZeroDivisionError)
 
 
+@pytest.mark.parametrize("end", ["2>&-", "2>/dev/full"])
+def test_a_stderr_that_is_closed_or_full_is_no_failure(raw, tmp_path, end):
+    if "full" in end and not Path("/dev/full").exists():
+        pytest.skip("this system has no /dev/full")
+    words = [sys.executable, "-P", "-c", "from nearlift.cli import main; main()"]
+    command = shlex.join([*words, "ingest", str(raw), "--out", str(tmp_path)])
+    assert subprocess.run(f"exec {command} {end}", shell=True, check=False).returncode == 0
+    assert (tmp_path / "processed/small/trials.parquet").is_file()
+
+
 def test_a_closed_pipe_is_no_refusal(monkeypatch):
     """`nearlift describe | head`: nobody listens any more, so nothing more is said."""
 
