@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import shutil
 import time
@@ -15,7 +16,7 @@ from tests.unit import small_run
 
 from nearlift.planning.question import VisitQuestion
 from nearlift.run.watch import watch
-from nearlift.stages import STAGES
+from nearlift.stages import STAGES, looks
 
 from .client import Client, served
 
@@ -42,7 +43,7 @@ def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         os.utime(record, (time.time() - 3600,) * 2)
     asked = VisitQuestion.parsed("K_b", until=0.05)
     stages = [s for s in STAGES if s.name in ("ingest", "reduce", "fit", "diagnose")]
-    next(watch(raw, root, "serial", 0, stages=stages, asked=asked))
+    next(watch(raw, root, stages, "serial", 0, functools.partial(looks.look, asked)))
     reports = root / "reports" / "small"
     reports.mkdir(parents=True, exist_ok=True)
     (reports / "index.html").write_text(REPORT)

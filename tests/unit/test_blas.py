@@ -19,19 +19,19 @@ import sys
 import numpy
 from threadpoolctl import threadpool_info, threadpool_limits
 import nearlift
-from nearlift.stages import reduce
+from nearlift.stages import lift_change
 
 def threads():
     return {p["filepath"]: p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"}
 
-def watched(job, run=reduce.run):
+def watched(*inputs, made=lift_change.lift_change, **named):
     import scipy.linalg
     print(max(threads().values()))
-    return run(job)
+    return made(*inputs, **named)
 
 before = set(threads())
 threadpool_limits(3, "blas")
-reduce.run = watched
+lift_change.lift_change = watched
 nearlift.load(*sys.argv[1:], executor="serial").reduce()
 print(*{threads()[path] for path in before})
 """

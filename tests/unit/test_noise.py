@@ -7,6 +7,7 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pydantic
 import pytest
 
 from nearlift import catalogue
@@ -37,7 +38,7 @@ def estimate(data: Observations, **how) -> Noise:
     )
     mean = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(THETA)])
     slope = how.pop("slope", problem.height_slope(THETA))
-    lacking, source = noise.curves(data)
+    lacking, source = noise.saturated_mean_columns(data)
     return noise.estimate(
         data,
         np.log(data.lift_N) - problem.log_ratio(THETA) + how.pop("added", 0.0),
@@ -59,7 +60,7 @@ def test_what_a_model_may_lack_has_no_scale():
     )
     mean = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(THETA)])
     target = np.log(data.lift_N) - problem.log_ratio(THETA)
-    curves, _ = noise.curves(data)
+    curves, _ = noise.saturated_mean_columns(data)
     one, other = (
         noise.estimate(data, target, mean, [scale * c for c in curves], problem.height_slope(THETA))
         for scale in (1.0, 1e-6)
@@ -376,10 +377,13 @@ def test_without_revisits_the_scatter_is_about_the_model_and_says_so():
 
 
 def test_a_block_of_a_product_is_the_noise():
-    told = estimate(campaign(4, visits=4))
-    again = Noise.recorded(told.record())
-    assert (again.relative, again.drift, again.dof) == (told.relative, told.drift, told.dof)
-    assert told.record()["drift"] == pytest.approx(np.sqrt(np.sum(np.square(told.drift))))
+    noise_of_trials = estimate(campaign(4, visits=4))
+    adapter = pydantic.TypeAdapter(Noise)
+    block = adapter.dump_python(noise_of_trials, by_alias=True)
+    again = adapter.validate_python(block)
+    for size in ("relative", "drift", "dof"):
+        assert getattr(again, size) == getattr(noise_of_trials, size)
+    assert block["drift"] == pytest.approx(np.sqrt(np.sum(np.square(noise_of_trials.drift))))
 
 
 def test_exact_numbers_still_have_a_covariance():

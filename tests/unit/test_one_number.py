@@ -75,7 +75,12 @@ def test_the_page_says_one_number(job, quoted):
 def test_every_document_says_one_number(job, quoted):
     c = quoted.coefficients["K_b"]
     value, low, high = (like(x, c.u) for x in (c.value, c.lo90, c.hi90))
-    for name in ("methods.md", "methods.tex", "tables/coefficients.tex"):
+    (row,) = re.findall(
+        r"& \$K_b\$ & (.*?) & [^&]*\\\\", (job.reports / "tables/coefficients.tex").read_text()
+    )
+    cells = [rf"\num{{{x}}}" for x in (value, low, high)]
+    assert [cell for cell in row.split(" & ") if cell != row.split(" & ")[1]] == cells
+    for name in ("methods.md", "methods.tex"):
         text = (job.reports / name).read_text()
         assert set(SAID.findall(text)) == {value}, name
         assert f"{low} to {high}" in text or rf"\numrange{{{low}}}{{{high}}}" in text

@@ -93,9 +93,8 @@ def html(table: Table, heading: Markup | str | None = None) -> Markup:
 def latex(table: Table, about: str) -> str:
     r"""The table for a paper; needs ``\usepackage{booktabs, siunitx}``."""
     style = _shown(table, _in_latex, escaped)
-    kinds = [
-        isinstance(v, Number | int | np.integer) for v in table.frame[list(table.shown)].iloc[0]
-    ]
+    first = table.frame[list(table.shown)].head(1).to_dict("records") or [dict(table.shown)]
+    kinds = [isinstance(v, Number | int | np.integer) for v in first[0].values()]
     text = style.to_latex(hrules=True, column_format="".join("lr"[k] for k in kinds))
     return f"% {' '.join(about.split())}\n% \\usepackage{{booktabs, siunitx}}\n{text}"
 
@@ -191,7 +190,10 @@ def coefficients(evidence: Evidence) -> Table:
             )
     return Table(
         caption=f"Coefficients to quote, from {RESULTS.file}; standard uncertainties (k = 1)",
-        frame=pd.DataFrame(rows),
+        frame=pd.DataFrame(
+            rows,
+            columns=[*DESCRIBED, *COEFFICIENT],
+        ),
         shown={
             "boundary": "boundary",
             "base_model": "model",
@@ -206,6 +208,7 @@ def coefficients(evidence: Evidence) -> Table:
     )
 
 
+DESCRIBED = ("boundary", "base_model", "verdict", "effects", "parameter", "unit")
 COEFFICIENT = (
     *("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95"),
     *("at_bound", "holds"),
