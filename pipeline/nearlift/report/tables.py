@@ -93,8 +93,10 @@ def html(table: Table, heading: Markup | str | None = None) -> Markup:
 def latex(table: Table, about: str) -> str:
     r"""The table for a paper; needs ``\usepackage{booktabs, siunitx}``."""
     style = _shown(table, _in_latex, escaped)
-    first = table.frame[list(table.shown)].head(1).to_dict("records") or [dict(table.shown)]
-    kinds = [isinstance(v, Number | int | np.integer) for v in first[0].values()]
+    rows = table.frame[list(table.shown)].to_numpy(dtype=object)
+    kinds = [
+        isinstance(v, Number | int | np.integer) for v in (rows[0] if len(rows) else table.shown)
+    ]
     text = style.to_latex(hrules=True, column_format="".join("lr"[k] for k in kinds))
     return f"% {' '.join(about.split())}\n% \\usepackage{{booktabs, siunitx}}\n{text}"
 
