@@ -295,7 +295,7 @@ def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     assert others | {"flow", "report"} <= set(ran)
     assert ran.index("flow") < ran.index("report")
     assert (tmp_path / "reports/small/fig3.png").is_file()
-    drawn = list(csv.DictReader((tmp_path / "reports/small/downwash.csv").open()))
+    drawn = list(csv.DictReader((tmp_path / "reports/small/downwash.csv").read_text().splitlines()))
     measured = [r for r in drawn if r["kind"] == "measured"]
     assert measured
     assert all(float(r["lo90_percent"]) < float(r["hi90_percent"]) for r in measured)
