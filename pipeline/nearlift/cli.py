@@ -237,8 +237,8 @@ def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> No
     if cuts:
         call.answers("campaigns", cutting.answers(files, call.out))
         return
-    found = [inspect(file, dialect_of(dialect)) for file in files]
-    call.answers("files", [(shown.as_json(one), shown.described(one)) for one in found])
+    inspections = [inspect(file, dialect_of(dialect)) for file in files]
+    call.answers("files", [(shown.as_json(one), shown.described(one)) for one in inspections])
 
 
 def dialect_of(text: str) -> dict[str, object]:

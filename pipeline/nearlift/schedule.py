@@ -670,9 +670,9 @@ def _offset(campaign: Campaign, side: Boundary) -> float:
         return offset
     if side != "sidewall":
         what = f"the rotor axis is no datum for the {side}: it is at right angles to it"
-        own = '{ ground = "rotor plane", sidewall = "rotor axis" }'
+        example = '{ ground = "rotor plane", sidewall = "rotor axis" }'
         raise ManifestError(
-            "rig.distance_datum", what, f"give each boundary its own, such as {own}"
+            "rig.distance_datum", what, f"give each boundary its own, such as {example}"
         )
     if abs(offset + r) > 0.1 * r:
         what = f"is {1e3 * offset:g} mm at the sidewall, measured from the rotor axis"

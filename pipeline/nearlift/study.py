@@ -320,7 +320,7 @@ def trials(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class StudyAnswer:
     """Answer of a study.
 
     Attributes
@@ -347,7 +347,7 @@ class Answer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Reduction(Answer):
+class Reduction(StudyAnswer):
     """Trials reduced to cells.
 
     Attributes
@@ -395,7 +395,7 @@ class Reduction(Answer):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ByBoundary(Answer, Generic[Entry]):
+class ByBoundary(StudyAnswer, Generic[Entry]):
     """Answer with an entry for each boundary."""
 
     boundaries: Mapping[Boundary, Entry] = field(repr=False)
@@ -506,16 +506,16 @@ class Fit(ByBoundary[BoundaryFit]):
         lmfit = library("lmfit")
         wanted = self[boundary].base_model if model is None else model
         fit, declared = self[boundary][wanted], catalogue.model(wanted)
-        found = lmfit.Parameters()
+        parameters = lmfit.Parameters()
         for name, c in fit.coefficients.items():
             low, high = declared.parameter(name).bounds
-            found.add(name, value=c.value, min=low, max=high)
-            found[name].stderr = c.u
+            parameters.add(name, value=c.value, min=low, max=high)
+            parameters[name].stderr = c.u
         for (a, b), r in _correlations(fit.covariance.names, fit.covariance.values).items():
-            if a in found and b in found:
-                found[a].correl = (found[a].correl or {}) | {b: r}
-                found[b].correl = (found[b].correl or {}) | {a: r}
-        return found
+            if a in parameters and b in parameters:
+                parameters[a].correl = (parameters[a].correl or {}) | {b: r}
+                parameters[b].correl = (parameters[b].correl or {}) | {a: r}
+        return parameters
 
     def to_arviz(self, boundary: str, model: str | None = None) -> Any:
         """Posterior draws as ArviZ's InferenceData.
@@ -632,7 +632,7 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finished(Answer):
+class Finished(StudyAnswer):
     """Finished run: the report, and the stages that ran for it."""
 
     report: Path
@@ -665,8 +665,8 @@ def _correlations(names: Any, values: Any, scaled: bool = False) -> dict[tuple[s
 
 
 def _correlation_lines(names: Any, values: Any, scaled: bool = False) -> list[str]:
-    found = _correlations(names, values, scaled)
-    large = {pair: r for pair, r in found.items() if abs(r) > MIN_CORRELATION}
+    correlations = _correlations(names, values, scaled)
+    large = {pair: r for pair, r in correlations.items() if abs(r) > MIN_CORRELATION}
     ordered = sorted(large, key=lambda pair: -abs(large[pair]))
     return [f"    C({a}, {b}) = {large[a, b]:+.3f}" for a, b in ordered]
 

@@ -21,7 +21,8 @@ from nearlift.campaign import parsing
 from nearlift.errors import NearliftError
 from nearlift.readers import lvm, stands, text
 from nearlift.readers.guarded import Malformed
-from nearlift.readers.piv import DIALECTS, Setting, to_si
+from nearlift.readers.piv import DIALECTS, Setting
+from nearlift.readers.velocity_fields import to_si
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import reduce_record
 from nearlift.schedule import read_schedule

@@ -12,7 +12,8 @@ import pytest
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers import piv
-from nearlift.readers.piv import DIALECTS, Setting, claimed_by, dialect_of, read
+from nearlift.readers.piv import DIALECTS, Setting, claimed_by, dialect_of
+from nearlift.readers.velocity_fields import read
 
 SHARED = Path(__file__).parents[3] / "shared" / "data" / "piv-samples"
 measured = pytest.mark.skipif(

@@ -65,10 +65,10 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
     (script,) = files.values()
     text = script.read_text(encoding="utf-8", errors="replace")
     parts = SWEEP.split(text)[1:]
-    found = [(k, *row) for k, part in enumerate(parts, 1) for row in ROW.findall(part)]
-    if not found:
+    points = [(k, *row) for k, part in enumerate(parts, 1) for row in ROW.findall(part)]
+    if not points:
         raise InputRefused(str(script), "has no sweeps np.array((...))", "it is another file")
-    write(found, folder, name)
+    write(points, folder, name)
 
 
 def write(points: list[Point], folder: Path, name: str) -> None:

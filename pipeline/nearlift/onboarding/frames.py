@@ -35,15 +35,15 @@ def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
         "throttle": ("throttle", "fraction"),
         "humidity": ("humidity", "fraction"),
     }
-    found = {}
+    columns = {}
     for column in map(str, frame.columns):
         if column in inside:
-            found[column] = inside[column]
+            columns[column] = inside[column]
         elif column not in OF_TRIALS:
-            found[column] = _with_unit(column)
-    if "z_hat" in frame and "distance" not in {name for name, _ in found.values()}:
-        found["z_hat"] = ("distance", RADII)
-    named = {name for name, _ in found.values()}
+            columns[column] = _with_unit(column)
+    if "z_hat" in frame and "distance" not in {name for name, _ in columns.values()}:
+        columns["z_hat"] = ("distance", RADII)
+    named = {name for name, _ in columns.values()}
     for name in NEEDED:
         if name not in named:
             example = {"distance": "z_m", "lift": "lift_N"}.get(name, name)
@@ -52,7 +52,7 @@ def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
                 f"there is no column of the {name}",
                 did_you_mean(example, list(map(str, frame.columns))) or f"name it {example!r}",
             )
-    return found
+    return columns
 
 
 def _with_unit(column: str) -> tuple[str, str]:

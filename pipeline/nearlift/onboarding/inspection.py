@@ -17,7 +17,7 @@ from nearlift import readers
 from nearlift.errors import InputRefused
 from nearlift.onboarding import grids, meaning, tables
 from nearlift.onboarding.grids import Grid
-from nearlift.onboarding.tables import Table
+from nearlift.onboarding.tables import InputTable
 from nearlift.readers import guarded
 from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
 from nearlift.readers.dialect import NoNames
@@ -54,7 +54,7 @@ class Inspection:
     columns: tuple[str, ...] = ()
     dialect: RecordsDialect = field(default_factory=dict)
     grid: Grid | None = None
-    table: Table | None = None
+    table: InputTable | None = None
 
     @functools.cached_property
     def ramp(self) -> Ramp | None:
@@ -263,11 +263,11 @@ def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
     """Whether the stricter and faster reader of plain CSV reads the same numbers."""
     wanted = {c.name: c for c in (force, clock) if c is not None}
     try:
-        found = CSV.open(path, {}, tuple(wanted)).channels
+        channels = CSV.open(path, {}, tuple(wanted)).channels
     except InputRefused:
         return False
-    return {c.name for c in found} == set(wanted) and all(
-        np.array_equal(c.values, wanted[c.name].values, equal_nan=True) for c in found
+    return {c.name for c in channels} == set(wanted) and all(
+        np.array_equal(c.values, wanted[c.name].values, equal_nan=True) for c in channels
     )
 
 

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 from nearlift.errors import InputRefused, UsageError
 from nearlift.onboarding import manifest
 from nearlift.onboarding.inspection import COVARIATES, Inspection, inspect
-from nearlift.onboarding.tables import ProposedSchedule, Table, table_of
+from nearlift.onboarding.tables import InputTable, ProposedSchedule, table_of
 from nearlift.readers import parquet
 from nearlift.readers.base import RecordsDialect
 from nearlift.readers.text import CSV, TEXT
@@ -165,7 +165,7 @@ def _within(folder: Path, notes: list[str]) -> list[Path]:
     return taken
 
 
-def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path], Table | None]:
+def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path], InputTable | None]:
     """The records, and the table that lists them where one of the files is that."""
     for path in files:
         others = [other for other in files if other is not path]
@@ -176,7 +176,7 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
 
 
 def _schedule(
-    inspected: Sequence[Inspection], trials: Sequence[str], table: Table | None
+    inspected: Sequence[Inspection], trials: Sequence[str], table: InputTable | None
 ) -> tuple[ProposedSchedule, list[str]]:
     """The schedule of these records, and what else it wants."""
     swept = inspected[0].ramp is not None

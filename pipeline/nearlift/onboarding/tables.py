@@ -29,7 +29,7 @@ MOST_REPEATS = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Table:
+class InputTable:
     """A text table: names, cells with decimal points, and the place and unit of each column of a
     schedule.
     """
@@ -136,7 +136,7 @@ class ProposedSchedule:
     ordered: bool = True
 
 
-def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
+def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
     """A file as such a table; None where it is none, or is too large for one."""
     if path.stat().st_size > MOST_BYTES:
         return None
@@ -165,7 +165,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> Table | None:
         f"{name} ({unit})" if unit and not meaning.named(name)[1] else name
         for name, unit in zip(layout.names, layout.units, strict=True)
     ]
-    return Table(names=layout.names, rows=rows, meant=columns_meant(names, rows))
+    return InputTable(names=layout.names, rows=rows, meant=columns_meant(names, rows))
 
 
 def columns_meant(

@@ -36,8 +36,10 @@ def built_in(name: str) -> Reader:
     """The built-in reader of that name, its module imported now."""
     file, _, value = BUILT_IN[name].partition(".")
     module = importlib.import_module(f"{__name__}.{file}")
-    found: Reader = module.READERS[name] if file == "stands" else getattr(module, value or "READER")
-    return found
+    reader: Reader = (
+        module.READERS[name] if file == "stands" else getattr(module, value or "READER")
+    )
+    return reader
 
 
 @functools.cache

@@ -57,27 +57,27 @@ def _parts(cell: str) -> tuple[float, int, float] | None:
     again (0: never); None where the cell is no time.
     """
     plain = cell.strip(" \t[]()")
-    found = _TIME.fullmatch(plain)
-    if found is None and "T" in plain:
+    match = _TIME.fullmatch(plain)
+    if match is None and "T" in plain:
         # ISO 8601 without its signs
         with contextlib.suppress(ValueError):
-            found = _TIME.fullmatch(datetime.datetime.fromisoformat(plain).isoformat())
+            match = _TIME.fullmatch(datetime.datetime.fromisoformat(plain).isoformat())
     # two numbers without a fraction may be hours and minutes
-    if found is None or not (found["hour"] or found["fraction"]):
+    if match is None or not (match["hour"] or match["fraction"]):
         return None
-    hour, minute = int(found["hour"] or 0), int(found["minute"])
-    if found["half"]:
-        hour = hour % 12 + 12 * (found["half"].lower() == "p")
-    second = float(f"{found['second']}.{found['fraction'] or 0}")
+    hour, minute = int(match["hour"] or 0), int(match["minute"])
+    if match["half"]:
+        hour = hour % 12 + 12 * (match["half"].lower() == "p")
+    second = float(f"{match['second']}.{match['fraction'] or 0}")
     if hour > 23 or minute > 59 or second >= 61:
         return None
     zone = 0.0
-    if found["zone"] and found["zone"][0] in "+-":
-        sign = math.copysign(1.0, float(found["zone"][0] + "1"))
-        zone = sign * (HOUR_S * int(found["zone"][1:3]) + 60 * int(found["zone"][-2:]))
+    if match["zone"] and match["zone"][0] in "+-":
+        sign = math.copysign(1.0, float(match["zone"][0] + "1"))
+        zone = sign * (HOUR_S * int(match["zone"][1:3]) + 60 * int(match["zone"][-2:]))
     of_day = HOUR_S * hour + 60 * minute + second - zone
     try:
-        day = datetime.date.fromisoformat(found["date"] or "")
+        day = datetime.date.fromisoformat(match["date"] or "")
     except ValueError:
-        return of_day, 0, DAY_S if found["hour"] else HOUR_S
+        return of_day, 0, DAY_S if match["hour"] else HOUR_S
     return of_day, day.toordinal(), 0.0

@@ -168,8 +168,8 @@ def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[s
     pattern, listing = campaign.records.pattern, campaign.trials.file
     form = re.escape(pattern)
     form = form.replace(re.escape(MARK), "(?P<trial>.+)", 1).replace(re.escape(MARK), "(?P=trial)")
-    found = root.glob(glob.escape(pattern).replace(MARK, "*"))
-    there = {name for path in found if (name := source_of(root, path)) != listing}
+    paths = root.glob(glob.escape(pattern).replace(MARK, "*"))
+    there = {name for path in paths if (name := source_of(root, path)) != listing}
     wanted = {pattern.replace(MARK, trial): trial for trial in trials}
     other = sorted(
         name

@@ -127,8 +127,8 @@ class Guarded:
             late = not self._link.poll(self.wall_s)
             if not late:
                 answer = self._link.recv_bytes(LONGEST_ANSWER + 4096)
-                found: tuple[type[Exception] | None, Any] = _Unpickler(io.BytesIO(answer)).load()
-                return found
+                outcome: tuple[type[Exception] | None, Any] = _Unpickler(io.BytesIO(answer)).load()
+                return outcome
         except Exception:
             # a process that closes its end takes a moment to end
             with contextlib.suppress(subprocess.TimeoutExpired):

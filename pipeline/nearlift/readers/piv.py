@@ -11,21 +11,18 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import KW_ONLY, dataclass, field
-from functools import partial
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from nearlift import units
-from nearlift.campaign.piv import Piv, PivCase
 from nearlift.declare import BoolArray, FloatArray
 from nearlift.errors import InputRefused, ManifestError, did_you_mean
-from nearlift.flow.field import VelocityField, masked, on_grid, orient
 from nearlift.readers import guarded
 from nearlift.readers.base import library
-from nearlift.readers.files import content_of, head_of, inside, source_of
+from nearlift.readers.files import content_of, head_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.hdf5 import MAGIC, datasets
 from nearlift.readers.mat import V5, V73
@@ -119,7 +116,7 @@ class Header:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Dialect:
+class GridDialect:
     """One outside format: its name in ``[piv] format``, and a title for the catalogue.
 
     `recognises` judges a file by its first bytes; no two dialects claim one file. `header` is that
@@ -617,7 +614,7 @@ def _stated_unit(variable: Any) -> str | None:
 # ---- the table of dialects
 
 DIALECTS = (
-    Dialect(
+    GridDialect(
         name="insight",
         title="TSI Insight .vec",
         recognises=lambda head: (
@@ -625,26 +622,26 @@ DIALECTS = (
         ),
         header=insight,
     ),
-    Dialect(
+    GridDialect(
         name="davis",
         title="LaVision DaVis text",
         recognises=lambda head: head.startswith(b"#DaVis"),
         header=davis,
     ),
-    Dialect(
+    GridDialect(
         name="openpiv",
         title="OpenPIV text, with or without header",
         recognises=_is_openpiv,
         header=openpiv,
     ),
-    Dialect(name="pivlab", title="PIVlab ASCII chart", recognises=_is_pivlab, header=pivlab),
-    Dialect(
+    GridDialect(name="pivlab", title="PIVlab ASCII chart", recognises=_is_pivlab, header=pivlab),
+    GridDialect(
         name="dantec",
         title="Dantec DynamicStudio export, CSV or TAB",
         recognises=lambda head: head.lstrip().startswith(DANTEC_HEADER.encode()),
         header=dantec,
     ),
-    Dialect(
+    GridDialect(
         name="pivlab_mat",
         title="PIVlab MATLAB file, version 5 or 7.3",
         recognises=lambda head: (
@@ -652,7 +649,7 @@ DIALECTS = (
         ),
         fields=pivlab_fields,
     ),
-    Dialect(
+    GridDialect(
         name="netcdf",
         title="netCDF in pivpy's layout",
         recognises=lambda head: (
@@ -663,7 +660,7 @@ DIALECTS = (
 )
 
 
-def dialect_of(name: str) -> Dialect:
+def dialect_of(name: str) -> GridDialect:
     """The dialect of that name; `ManifestError` with the nearest if there is none."""
     known = {d.name: d for d in DIALECTS}
     if name not in known:
@@ -675,7 +672,7 @@ def dialect_of(name: str) -> Dialect:
     return known[name]
 
 
-def claimed_by(path: Path) -> Dialect:
+def claimed_by(path: Path) -> GridDialect:
     """The one dialect that claims a file; `InputRefused` where none does, or more than one."""
     head = head_of(path, HEAD)
     if head[:2] in (b"\xff\xfe", b"\xfe\xff"):
@@ -696,10 +693,10 @@ def claimed_by(path: Path) -> Dialect:
     )
 
 
-# ---- fields
+# ---- fields as they are in a file
 
 
-def raws(path: Path, dialect: Dialect) -> Iterator[Raw]:
+def raws(path: Path, dialect: GridDialect) -> Iterator[Raw]:
     """The fields of one file as they are in it; `InputRefused` as by the dialect's own reader, or
     where that crashed or came to a limit.
     """
@@ -728,172 +725,3 @@ def some_fields(name: str, path: Path, first: int) -> tuple[list[Raw], bool]:
         fields.append(raw)
         size += sum(np.asarray(a).nbytes for a in (raw.x, raw.y, raw.u, raw.v, raw.good))
     return fields, False
-
-
-def read(
-    path: Path, setting: Setting | None = None, format_name: str | None = None
-) -> Iterator[VelocityField]:
-    """The fields of one file in SI, in the file's own axes; `InputRefused` where it cannot be read,
-    or holds no velocities in known units.
-    """
-    dialect = claimed_by(path) if format_name is None else dialect_of(format_name)
-    for i, raw in enumerate(raws(path, dialect)):
-        yield to_si(raw, setting or Setting(), f"{path}, field {i + 1}" if i else str(path))
-
-
-def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
-    """A field in SI on its grid, in the file's own axes; NaN where there is no vector.
-
-    Raises
-    ------
-    InputRefused
-        A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame
-        time; every vector is zero or missing; the grid is not rectangular and even.
-    """
-    length = _one(raw.length_unit, setting.length_unit, "length_unit", '"mm"', where)
-    example = '"m/s" (or "px/frame")'
-    velocity = _one(raw.velocity_unit, setting.velocity_unit, "velocity_unit", example, where)
-    per_length = _length(length, raw, setting, where)
-    per_velocity = _velocity(velocity, raw, setting, where)
-    u, v = np.asarray(raw.u, dtype=float), np.asarray(raw.v, dtype=float)
-    nothing = (u == 0) & (v == 0)
-    if len(u) and nothing.all():
-        raise InputRefused(
-            where,
-            "every vector is zero",
-            f"an export that took the mask for validity? {_AGAIN}",
-        )
-    good = raw.good & np.isfinite(u) & np.isfinite(v) & ~nothing
-    if not good.any():
-        raise InputRefused(
-            where,
-            f"none of its {len(u)} vectors is valid",
-            "check the mask and the flags of the export",
-        )
-    columns = [np.where(good, per_velocity * u, np.nan), np.where(good, per_velocity * v, np.nan)]
-    if raw.noise is not None:
-        columns.append(np.where(good & (raw.noise > 0), abs(per_velocity) * raw.noise, np.nan))
-    x, y, grids = on_grid(per_length * raw.x, per_length * raw.y, tuple(columns), where)
-    noise = grids[2] if raw.noise is not None else None
-    return VelocityField(x_m=x, y_m=y, vx_m_s=grids[0], vy_m_s=grids[1], u_m_s=noise)
-
-
-def _one(stated: str | None, manifest: str | None, key: str, example: str, where: str) -> str:
-    """The unit of a file or of the manifest; both must agree."""
-    if stated is None and manifest is None:
-        raise InputRefused(
-            where, f"does not say its {key.replace('_', ' ')}", f"add {key} = {example} under [piv]"
-        )
-    if stated is not None and manifest is not None and _plain(stated) != _plain(manifest):
-        raise InputRefused(
-            where,
-            f"says {stated!r} where the manifest's {key} is {manifest!r}",
-            f"leave {key} out, or export in {manifest!r}",
-        )
-    return _plain(stated if stated is not None else manifest or "")
-
-
-def _plain(unit: str) -> str:
-    text = unit.strip().strip("[]()").replace(" ", "").replace("µ", "u")
-    head, _, tail = text.partition("/")
-    head = "px" if head.lower() in PIXEL else head
-    tail = "frame" if tail.lower() in FRAME else tail
-    return f"{head}/{tail}" if tail else head
-
-
-def _length(unit: str, raw: Raw, setting: Setting, where: str) -> float:
-    """Metres in a unit of length, which may be the pixel."""
-    if unit != "px":
-        return _factor(unit, "length", where)
-    scale = raw.scale_m if raw.scale_m is not None else setting.scale_m
-    if scale is None:
-        raise InputRefused(
-            where,
-            "is in pixels, and nothing says how large a pixel is",
-            'add scale = "20 um/px" under [piv]',
-        )
-    return scale
-
-
-def _velocity(unit: str, raw: Raw, setting: Setting, where: str) -> float:
-    """m/s in a unit of velocity, or of displacement between a pair's images."""
-    head, _, tail = unit.partition("/")
-    if tail not in ("frame", ""):
-        if head != "px":
-            return _factor(unit, "velocity", where)
-        return _length(head, raw, setting, where) / _factor(tail, "time", where)
-    length = _length(head, raw, setting, where)
-    frame_time = raw.frame_time_s or setting.frame_time_s
-    if frame_time is None:
-        raise InputRefused(
-            where,
-            f"holds displacements ({unit}), not velocities",
-            'add frame_time = "100 us", the time between a pair\'s images',
-        )
-    return length / frame_time
-
-
-def _factor(unit: str, dimension: str, where: str) -> float:
-    try:
-        return units.to_si(unit, dimension, where)[0]
-    except ManifestError as refusal:
-        raise InputRefused(where, refusal.what, refusal.remedy) from None
-
-
-# ---- cases
-
-
-def files_of(root: Path, case: PivCase) -> list[Path]:
-    """Every file of a case, in the order of the numbers in their names; `ManifestError` where the
-    pattern leads outside the campaign's folder, or matches nothing, `InputRefused` where a file
-    leads outside by a link, or is no regular file.
-    """
-    where = f"piv case {case.name!r}: files"
-    if Path(case.files).is_absolute() or ".." in Path(case.files).parts:
-        raise ManifestError(
-            where,
-            f"{case.files!r} leads outside the campaign's folder",
-            "put the files themselves into the folder",
-        )
-    names = [source_of(root, path) for path in root.glob(case.files) if path.is_file()]
-    if not names:
-        raise ManifestError(
-            where,
-            f"no file matches {case.files!r} in {root}",
-            'write a pattern such as "piv/ground-3.4/*.txt"',
-        )
-    return [inside(root, name, where) for name in sorted(names, key=_natural)]
-
-
-def _natural(name: str) -> list[str | int]:
-    # every second part is a number
-    return [int(part) if i % 2 else part for i, part in enumerate(re.split(r"(\d+)", name))]
-
-
-@dataclass
-class Stream:
-    """The fields of one case, one in memory at a time; `refused` lists files and their reasons."""
-
-    root: Path
-    piv: Piv
-    case: PivCase
-    files: list[Path]
-    refused: list[tuple[str, InputRefused]] = field(default_factory=list)
-
-    def __iter__(self) -> Iterator[VelocityField]:
-        said = partial(self.piv.setting, self.case)
-        setting = Setting(
-            length_unit=said("length_unit"),
-            velocity_unit=said("velocity_unit"),
-            scale_m=said("scale"),
-            frame_time_s=said("frame_time"),
-        )
-        lie = {name: said(name) for name in ("thrust", "across")}
-        lie |= {"origin_m": said("origin"), "v_sign": said("v_sign", 1)}
-        hidden = said("mask", [])
-        for path in self.files:
-            try:
-                for field in read(path, setting, said("format")):
-                    yield masked(orient(field, **lie), hidden)
-            except InputRefused as refusal:
-                self.refused.append((source_of(self.root, path), refusal))

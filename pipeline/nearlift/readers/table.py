@@ -384,11 +384,11 @@ def row_of(line: str, at: str, layout: Layout) -> list[str]:
     if not layout.labels:
         return row
     pairs = [label(cell) for cell in row]
-    found = [pair[0] if pair else "" for pair in pairs]
-    if found != names:
+    labels = [pair[0] if pair else "" for pair in pairs]
+    if labels != names:
         raise InputRefused(
             at,
-            f"is labelled {', '.join(found)}, not {', '.join(names)}",
+            f"is labelled {', '.join(labels)}, not {', '.join(names)}",
             "correct the line, or take the trial out of the schedule",
         )
     return [pair[1] for pair in pairs if pair]

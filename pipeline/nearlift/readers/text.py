@@ -528,9 +528,9 @@ def sheet_contents(path: Path, dialect: RecordsDialect, names: Names) -> Content
     """The columns of numbers of the first sheet, read as the table that it would be as CSV."""
     content, sheets = sheet_of(path)
     said = given({"separator": "comma" if "," in content else "none", **dialect})
-    found = from_text(content.encode(), str(path), said, names)
+    columns = from_text(content.encode(), str(path), said, names)
     left_out = f"; {len(sheets) - 1} more left out" if len(sheets) > 1 else ""
-    return replace(found, kind=f"spreadsheet, sheet {sheets[0]!r}{left_out}")
+    return replace(columns, kind=f"spreadsheet, sheet {sheets[0]!r}{left_out}")
 
 
 TEXT = Reader(

@@ -48,13 +48,13 @@ def run(job: Job) -> Outcome:
     from nearlift.results.fit import FitResults
     from nearlift.stages.diagnoses import diagnose_boundaries
 
-    found = diagnose_boundaries(
+    diagnoses = diagnose_boundaries(
         job.read(TRIALS), job.campaign, job.load(FitResults), job.seed, job.say
     )
-    job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, found.residuals))
-    job.save(found.results)
-    job.save(found.quoted)
-    return Outcome(notes=found.notes)
+    job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, diagnoses.residuals))
+    job.save(diagnoses.results)
+    job.save(diagnoses.quoted)
+    return Outcome(notes=diagnoses.notes)
 
 
 def findings(processed: Path) -> dict[Boundary, BoundaryDiagnosis]:

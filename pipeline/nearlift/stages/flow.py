@@ -120,7 +120,7 @@ FLOW_PRODUCTS = (DOWNWASH, DOWNWASH_PROFILE, FLOW_FIELDS, FLOW_TOPOLOGY, FLOW)
 def inputs(root: Path, campaign: Campaign) -> Inputs:
     """Velocity grids, those of a case under one name: they may be hundreds."""
     from nearlift.readers.files import source_of
-    from nearlift.readers.piv import files_of
+    from nearlift.readers.velocity_fields import files_of
 
     listed = {}
     for case in campaign.piv.case if campaign.piv is not None else ():
@@ -141,13 +141,13 @@ def run(job: Job) -> Outcome:
     """
     from nearlift.stages.wakes import wakes
 
-    found = wakes(job)
-    job.write(DOWNWASH, DOWNWASH.columns_of(found.downwash))
-    job.write(DOWNWASH_PROFILE, tables.stacked(DOWNWASH_PROFILE, found.profiles))
-    job.write(FLOW_FIELDS, tables.stacked(FLOW_FIELDS, found.fields))
-    job.write(FLOW_TOPOLOGY, FLOW_TOPOLOGY.columns_of(found.topology))
-    job.write_json(FLOW, {"schema": FLOW.schema, **found.facts})
-    return Outcome(notes=found.notes)
+    flow_results = wakes(job)
+    job.write(DOWNWASH, DOWNWASH.columns_of(flow_results.downwash))
+    job.write(DOWNWASH_PROFILE, tables.stacked(DOWNWASH_PROFILE, flow_results.profiles))
+    job.write(FLOW_FIELDS, tables.stacked(FLOW_FIELDS, flow_results.fields))
+    job.write(FLOW_TOPOLOGY, FLOW_TOPOLOGY.columns_of(flow_results.topology))
+    job.write_json(FLOW, {"schema": FLOW.schema, **flow_results.facts})
+    return Outcome(notes=flow_results.notes)
 
 
 STAGE = Stage(

@@ -42,8 +42,8 @@ def _tables(root: Path, overlay: Overlay, processed: Path) -> dict[str, Columns]
     """Points by boundary."""
     if overlay.file.endswith(".csv"):
         table = _table(_inside(root, overlay), overlay.file)
-        own = table.pop("boundary")
-        own[own == ""] = overlay.boundary or "ground"
+        boundaries = table.pop("boundary")
+        boundaries[boundaries == ""] = overlay.boundary or "ground"
     else:
         lift = processed / overlay.file / LIFT.file
         if PurePath(overlay.file).name != overlay.file or not lift.is_file():
@@ -54,11 +54,15 @@ def _tables(root: Path, overlay: Overlay, processed: Path) -> dict[str, Columns]
             )
         cells = tables.read_table(lift, LIFT)
         known = np.isfinite(cells["delta_L"]) & np.isfinite(cells["z_hat"])
-        own = cells["boundary"][known]
+        boundaries = cells["boundary"][known]
         named = {"z_hat": "z_hat", "delta_L": "delta_L", "u": "u_delta_L"}
         table = {to: np.asarray(cells[column][known], float) for to, column in named.items()}
-    wanted = [overlay.boundary] if overlay.boundary else sorted(set(own.tolist()))
-    return {b: {n: x[own == b] for n, x in table.items()} for b in wanted if (own == b).any()}
+    wanted = [overlay.boundary] if overlay.boundary else sorted(set(boundaries.tolist()))
+    return {
+        b: {n: x[boundaries == b] for n, x in table.items()}
+        for b in wanted
+        if (boundaries == b).any()
+    }
 
 
 def _inside(root: Path, overlay: Overlay) -> Path:

@@ -16,7 +16,7 @@ from nearlift.flow.doubts import check_plausible, wake_speed_m_s
 from nearlift.flow.downwash import Cut
 from nearlift.flow.field import VelocityField
 from nearlift.flow.scene import Scene
-from nearlift.readers.piv import Stream, files_of
+from nearlift.readers.velocity_fields import Stream, files_of
 from nearlift.run.engine import Job, subprogress
 from nearlift.run.tables import Table
 

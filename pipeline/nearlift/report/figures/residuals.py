@@ -89,14 +89,14 @@ def summarise(evidence: Evidence, every: bool = False) -> Columns:
 
 def _on_paper(evidence: Evidence) -> set[str]:
     """Covariates with a panel on paper."""
-    found = {"z_hat", "throttle_percent", "run_order"}
+    covariates = {"z_hat", "throttle_percent", "run_order"}
     for boundary in evidence.boundaries:
         diagnosis = evidence.diagnosed(boundary)
         data = recorded(evidence.observations[boundary])
         for s in diagnosis.structure if diagnosis else ():
             if s.significant and s.covariate not in ("start", "throttle", "distance"):
-                found |= {name for name in data if name.split("_")[0] == s.covariate}
-    return found
+                covariates |= {name for name in data if name.split("_")[0] == s.covariate}
+    return covariates
 
 
 def residuals(
