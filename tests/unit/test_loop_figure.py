@@ -9,8 +9,8 @@ import pytest
 
 from nearlift.reduction.quality import rejected
 from nearlift.report import registry
+from nearlift.report.figures import covariate_bins, style
 from nearlift.report.figures import diagnosis as loop
-from nearlift.report.figures import style
 from nearlift.report.figures.files import render
 from nearlift.report.registry import FIGURES
 from nearlift.results.diagnosis import BoundaryDiagnosis
@@ -545,7 +545,7 @@ def test_every_word_of_the_findings_can_be_drawn(make_job, word):
     figure = drawn(table)
     # what was not recorded is drawn in run order
     expected = {"tilt": "run_order", "rig_$_colour": "run_order"}.get(
-        word, loop.AXES.get(word, loop.Abscissa(column=word)).column
+        word, covariate_bins.AXES.get(word, covariate_bins.Abscissa(column=word)).column
     )
     assert set(cloud["covariate"].tolist()) == {expected}
     assert figure.axes[0].get_xlabel()
@@ -553,7 +553,7 @@ def test_every_word_of_the_findings_can_be_drawn(make_job, word):
 
 def test_bins_of_time_do_not_straddle_sessions():
     session = np.repeat([0, 1, 2], [50, 30, 100])
-    label = loop.bins_of(
+    label = covariate_bins.bins_of(
         "run_order", np.arange(180.0), np.random.default_rng(0).standard_normal(180), session
     )
     assert all(len(set(session[label == k].tolist())) == 1 for k in set(label.tolist()))

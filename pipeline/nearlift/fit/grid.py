@@ -111,13 +111,13 @@ def grid(density: Density) -> PosteriorGrid:
         if settled:
             break
     points = POINTS[p]
-    found = _at(density, mean, axes, reach, points)
+    posterior = _at(density, mean, axes, reach, points)
     for _ in range(DOUBLINGS):
-        if found.resolved:
+        if posterior.resolved:
             break
         points = 2 * points - 1
-        found = _at(density, mean, axes, reach, points)
-    return found
+        posterior = _at(density, mean, axes, reach, points)
+    return posterior
 
 
 def _at(

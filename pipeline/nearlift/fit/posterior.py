@@ -158,32 +158,32 @@ def _chained(
     """
     least = 0
     while True:
-        found = ensemble.run(
+        chain = ensemble.run(
             density, stream("emcee"), settings.ess, settings.steps, least, progress
         )
-        check = compare(density.problem.names, found.theta, lattice) if lattice else None
+        check = compare(density.problem.names, chain.theta, lattice) if lattice else None
         if not check or not check.failed:
             break
-        if least or 2 * found.steps > settings.steps:
+        if least or 2 * chain.steps > settings.steps:
             raise NotConverged(
                 f"posterior of {density.problem.model.name}",
                 f"emcee and the grid disagree: {check.where}, {check.apart:.1f} Monte Carlo"
                 f" standard errors apart (at most {APART:g})",
-                f"a longer chain may agree: `steps = {4 * found.steps}` in [fit] (now"
+                f"a longer chain may agree: `steps = {4 * chain.steps}` in [fit] (now"
                 f" {settings.steps}); there may be several peaks, or one at a bound",
             )
-        least = 2 * found.steps
+        least = 2 * chain.steps
     return Posterior(
         names=density.problem.names,
-        theta=found.theta,
-        levels_N=levels(density, found.theta, stream("levels")),
-        log_prob=found.log_prob,
+        theta=chain.theta,
+        levels_N=levels(density, chain.theta, stream("levels")),
+        log_prob=chain.log_prob,
         sampler="emcee",
-        ess=found.ess,
-        ess_tail=found.ess_tail,
-        tau=found.tau,
-        acceptance=found.acceptance,
-        steps=found.steps,
+        ess=chain.ess,
+        ess_tail=chain.ess_tail,
+        tau=chain.tau,
+        acceptance=chain.acceptance,
+        steps=chain.steps,
         checks=(check,) if check else (),
     )
 

@@ -14,6 +14,7 @@ from nearlift.readers.files import per_trial
 from nearlift.readers.segments import Segmented
 from nearlift.schedule import read_schedule
 
+Document = dict[str, Any]
 MANIFEST, PICTURE = "campaign.toml", "segments.png"
 
 
@@ -39,7 +40,7 @@ def cuts_document(record: Segmented, rate_Hz: float) -> dict[str, object]:
     }
 
 
-def described(records: list[dict[str, Any]]) -> list[str]:
+def described(records: list[Document]) -> list[str]:
     """A line for each record, and one for each of its pieces."""
     lines = []
     for record in records:
@@ -61,7 +62,7 @@ def described(records: list[dict[str, Any]]) -> list[str]:
     return lines
 
 
-def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[str, Any], str]:
+def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[Document, str]:
     """Cut the records of a campaign, or only these files of it; draw the first ones to
     reports/<name>/segments.png under `out`. Returns the answer as JSON and as text.
 
@@ -123,7 +124,7 @@ def campaign_of(path: Path) -> Path:
     )
 
 
-def answers(paths: Sequence[Path], out: Path) -> list[tuple[dict[str, Any], str]]:
+def answers(paths: Sequence[Path], out: Path) -> list[tuple[Document, str]]:
     """Draw the cuts of each campaign, and of each file as a record of its campaign."""
     wanted: dict[Path, list[Path]] = {}
     for path in paths:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tomlkit
@@ -77,9 +77,9 @@ def write_campaign(
     frame: pd.DataFrame,
     columns: Mapping[str, tuple[str, str]],
     name: str,
-    vehicle: Mapping[str, Any],
+    vehicle: Mapping[str, object],
     held: str,
-    sections: Mapping[str, Mapping[str, Any]],
+    sections: Mapping[str, Mapping[str, object]],
 ) -> Path:
     """Write campaign.toml and trials.csv for a frame of trials; returns the campaign's folder.
 

@@ -161,20 +161,24 @@ def pieces(there: Mapping[str, tuple[Path, int]]) -> Iterator[Piece]:
             trials, size = [], 0
 
 
+def _fits(name: str, pattern: str) -> bool:
+    """Whether a name is the pattern with one trial in all its places."""
+    parts = pattern.split(MARK)
+    length, rest = divmod(len(name) - sum(map(len, parts)), len(parts) - 1)
+    trial = name[len(parts[0]) : len(parts[0]) + length]
+    return length > 0 and rest == 0 and pattern.replace(MARK, trial) == name
+
+
 def unlisted(campaign: Campaign, root: Path, trials: Collection[str]) -> tuple[str, ...]:
     """Notes on files among the records that no trial of the schedule names: a row may be lost, or
     an id mistyped.
     """
     pattern, listing = campaign.records.pattern, campaign.trials.file
-    form = re.escape(pattern)
-    form = form.replace(re.escape(MARK), "(?P<trial>.+)", 1).replace(re.escape(MARK), "(?P=trial)")
     paths = root.glob(glob.escape(pattern).replace(MARK, "*"))
     there = {name for path in paths if (name := source_of(root, path)) != listing}
     wanted = {pattern.replace(MARK, trial): trial for trial in trials}
     other = sorted(
-        name
-        for name in there - wanted.keys()
-        if re.fullmatch(form, name, re.DOTALL) and (root / name).is_file()
+        name for name in there - wanted.keys() if _fits(name, pattern) and (root / name).is_file()
     )
     # a name that differs from a missing one only in case, or in the form of its accents
     missing = {_folded(name): name for name in wanted.keys() - there}

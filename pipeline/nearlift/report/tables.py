@@ -324,17 +324,17 @@ def comparison(evidence: Evidence) -> Table:
 
 def _score(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, object]:
     compared, fits = evidence.fits.comparison[boundary], evidence.fits.boundaries[boundary]
-    base, own = compared.models[compared.reference], compared.models[name]
+    base, score = compared.models[compared.reference], compared.models[name]
     at = Place(evidence, FIT, ("comparison", boundary, "models", name))
     weighed = Place(evidence, FIT, ("boundaries", boundary, name, "log_evidence", "value"))
-    whole = own.visits == base.visits
+    whole = score.visits == base.visits
     over = {
         key: replace(at.number(key), text=f"{own_value - base_value:.1f}".replace("-", "−"))
         if whole and math.isfinite(own_value - base_value)
         else replace(at.number(key), text="–")
         for key, own_value, base_value in (
-            ("aic", own.aic, base.aic),
-            ("bic", own.bic, base.bic),
+            ("aic", score.aic, base.aic),
+            ("bic", score.bic, base.bic),
         )
     }
     gain = fits[name].log_evidence_value - fits[compared.reference].log_evidence_value
@@ -346,14 +346,14 @@ def _score(evidence: Evidence, boundary: Boundary, name: str) -> dict[str, objec
         "model": name,
         "base": name == compared.reference,
         "free": len(fits[name].parameters),
-        "visits": own.visits,
-        "skipped": own.skipped,
-        "elpd": own.elpd,
+        "visits": score.visits,
+        "skipped": score.skipped,
+        "elpd": score.elpd,
         "d_elpd": at.number("d_elpd", places=1),
         "u_d_elpd": at.number("u_d_elpd", places=1),
         "held_out_rmse": at.percent("rmse", places=3),
-        "d_held_out_rmse": own.d_rmse,
-        "u_d_held_out_rmse": own.u_d_rmse,
+        "d_held_out_rmse": score.d_rmse,
+        "u_d_held_out_rmse": score.u_d_rmse,
         **{key: replace(number, how=less) for key, number in over.items()},
         "r2": at.number("r2", places=4),
         "log_evidence": replace(weighed.number(), text=difference, how=less)
