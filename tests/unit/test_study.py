@@ -232,7 +232,6 @@ def test_a_table_of_trials_gives_the_fit_of_its_campaign(study, fit, radii):
         rotor_radius=f"{1e3 * vehicle.rotor_radius} mm",
         rotor_spacing=f"{1e3 * vehicle.rotor_spacing} mm",
         mass="27 g",
-        rig={"gravity": "9.8 m/s^2"},
         fit={"ground": {"rivals": []}},
     )
     found = own.fit()["ground"].base.coefficients["K_b"]

@@ -100,7 +100,13 @@ def write_campaign(
         "schema": "nearlift.campaign/1",
         "name": name,
         "vehicle": {key: value for key, value in vehicle.items() if value is not None},
-        "rig": {"held": held, "distance_datum": "rotor plane", "distance_offset": "0 mm"},
+        # lift is in newton already: gravity only enters simulated flights
+        "rig": {
+            "held": held,
+            "distance_datum": "rotor plane",
+            "distance_offset": "0 mm",
+            "gravity": "9.80665 m/s^2",
+        },
         "records": {"reader": "means"},
         "trials": {"units": units_of},
     }

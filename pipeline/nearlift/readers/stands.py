@@ -54,8 +54,8 @@ class Stand:
 
     name: str
     title: str
-    needs: tuple[str, ...]
-    speeds: str
+    needs: tuple[re.Pattern[str], ...]
+    speeds: re.Pattern[str]
     texts: tuple[str, ...] = ()
 
 
@@ -63,22 +63,27 @@ STANDS = (
     Stand(
         name="rcbenchmark",
         title="RCbenchmark 15xx",
-        needs=("time", "esc signal", "thrust", "voltage"),
-        speeds="motor.*speed.*",
+        needs=(
+            re.compile("time"),
+            re.compile("esc signal"),
+            re.compile("thrust"),
+            re.compile("voltage"),
+        ),
+        speeds=re.compile("motor.*speed.*"),
         texts=("app message",),
     ),
     Stand(
         name="flight-stand",
         title="Tyto Flight Stand v2",
-        needs=("time", r"powertrain \d+ - force fz.*"),
-        speeds=".*rotation speed",
+        needs=(re.compile("time"), re.compile(r"powertrain \d+ - force fz.*")),
+        speeds=re.compile(".*rotation speed"),
         texts=("app message",),
     ),
     Stand(
         name="crazyflie",
         title="Crazyflie system identification",
-        needs=("pwm", "vbat", "weight|thrust"),
-        speeds=r"rpm\d",
+        needs=(re.compile("pwm"), re.compile("vbat"), re.compile("weight|thrust")),
+        speeds=re.compile(r"rpm\d"),
     ),
 )
 
@@ -94,7 +99,7 @@ def _header(head: bytes) -> list[str]:
 
 def _is_of(stand: Stand, head: bytes, name: str = "") -> bool:
     names = [_bare(cell) for cell in _header(head)]
-    return all(any(re.fullmatch(form, name) for name in names) for form in stand.needs)
+    return all(any(form.fullmatch(name) for name in names) for form in stand.needs)
 
 
 def _bare(name: str) -> str:
@@ -129,7 +134,7 @@ def contents(stand: Stand, path: Path, dialect: RecordsDialect, names: Names) ->
         first=2,
         texts=tuple(i for i, name in enumerate(columns) if _bare(name) in stand.texts),
     )
-    turning = tuple(name for name in columns if re.fullmatch(stand.speeds, _bare(name)))
+    turning = tuple(name for name in columns if stand.speeds.fullmatch(_bare(name)))
     also = None if names is None else (*names, *turning)
     file = from_text(content, str(path), UNSTATED, also, layout)
     codes = (*file.codes, *_dead(file.channels, turning))

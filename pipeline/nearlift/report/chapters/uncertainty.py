@@ -39,7 +39,7 @@ TREATMENTS = {
 def budget(evidence: Evidence) -> dict[str, object]:
     """A table for each coefficient to quote, and how errors of height enter."""
     whole = tables.budget(evidence)
-    own = whole.frame["boundary"], whole.frame["coefficient"]
+    boundary, coefficient = whole.frame["boundary"], whole.frame["coefficient"]
     shown = {k: v for k, v in whole.shown.items() if k != "coefficient"}
     return {
         "tables": [
@@ -49,7 +49,11 @@ def budget(evidence: Evidence) -> dict[str, object]:
                 "place": quotation(evidence, b, name),
                 "u": c.u,
                 "table": tables.html(
-                    replace(whole, shown=shown, main=whole.main & (own[0] == b) & (own[1] == name)),
+                    replace(
+                        whole,
+                        shown=shown,
+                        main=whole.main & (boundary == b) & (coefficient == name),
+                    ),
                     tables.typeset(f"{letter(name)}, {b}: {c.estimate}"),
                 ),
                 "badly_known": badly_known(c),
