@@ -13,7 +13,7 @@ RUN_SIZE  := 59 packages, 710 MB,
 DEV_SIZE  := some 110 packages, 1300 MB,
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
-.PHONY: demo measured test lint check mutate bench calibrate docs clean
+.PHONY: demo measured test nightly lint check mutate bench calibrate docs clean
 
 demo: $(READY)            ## the main job on the embedded, simulated campaign; ends with the path of the report
 	$(BIN)/nearlift demo
@@ -23,6 +23,9 @@ measured: $(READY)        ## fetch the public campaigns by digest, run the loop 
 
 test: $(TOOLS)            ## all tests but the slow calibration
 	$(BIN)/pytest -n auto
+
+nightly: $(TOOLS)         ## the tests that are too slow for every change
+	$(BIN)/pytest -n auto -m nightly
 
 lint: $(TOOLS)            ## format, lint, types, layers
 	$(BIN)/ruff check .

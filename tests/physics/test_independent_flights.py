@@ -142,6 +142,7 @@ def fitted(boundary, contact_m, flights, craft=CRAZYFLIE_AS_PRINTED, **chosen):
     return fitted_flights(lift, asked, groups, how, "throttle", craft, 3)[0]
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize(("boundary", "contact_m"), [("ground", 0.024), ("ceiling", 0.002)])
 def test_levels_and_advice_of_a_fitted_vehicle_that_touches(boundary, contact_m):
     """The demo's: levels by Heun's scheme with half the product's step. Each is flown 1,000 times,
@@ -192,6 +193,7 @@ def test_a_sagging_supply_sags_without_a_boundary_too(monkeypatch):
     assert sum(none) > 0
 
 
+@pytest.mark.nightly
 def test_motors_estimator_and_thrust_limit(monkeypatch):
     """Each makes flying near the ground worse, and all together as the equations alone have it."""
     monkeypatch.setattr("nearlift.flight.fitted.ADVISED_FLIGHTS", 100)
