@@ -221,7 +221,7 @@ def new(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect:
     ),
 )
 def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> None:
-    """What a file holds, and the lines for the manifest.
+    """Channels of a file, and the manifest lines that read it.
 
     Channel by channel, with the tables of a manifest that read it: [records] of a record, [piv] of
     a velocity grid, the schedule's units of a table of means.
@@ -305,7 +305,7 @@ data.heading = BEGIN  # type: ignore[attr-defined]
 @terminal.command(data, BEGIN, "data list", name="list")
 @REGISTRY
 def list_data(call: Call, registry: Path | None) -> None:
-    """What there is: name, what was measured, licence, size."""
+    """Names of the data sets, what was measured, licence, size."""
     from nearlift.datasets.registry import OWN, datasets, described
 
     listed = datasets(registry or OWN)

@@ -60,12 +60,12 @@ class Entry:
 
     @property
     def parts(self) -> dict[str, float]:
-        """What each declared component that all of a campaign shares contributes, signed."""
+        """Signed contribution of each stated uncertainty that all trials of a campaign share."""
         shared = (line for line in self.quoted.budget if line.scope in ("boundary", "campaign"))
         return {line.source: math.copysign(line.u, line.sensitivity or 1.0) for line in shared}
 
     def compared(self, shrunk: Estimate | None) -> ComparedCampaign:
-        """What the comparison says of the campaign."""
+        """Row of the campaign in the comparison."""
         c = self.quoted
         return ComparedCampaign(
             campaign=self.campaign,
@@ -139,7 +139,7 @@ def grouped(listed: Sequence[Entry], shared: Sequence[str]) -> tuple[ComparedCoe
 
 
 def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
-    """Of the errors of these entries; what is shared stands off the diagonal too."""
+    """Covariance (n, n) of the errors of these entries; shared errors are off the diagonal too."""
     total: FloatArray = np.diag([e.quoted.u**2 for e in members])
     for name in shared:
         part = np.array([e.parts.get(name, 0.0) for e in members])
@@ -157,7 +157,7 @@ def covariance(members: Sequence[Entry], shared: Sequence[str]) -> FloatArray:
 
 def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignComparison:
     """Write ``reports/comparison/``: comparison.json, forest.pdf, .png and .csv, index.html, and
-    answer what stands in the first.
+    return the content of the first.
     """
     from nearlift.report.figures import forest
     from nearlift.report.page import comparison
@@ -211,7 +211,7 @@ def table(compared: CampaignComparison) -> list[str]:
 
 
 def _remarks(members: Sequence[Entry], p: Population | None) -> tuple[str, ...]:
-    """What to hold against a group: campaigns that are one, and a spread that the prior decides."""
+    """Remarks on a group: equal campaigns, and a spread that depends on its prior."""
     listed = []
     same: dict[tuple[float, float], list[str]] = {}
     for e in members:

@@ -1,4 +1,4 @@
-"""What commands share: their settings, exit codes, progress and answers."""
+"""Settings, exit codes, progress and answers of all commands."""
 
 from __future__ import annotations
 

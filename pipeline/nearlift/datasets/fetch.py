@@ -26,7 +26,7 @@ Convert = Callable[[dict[str, Path], Path, str], None]
 
 
 def cache_folder() -> Path:
-    """Where fetched files are kept: ``NEARLIFT_CACHE``, else the system's place for caches."""
+    """Folder of fetched files: ``NEARLIFT_CACHE``, else the system's place for caches."""
     import pooch
 
     return Path(os.environ.get("NEARLIFT_CACHE") or pooch.os_cache("nearlift"))

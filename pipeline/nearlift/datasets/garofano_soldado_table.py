@@ -88,7 +88,7 @@ def convert(
                 float(row[c]) for c in ("alpha_deg", "beta_deg", "z_m", "Fz_N", "Fz_std_N")
             )
         except ValueError as fault:
-            raise InputRefused(f"{table}, line {number}", str(fault), "mend that cell") from None
+            raise InputRefused(f"{table}, line {number}", str(fault), "correct that cell") from None
         share = math.cos(math.radians(alpha)) * math.cos(math.radians(beta)) if along_axes else 1.0
         # tilted towards each other counts positive
         facing = {"face_to_face": 1, "coplanar": 0, "back_to_back": -1}.get(row["config"])
@@ -111,7 +111,7 @@ def convert(
 
 
 def read(table: Path) -> list[dict[str, str]]:
-    """The table's rows as they stand."""
+    """Rows of the table, unchanged."""
     if not table.is_file():
         raise InputRefused(
             str(table), "is missing", "name the published table, thrust_vs_height.csv"

@@ -1,7 +1,7 @@
 """Pitt-RAS 2017: sweeps of 50 throttles, a file each, as a campaign of means.
 
 Columns, without a header: throttle (fraction), thrust (kgf), supply (V), distance of the rotor to
-the ground (m). The start of a sweep stands in its file's name. At low throttle the stand reads
+the ground (m). The name of a file holds the start of its sweep. At low throttle the stand reads
 little more than its own friction, so trials begin above 0.15.
 """
 

@@ -1,6 +1,4 @@
-"""Which public data there are: read from `registry.toml`, or from a list of one's own in the same
-form.
-"""
+"""List of public data sets, read from `registry.toml` or from another list in the same form."""
 
 from __future__ import annotations
 
@@ -16,7 +14,7 @@ from nearlift.errors import InputRefused, UsageError
 from nearlift.rounding import bytes_text
 
 OWN = Path(__file__).with_name("registry.toml")
-#: What the list says of a file whose digest nobody has worked out.
+#: Digest of a file for which none is known.
 UNKNOWN = "unknown"
 #: Modules of this package that make a campaign of files.
 CONVERTERS = ("crazyflie_stand", "garofano_soldado", "jirs", "pitt_ras", "pitt_ras_older")
@@ -41,7 +39,7 @@ class PublicFile(Section):
     @classmethod
     def _a_name(cls, value: str) -> str:
         if re.search(r"[/\\\0]", value) or value.startswith(".") or not value.isprintable():
-            raise ValueError(f"{value!r} is a path: a plain file name is wanted")
+            raise ValueError(f"{value!r} is a path: give a plain file name")
         return value
 
 

@@ -182,7 +182,7 @@ def design() -> TrialSchedule:
 
 
 def truths() -> dict[Boundary, Truth]:
-    """What is true in the demo."""
+    """Truth of the demo."""
     bench = SimulatedBench()
     far = {throttle: 1e-3 * GRAVITY * grams for throttle, grams in THRUST_GF.items()}
     geometry = {

@@ -32,7 +32,7 @@ STAGNANT_AT_4, STAGNANT_GROWS = 1.6, 0.6
 
 
 def wakes(bench: SimulatedBench) -> dict[str, Wake]:
-    """What is true of each case, by its name."""
+    """Truth of each case, by its name."""
     r, half = bench.radius_m, bench.spacing_m / 2
 
     def scene(boundary: str, z_hat: float, tilt_deg: float = 0.0) -> Scene:

@@ -43,7 +43,7 @@ class SimulatedBench:
 
     `offset_m` is what the manifest declares between datum and rotor plane, `contact_m` where the
     vehicle first touches. `text` is appended to
-    the manifest as it stands (an ``[[uncertainty]]`` table, say).
+    the manifest as it is (an ``[[uncertainty]]`` table, say).
     """
 
     vehicle: str = "Crazyflie 2.0"
@@ -63,7 +63,7 @@ class SimulatedBench:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Simulated:
-    """What is true, trial by trial: distance with the visit's jitter, lift with the trial's noise,
+    """Truth of each trial: distance with the visit's jitter, lift with the trial's noise,
     and lift as the model has it.
     """
 

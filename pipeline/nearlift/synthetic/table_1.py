@@ -98,7 +98,7 @@ class TableReading:
     offset_m: Mapping[Boundary, float]
 
     def recorded_m(self, boundary: Boundary) -> FloatArray:
-        """What the traverse shows at each station, m, nearest first; the datum's offset still wants
+        """Reading of the traverse at each station, m, nearest first; the datum's offset still wants
         adding.
         """
         return np.array(TABLE_1[boundary], dtype=float) * self.unit_m

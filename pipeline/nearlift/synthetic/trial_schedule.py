@@ -121,7 +121,7 @@ def _order(distances: FloatArray, visits: int, rng: np.random.Generator) -> Floa
     """Rounds over all stations, each in a random order; the end of one never meets itself at the
     start of the next.
 
-    A station that stands several times in `distances` is visited so many times a round, and not
+    A station that occurs several times in `distances` is visited so many times a round, and not
     twice running if that can be helped.
     """
     rounds: list[FloatArray] = []
@@ -139,7 +139,7 @@ def _order(distances: FloatArray, visits: int, rng: np.random.Generator) -> Floa
 
 
 def balanced(design: TrialSchedule, *, seed: int) -> TrialSchedule:
-    """The same visits with throttles in Williams's orders: over a few visits each throttle follows
+    """Visits with throttles in Williams's orders: over a few visits each throttle follows
     each other one equally often.
 
     What one trial leaves behind for the next (creep, heat) then falls on all throttles alike.
@@ -177,7 +177,7 @@ def from_both_sides(design: TrialSchedule, *, overshoot_m: float, seed: int) -> 
     station lies on the wrong one.
 
     Adds ``further["via_m"]``, the recorded distance to go to first (nan: go straight). The side is
-    free only between the nearest and the farthest station: nobody is asked to go closer, or
+    free only between the nearest and the farthest station: no visit is closer, or
     farther, than the campaign does anyway.
     """
     rng = generator(seed, "design", "sides")

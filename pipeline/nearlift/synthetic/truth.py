@@ -1,4 +1,4 @@
-"""What is true in a synthetic campaign: a lift model, effects on it, and noise of every kind that a
+"""Truth of a synthetic campaign: a lift model, effects on it, and noise of every kind that a
 bench has.
 """
 
@@ -23,7 +23,7 @@ class BenchNoise:
         White noise of a sample, sd.
     tone_N, tone_Hz : float
         Rotor tone at the largest throttle: amplitude (it grows with lift) and frequency (with the
-        root of lift, as a rotor's does). There is none while the rotors stand.
+        root of lift, as a rotor's does). There is none while the rotors are at rest.
     drift_N : float
         Slow drift of the zero over a record, sd of the change from its head to its end.
     zero_N : float
@@ -54,7 +54,7 @@ class Truth:
     ----------
     model : LiftModel
     parameters : mapping of str to float
-        Of the model; what is left out stands at its declared value.
+        Of the model; a parameter left out has its declared value.
     effects : tuple of (Effect, values)
         What acts besides. An effect whose values are left out does nothing.
     lift_inf_N : mapping of float to float

@@ -59,7 +59,7 @@ class Blob:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wake:
-    """What is true of one case.
+    """Truth of one case.
 
     Attributes
     ----------
@@ -164,7 +164,7 @@ def _on_axis(s: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Camera:
-    """What the picture shows and how badly.
+    """Features of the image and its errors.
 
     Attributes
     ----------

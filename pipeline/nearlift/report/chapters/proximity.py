@@ -66,7 +66,7 @@ def _number(table: Columns, i: int, name: str) -> Number:
     value = float(table[name][i])
     scale = 100 if name == "needed" else 1
     return Number(
-        text=plain(scale * value, 2) if np.isfinite(value) else "nowhere",
+        text=plain(scale * value, 2) if np.isfinite(value) else "at no distance",
         value=value,
         source=DETECTION.file,
         how=f"{name}, row {i}",
