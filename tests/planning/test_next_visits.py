@@ -8,6 +8,7 @@ import pytest
 from tests.unit import small_run
 
 from nearlift import schedule as schedules
+from nearlift.campaign import manifest as manifests
 from nearlift.errors import InputRefused, UsageError
 from nearlift.planning.question import ROUNDS, VisitQuestion
 from nearlift.planning.rows import Traverse
@@ -69,7 +70,7 @@ def test_its_rows_are_read_behind_those_of_the_schedule(ingested, tmp_path):
     header, *rows = answer.stdout.splitlines()
     assert header == table.splitlines()[0]
     (tmp_path / "trials.csv").write_text(table + "\n".join(rows) + "\n")
-    campaign = small_run.manifests.load(raw)
+    campaign = manifests.load(raw)
     read = schedules.read_schedule(campaign, tmp_path)
     old = schedules.read_schedule(campaign, raw)
     assert len(read) == len(old) + 24

@@ -234,7 +234,7 @@ def cheeseman_bennett_gain_percent(z_hat: float) -> float:
 
 @computes
 def cheeseman_bennett_downwash_percent(z_hat: float) -> float:
-    return 100 * (1 - float(cheeseman_bennett.theory_downwash(z_hat)))
+    return 100 * (1 - float(cheeseman_bennett.downwash(z_hat, k=1.0)))
 
 
 @computes
@@ -287,7 +287,7 @@ def measured_over_classic(z_hat: float) -> float:
 
 @computes
 def pole_of_cheeseman_bennett() -> float:
-    return float(brentq(lambda z: float(cheeseman_bennett.theory_downwash(z)), 0.1, 1.0))
+    return float(brentq(lambda z: float(cheeseman_bennett.downwash(z, k=1.0)), 0.1, 1.0))
 
 
 @computes

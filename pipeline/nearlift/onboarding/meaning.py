@@ -102,9 +102,9 @@ def named(name: str) -> tuple[str, str]:
     if name.rstrip().endswith("%"):
         return name.rstrip(" %"), "percent"
     # a unit before the last words, as in "Thrust (lbf) mean"
-    within = re.fullmatch(r"([^()\[\]]+?)\s*[(\[]([^()\[\]]+)[)\]]\s*(\w[\w ]*)", name.strip())
+    within = re.fullmatch(r"([^()\[\]]+)[(\[]([^()\[\]]+)[)\]]\s*(\w[\w ]*)", name.strip())
     if within and (inner := unit_word(within[2])):
-        return f"{within[1]} {within[3]}", inner
+        return f"{within[1].rstrip()} {within[3]}", inner
     head, _, suffix = name.strip().rpartition("_")
     if head and suffix in _SUFFIXES:
         return head, _SUFFIXES[suffix]

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import csv
 import fnmatch
-import functools
 import glob
 import json
 import math
@@ -148,10 +147,16 @@ def matches(form: str, line: str) -> bool:
     return fnmatch.fnmatchcase(line, glob.escape(form).replace("[*]", "*"))
 
 
-@functools.lru_cache(maxsize=8)
-def _grouped(thousands: str, decimal: str) -> re.Pattern[str]:
-    """Whole parts in groups of three digits, and what may follow them."""
-    return re.compile(rf"([-+]?\d{{1,3}}(?:{re.escape(thousands)}\d{{3}})+)((?:[{decimal}eE].*)?)")
+#: Whole part in groups of three digits, with `_` between them, and the rest of the number.
+GROUPED = re.compile(r"([-+]?\d{1,3}(?:_\d{3})+)((?:[.eE].*)?)")
+
+
+def _ungrouped(text: str, decimal: str, thousands: str) -> str:
+    """A number without its thousands separators; other texts as they are."""
+    if "_" in text or thousands not in text:
+        return text
+    groups = GROUPED.fullmatch(text.replace(thousands, "_").replace(decimal, "."))
+    return groups[1].replace("_", "") + groups[2].replace(".", decimal) if groups else text
 
 
 def value_of(text: str, decimal: str = ".", thousands: str = "") -> float | None:
@@ -159,8 +164,8 @@ def value_of(text: str, decimal: str = ".", thousands: str = "") -> float | None
     plain = text.strip()
     if NO_NUMBER.fullmatch(plain.lower()):
         return math.nan
-    if thousands and (groups := _grouped(thousands, decimal).fullmatch(plain)):
-        plain = groups[1].replace(thousands, "") + groups[2]
+    if thousands:
+        plain = _ungrouped(plain, decimal, thousands)
     if decimal == ",":
         # a point would part thousands, or belong to another dialect: neither is a number here
         if "." in plain or plain.count(",") > 1:

@@ -246,7 +246,7 @@ def alt(evidence: Evidence, table: Columns) -> str:
         name, x, mean = (binned[k][i] for k in ("covariate", "x", "residual_percent"))
         parts.append(
             f"{boundary.capitalize()}: the mean farthest from zero is {plain(float(mean), 2)} %"
-            f" ({plain(float(pull[i]), 2)} standard errors) at {name} = {plain(float(x), 3)}."
+            f" ({plain(float(pull[i]), 2)} standard errors) at {str(name).replace('_', ' ')} = {plain(float(x), 3)}."
         )
     return "Residuals in percent against each covariate, means over bins. " + " ".join(parts)
 
