@@ -86,7 +86,8 @@ def test_it_renders_without_a_word_and_asks_for_nothing(page, address, tmp_path,
 
 def test_the_whole_page_with_flow_and_flights_is_light_silent_and_asks_for_nothing(page, demo):
     file = demo / "reports" / "demo" / "index.html"
-    assert file.stat().st_size < 3_000_000
+    # 1,984 trials; vega.js alone is 0.9 MB
+    assert file.stat().st_size < 4_000_000
     page.open(file.as_uri())
     assert page.run("document.documentElement.dataset.charts") == "drawn"
     for chapter in ("fig2", "residuals", "flow", "safety", "proximity"):

@@ -16,7 +16,6 @@ from nearlift.declare import FloatArray
 
 DAY_S, HOUR_S = 86400.0, 3600.0
 _TIME = re.compile(
-    r"(?:(?P<date>[^:]*\d[^:]*?)(?:[T,]|\s)\s*)?"
     r"(?:(?P<hour>\d{1,2}):)?(?P<minute>\d{1,2}):(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?"
     r"(?:\s*(?P<half>[ap])\.?m\.?)?"
     r"(?:\s*(?P<zone>z|utc|[-+]\d{2}:?\d{2}))?",
@@ -52,16 +51,33 @@ def seconds_of(cells: Sequence[str]) -> tuple[FloatArray, int | None]:
     return values - values[known[0]] + DAY_S * (days - days[known[0]]), None
 
 
+def _divided(text: str) -> tuple[str, str]:
+    """Date (empty if there is none) and time of day; no time where no sign is between them."""
+    colon = text.find(":")
+    start = max(colon, 0)
+    while start > 0 and text[start - 1].isdigit() and colon - start < 2:
+        start -= 1
+    head = text[:start]
+    date = head.rstrip()
+    if date and date[-1] in "Tt,":
+        date = date[:-1].rstrip()
+    elif date and date == head:
+        return "", ""
+    return (date, text[start:]) if not head or any(map(str.isdigit, date)) else ("", "")
+
+
 def _parts(cell: str) -> tuple[float, int, float] | None:
     """Seconds of the day, the day (0 without a date), and the period after which the seconds begin
     again (0: never); None where the cell is no time.
     """
     plain = cell.strip(" \t[]()")
-    match = _TIME.fullmatch(plain)
+    date, of_day_text = _divided(plain)
+    match = _TIME.fullmatch(of_day_text)
     if match is None and "T" in plain:
         # ISO 8601 without its signs
         with contextlib.suppress(ValueError):
-            match = _TIME.fullmatch(datetime.datetime.fromisoformat(plain).isoformat())
+            date, of_day_text = _divided(datetime.datetime.fromisoformat(plain).isoformat())
+            match = _TIME.fullmatch(of_day_text)
     # two numbers without a fraction may be hours and minutes
     if match is None or not (match["hour"] or match["fraction"]):
         return None
@@ -77,7 +93,7 @@ def _parts(cell: str) -> tuple[float, int, float] | None:
         zone = sign * (HOUR_S * int(match["zone"][1:3]) + 60 * int(match["zone"][-2:]))
     of_day = HOUR_S * hour + 60 * minute + second - zone
     try:
-        day = datetime.date.fromisoformat(match["date"] or "")
+        day = datetime.date.fromisoformat(date)
     except ValueError:
         return of_day, 0, DAY_S if match["hour"] else HOUR_S
     return of_day, day.toordinal(), 0.0

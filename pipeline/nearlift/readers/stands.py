@@ -69,14 +69,14 @@ STANDS = (
             re.compile("thrust"),
             re.compile("voltage"),
         ),
-        speeds=re.compile("motor.*speed.*"),
+        speeds=re.compile(r"\Amotor.*speed.*"),
         texts=("app message",),
     ),
     Stand(
         name="flight-stand",
         title="Tyto Flight Stand v2",
         needs=(re.compile("time"), re.compile(r"powertrain \d+ - force fz.*")),
-        speeds=re.compile(".*rotation speed"),
+        speeds=re.compile(r"\A.*rotation speed"),
         texts=("app message",),
     ),
     Stand(

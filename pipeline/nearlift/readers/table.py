@@ -274,8 +274,8 @@ def _arrow_table(
         body = "".join(line for line in lines if not layout.skips(line)).encode()
     separator, quote = layout.separator, '"'
     if separator == BLANKS:
-        body = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", body)
-        body, separator, quote = re.sub(rb"[ \t]+", b"\t", body), "\t", ""
+        cells = (filter(None, line.split(b" ")) for line in body.replace(b"\t", b" ").split(b"\n"))
+        body, separator, quote = b"\n".join(map(b"\t".join, cells)), "\t", ""
     elif separator == NONE:
         # a character that no text holds
         separator, quote = "\x1f", ""

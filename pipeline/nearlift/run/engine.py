@@ -53,8 +53,12 @@ NUMERICAL = (
     "pint",
     "pydantic",
 )
-#: Names of unfinished files: a dot, the file's name, the process that writes it.
-UNFINISHED = re.compile(r"\..+\.\d+\.tmp\Z")
+
+
+def is_unfinished(name: str) -> bool:
+    """Whether this names an unfinished file: a dot, the file's name, its process, ``tmp``."""
+    head, _, process = name.removesuffix(".tmp").rpartition(".")
+    return name.endswith(".tmp") and head.startswith(".") and len(head) > 1 and process.isdigit()
 
 
 class Busy(NearliftError):
@@ -653,7 +657,7 @@ def locked(job: Job) -> Iterator[None]:
     try:
         for folder in folders:
             for file in folder.rglob(".*.tmp"):
-                if UNFINISHED.fullmatch(file.name) and not file.is_symlink():
+                if is_unfinished(file.name) and not file.is_symlink():
                     file.unlink(missing_ok=True)
         yield
     finally:

@@ -244,9 +244,10 @@ def alt(evidence: Evidence, table: Columns) -> str:
         pull = np.abs(binned["residual_percent"]) / binned["u_residual_percent"]
         i = int(np.argmax(pull))
         name, x, mean = (binned[k][i] for k in ("covariate", "x", "residual_percent"))
+        place = f"{str(name).replace('_', ' ')} = {plain(float(x), 3)}"
         parts.append(
             f"{boundary.capitalize()}: the mean farthest from zero is {plain(float(mean), 2)} %"
-            f" ({plain(float(pull[i]), 2)} standard errors) at {str(name).replace('_', ' ')} = {plain(float(x), 3)}."
+            f" ({plain(float(pull[i]), 2)} standard errors) at {place}."
         )
     return "Residuals in percent against each covariate, means over bins. " + " ".join(parts)
 
