@@ -22,7 +22,7 @@ from nearlift.flow.scene import Scene
 DEFLECTION_HAT = 2.0
 #: Below a ceiling a cut further than this many radii beneath the disk measures the wake. By
 #: momentum the wake keeps its speed at equal thrust while the inflow at the disk falls, so one says
-#: nothing of the other (../shared/physics.md, A6).
+#: nothing of the other.
 WAKE_HAT = 0.5
 #: Part of the span that must have vectors.
 COVERED = 0.9
