@@ -269,7 +269,7 @@ def test_figure_and_chapter(done):
     rows = re.findall(r'<tr><th scope="row">(\w+)</th>(.*?)</tr>', table)
     assert [boundary for boundary, _ in rows] == ["Ground", "Ceiling", "Sidewall"]
     # boundary, largest change, and of each case range and change needed
-    assert ">nowhere</data>" in rows[2][1].split("<td>")[4]
+    assert ">at no distance</data>" in rows[2][1].split("<td>")[4]
 
 
 def test_lift_far_away_and_its_noise_are_those_of_the_accepted_model(remake):
