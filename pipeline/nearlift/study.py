@@ -18,6 +18,9 @@ from nearlift.campaign import manifest as manifests
 from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.isolation import library
+from nearlift.likelihood.problem import usable
+from nearlift.observed import observe
+from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.fit import FitResults, ModelFit
 from nearlift.results.quotation import BoundaryResult, Results
@@ -101,11 +104,13 @@ class Study:
             )
             for boundary, models in results.boundaries.items()
         }
+        trials = self.read(TRIALS)
+        columns = {str(name): values.to_numpy() for name, values in trials.items()}
         return Fit(
             **about,
             boundaries=boundaries,
-            trials=self.read(TRIALS),
-            geometry=self.manifest.geometry(),
+            trials=trials,
+            observations={b: observe(columns, self.manifest, b) for b in boundaries},
             posterior=self.read(POSTERIOR),
         )
 
@@ -436,7 +441,7 @@ class Fit(ByBoundary[BoundaryFit]):
     """
 
     trials: pd.DataFrame = field(repr=False, compare=False)
-    geometry: Mapping[str, Any] = field(repr=False, compare=False)
+    observations: Mapping[Boundary, Observations] = field(repr=False, compare=False)
     posterior: pd.DataFrame = field(repr=False, compare=False)
 
     @property
@@ -456,31 +461,23 @@ class Fit(ByBoundary[BoundaryFit]):
 
     @property
     def residuals(self) -> pd.DataFrame:
-        """Log lift less the base model's, a trial a row, with the columns of `trials`.
+        """Log lift less the base model's, an accepted trial a row, with the columns of `trials`.
 
-        Free-air trials appear once per boundary. nan where the model has no value.
+        Free-air trials appear once per boundary. nan outside the model's range.
         """
-        import numpy as np
         import pandas as pd
+
+        from nearlift.report.curves import log_residual
 
         parts = []
         for at in self:
-            mine = self.trials[self.trials["boundary"].isin((at.boundary, "none"))].copy()
-            model, z_hat = catalogue.model(at.base_model), mine["z_hat"].to_numpy()
-            needs = {
-                n: self.geometry[n] if n in self.geometry else mine[n].to_numpy()
-                for n in model.needs
-                if n in self.geometry or n in mine
-            }
-            ratio = np.ones(len(mine))
-            near = np.isfinite(z_hat)
-            at_trials = {n: v[near] if np.ndim(v) else v for n, v in needs.items()}
-            ratio[near] = model(z_hat[near], **at_trials, **at.base.values)
-            levels = mine["throttle"].map({t: e.value for t, e in at.base.L_inf_N.items()})
-            with np.errstate(invalid="ignore", divide="ignore"):
-                mine["residual"] = np.log(mine["lift_N"]) - np.log(levels * ratio)
-            mine.insert(0, "fitted_at", at.boundary)
-            parts.append(mine)
+            model, data = catalogue.model(at.base_model), self.observations[at.boundary]
+            inside = data.take(usable(model, data))
+            residual = dict(zip(inside.trial, log_residual(model, at.base, inside), strict=True))
+            rows = self.trials[self.trials["trial"].isin(data.trial)].copy()
+            rows["residual"] = rows["trial"].map(residual).astype(float)
+            rows.insert(0, "fitted_at", at.boundary)
+            parts.append(rows)
         return pd.concat(parts, ignore_index=True)
 
     def draws(self, boundary: str, model: str | None = None) -> pd.DataFrame:

@@ -248,6 +248,16 @@ def test_a_table_of_trials_that_cannot_be_read_is_refused(fit, renamed, what):
         nearlift.trials(fit.trials.rename(columns=renamed), rotor_radius="23 mm", mass="27 g")
 
 
+def test_residuals_leave_out_rejected_trials(tmp_path):
+    raw = small_run.write(tmp_path / "raw")
+    (next((raw / "trials").iterdir())).write_bytes(b"")
+    fit = nearlift.load(raw, tmp_path, executor="serial").fit()
+    (rejected,) = fit.trials.loc[fit.trials["quality"] == "EMPTY", "trial"]
+    assert len(fit.residuals) == fit["ground"].base.n_trials == len(fit.trials) - 1
+    assert rejected not in set(fit.residuals["trial"])
+    assert fit.residuals["residual"].notna().all()
+
+
 def test_rejected_trials_and_notes_are_carried(tmp_path):
     raw = small_run.write(tmp_path / "raw")
     (next((raw / "trials").iterdir())).write_bytes(b"")

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.likelihood import student
-from nearlift.report.evidence import Evidence, where
+from nearlift.likelihood.problem import lift_ratio
+from nearlift.report.evidence import Evidence, lift_inf_N, where
+from nearlift.results import Observations
 from nearlift.results.fit import ModelFit, ParameterCovariance
 from nearlift.stages.fit import POSTERIOR
 
@@ -153,6 +155,14 @@ def endless(fit: ModelFit) -> bool:
 def height_found_m(fit: ModelFit) -> float:
     """Height error of a fit, m, to add to every recorded distance; 0 where it found none."""
     return fit.height_error.value if fit.height_error else 0.0
+
+
+def log_residual(model: LiftModel, fit: ModelFit, data: Observations) -> FloatArray:
+    """Log lift less the model's at the corrected distances (n,), of trials in the model's range."""
+    z_hat = data.z_hat + height_found_m(fit) / data.radius_m
+    log_ratio = np.log(lift_ratio(model, replace(data, z_hat=z_hat), fit.values))
+    result: FloatArray = np.log(data.lift_N) - log_ratio - np.log(lift_inf_N(fit, data))
+    return result
 
 
 def quantile90(fit: ModelFit) -> float:

@@ -7,7 +7,6 @@ independent. The band is one standard deviation of a trial in the noise model.
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterable
 from typing import Any
 
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood import noise
-from nearlift.likelihood.problem import height_slope, lift_ratio, usable
+from nearlift.likelihood.problem import height_slope, usable
 from nearlift.reduction.quality import rejected
 from nearlift.report import curves
 from nearlift.report.evidence import (
@@ -27,7 +26,6 @@ from nearlift.report.evidence import (
     Evidence,
     Rows,
     distinct,
-    lift_inf_N,
     select,
     stack,
     where,
@@ -109,11 +107,7 @@ def residuals(
     data = evidence.observations[boundary]
     parameters = fit.values
     data = data.take(usable(model, data))
-    # at the corrected distances
-    z_hat = data.z_hat + curves.height_found_m(fit) / data.radius_m
-    log_ratio = np.log(lift_ratio(model, dataclasses.replace(data, z_hat=z_hat), parameters))
-    log_level = np.log(lift_inf_N(fit, data))
-    residual = np.log(data.lift_N) - log_ratio - log_level
+    residual = curves.log_residual(model, fit, data)
     kept, diagnosed = evidence.fits.noise[boundary], evidence.diagnosed(boundary)
     if diagnosed and evidence.quoted(boundary).effects and evidence.has(LOOP_RESIDUALS):
         loop = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
