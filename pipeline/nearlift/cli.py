@@ -226,17 +226,18 @@ def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> No
     Channel by channel, with the tables of a manifest that read it: [records] of a record, [piv] of
     a velocity grid, the schedule's units of a table of means.
     """
-    from nearlift.onboarding import cuts as cutting
+    if cuts:
+        from nearlift.onboarding import cuts as cutting
+
+        if dialect:
+            raise UsageError(
+                "--dialect", "was given with --cuts", "write it under [records] of the manifest"
+            )
+        call.answers("campaigns", cutting.answers(files, call.out))
+        return
     from nearlift.onboarding import shown
     from nearlift.onboarding.inspection import inspect
 
-    if cuts and dialect:
-        raise UsageError(
-            "--dialect", "was given with --cuts", "write it under [records] of the manifest"
-        )
-    if cuts:
-        call.answers("campaigns", cutting.answers(files, call.out))
-        return
     inspections = [inspect(file, dialect_of(dialect)) for file in files]
     call.answers("files", [(shown.as_json(one), shown.described(one)) for one in inspections])
 

@@ -149,7 +149,8 @@ class Study:
         UsageError
             There is no such figure, or this campaign does not have what it shows.
         """
-        from nearlift.report.figures.style import context, style_of
+        from nearlift.report.figures.files import drawn
+        from nearlift.report.figures.style import style_of
         from nearlift.report.registry import FIGURES
         from nearlift.stages.gathering import gather
 
@@ -162,16 +163,14 @@ class Study:
         self._steps(makers[-1])
         with self._open("serial", keep=False) as job:
             evidence = gather(job)
-        rows = spec.summarise(evidence) if evidence.has(*spec.needs) else {}
-        if not any(len(column) for column in rows.values()):
+        rows = spec.table(evidence)
+        if not rows:
             raise UsageError(
                 name,
                 "cannot be drawn: this campaign does not have what it shows",
                 "`plan()` says which stages belong to it",
             )
-        style = style_of(self.manifest)
-        with context(style):
-            return spec.draw(rows, style)
+        return drawn(spec.draw, rows, style_of(self.manifest))
 
     def read(self, product: Product | str) -> pd.DataFrame:
         """Read a table product from disk, its checksums verified.

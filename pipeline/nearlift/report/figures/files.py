@@ -22,13 +22,20 @@ TICKS = 5
 METADATA = {"CreationDate": None, "Producer": None, "Creator": None}
 
 
-def render(draw: Draw, table: Mapping[str, object], look: Style) -> dict[str, bytes]:
-    """Draw a figure and save it: ``{"pdf": ..., "png": ...}``."""
+def drawn(draw: Draw, table: Mapping[str, object], look: Style) -> Figure:
+    """The figure as the report shows it."""
     with context(look):
         figure = draw(table, look)
         _simplify_axes(figure)
         if look.simulated:
             _mark(figure, look)
+        return figure
+
+
+def render(draw: Draw, table: Mapping[str, object], look: Style) -> dict[str, bytes]:
+    """Draw a figure and save it: ``{"pdf": ..., "png": ...}``."""
+    with context(look):
+        figure = drawn(draw, table, look)
         # one layout for both files, by the letters of the PDF
         FigureCanvasPdf(figure)
         if (layout := figure.get_layout_engine()) is not None:

@@ -40,6 +40,11 @@ class FigureSpec:
     alt: Callable[[Evidence, Columns], str]
     asked: Callable[[Campaign], bool] = lambda campaign: True
 
+    def table(self, evidence: Evidence) -> Columns:
+        """Table of what is drawn; empty where a product or every row is missing."""
+        rows = self.summarise(evidence) if evidence.has(*self.needs) else {}
+        return rows if any(len(column) for column in rows.values()) else {}
+
     def captioned(self, evidence: Evidence, table: Columns) -> str:
         """Caption, which says where records are simulated."""
         said = self.caption(evidence, table)
