@@ -12,10 +12,12 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import nearlift
 from nearlift.errors import ManifestError, UsageError
+from nearlift.onboarding.frames import columns_of
 from nearlift.rounding import plus_minus
 from nearlift.study import Fit
 
@@ -237,6 +239,17 @@ def test_a_table_of_trials_gives_the_fit_of_its_campaign(study, fit, radii):
     found = own.fit()["ground"].base.coefficients["K_b"]
     declared = fit["ground"].base.coefficients["K_b"]
     assert found.value == pytest.approx(declared.value, abs=0.3 * declared.u)
+
+
+def test_a_unit_follows_the_last_underscore():
+    frame = pd.DataFrame(columns=["boundary", "z_mm", "throttle_percent", "lift_gf", "lift_sd_gf"])
+    assert columns_of(frame) == {
+        "boundary": ("boundary", ""),
+        "z_mm": ("distance", "mm"),
+        "throttle_percent": ("throttle", "percent"),
+        "lift_gf": ("lift", "gf"),
+        "lift_sd_gf": ("lift_sd", "gf"),
+    }
 
 
 @pytest.mark.parametrize(

@@ -56,8 +56,8 @@ def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
 
 
 def _with_unit(column: str) -> tuple[str, str]:
-    """Name and unit of a column such as ``z_mm`` or ``lift_gf``; others keep their name."""
-    name, _, unit = column.partition("_")
+    """Name and unit of a column such as ``z_mm`` or ``lift_sd_gf``; others keep their name."""
+    name, _, unit = column.rpartition("_")
     name = "distance" if name == "z" else name
     if name not in BY_NAME or not unit:
         return column, ""
@@ -100,7 +100,7 @@ def write_campaign(
         "schema": "nearlift.campaign/1",
         "name": name,
         "vehicle": {key: value for key, value in vehicle.items() if value is not None},
-        # lift is in newton already: gravity only enters simulated flights
+        # gravity only enters simulated flights
         "rig": {
             "held": held,
             "distance_datum": "rotor plane",
