@@ -13,7 +13,7 @@ RUN_SIZE  := 59 packages, 710 MB,
 DEV_SIZE  := some 110 packages, 1300 MB,
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
 
-.PHONY: demo measured test nightly lint check mutate bench calibrate docs clean
+.PHONY: demo measured test nightly lint check mutate bench calibrate docs build clean
 
 demo: $(READY)            ## the main job on the embedded, simulated campaign; ends with the path of the report
 	$(BIN)/nearlift demo
@@ -65,5 +65,8 @@ $(TOOLS): $(DEV_LOCK) $(READY)
 	$(INSTALL) --require-hashes --requirement $(RUN_LOCK) --requirement $(DEV_LOCK)
 	touch $(TOOLS)
 
+build: $(READY)           ## the wheel and the source archive, into dist/
+	$(BIN)/python -m hatchling build
+
 clean:                    ## the environment, the caches and the demo; never a campaign's products
-	rm -rf $(VENV) demo-campaign processed/demo reports/demo .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) dist demo-campaign processed/demo reports/demo .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
