@@ -9,7 +9,7 @@ from nearlift.declare import FloatArray
 from nearlift.fit import collapse, gum, held_quantity, rotor
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.linearised import linear_problem, stand_in
-from nearlift.fit.minimum import minimise
+from nearlift.fit.solver import solve
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
@@ -50,4 +50,4 @@ def linearised(fitted: LeastSquaresFit) -> tuple[Problem, FloatArray]:
     if over is None:
         return problem, fitted.theta
     about = replace(problem, shift=0.0)
-    return about, minimise(about, over.theta[over.best])
+    return about, solve(about, over.theta[over.best])[0]

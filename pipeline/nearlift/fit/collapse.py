@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from nearlift.declare import FloatArray
+from nearlift.fit import solver
 from nearlift.fit.least_squares import parameter_covariance
-from nearlift.fit.minimum import finite_residuals, polished
 from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.noise import MOST_MEANS
@@ -153,14 +153,15 @@ def per_throttle(problem: Problem, theta: FloatArray) -> tuple[FloatArray, Float
     inset = np.where(np.isfinite(high - low), 1e-9 * (high - low), 0.0)
     start = np.clip(np.r_[np.full(k, theta[0]), theta[1:]], low + inset, high - inset)
     size = np.maximum(np.abs(start), 0.05)
-    [best] = polished(lambda x: finite_residuals(left(x)), linearised, start, (low, high), size)
+    minimum = solver.minimise(linearised, start[None], (low, high), size).theta
+    [best] = solver.refine(linearised, minimum, (low, high))
     rows = jacobian(best)
     covariance, determined = parameter_covariance(
         np.nan_to_num(problem.project(rows)),
         np.linalg.norm(problem.covariance.whiten(rows), axis=1),
     )
     covariance[~determined, ~determined] = np.inf
-    return best[:k], covariance[:k, :k], float(np.sum(finite_residuals(left(best)) ** 2))
+    return best[:k], covariance[:k, :k], float(np.sum(left(best) ** 2))
 
 
 def _contrasts(throttles: int) -> FloatArray:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import batched, gum
+from nearlift.fit import gum, solver
 from nearlift.likelihood.budget import GROUPED, Component, groups
 from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.problem import Problem
@@ -238,16 +238,13 @@ def integrate(
     from scipy.integrate import trapezoid
 
     prior, reach = density(parts)
-    free = np.ones(len(theta), dtype=bool)
 
-    def at_heights(nodes: FloatArray, start: FloatArray) -> batched.Minima:
-        return batched.minimise(
-            lambda at, rows: problem.residuals(at, nodes[rows, None]),
+    def at_heights(nodes: FloatArray, start: FloatArray) -> solver.Minima:
+        return solver.minimise(
+            lambda at, rows: problem.linearised(at, nodes[rows, None]),
             start,
             problem.model.bounds,
             u,
-            free,
-            lambda at, rows: problem.linearised(at, nodes[rows, None]),
         )
 
     low, high, start = -reach, reach, np.tile(theta, (NODES, 1))

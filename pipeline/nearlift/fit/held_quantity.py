@@ -19,9 +19,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import batched
+from nearlift.fit import solver
 from nearlift.fit.least_squares import parameter_covariance
-from nearlift.fit.minimum import finite_residuals, polished
 from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem
@@ -204,23 +203,15 @@ def at_exponents(
     target = problem.project(np.log(problem.data.lift_N))
     bounds = problem.model.bounds
 
-    def residuals(at: FloatArray, rows: IntArray) -> FloatArray:
-        return target - n[rows, None] * problem.project(problem.log_ratio(at))
-
     def linearised(at: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
-        return residuals(at, rows), -n[rows, None, None] * problem.project(problem.slopes(at))
+        left = target - n[rows, None] * problem.project(problem.log_ratio(at))
+        return left, -n[rows, None, None] * problem.project(problem.slopes(at))
 
     jacobian = problem.slopes(theta)
     u = np.sqrt(np.diag(parameter_covariance(problem.project(jacobian))[0]))
-    minima = batched.minimise(
-        residuals,
-        np.tile(theta, (len(n), 1)),
-        bounds,
-        np.where(u > 0, u, 1.0),
-        np.ones(len(theta), dtype=bool),
-        linearised,
-    )
-    best = batched.settled(linearised, minima.theta, bounds)
+    start, scale = np.tile(theta, (len(n), 1)), np.where(u > 0, u, 1.0)
+    minima = solver.minimise(linearised, start, bounds, scale)
+    best = solver.refine(linearised, minima.theta, bounds)
     answers = []
     for k in np.flatnonzero(minima.converged):
         jacobian = n[k] * problem.slopes(best[k])
@@ -243,9 +234,6 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
     low, high = problem.model.bounds
     low, high = np.r_[low, 0.1], np.r_[high, 3.0]
 
-    def residuals(x: FloatArray) -> FloatArray:
-        return finite_residuals(problem.left(x[-1] * problem.log_ratio(x[:-1])))
-
     def linearised(x: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
         at, n = x[:, :-1], x[:, -1:]
         ratio = problem.log_ratio(at)
@@ -254,7 +242,8 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
 
     size = np.maximum(np.abs(np.r_[theta, 1.0]), 0.05)
     start = np.clip(np.r_[theta, 1.0], low + 1e-6 * size, high - 1e-6 * size)
-    best = polished(residuals, linearised, start, (low, high), size)
+    minimum = solver.minimise(linearised, start[None], (low, high), size).theta
+    best = solver.refine(linearised, minimum, (low, high))
     r, slopes = (x[0] for x in linearised(best, np.zeros(1, dtype=np.int64)))
     best, chi2 = best[0], min(float(r @ r), float(problem.chi2(theta)))
     information = (slopes * size[:, None]) @ (slopes * size[:, None]).T

@@ -1,9 +1,10 @@
-"""Generalised least squares of one lift model to trials, by lmfit."""
+"""Generalised least squares of one lift model to trials."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import gum, heights, inputs
 from nearlift.fit.degeneracy import degeneracies
-from nearlift.fit.minimum import minimise
+from nearlift.fit.solver import solve
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Problem, height_slope, usable
 from nearlift.results import Estimate, Noise, Observations
@@ -33,6 +34,7 @@ class LeastSquaresFit:
     likelihood `problem` was assembled from `slope` and `parts`. `plan` lists the height errors that
     are not in it, and `marginal` is the integral over those. `effective` (p,) are each
     coefficient's effective degrees of freedom (`gum`), used by its interval and its profile.
+    `lmfit` is lmfit's result where the fit is quoted, for its reports.
     """
 
     model: LiftModel
@@ -54,6 +56,7 @@ class LeastSquaresFit:
     plan: heights.HeightPlan
     effective: FloatArray
     marginal: heights.Marginal | None = None
+    lmfit: Any = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -94,6 +97,8 @@ def fit(
     scatter: Noise | None = None,
     slope: FloatArray | None = None,
     plan: heights.HeightPlan | None = None,
+    *,
+    quoted: bool = False,
 ) -> LeastSquaresFit:
     """Fit `model` to the trials in its range of validity.
 
@@ -111,6 +116,8 @@ def fit(
     plan : HeightPlan or None
         Height errors that the slope does not carry; assessed again if None. Give every rival the
         base model's, for the same reason; ``HeightPlan()`` leaves all to the slope.
+    quoted : bool
+        Whether lmfit makes the last search, for its report in `lmfit`.
 
     Raises
     ------
@@ -163,7 +170,7 @@ def fit(
         problem = assemble(
             model, data, parts, settled, theta, None if slope is None else slope[keep]
         )
-        before, theta = theta, minimise(problem, theta)
+        before, theta = theta, solve(problem, theta)[0]
         if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
             break
     carried = slope[keep] if slope is not None else problem.height_slope(before)
@@ -172,8 +179,9 @@ def fit(
     if plan.shared or plan.blur_m:
         parts = tuple(c for c in parts if c not in plan.shared)
         problem = replace(assemble(model, data, parts, settled, theta, carried), blur_m=plan.blur_m)
-        theta = minimise(problem, theta)
-    fitted = _describe(problem, theta, settled, excluded, carried, parts, plan)
+    theta, result = solve(problem, theta, quoted=quoted)
+    described = _describe(problem, theta, settled, excluded, carried, parts, plan)
+    fitted = replace(described, lmfit=result)
     return _integrated(fitted) if plan.shared else fitted
 
 

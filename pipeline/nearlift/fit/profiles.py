@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.fit import batched, heights
+from nearlift.fit import heights, solver
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
+from nearlift.results import IntArray
 from nearlift.results.fit import ProfileIntervals
 from nearlift.results.quotation import LEVELS
 
@@ -156,17 +157,24 @@ def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> F
         )
         top = float(prior(np.zeros(1))[0])
 
-    def residuals(theta: FloatArray, rows: np.ndarray) -> FloatArray:
-        if not shared:
-            return problem.residuals(theta)
-        offset_m = theta[:, p:] * unit
+    def residuals(theta: FloatArray) -> FloatArray:
+        offset_m = theta[..., p:] * unit
         with np.errstate(divide="ignore"):
             penalty = np.sqrt(np.maximum(-2 * np.log(prior(offset_m) / top), 0.0))
         # signed, so that its derivative is continuous at zero
-        return np.hstack([problem.residuals(theta[:, :p], offset_m), np.sign(offset_m) * penalty])
+        signed = np.sign(offset_m) * penalty
+        return np.concatenate([problem.residuals(theta[..., :p], offset_m), signed], axis=-1)
 
-    linearised = None if shared else lambda theta, _: problem.linearised(theta)
-    return batched.minimise(residuals, start, (low, high), scale, free, linearised).chi2
+    def linearised(theta: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
+        if not shared:
+            return problem.linearised(theta)
+        h = 1e-4 * np.eye(p + 1) * scale
+        up, down = (theta[:, None] + h, theta[:, None] - h)
+        up, down = np.clip(up, low, high), np.clip(down, low, high)
+        width = np.einsum("kii->ki", up - down)
+        return residuals(theta), (residuals(up) - residuals(down)) / width[:, :, None]
+
+    return solver.minimise(linearised, start, (low, high), scale, free).chi2
 
 
 def _intervals(value: FloatArray, rise: FloatArray, dof: float) -> ProfileIntervals:

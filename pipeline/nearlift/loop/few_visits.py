@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.fit import batched
+from nearlift.fit import solver
 from nearlift.likelihood import noise
 from nearlift.likelihood.finite import where_finite
 from nearlift.loop.candidate_fit import Fitted, search
@@ -97,21 +97,16 @@ def without_each(problem: SearchProblem, whole: Fitted) -> FloatArray:
         """Weighted residuals of x (k, c, n) with L_inf projected out."""
         return np.asarray((x - levels(x, rows)) * root[rows][:, None])
 
-    def residuals(vectors: FloatArray, rows: IntArray) -> FloatArray:
-        left = free((problem.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
-        return np.hstack([left, (vectors - mean) / sd])
-
     def linearised(vectors: FloatArray, rows: IntArray) -> tuple[FloatArray, FloatArray]:
+        left = free((problem.log_lift - candidate.log_ratio(vectors))[:, None], rows)[:, 0]
         slopes = -free(candidate.jacobian(vectors).swapaxes(1, 2), rows)
         prior = np.broadcast_to(np.diag(1 / sd), (len(vectors), len(sd), len(sd)))
-        return residuals(vectors, rows), np.concatenate([slopes, prior], axis=2)
+        return np.hstack([left, (vectors - mean) / sd]), np.concatenate([slopes, prior], axis=2)
 
     length = np.sqrt(np.sum(whole.jacobian**2, axis=0) + 1 / sd**2)
     scale = 1 / np.where(length > 0, length, 1.0)
     start = np.tile(whole.vector, (len(weight), 1))
-    return batched.minimise(
-        residuals, start, candidate.bounds, scale, np.ones(candidate.size, dtype=bool), linearised
-    ).theta
+    return solver.minimise(linearised, start, candidate.bounds, scale).theta
 
 
 def _weights(problem: SearchProblem) -> tuple[IntArray, FloatArray]:

@@ -78,7 +78,7 @@ def fit_boundaries(
             step = subprogress(say, next(done), count)
             step(f"fit {boundary}: {model.name}")
             try:
-                result = fit(model, data, carried, scatter, slope, plan)
+                result = fit(model, data, carried, scatter, slope, plan, quoted=model is base)
             except NotConverged as fault:
                 if model is base:
                     raise

@@ -2,7 +2,7 @@
 optimiser that fits lift models.
 
 A data set becomes a model with the parameters' declared starts and bounds, in a `Problem` whose
-predictions are the curve itself (NIST's y is not a lift: no logarithm, no L_inf). `minimise`,
+predictions are the curve itself (NIST's y is not a lift: no logarithm, no L_inf). `solve`,
 `Problem.chi2`, `Problem.jacobian` and `parameter_covariance` are the library's own.
 """
 
@@ -18,7 +18,8 @@ import numpy as np
 import pytest
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
-from nearlift.fit.least_squares import minimise, parameter_covariance
+from nearlift.fit.least_squares import parameter_covariance
+from nearlift.fit.solver import solve
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Observations
@@ -195,7 +196,7 @@ def digits(found: np.ndarray, certified: np.ndarray) -> float:
 def solved(name: str, start: int) -> tuple[Curve, np.ndarray]:
     p = problem(read(name), start)
     with np.errstate(all="ignore"):
-        return p, minimise(p)
+        return p, solve(p, quoted=True)[0]
 
 
 @pytest.mark.parametrize("start", [0, 1])

@@ -1,0 +1,173 @@
+"""Batched Levenberg-Marquardt against lmfit and scipy, and the last steps: to where the gradient
+vanishes, however large the misfit, and no farther than bounds and data allow.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.unit.simulated import GEOMETRY, campaign
+
+from nearlift import catalogue
+from nearlift.fit import solver
+from nearlift.fit.held_quantity import at_exponents
+from nearlift.fit.least_squares import fit
+from nearlift.likelihood.problem import Problem
+from nearlift.results import Noise
+
+X = np.linspace(0.2, 2.0, 40)
+FREE = (np.full(2, -np.inf), np.full(2, np.inf))
+
+
+def curve(misfit: float):
+    """a exp(-b x) fitted to what it cannot be: residuals of `misfit` times a cosine, whose
+    curvature slows Gauss and Newton's steps down.
+    """
+    target = 3 * np.exp(-1.5 * X) + misfit * np.cos(5 * X)
+
+    def linearised(theta, rows):
+        a, b = theta[:, :1], theta[:, 1:]
+        e = np.exp(-b * X)
+        return target - a * e, -np.stack([e, -a * X * e], axis=1)
+
+    return linearised
+
+
+def gradient(linearised, theta):
+    """In units of the sizes of what cancels in it."""
+    r, slopes = linearised(theta, np.arange(len(theta)))
+    target = linearised(np.zeros((1, 2)), np.arange(1))[0]
+    return np.abs(slopes @ r[:, :, None])[..., 0] / (
+        np.linalg.norm(slopes, axis=2) * np.linalg.norm(target)
+    )
+
+
+@given(st.floats(0.0, 1.5), st.floats(-1e-4, 1e-4), st.floats(-1e-4, 1e-4))
+def test_the_gradient_vanishes_wherever_a_search_stopped(misfit, a, b):
+    linearised = curve(misfit)
+    rough = np.array([[3.0, 1.5]])
+    for _ in range(60):
+        r, slopes = linearised(rough, np.arange(1))
+        rough = rough + 0.5 * np.linalg.lstsq(slopes[0].T, -r[0], rcond=None)[0]
+    starts = rough + np.array([[0.0, 0.0], [a, b]])
+    best = solver.refine(linearised, starts, FREE)
+    # forty products, each known to rounding
+    assert (gradient(linearised, best) < 40 * np.finfo(float).eps).all()
+    assert best[0] == pytest.approx(best[1], rel=1e-11)
+
+
+def test_what_stands_at_a_bound_and_would_leave_stays_and_the_rest_makes_the_best_of_it():
+    linearised = curve(0.1)
+    best = solver.refine(
+        linearised, np.array([[2.0, 1.0]]), (np.array([-np.inf, 0.0]), np.array([np.inf, 1.0]))
+    )
+    e = np.exp(-X)
+    target = linearised(np.zeros((1, 2)), np.arange(1))[0][0]
+    assert best[0, 1] == 1.0
+    # linear in what is left
+    assert best[0, 0] == pytest.approx(e @ target / (e @ e), rel=1e-12)
+
+
+def test_a_direction_that_the_data_do_not_determine_stays_where_it_was():
+    def linearised(theta, rows):
+        return 1.0 - (theta.sum(axis=1)[:, None] * X), -np.broadcast_to(X, (len(theta), 2, len(X)))
+
+    best = solver.refine(linearised, np.array([[0.5, 0.1]]), FREE)
+    assert best.sum() == pytest.approx(X.sum() / (X @ X), rel=1e-12)
+    assert best[0, 0] - best[0, 1] == pytest.approx(0.4, rel=1e-12)
+
+
+def test_a_problem_without_a_value_is_left_alone():
+    linearised = curve(0.1)
+
+    def broken(theta, rows):
+        r, slopes = linearised(theta, rows)
+        return np.where(rows[:, None] == 0, np.nan, r), slopes
+
+    start = np.array([[3.0, 1.5], [3.0, 1.5]])
+    best = solver.refine(broken, start, FREE)
+    assert (best[0] == start[0]).all()
+    assert (best[1] != start[1]).all()
+
+
+SCATTER = Noise(relative=0.004, height_m=1e-4, force_N=2e-4)
+
+
+SQUARE = tuple((x, y) for x in (-2.0, 2.0) for y in (-2.0, 2.0))
+KNOWN = {**GEOMETRY, "layout_hat": SQUARE, "gap_hat": 12.0, "rotors": 4}
+MODELS = [m for m in catalogue.models() if m.parameters and set(m.needs) <= KNOWN.keys()]
+
+
+@pytest.mark.parametrize("model", MODELS, ids=lambda m: m.name)
+def test_the_batched_search_ends_where_lmfit_does(model):
+    low, high = model.valid_z_hat
+    z_hat = np.geomspace(max(1.05 * low, 0.3), min(high, 8.0), 12)
+    known = {n: KNOWN[n] for n in model.needs}
+    centre = {p.name: p.value for p in model.parameters}
+    data = campaign(
+        3,
+        boundary=model.boundary,
+        stations=tuple(z_hat),
+        ratio=lambda z: model.evaluate(z, **centre, **known),
+    )
+    data = dataclasses.replace(data, geometry=KNOWN)
+    found = fit(model, data, (), SCATTER, quoted=True)
+    batched, _ = solver.solve(found.problem)
+    assert batched == pytest.approx(found.theta, rel=1e-9, abs=1e-9)
+    stderr = [p.stderr for p in found.lmfit.params.values()]
+    assert stderr == pytest.approx(np.sqrt(np.diag(found.covariance)), rel=1e-3)
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Raised(Problem):
+    """The same trials, the model's ratio raised to a fixed exponent."""
+
+    exponent: float = 1.0
+
+    def log_ratio(self, *given, **named):
+        return self.exponent * super().log_ratio(*given, **named)
+
+    def slopes(self, *given, **named):
+        return self.exponent * super().slopes(*given, **named)
+
+
+def test_all_exponents_at_once_are_each_alone():
+    problem = fit(catalogue.model("sanchez_cuevas"), campaign(3, visits=4), (), SCATTER).problem
+    for found in at_exponents(problem, np.array([2.0]), [0.6, 1.0, 1.2]):
+        fields = {f.name: getattr(problem, f.name) for f in dataclasses.fields(problem)}
+        alone = Raised(**fields, exponent=found.n)
+        assert found.value == pytest.approx(solver.solve(alone, quoted=True)[0][0], rel=1e-6)
+        assert found.chi2 == pytest.approx(float(alone.chi2(np.array([found.value]))), rel=1e-10)
+
+
+def test_a_search_that_gives_up_is_no_estimate():
+    """A trough that runs on for ever: no step is the last one."""
+
+    def linearised(x, rows):
+        first = rows[:, None] == 0
+        left = np.where(first, x - 1, np.exp(-x))
+        return left, np.where(first, 1.0, -np.exp(-x))[:, None]
+
+    found = solver.minimise(
+        linearised,
+        np.array([[0.5], [0.5]]),
+        (np.array([-1e9]), np.array([1e9])),
+        np.array([1e-6]),
+    )
+    assert found.converged.tolist() == [True, False]
+
+
+def test_a_bound_is_a_minimum_and_no_value_is_none():
+    found = solver.minimise(
+        lambda x, rows: (np.where(rows[:, None] == 0, x - 3.0, np.nan), np.ones((len(x), 1, 1))),
+        np.zeros((2, 1)),
+        (np.array([-1.0]), np.array([2.0])),
+        np.array([1.0]),
+    )
+    assert found.theta[0] == pytest.approx([2.0])
+    assert found.chi2[0] == pytest.approx(1.0)
+    assert found.converged.tolist() == [True, False]
