@@ -26,11 +26,11 @@ from nearlift.campaign.manifest import Campaign
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.observed import observe
-from nearlift.readers import reader
+from nearlift.readers import reader, rows
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.quality import joined, rejected
 from nearlift.reduction.record import reduce_record
-from nearlift.stages import ingest, rows
+from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
 
 FloatArray = NDArray[np.float64]

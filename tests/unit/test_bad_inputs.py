@@ -19,8 +19,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from nearlift.readers import trials as reading
 from nearlift.run import tables
-from nearlift.stages import reduce_records
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 
@@ -388,14 +388,14 @@ def test_5_a_file_that_is_still_being_written_is_left_for_later(raw: Path) -> No
 
 
 def test_5_a_file_that_changes_while_it_is_read(raw: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    real = reduce_records._moving
+    real = reading._moving
 
     def meanwhile(job: Any) -> Any:
         with record(raw).open("ab") as file:
             file.write(b"270.1\n")
         return real(job)
 
-    monkeypatch.setattr(reduce_records, "_moving", meanwhile)
+    monkeypatch.setattr(reading, "_moving", meanwhile)
     code, _, quality = ingest(raw)
     assert (code, quality[TRIAL]) == (3, "PENDING")
 
@@ -403,13 +403,13 @@ def test_5_a_file_that_changes_while_it_is_read(raw: Path, monkeypatch: pytest.M
 def test_5_a_schedule_that_changes_while_it_is_read_stops(
     raw: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    real = reduce_records._moving
+    real = reading._moving
 
     def meanwhile(job: Any) -> Any:
         (raw / "trials.csv").touch()
         return real(job)
 
-    monkeypatch.setattr(reduce_records, "_moving", meanwhile)
+    monkeypatch.setattr(reading, "_moving", meanwhile)
     code, said, quality = ingest(raw)
     assert (code, quality) == (4, {})
     assert "trials.csv: was changed while it was being read" in said

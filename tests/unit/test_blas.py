@@ -19,7 +19,7 @@ import sys
 import numpy
 from threadpoolctl import threadpool_info, threadpool_limits
 import nearlift
-from nearlift.stages import lift_change
+from nearlift.reduction import lift_change
 
 def threads():
     return {p["filepath"]: p["num_threads"] for p in threadpool_info() if p["user_api"] == "blas"}

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from nearlift.campaign.manifest import boundaries_of
+from nearlift.reduction import lift_change
 from nearlift.reduction.cells import OWN_SCATTER, Cells, reduce
-from nearlift.stages import lift_change
 from nearlift.stages import reduce as stage
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
 

@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
+from nearlift.readers import rows as rows_module
+from nearlift.readers.rows import Task, reduce_piece
 from nearlift.readers.text import CSV
 from nearlift.run import workers
 from nearlift.run.engine import Job
 from nearlift.run.tables import sha256
 from nearlift.stages import ingest
-from nearlift.stages import rows as rows_module
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.rows import Task, reduce_piece
 
 from .bench_campaign import force_mN, run_ingest, small_campaign, write_record, write_schedule
 from .manifests import HEAD, LIVE, UNITS, manifest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -82,10 +83,19 @@ TRIALS = Product(
 
 
 def inputs(root: Path, campaign: Campaign) -> Inputs:
-    """Schedule and records."""
-    from nearlift.stages import reduce_records
+    """Schedule and records; raises `NearliftError` where the schedule cannot be read."""
+    from nearlift import readers
+    from nearlift.readers.files import per_trial, source_of
+    from nearlift.schedule import read_schedule, schedule_file
 
-    return {file: (file,) for file in reduce_records.inputs(root, campaign)}
+    trials = list(read_schedule(campaign, root).trial)
+    records = (
+        [path for path, _ in per_trial(campaign, root, trials).values()]
+        if campaign.cuts_records
+        else readers.reader(campaign.records.reader).files(campaign, root, trials)
+    )
+    files = [source_of(root, path) for path in (schedule_file(campaign, root), *records)]
+    return {file: (file,) for file in files}
 
 
 def run(job: Job) -> Outcome:
@@ -97,11 +107,20 @@ def run(job: Job) -> Outcome:
         The schedule or the records are refused, no trial has a record, or none is good. Nothing is
         written then.
     """
-    from nearlift.stages.reduce_records import reduced_records
+    from nearlift.readers.trials import Recorded, reduced_trials
+    from nearlift.run.workers import ordered
 
-    table, outcome = reduced_records(job)
-    job.write(TRIALS, table)
-    return outcome
+    recorded = Recorded(
+        root=job.root,
+        campaign=job.campaign,
+        digests=job.inputs,
+        stamps=job.stamps,
+        spread=partial(ordered, job.executor),
+        say=job.say,
+    )
+    reduced = reduced_trials(recorded)
+    job.write(TRIALS, reduced.table)
+    return Outcome(rejected=reduced.rejected, notes=reduced.notes)
 
 
 STAGE = Stage(

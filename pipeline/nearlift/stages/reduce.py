@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from nearlift.errors import InputRefused
 from nearlift.nomenclature import CARRIED, symbol
 from nearlift.run.engine import Job, Outcome, Stage
 from nearlift.run.tables import Product, integer, real, text
@@ -63,9 +64,20 @@ def run(job: Job) -> Outcome:
     InputRefused
         All accepted trials are in free air.
     """
-    from nearlift.stages.lift_change import lift_change
+    from nearlift.observed import boundaries, observe
+    from nearlift.reduction.lift_change import lift_change
 
-    lift, covariance, notes = lift_change(job.read(TRIALS), job.campaign)
+    trials = job.read(TRIALS)
+    observed = {b: observe(trials, job.campaign, b) for b in boundaries(trials)}
+    if not observed:
+        raise InputRefused(
+            job.campaign.trials.file,
+            "has no good trial near a boundary, only in free air",
+            "trials.parquet is written; a change of lift needs trials at some distance to a"
+            " ground, ceiling or sidewall",
+        )
+    near_reference = job.campaign.quality.near_reference
+    lift, covariance, notes = lift_change(trials, observed, near_reference)
     job.write(LIFT, lift)
     job.write(LIFT_COVARIANCE, covariance)
     return Outcome(notes=notes)

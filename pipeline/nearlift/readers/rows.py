@@ -1,27 +1,35 @@
-"""Records to rows: what a worker is sent, what it answers for each trial, and all the answers."""
+"""Records to rows: the task of one worker, its answer for each trial or each record that is cut,
+and the rows of all trials.
+"""
 
 from __future__ import annotations
 
-import math
+import hashlib
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import readers
 from nearlift.campaign.manifest import Campaign
 from nearlift.errors import InputRefused, NearliftError
+from nearlift.readers import segments
 from nearlift.readers.base import Record
 from nearlift.readers.files import Piece, source_of
+from nearlift.readers.segments import Pieces, Segmented
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import Reduced, reduce_record
-from nearlift.run.tables import Table, sha256
 
 #: Characters of a fault that are kept.
 LONGEST_FAULT = 300
-#: Columns that stand in a `Row` itself; the others stand in its reduction.
+#: Columns that are fields of `Row`; the others are fields of its reduction.
 OF_THE_FILE = {"samples", "source_sha256", "source", "fault"}
+#: Further numbers of the pieces of a record.
+OF_PIECES = ("u_zero_N",)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,29 +48,6 @@ class Row:
     notes: tuple[str, ...] = ()
     fault: str = ""
     refusal: InputRefused | None = None
-
-
-def row_of(
-    record: Record, conditions: Conditions, tare_after_N: float = math.nan, source_sha256: str = ""
-) -> Row:
-    """A record reduced; raises as `reduce_record` does."""
-    reduced = reduce_record(
-        record.force_N,
-        conditions,
-        time_s=record.time_s,
-        tare_after_N=tare_after_N,
-        codes=record.codes,
-        where=f"{record.source}, trial {record.trial!r}",
-    )
-    return Row(
-        trial=record.trial,
-        reduced=reduced,
-        source_sha256=source_sha256,
-        source=record.source,
-        samples=len(record.force_N),
-        notes=record.notes,
-        fault=record.fault,
-    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +69,7 @@ class Rows:
 
     def __init__(self, n: int, further: tuple[str, ...] = ()) -> None:
         real = ("lift_N", "u_lift_N", "n_eff", "drift_N_s", "sd_N", *further)
-        self.columns: Table = {
+        self.columns: dict[str, NDArray[Any]] = {
             **{name: np.full(n, np.nan) for name in real},
             **{name: np.zeros(n, dtype=np.int64) for name in ("n", "n_removed", "samples")},
             **{name: np.full(n, "", dtype=object) for name in ("source_sha256", "source", "fault")},
@@ -151,14 +136,14 @@ def reduce_piece(task: Task) -> list[Row]:
                     rows.append(row)
             break
         except Exception as fault:
-            if len(rows) == len(task.piece.trials) or not is_of_the_record(fault):
+            if len(rows) == len(task.piece.trials) or not _is_of_the_record(fault):
                 raise
-            rows.append(malformed(task, len(rows), fault, digests))
+            rows.append(_malformed(task, len(rows), fault, digests))
         piece = _behind(task.piece, len(rows))
     return rows
 
 
-def conditions_of(campaign: Campaign) -> Conditions:
+def _conditions(campaign: Campaign) -> Conditions:
     """Conditions of every record of a campaign."""
     choice = campaign.quality
     return Conditions(
@@ -174,22 +159,42 @@ def conditions_of(campaign: Campaign) -> Conditions:
 
 def _rows(task: Task, piece: Piece, digests: dict[str, str]) -> Iterator[Row]:
     """The rows of a piece, by the process that reads it; `digests` grows by those of its files."""
-    campaign, conditions = task.campaign, conditions_of(task.campaign)
+    campaign, conditions = task.campaign, _conditions(task.campaign)
     reader = readers.reader(campaign.records.reader)
     for record in reader.read_piece(campaign, task.root, piece):
-        tare_after_N = task.tare_after_N.get(record.trial, np.nan)
-        sha = digest_of(task, record.source, digests)
-        yield row_of(record, conditions, tare_after_N, sha)
+        reduced = reduce_record(
+            record.force_N,
+            conditions,
+            time_s=record.time_s,
+            tare_after_N=task.tare_after_N.get(record.trial, np.nan),
+            codes=record.codes,
+            where=f"{record.source}, trial {record.trial!r}",
+        )
+        yield _row(task, record, record.trial, reduced, digests)
 
 
-def digest_of(task: Task, source: str, digests: dict[str, str]) -> str:
+def _row(task: Task, record: Record, trial: str, reduced: Reduced, digests: dict[str, str]) -> Row:
+    """The answer for a trial that is a whole record."""
+    return Row(
+        trial=trial,
+        reduced=reduced,
+        source_sha256=digest_of(task.root, record.source, digests),
+        source=record.source,
+        samples=len(record.force_N),
+        notes=record.notes,
+        fault=record.fault,
+    )
+
+
+def digest_of(root: Path, source: str, digests: dict[str, str]) -> str:
     """The SHA-256 of a file of the campaign, which `digests` then has."""
     if source not in digests:
-        digests[source] = sha256(task.root / source)
+        with (root / source).open("rb") as file:
+            digests[source] = hashlib.file_digest(file, "sha256").hexdigest()
     return digests[source]
 
 
-def malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> Row:
+def _malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> Row:
     """The row of trial i of a piece, over whose record `fault` was raised."""
     path = task.piece.paths[i if len(task.piece.paths) > 1 else 0]
     source = source_of(task.root, path)
@@ -202,14 +207,14 @@ def malformed(task: Task, i: int, fault: Exception, digests: dict[str, str]) -> 
     return Row(
         trial=task.piece.trials[i],
         reduced=Reduced(codes=("MALFORMED",)),
-        source_sha256=digest_of(task, source, digests),
+        source_sha256=digest_of(task.root, source, digests),
         source=source,
         fault="".join(c if c.isprintable() else "?" for c in text),
         refusal=fault if isinstance(fault, InputRefused) else None,
     )
 
 
-def is_of_the_record(fault: Exception) -> bool:
+def _is_of_the_record(fault: Exception) -> bool:
     """Whether the bytes of a record are to blame, and not the manifest or the machine (libraries
     call damage an OSError without a number).
     """
@@ -225,4 +230,91 @@ def _behind(piece: Piece, done: int) -> Piece:
         trials=piece.trials[done:],
         paths=piece.paths[done:] if len(piece.paths) == len(piece.trials) else piece.paths,
         rows=piece.rows[done:],
+    )
+
+
+# ---- records that are cut
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CutRecord:
+    """Answer of one worker for one record: a row for each piece, or one where there is none.
+
+    It also has the counts, and why the record cannot be read as the manifest asks.
+    """
+
+    record: str
+    rows: Rows
+    pieces: Pieces = field(default_factory=Pieces)
+    counts: Counter[str] = field(default_factory=Counter)
+    refusal: InputRefused | None = None
+
+
+def cut_piece(task: Task) -> list[CutRecord]:
+    """The answer for each record of a task; a MALFORMED row where something is raised over it.
+
+    Runs in any thread or process, and raises as `reduce_piece`.
+    """
+    answers, digests = list[CutRecord](), dict(task.inputs)
+    for i, record in enumerate(task.piece.trials):
+        try:
+            answers.append(_answer(task, i, digests))
+        except Exception as fault:
+            if not _is_of_the_record(fault):
+                raise
+            row = _malformed(task, i, fault, digests)
+            rows = Rows.gathered([row])
+            answers.append(CutRecord(record=record, rows=rows, refusal=row.refusal))
+    return answers
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def _answer(task: Task, i: int, digests: dict[str, str]) -> CutRecord:
+    campaign, record = task.campaign, task.piece.trials[i]
+    reader = readers.reader(campaign.records.reader)
+    whole = segments.read(campaign, task.root, reader, record, task.piece.paths[i])
+    if not whole.pieces:
+        none = Reduced(codes=whole.record.codes or ("NO_DATA",))
+        rows = [_row(task, whole.record, record, none, digests)]
+        return CutRecord(record=record, rows=Rows.gathered(rows), counts=_counts(whole))
+    conditions = replace(_conditions(campaign), settle_s=0.0)
+    sha = digest_of(task.root, whole.record.source, digests)
+    rows = []
+    for piece in whole.pieces:
+        last = piece is whole.pieces[-1]
+        reduced = reduce_record(
+            piece.force_N,
+            replace(conditions, tare_s=campaign.tare_s or len(piece.tare_N) / conditions.rate_Hz),
+            time_s=piece.time_s,
+            tare_after_N=task.tare_after_N.get(record, np.nan),
+            tare_N=piece.tare_N,
+            codes=tuple(c for c in whole.record.codes if c != "truncated" or last),
+            where=f"{whole.record.source}, piece {piece.number}",
+        )
+        rows.append(
+            Row(
+                trial=f"{record}#{piece.number}",
+                reduced=reduced,
+                samples=len(piece.force_N),
+                notes=whole.record.notes if last else (),
+                source=whole.record.source,
+                source_sha256=sha,
+            )
+        )
+    return CutRecord(
+        record=record,
+        rows=Rows.gathered(rows, OF_PIECES),
+        pieces=whole.without_samples,
+        counts=_counts(whole),
+    )
+
+
+def _counts(whole: Segmented) -> Counter[str]:
+    return Counter(
+        samples=len(whole.record.force_N),
+        pieces=len(whole.pieces),
+        short=whole.cuts.short,
+        settling=whole.cuts.settling,
+        between=whole.cuts.between,
+        rest=whole.at_rest,
     )

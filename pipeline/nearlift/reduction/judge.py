@@ -2,75 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.reduction import outliers, plausibility, quality
-from nearlift.run import tables
-from nearlift.schedule import RECORD_COLUMN, Schedule
-from nearlift.stages.rows import Rows
+
+Table = dict[str, NDArray[Any]]
 
 
-def table_of(schedule: Schedule, rows: Rows, campaign: Campaign) -> tables.Table:
-    """Columns of trials.parquet in run order, with all codes but those that `judge` adds."""
-    codes = [list(trial_codes) for trial_codes in rows.codes]
-    owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
+def record_codes(
+    columns: Table, codes: list[list[str]], owners: NDArray[np.object_], campaign: Campaign
+) -> None:
+    """Add to `codes` those of records that are like others' or have another length.
+
+    `columns` are rows of trials in run order, `owners` the record of each.
+    """
     if campaign.cuts_records:
-        _duplicates(rows, codes, owners, ("source_sha256",))
+        _duplicates(columns, codes, owners, ("source_sha256",))
     elif campaign.records.reader != "means":
         cell, missing = campaign.load_cell, campaign.quality.missing
-        samples = rows.columns["samples"]
+        samples = columns["samples"]
         planned = None
         if cell.record and cell.sample_rate:
             planned = round(cell.record * cell.sample_rate)
             plausibility.planned_length(samples, cell.record, cell.sample_rate, missing)
-        plausibility.lengths(rows.columns["n"], codes, missing, samples, planned)
-        # trials of one long table are told apart by their numbers
-        _duplicates(rows, codes, owners, ("source_sha256", "lift_N", "sd_N"))
-    if schedule.reached_m is not None:
-        off = (
-            np.abs(schedule.reached_m - schedule.z_m)
-            > campaign.quality.height * campaign.vehicle.rotor_radius
-        )
-        for trial_codes, lost in zip(codes, off, strict=True):
-            trial_codes += ["HEIGHT"] if lost else []
-    excluded, fault = campaign.quality.exclude, rows.columns["fault"]
-    for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
-        if (named := trial if trial in excluded else record) in excluded:
-            codes[i].append(quality.EXCLUDED)
-            fault[i] = "; ".join(filter(None, (fault[i], excluded[named])))
-    texts = [quality.joined(c) for c in codes]
-    return {
-        **schedule.settings,
-        **rows.columns,
-        "quality": np.array(texts, dtype=object),
-        "visit": schedule.visit,
-        "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
-        **schedule.covariates,
-    }
+        plausibility.lengths(columns["n"], codes, missing, samples, planned)
+        # trials of one long table are distinguished by their numbers
+        _duplicates(columns, codes, owners, ("source_sha256", "lift_N", "sd_N"))
 
 
 def _duplicates(
-    rows: Rows, codes: Sequence[list[str]], owners: NDArray[np.object_], same: tuple[str, ...]
+    rows: Mapping[str, NDArray[Any]],
+    codes: Sequence[list[str]],
+    owners: NDArray[np.object_],
+    same: tuple[str, ...],
 ) -> None:
     """Reject a trial whose columns `same` are those of an earlier one of another owner."""
     first: dict[tuple[object, ...], str] = {}
-    columns = [rows.columns[name].tolist() for name in same]
-    for i in np.flatnonzero(rows.columns["n"]).tolist():
+    columns = [rows[name].tolist() for name in same]
+    for i in np.flatnonzero(rows["n"]).tolist():
         key = tuple(column[i] for column in columns)
         if first.setdefault(key, owners[i]) != owners[i]:
             codes[i].append("DUPLICATE")
 
 
-def _same(table: tables.Table, campaign: Campaign) -> list[str]:
+def _same(table: Table, campaign: Campaign) -> list[str]:
     """Whose record each duplicate is; of records that are cut, once for all pieces."""
     first: dict[tuple[str, float], str] = {}
     notes: dict[str, None] = {}
     for record, sha, lift, text in zip(
-        table[RECORD_COLUMN if campaign.cuts_records else "trial"],
+        table["record" if campaign.cuts_records else "trial"],
         table["source_sha256"],
         table["lift_N"].tolist(),
         table["quality"],
@@ -82,7 +67,7 @@ def _same(table: tables.Table, campaign: Campaign) -> list[str]:
     return list(notes)
 
 
-def _mark(table: tables.Table, name: str, marked: NDArray[np.bool_]) -> None:
+def _mark(table: Table, name: str, marked: NDArray[np.bool_]) -> None:
     """Add a quality code to the marked trials."""
     table["quality"] = np.array(
         [
@@ -103,7 +88,7 @@ def unit_of(campaign: Campaign) -> tuple[str, str]:
     )
 
 
-def judge(table: tables.Table, campaign: Campaign) -> list[str]:
+def judge(table: Table, campaign: Campaign) -> list[str]:
     """Check trials against each other; adds codes to `table`, and returns notes."""
     weight = campaign.vehicle.mass * campaign.rig.gravity
     unit, key = unit_of(campaign)
@@ -132,7 +117,7 @@ def judge(table: tables.Table, campaign: Campaign) -> list[str]:
     return notes
 
 
-def _outlying(table: tables.Table, side: str) -> list[str]:
+def _outlying(table: Table, side: str) -> list[str]:
     """Mark the trials that repeats and neighbours contradict, and say of each how far off it is."""
     mine = np.flatnonzero(
         (table["boundary"] == side) & ~quality.rejected(table["quality"]) & (table["lift_N"] > 0)

@@ -2,54 +2,43 @@
 
 from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
+from typing import Any
 
-from nearlift.campaign.manifest import Campaign
-from nearlift.declare import FloatArray
-from nearlift.errors import InputRefused
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.level_curve import at_shown
 from nearlift.nomenclature import CARRIED
-from nearlift.observed import boundaries, observe
 from nearlift.reduction import cells, plausibility
 from nearlift.results import Observations
-from nearlift.run.tables import Table
 
+Table = dict[str, NDArray[Any]]
 #: With more cells than this no covariance is written: a column of numbers for every cell, it grows
 #: with their square (34 MB here).
 MOST_CELLS = 2000
 
 
-def lift_change(trials: Table, campaign: Campaign) -> tuple[Table, Table, tuple[str, ...]]:
+def lift_change(
+    trials: Table, observed: Mapping[Boundary, Observations], near_reference: bool = False
+) -> tuple[Table, Table, tuple[str, ...]]:
     """Cells of accepted trials at one (boundary, distance, throttle), the covariance of their Delta
     L (empty beyond `MOST_CELLS`), and notes.
 
     A throttle without a lift far from the boundary has no L_inf, and its Delta L is nan. With
-    ``[quality] near_reference`` the farthest lift serves. Where L_inf
-    is a curve, lifts are moved along it to the throttles that it shows.
-
-    Raises
-    ------
-    InputRefused
-        All accepted trials are in free air.
+    `near_reference` the farthest lift serves. Where L_inf is a curve, lifts are moved along it to
+    the throttles that it shows.
     """
     from scipy.linalg import block_diag
 
     reduced, carried, curve = {}, {}, False
-    for boundary in boundaries(trials):
-        data = observe(trials, campaign, boundary)
+    for boundary, data in observed.items():
         curve = data.curve is not None
         lift_N = at_shown(data) if curve else data.lift_N
         throttle = data.levels[data.level]
         reduced[boundary] = cells.reduce(data.z_hat, throttle, lift_N, data.u_lift_N, data.visit)
         carried[boundary] = _carried(trials, data, reduced[boundary])
-    if not reduced:
-        remedy = (
-            "trials.parquet is written; a change of lift needs trials at some distance to a ground,"
-            " ceiling or sidewall"
-        )
-        raise InputRefused(
-            campaign.trials.file, "has no good trial near a boundary, only in free air", remedy
-        )
     columns = ("z_hat", "throttle", "lift_N", "u_lift_N", "n_trials", "delta_L", "u_delta_L")
     table = {name: np.concatenate([getattr(c, name) for c in reduced.values()]) for name in columns}
     table["boundary"] = np.concatenate(
@@ -59,7 +48,7 @@ def lift_change(trials: Table, campaign: Campaign) -> tuple[Table, Table, tuple[
         table[name] = np.concatenate(
             [carried[b].get(name, np.full(len(c.z_hat), np.nan)) for b, c in reduced.items()]
         )
-    wanted, notes = curve or campaign.quality.near_reference, []
+    wanted, notes = curve or near_reference, []
     for side, far in plausibility.only_near(trials):
         notes.append(
             f"{side}: no trial is farther than z_hat = {far:.3g}, where the {side} still acts, so"
@@ -67,7 +56,7 @@ def lift_change(trials: Table, campaign: Campaign) -> tuple[Table, Table, tuple[
             " distance wrong?"
         )
     lacking = np.zeros(len(table["z_hat"]), dtype=bool)
-    # a curve tells L_inf of every throttle from all of them
+    # a curve gives L_inf of every throttle from all of them
     for side, level, far, farthest in () if curve else plausibility.without_reference(trials):
         if not wanted:
             lacking |= (table["boundary"] == side) & (table["throttle"] == level)

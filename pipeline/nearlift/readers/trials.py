@@ -1,0 +1,410 @@
+"""Records to one row for every trial of the schedule; a rejected one says why."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import os
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from nearlift import readers
+from nearlift.campaign.manifest import Campaign
+from nearlift.campaign.rig import RECORD_MARK
+from nearlift.errors import InputRefused, ManifestError, NearliftError
+from nearlift.readers import means, ramp, segments
+from nearlift.readers.base import Reader
+from nearlift.readers.files import MARK, Piece, per_trial, pieces, source_of, unlisted
+from nearlift.readers.guarded import Malformed
+from nearlift.readers.rows import (
+    OF_PIECES,
+    CutRecord,
+    Row,
+    Rows,
+    Task,
+    cut_piece,
+    digest_of,
+    reduce_piece,
+)
+from nearlift.readers.segment_schedule import schedule_of_trials
+from nearlift.reduction import judge, plausibility, quality
+from nearlift.schedule import RECORD_COLUMN, Schedule, read_schedule, schedule_file
+
+#: What a manifest says wrong if all records carry a code.
+MISDESCRIBED = {
+    "NO_DATA": "; correct tare, settle or sample_rate under [load_cell]",
+    "TOO_SHORT": "; correct tare, settle or sample_rate under [load_cell]",
+    "TARE": "; is tare too long, or sample_rate wrong, under [load_cell]?",
+    "MIXED": "; is tare too short, or sample_rate wrong, under [load_cell]?",
+    "SATURATED": "; correct range under [load_cell], or the unit under [records] force",
+    "STUCK": (
+        '; is force under [records] the right column? a cell that zeroes itself has tare = "0 s",'
+        " and settle for its head"
+    ),
+}
+#: A record whose samples scatter by more than this part of its lift may be a sweep; where the
+#: first few are none, no more are looked at.
+SWEEP, FEW_SWEEPS = 0.1, 3
+#: Samples of a tare that show whether it is one level.
+FEW_OF_TARE = 20
+#: A cut file younger than this may be one that an instrument is still writing, ns.
+WRITING_NS = 10_000_000_000
+
+
+Spread = Callable[[Callable[[Task], Any], Iterable[Task]], Iterator[Any]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recorded:
+    """A campaign as it was recorded.
+
+    Attributes
+    ----------
+    digests : mapping of str to str
+        SHA-256 of each raw file, by its path under `root`.
+    stamps : mapping of str to (int, int)
+        Size and time of last change of each file when it was hashed.
+    spread : callable
+        Results of a function over tasks, in order, by as many workers as there are.
+    say : callable
+        Hears what is being done, and the share that is done.
+    """
+
+    root: Path
+    campaign: Campaign
+    digests: Mapping[str, str]
+    stamps: Mapping[str, tuple[int, int]]
+    spread: Spread
+    say: Callable[[str, float | None], None]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReducedTrials:
+    """Columns of all trials, the rejected ones with the reason, and notes."""
+
+    table: dict[str, NDArray[Any]]
+    rejected: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...]
+
+
+def reduced_trials(recorded: Recorded) -> ReducedTrials:
+    """A row for every trial.
+
+    Raises
+    ------
+    NearliftError
+        The schedule or the records are refused, no trial has a record, or none is good.
+    """
+    campaign = recorded.campaign
+    reader = readers.reader(campaign.records.reader)
+    schedule = read_schedule(campaign, recorded.root)
+    notes, sweeps = list(schedule.notes), list[str]()
+    if not campaign.cuts_records:
+        _require_known(campaign.quality.exclude, schedule)
+    if not reader.series:
+        rows = _from_means(recorded, schedule)
+    elif campaign.cuts_records:
+        schedule, rows, more = _from_cut_records(recorded, reader, schedule)
+        _require_known(campaign.quality.exclude, schedule, by_record=True)
+        notes += [*more, *_remarks_on_tare(campaign)]
+    else:
+        rows, more = _from_records(recorded, reader, schedule)
+        sweeps = _mark_sweeps(recorded, reader, schedule, rows)
+        notes += [*more, *_remarks_on_tare(campaign), *sweeps]
+    _mark_pending(recorded, rows)
+    table = _table(schedule, rows, campaign)
+    notes += judge.judge(table, campaign)
+    if asked := campaign.quality.exclude:
+        trials = ", ".join(f"{trial} ({why})" if why else trial for trial, why in asked.items())
+        notes.append(f"left out as [quality] exclude asks: {trials}")
+    notes += quality.remarks(table["quality"])
+    if quality.rejected(table["quality"]).all():
+        raise _all_rejected(recorded, table, sweeps)
+    rejected = tuple(
+        (str(table["trial"][i]), quality.reason(table["quality"][i], table["fault"][i]))
+        for i in np.flatnonzero(quality.faulty(table["quality"]))
+    )
+    return ReducedTrials(table=table, rejected=rejected, notes=tuple(notes))
+
+
+def _all_rejected(
+    recorded: Recorded, table: dict[str, NDArray[Any]], sweeps: list[str]
+) -> InputRefused:
+    """The refusal of a campaign without a good trial, by its commonest code; raised as such where
+    the unit of force is at fault.
+    """
+    campaign = recorded.campaign
+    unit, key = judge.unit_of(campaign)
+    blank = {**table, "quality": np.full(len(table["quality"]), "", dtype=object)}
+    plausibility.against_weight(blank, campaign.vehicle.mass * campaign.rig.gravity, unit, key)
+    counts = Counter(code for text in table["quality"] for code in text.split() if code.isupper())
+    reasons = ", ".join(f"{code} {count}" for code, count in counts.most_common())
+    worst = quality.code(counts.most_common(1)[0][0])
+    # the fault of the first record says more than the meaning of the code
+    fault = next((f for f in table["fault"] if f), "") if worst.name == "MALFORMED" else ""
+    meaning = f"{worst.name}: {fault or worst.meaning}{MISDESCRIBED.get(worst.name, '')}"
+    return InputRefused(
+        str(recorded.root),
+        f"all {len(table['quality'])} trials are rejected ({reasons})",
+        *(sweeps or [meaning]),
+    )
+
+
+def _table(schedule: Schedule, rows: Rows, campaign: Campaign) -> dict[str, NDArray[Any]]:
+    """Columns of trials.parquet in run order, with the codes that each trial has by itself."""
+    codes = [list(trial_codes) for trial_codes in rows.codes]
+    owners = schedule.covariates[RECORD_COLUMN] if campaign.cuts_records else schedule.trial
+    judge.record_codes(rows.columns, codes, owners, campaign)
+    if schedule.reached_m is not None:
+        off = np.abs(schedule.reached_m - schedule.z_m)
+        lost = off > campaign.quality.height * campaign.vehicle.rotor_radius
+        for k in np.flatnonzero(lost).tolist():
+            codes[k].append("HEIGHT")
+    excluded, fault = campaign.quality.exclude, rows.columns["fault"]
+    for i, (trial, record) in enumerate(zip(schedule.trial, owners, strict=True)):
+        if (named := trial if trial in excluded else record) in excluded:
+            codes[i].append(quality.EXCLUDED)
+            fault[i] = "; ".join(filter(None, (fault[i], excluded[named])))
+    texts = [quality.joined(c) for c in codes]
+    return {
+        **schedule.settings,
+        **rows.columns,
+        "quality": np.array(texts, dtype=object),
+        "visit": schedule.visit,
+        "completeness": np.array([quality.completeness(text) for text in texts], dtype=object),
+        **schedule.covariates,
+    }
+
+
+def _require_known(exclude: Mapping[str, str], schedule: Schedule, by_record: bool = False) -> None:
+    """Refuse a manifest that excludes a trial that is not in the schedule; propose ids like it."""
+    ids = schedule.trial.tolist()
+    # a whole record may be left out as well
+    records = schedule.covariates["record"].tolist() if by_record else []
+    for trial in sorted(exclude.keys() - {*ids, *records}):
+        near = difflib.get_close_matches(trial, ids, n=3)
+        remedy = (
+            f"did you mean {', '.join(map(repr, near))}?"
+            if near
+            else f"the schedule's first is {ids[0]!r}"
+        )
+        raise ManifestError(
+            "quality.exclude", f"no trial of the schedule is called {trial!r}", remedy
+        )
+
+
+def _answers(
+    recorded: Recorded, work: Callable[[Task], Any], tasks: Iterator[Task], count: int, noun: str
+) -> Iterator[Row | CutRecord]:
+    """Answers of workers, in order; raises the first refusal where most records are refused: one
+    record is damaged, most of them are misdescribed.
+    """
+    refusals: list[InputRefused] = []
+    done = 0
+    for answers in recorded.spread(work, tasks):
+        refusals += [answer.refusal for answer in answers if answer.refusal]
+        if 2 * len(refusals) > count:
+            raise refusals[0]
+        done += len(answers)
+        recorded.say(f"ingest {done} of {count} {noun}", done / count)
+        yield from answers
+
+
+def _from_records(recorded: Recorded, reader: Reader, schedule: Schedule) -> tuple[Rows, list[str]]:
+    """Rows of records that hold one trial each, and notes. Refused where no trial has a record."""
+    plan = reader.plan(recorded.campaign, recorded.root, list(schedule.trial))
+    count = sum(len(piece.trials) for piece in plan.pieces)
+    if not count:
+        raise InputRefused(
+            str(recorded.root / (recorded.campaign.records.files or "")),
+            f"none of the {len(schedule)} trials has a record",
+            f"the first would be that of trial {schedule.trial[0]!r}; check [records] files",
+        )
+    place = {trial: i for i, trial in enumerate(schedule.trial)}
+    rows, notes, todo = Rows(len(schedule)), plan.notes, deque(plan.pieces)
+    # a piece is not kept once it is done
+    del plan
+    for row in _answers(recorded, reduce_piece, _tasks(recorded, todo, schedule), count, "trials"):
+        assert isinstance(row, Row)
+        rows.put(place[row.trial], row)
+    return rows, [*notes, *rows.remarks()]
+
+
+def _from_cut_records(
+    recorded: Recorded, reader: Reader, schedule: Schedule
+) -> tuple[Schedule, Rows, list[str]]:
+    """The schedule of the pieces of all records, their rows, and notes. Refused where no record is
+    there.
+    """
+    campaign, ids = recorded.campaign, schedule.trial.tolist()
+    segments.cutting(reader).checked_dialect(campaign.records.dialect)
+    there = per_trial(campaign, recorded.root, ids)
+    if not there:
+        raise InputRefused(
+            str(recorded.root / (campaign.records.files or "")),
+            f"none of the {len(ids)} records of the schedule is there",
+            f"the first would be {ids[0]!r}; check [records] files",
+        )
+    tasks = _tasks(recorded, deque(pieces(there)), schedule)
+    answers: dict[str, CutRecord] = {}
+    for answer in _answers(recorded, cut_piece, tasks, len(there), "records"):
+        assert isinstance(answer, CutRecord)
+        answers[answer.record] = answer
+    cuts = {record: answer.pieces for record, answer in answers.items()}
+    trials = schedule_of_trials(campaign, recorded.root, cuts)
+    rows, at = Rows(len(trials), OF_PIECES), 0
+    for record in ids:
+        # a record that is not there has a row that is MISSING
+        if record in answers:
+            rows.put_all(at, answers[record].rows)
+        at += len(answers[record].rows.codes) if record in answers else 1
+    notes = [*unlisted(campaign, recorded.root, ids), *_remarks_on_cuts([*answers.values()])]
+    return trials, rows, [*notes, *rows.remarks()]
+
+
+def _remarks_on_cuts(answers: list[CutRecord]) -> list[str]:
+    """Shares of samples that were kept and left out, in one line."""
+    total: Counter[str] = sum((a.counts for a in answers), Counter())
+    if not total["pieces"]:
+        return []
+    share = {k: 100 * total[k] / total["samples"] for k in ("settling", "between")}
+    records = sum(a.counts["pieces"] > 0 for a in answers)
+    kept = f"{records} record{'s' * (records != 1)} cut into {total['pieces']} trials"
+    settling = f"{share['settling']:.3g} % of the samples are settling"
+    short = f"{share['between']:.3g} % are in {total['short']} pieces that are too short"
+    return [f"{kept}; {settling}, {short}, {total['rest']} pieces are at rest"]
+
+
+def _mark_sweeps(recorded: Recorded, reader: Reader, schedule: Schedule, rows: Rows) -> list[str]:
+    """Remark on records that sweep the throttle but are given as one trial each, with the lines
+    that would cut them. Their rows become MIXED.
+    """
+    campaign = recorded.campaign
+    if MARK not in campaign.records.pattern:
+        return []
+    wide = rows.columns["sd_N"] > SWEEP * np.abs(rows.columns["lift_N"])
+    place = {str(schedule.trial[i]): i for i in np.flatnonzero(wide).tolist()}
+    sweeps: dict[str, ramp.Ramp] = {}
+    for k, (trial, (path, _)) in enumerate(per_trial(campaign, recorded.root, [*place]).items()):
+        if k == FEW_SWEEPS and not sweeps:
+            break
+        with contextlib.suppress(NearliftError, Malformed):
+            swept = ramp.of_file(campaign, reader, trial, path)
+            sweeps |= {} if swept is None else {trial: swept}
+    if not sweeps:
+        return []
+    for i in (place[trial] for trial in sweeps):
+        rows.codes[i] = tuple(dict.fromkeys((*rows.codes[i], "MIXED")))
+    trial, first = next(iter(sweeps.items()))
+    more = f" (and {len(sweeps) - 1} more like it)" if len(sweeps) > 1 else ""
+    remark = (
+        f"the record of {trial}{more} {first.words}; to cut it into trials write {RECORD_MARK} for"
+        f" {MARK} in [records] files, call the column of ids in {campaign.trials.file} record,"
+        f" and add\n{first.segments}`nearlift inspect --cuts CAMPAIGN` then draws where it is cut"
+    )
+    return [remark]
+
+
+def _remarks_on_tare(campaign: Campaign) -> list[str]:
+    """Remarks on the tare that the manifest declares."""
+    remarks = []
+    if campaign.load_cell.tare == "none":
+        remarks.append(
+            "the records have no tare: the zero of the force is unknown and wants an"
+            ' [[uncertainty]] on = "force"'
+        )
+    samples = round(campaign.tare_s * (campaign.load_cell.sample_rate or 0.0))
+    if 0 < samples < FEW_OF_TARE:
+        remarks.append(
+            f"the tares have {samples} samples: too few to show damage of more than one of them"
+            f" ({FEW_OF_TARE} would)"
+        )
+    return remarks
+
+
+def _tasks(recorded: Recorded, todo: deque[Piece], schedule: Schedule) -> Iterator[Task]:
+    """A task for each piece, which is taken off the queue."""
+    tares = schedule.covariates.get("tare_after_N")
+    after = {} if tares is None else dict(zip(schedule.trial, tares, strict=True))
+    root, known = recorded.root, dict(recorded.digests)
+    # a file that many trials share is hashed once, here, and not by every worker
+    for path in {p.paths[0] for p in todo if len(p.paths) == 1 and len(p.trials) > 1}:
+        digest_of(root, source_of(root, path), known)
+    while todo:
+        piece = todo.popleft()
+        names = [source_of(root, path) for path in piece.paths]
+        yield Task(
+            root=root,
+            campaign=recorded.campaign,
+            piece=piece,
+            tare_after_N={trial: after[trial] for trial in piece.trials if trial in after},
+            inputs={name: known[name] for name in names if name in known},
+        )
+
+
+def _mark_pending(recorded: Recorded, rows: Rows) -> None:
+    """Mark the trials of files that were still being written PENDING; refuse what many trials rest
+    on where it was changed while it was read.
+    """
+    changed, young = _moving(recorded)
+    asked = {*changed, *young}
+    owners: dict[str, list[int]] = {name: [] for name in asked}
+    for i, source in enumerate(rows.columns["source"].tolist()):
+        if source in asked:
+            owners[source].append(i)
+    for name in changed:
+        one = len(owners[name]) == 1 or (owners[name] and recorded.campaign.cuts_records)
+        if not one:
+            raise InputRefused(
+                str(recorded.root / name),
+                "was changed while it was being read",
+                "run again when it is complete",
+            )
+    late = {i for name in changed for i in owners[name]}
+    late |= {
+        i
+        for name in young
+        for i in owners[name]
+        if not {"truncated", "MALFORMED"}.isdisjoint(rows.codes[i])
+    }
+    for i in late:
+        rows.codes[i] = (*rows.codes[i], "PENDING")
+
+
+def _moving(recorded: Recorded) -> tuple[list[str], list[str]]:
+    """Files that changed since they were hashed, and those so young that they may still grow."""
+    changed, young = [], []
+    now, folder = time.time_ns(), recorded.root.as_posix()
+    for name, stamp in recorded.stamps.items():
+        try:
+            status = os.stat(f"{folder}/{name}")  # noqa: PTH116 - paths made one by one take longer
+        except OSError:
+            changed.append(name)
+            continue
+        if (status.st_size, status.st_mtime_ns) != stamp:
+            changed.append(name)
+        elif abs(now - status.st_mtime_ns) < WRITING_NS:
+            young.append(name)
+    return changed, young
+
+
+def _from_means(recorded: Recorded, schedule: Schedule) -> Rows:
+    source = source_of(recorded.root, schedule_file(recorded.campaign, recorded.root))
+    lift = means.lift_of(schedule)
+    rows = Rows(len(schedule))
+    rows.columns |= {
+        **{name: lift[name].astype(float) for name in ("lift_N", "u_lift_N", "sd_N")},
+        "n_eff": lift["n"].astype(float),
+        **{name: lift["n"].astype(np.int64) for name in ("n", "samples")},
+    }
+    rows.columns["source"][:] = source
+    rows.columns["source_sha256"][:] = digest_of(recorded.root, source, dict(recorded.digests))
+    rows.codes = [()] * len(schedule)
+    return rows
