@@ -98,7 +98,7 @@ def nearlift(data: Path, design: str) -> dict[str, Any]:
     from nearlift.fit.solver import minimise
     from nearlift.likelihood.covariance import Covariance
     from nearlift.likelihood.problem import Problem
-    from nearlift.models.sanchez_cuevas import FREE_EXPONENT as MODEL
+    from nearlift.models.images import SANCHEZ_CUEVAS_FREE_EXPONENT as MODEL
     from nearlift.results import Observations
 
     found = loaded(data, design)

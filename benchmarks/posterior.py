@@ -69,7 +69,7 @@ def nearlift(path: Path, ess: int, chain: bool) -> Any:
     from nearlift.fit.density import Density
     from nearlift.likelihood.covariance import Covariance
     from nearlift.likelihood.problem import Problem
-    from nearlift.models.sanchez_cuevas import FREE_EXPONENT as model
+    from nearlift.models.images import SANCHEZ_CUEVAS_FREE_EXPONENT as model
     from nearlift.results import Observations
 
     found = dict(np.load(path))

@@ -15,13 +15,14 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from nearlift.models import (
-    cheeseman_bennett,
-    hsiao_chirarattananon,
-    sanchez_cuevas,
-    sanchez_cuevas_as_printed,
+from nearlift.models.images import (
+    CHEESEMAN_BENNETT,
+    CHEESEMAN_BENNETT_THEORY,
+    SANCHEZ_CUEVAS,
+    SANCHEZ_CUEVAS_AS_PRINTED,
+    SANCHEZ_CUEVAS_FREE_EXPONENT,
 )
-from nearlift.models.hsiao_chirarattananon import gamma
+from nearlift.models.momentum import HSIAO_CHIRARATTANANON, gamma
 
 FILE = tomllib.loads(Path(__file__).with_name("claims.toml").read_text(encoding="utf-8"))
 CLAIMS, FINDINGS = FILE["claim"], FILE["finding"]
@@ -229,12 +230,12 @@ def batteries(minutes_each: float) -> float:
 
 @computes
 def cheeseman_bennett_gain_percent(z_hat: float) -> float:
-    return 100 * (float(cheeseman_bennett.THEORY(z_hat)) - 1)
+    return 100 * (float(CHEESEMAN_BENNETT_THEORY(z_hat)) - 1)
 
 
 @computes
 def cheeseman_bennett_downwash_percent(z_hat: float) -> float:
-    return 100 * (1 - float(cheeseman_bennett.downwash(z_hat, k=1.0)))
+    return 100 * (1 - float(CHEESEMAN_BENNETT.downwash(z_hat, k=1.0)))
 
 
 @computes
@@ -245,11 +246,7 @@ def equation_1_with_z_in_metres(z_hat: float) -> float:
 @computes
 def printed_gain_percent(z_hat: float) -> float:
     return 100 * (
-        float(
-            sanchez_cuevas_as_printed.MODEL(
-                z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5
-            )
-        )
+        float(SANCHEZ_CUEVAS_AS_PRINTED(z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=0.5))
         - 1
     )
 
@@ -257,22 +254,19 @@ def printed_gain_percent(z_hat: float) -> float:
 @computes
 def original_gain_percent(z_hat: float) -> float:
     """With the Crazyflie's own geometry."""
-    return 100 * (float(sanchez_cuevas.MODEL(z_hat, **CRAZYFLIE, K_b=2.0)) - 1)
+    return 100 * (float(SANCHEZ_CUEVAS(z_hat, **CRAZYFLIE, K_b=2.0)) - 1)
 
 
 @computes
 def original_over_printed_fountain(z_hat: float) -> float:
-    original = sanchez_cuevas.cancelled(z_hat, **PAPER, K_b=2.0) - sanchez_cuevas.cancelled(
-        z_hat, **PAPER, K_b=0.0
-    )
-    d = PAPER["spacing_hat"]
-    return float(
-        original
-        / (
-            sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.5)
-            - sanchez_cuevas_as_printed.cancelled(z_hat, d, 0.0)
+    original = [SANCHEZ_CUEVAS.downwash(z_hat, **PAPER, K_b=k) for k in (0.0, 2.0)]
+    printed = [
+        SANCHEZ_CUEVAS_AS_PRINTED.downwash(
+            z_hat, spacing_hat=PAPER["spacing_hat"], inverse_K_b=inverse
         )
-    )
+        for inverse in (0.0, 0.5)
+    ]
+    return float((original[0] - original[1]) / (printed[0] - printed[1]))
 
 
 @computes
@@ -287,12 +281,12 @@ def measured_over_classic(z_hat: float) -> float:
 
 @computes
 def pole_of_cheeseman_bennett() -> float:
-    return float(brentq(lambda z: float(cheeseman_bennett.downwash(z, k=1.0)), 0.1, 1.0))
+    return float(brentq(lambda z: float(CHEESEMAN_BENNETT.downwash(z, k=1.0)), 0.1, 1.0))
 
 
 @computes
 def pole_of_sanchez_cuevas() -> float:
-    return float(brentq(lambda z: float(sanchez_cuevas.downwash(z, **PAPER, K_b=2.0)), 0.1, 1.0))
+    return float(brentq(lambda z: float(SANCHEZ_CUEVAS.downwash(z, **PAPER, K_b=2.0)), 0.1, 1.0))
 
 
 @computes
@@ -301,9 +295,7 @@ def u_of_K_b(unit: str, free_lift_inf: bool) -> float:
     of a Crazyflie.
     """
     z, step = GROUND * UNIT[unit] / R, 1e-5
-    ratio = [
-        np.asarray(sanchez_cuevas.MODEL(z, **CRAZYFLIE, K_b=2.0 + d)) for d in (step, 0.0, -step)
-    ]
+    ratio = [np.asarray(SANCHEZ_CUEVAS(z, **CRAZYFLIE, K_b=2.0 + d)) for d in (step, 0.0, -step)]
     slope = (ratio[0] - ratio[2]) / (2 * step)
     columns = np.stack([slope, ratio[1]], axis=1) if free_lift_inf else slope[:, None]
     return float(0.01 * math.sqrt(np.linalg.inv(columns.T @ columns)[0, 0]))
@@ -325,7 +317,7 @@ def gamma_gain_percent(z_hat: float) -> float:
 
 @computes
 def ceiling_downwash_percent(z_hat: float) -> float:
-    return 100 * (1 - float(hsiao_chirarattananon.downwash(z_hat, alpha=0.125)))
+    return 100 * (1 - float(HSIAO_CHIRARATTANANON.downwash(z_hat, alpha=0.125)))
 
 
 @computes
@@ -486,7 +478,7 @@ def crash_rates(boundary: str, power: float, targets: np.ndarray, flights: int) 
     """
     heights = np.linspace(0.5, 12, 4000)
     near = (
-        sanchez_cuevas.FREE_EXPONENT(heights, **PAPER, K_b=2.0, n=1.0)
+        SANCHEZ_CUEVAS_FREE_EXPONENT(heights, **PAPER, K_b=2.0, n=1.0)
         if boundary == "ground"
         else gamma(heights, 0.125)
     )

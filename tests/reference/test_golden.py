@@ -6,15 +6,13 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.models import (
-    cheeseman_bennett,
-    hayden,
-    hsiao_chirarattananon,
-    images,
-    sanchez_cuevas,
+from nearlift.models.empirical import HAYDEN
+from nearlift.models.images import CHEESEMAN_BENNETT_THEORY, IMAGES, SANCHEZ_CUEVAS, square
+from nearlift.models.momentum import (
+    HSIAO_CHIRARATTANANON,
+    HSIAO_CHIRARATTANANON_CONSTANT_POWER,
+    gamma,
 )
-from nearlift.models.hsiao_chirarattananon import gamma
-from nearlift.models.images import square
 
 R = 23.0  # mm
 GROUND_Z = (0.5, 1.0, 1.14, 1.5, 2.0, 2.48, 3.0, 4.0, 5.0)
@@ -62,17 +60,17 @@ def test_ground_table(row):
 def test_ceiling_table():
     z = np.array(CEILING_Z)
     np.testing.assert_allclose(
-        hsiao_chirarattananon.MODEL(z),
+        HSIAO_CHIRARATTANANON(z),
         (4.071, 2.337, 1.780, 1.516, 1.273, 1.112, 1.060, 1.030, 1.008),
         atol=6e-4,
     )
     constant_power = (2.549, 1.761, 1.469, 1.319, 1.174, 1.074, 1.040, 1.020, 1.005)
-    np.testing.assert_allclose(hsiao_chirarattananon.CONSTANT_POWER(z), constant_power, atol=6e-4)
+    np.testing.assert_allclose(HSIAO_CHIRARATTANANON_CONSTANT_POWER(z), constant_power, atol=6e-4)
 
 
 @pytest.mark.parametrize(("z", "value"), [(1.0, 1.066667), (0.5, 1.333333), (2.0, 1.015873)])
 def test_cheeseman_bennett(z, value):
-    assert float(cheeseman_bennett.THEORY(z)) == pytest.approx(value, abs=5e-7)
+    assert float(CHEESEMAN_BENNETT_THEORY(z)) == pytest.approx(value, abs=5e-7)
 
 
 @pytest.mark.parametrize(
@@ -83,7 +81,7 @@ def test_gamma(z, value):
 
 
 def test_hayden_tends_to_less_than_one():
-    assert float(hayden.MODEL(np.inf)) == pytest.approx(0.9951, abs=6e-5)
+    assert float(HAYDEN(np.inf)) == pytest.approx(0.9951, abs=6e-5)
 
 
 def test_ceiling_at_contact_scale():
@@ -93,10 +91,6 @@ def test_ceiling_at_contact_scale():
 
 
 def test_no_fountain_is_the_images():
-    without = sanchez_cuevas.MODEL(
-        1.0, spacing_hat=90 / R, diagonal_hat=math.sqrt(2) * 90 / R, K_b=0
-    )
-    assert float(without) == pytest.approx(
-        float(images.MODEL(1.0, layout_hat=square(90 / R))), rel=1e-12
-    )
+    without = SANCHEZ_CUEVAS(1.0, spacing_hat=90 / R, diagonal_hat=math.sqrt(2) * 90 / R, K_b=0)
+    assert float(without) == pytest.approx(float(IMAGES(1.0, layout_hat=square(90 / R))), rel=1e-12)
     assert float(without) == pytest.approx(1.0831, abs=6e-5)

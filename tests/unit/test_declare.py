@@ -20,7 +20,7 @@ from nearlift.declare import (
     uniform,
 )
 from nearlift.errors import DeclarationError
-from nearlift.models import cheeseman_bennett, sanchez_cuevas
+from nearlift.models.images import CHEESEMAN_BENNETT, SANCHEZ_CUEVAS
 
 SOURCE = Source(citation="nobody")
 GAIN = Parameter(
@@ -166,7 +166,7 @@ def test_calling_without_what_it_needs_is_refused():
     with pytest.raises(
         DeclarationError, match=r"needs \['diagonal_hat'\]\n  give them as keywords"
     ):
-        sanchez_cuevas.MODEL(1.0, spacing_hat=3.0)
+        SANCHEZ_CUEVAS(1.0, spacing_hat=3.0)
 
 
 def test_parameter_by_name():
@@ -181,7 +181,7 @@ def test_suits():
     assert declare(rotors="several").suits(4, {})
     assert not declare(rotors="several").suits(1, {})
     assert declare().suits(1, {})
-    assert not sanchez_cuevas.MODEL.suits(4, {"spacing_hat": 3.0})
+    assert not SANCHEZ_CUEVAS.suits(4, {"spacing_hat": 3.0})
 
 
 def test_effect_without_a_mechanism_is_refused():
@@ -209,23 +209,23 @@ ADDED = effect(
 
 
 def test_composed_model_is_a_model_that_does_nothing_new_at_the_null():
-    model = compose(cheeseman_bennett.MODEL, HEIGHT, RATIO, effect())
+    model = compose(CHEESEMAN_BENNETT, HEIGHT, RATIO, effect())
     assert isinstance(model, LiftModel)
     assert model.name == "cheeseman_bennett_with_offset_with_power_with_gain"
     assert [p.name for p in model.parameters] == ["k", "delta", "m", "gain"]
     assert set(keywords(model.evaluate)) == {"k", "delta", "m", "gain"}
     z = np.linspace(0.5, 5, 9)
-    np.testing.assert_array_equal(model(z), cheeseman_bennett.MODEL(z))
+    np.testing.assert_array_equal(model(z), CHEESEMAN_BENNETT(z))
 
 
 def test_height_acts_before_the_model_and_ratio_after():
-    model = compose(cheeseman_bennett.MODEL, HEIGHT, RATIO)
-    assert float(model(1.0, delta=0.5)) == pytest.approx(float(cheeseman_bennett.MODEL(1.5)))
-    assert float(model(1.0, m=0.4)) == pytest.approx(float(cheeseman_bennett.MODEL(1.0)) ** 1.4)
+    model = compose(CHEESEMAN_BENNETT, HEIGHT, RATIO)
+    assert float(model(1.0, delta=0.5)) == pytest.approx(float(CHEESEMAN_BENNETT(1.5)))
+    assert float(model(1.0, m=0.4)) == pytest.approx(float(CHEESEMAN_BENNETT(1.0)) ** 1.4)
 
 
 def test_additive_force_needs_the_lift_far_away():
-    model = compose(cheeseman_bennett.MODEL, ADDED)
+    model = compose(CHEESEMAN_BENNETT, ADDED)
     assert model.needs == ("lift_inf_N",)
     assert float(model(np.inf, zero_N=0.01, lift_inf_N=0.5)) == pytest.approx(1.02)
 
@@ -239,15 +239,15 @@ def test_effect_that_asks_for_the_height_gets_the_shifted_one():
         needs=("z_hat",),
         checks=(Check(x=1.0, expected=1.0, arguments={"z_hat": 2.0}, quoted_by="null"),),
     )
-    model = compose(cheeseman_bennett.MODEL, HEIGHT, asking)
+    model = compose(CHEESEMAN_BENNETT, HEIGHT, asking)
     assert model.needs == ()
     assert float(model(1.0, delta=0.5, m=0.1)) == pytest.approx(
-        float(cheeseman_bennett.MODEL(1.5)) + 0.15
+        float(CHEESEMAN_BENNETT(1.5)) + 0.15
     )
 
 
 def test_composed_model_broadcasts():
-    model = compose(sanchez_cuevas.MODEL, HEIGHT, effect())
+    model = compose(SANCHEZ_CUEVAS, HEIGHT, effect())
     z, column = np.linspace(1, 5, 7), np.full((3, 1), 0.1)
     assert model(
         z, K_b=column, delta=column, gain=column, spacing_hat=2.83, diagonal_hat=4.0
@@ -261,4 +261,4 @@ def test_two_parts_with_one_parameter_name_are_refused():
             r"compose\(cheeseman_bennett, ...\): two of the parts have a parameter of the same name"
         ),
     ):
-        compose(cheeseman_bennett.MODEL, effect(), effect("again"))
+        compose(CHEESEMAN_BENNETT, effect(), effect("again"))

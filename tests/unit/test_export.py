@@ -25,7 +25,7 @@ from nearlift.flight.export import c_header, json_document
 from nearlift.flight.export.hermite import hermite_table
 from nearlift.flight.export.model_export import ModelExport, exported
 from nearlift.flight.fitted_lift import QuotedInterval
-from nearlift.models.images import at_edge as at_edge_of_a_table
+from nearlift.models.images import IMAGES_EDGE
 from nearlift.stages import export as controller
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import RESULTS
@@ -338,7 +338,7 @@ def test_what_a_model_needs_is_known_or_refused_and_never_taken_for_one(remake):
     layout = at_edge.arguments["layout_hat"]
     each = exported(replace(at_edge, measured_z_hat=(0.6, 5.0))).rotors
     assert np.mean([rotor(level) for rotor in each], axis=0) == pytest.approx(
-        at_edge_of_a_table(level, layout_hat=layout, edge_hat=10 / 23), rel=1e-6
+        IMAGES_EDGE(level, layout_hat=layout, edge_hat=10 / 23), rel=1e-6
     )
     with pytest.raises(InputRefused, match="lift between two boundaries is for fits"):
         fitted_lift(other_model(remake("ground", rig=rig), "corridor", ("kappa",)), "ground", 2)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.effects.air_density import density
+from nearlift.effects.gain import density
 from nearlift.fit.heights import HeightPlan
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood.covariates import derive, missing, unlogged

@@ -8,7 +8,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -34,7 +34,7 @@ def keywords(evaluate: Evaluate) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Declaration:
     """Common base of `LiftModel` and `Effect`. Each declaration is equal only to itself.
 
@@ -55,12 +55,15 @@ class Declaration:
     source : Source
     checks : tuple of Check
         At least one.
+    notes : str
+        Mechanism, convention, approximation and traps; the docstring of `evaluate` where empty.
     """
 
     name: str
     title: str
     formula: str
     evaluate: Evaluate
+    _: KW_ONLY
     parameters: tuple[Parameter, ...] = ()
     needs: tuple[str, ...] = ()
     valid_z_hat: tuple[float, float] = (0.0, math.inf)
@@ -92,6 +95,8 @@ class Declaration:
                     f"gives {got!r} at {check.x} {dict(check.arguments)}, not {check.expected!r}"
                     f" ({check.quoted_by})",
                 )
+        notes = self.notes or self.evaluate.__doc__ or ""
+        object.__setattr__(self, "notes", inspect.cleandoc(notes))
 
     def refusal(self, what: str, remedy: str = "") -> DeclarationError:
         """Faults of this declaration."""

@@ -66,7 +66,7 @@ def normal(mean: float, sd: float) -> Prior:
     return Prior(distribution="norm", loc=mean, scale=sd)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """A free number of a model or an effect.
 
@@ -118,7 +118,7 @@ class Parameter:
             )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Source:
     """Source of a formula, with every doubt about its transmission.
 
@@ -133,7 +133,7 @@ class Source:
     doubts: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Check:
     """A number that the declaration must reproduce: `evaluate(x, **arguments)` equals `expected`
     within `tolerance`.
@@ -142,8 +142,8 @@ class Check:
     x: float
     expected: float
     arguments: Mapping[str, Any] = field(default_factory=dict)
-    tolerance: float = 5e-7
     quoted_by: str = ""
+    tolerance: float = 5e-7
 
 
 def null(x: float, /, **arguments: Any) -> Check:

@@ -17,7 +17,7 @@ import numpy as np
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
-from nearlift.effects.air_density import STANDARD, density
+from nearlift.effects.gain import STANDARD, density
 from nearlift.fit.held_quantity import Response, logged
 from nearlift.fit.significance import REJECTS, chance, interval
 from nearlift.likelihood import student

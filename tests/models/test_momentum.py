@@ -10,12 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from nearlift.models import (
-    ceiling_empirical,
-    cheeseman_bennett,
-    hsiao_chirarattananon,
+from nearlift.models.empirical import CEILING_EMPIRICAL
+from nearlift.models.images import CHEESEMAN_BENNETT
+from nearlift.models.momentum import (
+    HSIAO_CHIRARATTANANON,
+    HSIAO_CHIRARATTANANON_CONSTANT_POWER,
+    HSIAO_CHIRARATTANANON_FREE_EXPONENT,
+    gamma,
 )
-from nearlift.models.hsiao_chirarattananon import gamma
 
 height = st.floats(0.02, 30)
 coefficient = st.floats(0, 4)
@@ -50,26 +52,26 @@ def test_negative_coefficient_has_no_value_where_the_root_has_none():
 
 @given(z=height, alpha=coefficient, n=st.floats(0.1, 2))
 def test_held_quantity_is_the_exponent(z, alpha, n):
-    one = float(hsiao_chirarattananon.MODEL(z, alpha=alpha))
-    assert float(hsiao_chirarattananon.CONSTANT_POWER(z, alpha=alpha)) == pytest.approx(
+    one = float(HSIAO_CHIRARATTANANON(z, alpha=alpha))
+    assert float(HSIAO_CHIRARATTANANON_CONSTANT_POWER(z, alpha=alpha)) == pytest.approx(
         one ** (2 / 3), rel=1e-12
     )
-    assert float(hsiao_chirarattananon.FREE_EXPONENT(z, alpha=alpha, n=n)) == pytest.approx(
+    assert float(HSIAO_CHIRARATTANANON_FREE_EXPONENT(z, alpha=alpha, n=n)) == pytest.approx(
         one**n, rel=1e-12
     )
 
 
 @given(z=height, alpha=coefficient)
 def test_downwash_is_what_power_needs_at_the_same_thrust(z, alpha):
-    assert float(hsiao_chirarattananon.downwash(z, alpha=alpha)) * float(
+    assert float(HSIAO_CHIRARATTANANON.downwash(z, alpha=alpha)) * float(
         gamma(z, alpha)
     ) == pytest.approx(1.0, rel=1e-12)
 
 
 def test_far_away_a_fitted_coefficient_carries_the_exponent():
     z = 50.0
-    gain = float(hsiao_chirarattananon.MODEL(z, alpha=0.2)) - 1
-    assert float(hsiao_chirarattananon.CONSTANT_POWER(z, alpha=0.3)) - 1 == pytest.approx(
+    gain = float(HSIAO_CHIRARATTANANON(z, alpha=0.2)) - 1
+    assert float(HSIAO_CHIRARATTANANON_CONSTANT_POWER(z, alpha=0.3)) - 1 == pytest.approx(
         gain, rel=1e-3
     )
 
@@ -116,16 +118,16 @@ def test_exponent_at_constant_rpm_lies_below_the_papers(solidity_lift_slope):
 def test_empirical_form_is_a_shifted_image():
     z = np.linspace(0.3, 5, 20)
     np.testing.assert_allclose(
-        ceiling_empirical.MODEL(z, c=1 / 16, e=0.0), cheeseman_bennett.MODEL(z, k=1.0), rtol=1e-12
+        CEILING_EMPIRICAL(z, c=1 / 16, e=0.0), CHEESEMAN_BENNETT(z, k=1.0), rtol=1e-12
     )
     np.testing.assert_allclose(
-        ceiling_empirical.MODEL(z, c=0.3, e=0.5),
-        ceiling_empirical.MODEL(z + 0.5, c=0.3, e=0.0),
+        CEILING_EMPIRICAL(z, c=0.3, e=0.5),
+        CEILING_EMPIRICAL(z + 0.5, c=0.3, e=0.0),
         rtol=1e-12,
     )
 
 
 def test_empirical_form_is_refused_below_its_pole():
-    assert np.isnan(ceiling_empirical.MODEL(0.09, c=0.04, e=0.1))
-    assert np.isfinite(ceiling_empirical.MODEL(0.11, c=0.04, e=0.1))
-    assert np.isfinite(ceiling_empirical.MODEL(1e-6, c=0.04, e=0.25))
+    assert np.isnan(CEILING_EMPIRICAL(0.09, c=0.04, e=0.1))
+    assert np.isfinite(CEILING_EMPIRICAL(0.11, c=0.04, e=0.1))
+    assert np.isfinite(CEILING_EMPIRICAL(1e-6, c=0.04, e=0.25))

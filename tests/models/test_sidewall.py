@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from nearlift.models import sidewall_decay, sidewall_none, sidewall_power_law
+from nearlift.models.sidewall import SIDEWALL_DECAY, SIDEWALL_NONE, SIDEWALL_POWER_LAW
 
 gap = st.floats(0.01, 20)
 
@@ -18,30 +18,30 @@ def test_image_beside_a_rotor_moves_no_air_along_its_axis(z):
     rotor, image = np.array([0.0, 0.0, 0.0]), np.array([2 * (1 + z), 0.0, 0.0])
     away = rotor - image
     assert (away / np.linalg.norm(away) ** 3)[2] == 0.0
-    assert float(sidewall_none.MODEL(z)) == 1.0
+    assert float(SIDEWALL_NONE(z)) == 1.0
 
 
 @given(z=gap, shift=st.floats(-0.5, 0.5), a=st.floats(0.01, 0.3), lambda_=st.floats(0.2, 5))
 def test_datum_error_is_absorbed_by_the_amplitude(z, shift, a, lambda_):
-    shifted = sidewall_decay.MODEL(z + shift, a=a, lambda_=lambda_)
+    shifted = SIDEWALL_DECAY(z + shift, a=a, lambda_=lambda_)
     assert float(shifted) == pytest.approx(
-        float(sidewall_decay.MODEL(z, a=a * np.exp(-shift / lambda_), lambda_=lambda_)), rel=1e-12
+        float(SIDEWALL_DECAY(z, a=a * np.exp(-shift / lambda_), lambda_=lambda_)), rel=1e-12
     )
 
 
 @given(z=gap, a=st.floats(-0.5, 0.9))
 def test_sign_of_the_amplitude_is_the_sign_of_the_loss(z, a):
-    for model in (sidewall_decay.MODEL, sidewall_power_law.MODEL):
+    for model in (SIDEWALL_DECAY, SIDEWALL_POWER_LAW):
         loss = 1 - float(model(z, a=a))
         assert loss * a >= 0
         assert abs(loss) <= abs(a) + np.finfo(float).eps
 
 
 def test_both_forms_meet_at_contact():
-    assert float(sidewall_decay.MODEL(0.0, a=0.04)) == pytest.approx(
-        float(sidewall_power_law.MODEL(0.0, a=0.04))
+    assert float(SIDEWALL_DECAY(0.0, a=0.04)) == pytest.approx(
+        float(SIDEWALL_POWER_LAW(0.0, a=0.04))
     )
 
 
 def test_power_law_reaches_farther():
-    assert 1 - sidewall_power_law.MODEL(5.0) > 10 * (1 - sidewall_decay.MODEL(5.0))
+    assert 1 - SIDEWALL_POWER_LAW(5.0) > 10 * (1 - SIDEWALL_DECAY(5.0))

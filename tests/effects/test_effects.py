@@ -14,7 +14,10 @@ from hypothesis import strategies as st
 
 from nearlift.declare import Effect, LiftModel, Parameter, compose
 from nearlift.effects import EFFECTS, STAND_INS
-from nearlift.models import MODELS, hsiao_chirarattananon, sanchez_cuevas, sidewall_decay
+from nearlift.models import MODELS
+from nearlift.models.images import SANCHEZ_CUEVAS
+from nearlift.models.momentum import HSIAO_CHIRARATTANANON
+from nearlift.models.sidewall import SIDEWALL_DECAY
 
 NAMES = [
     "height_offset",
@@ -292,7 +295,7 @@ def test_free_air_stays_free_air(effect: Effect) -> None:
 @every
 @pytest.mark.parametrize(
     "model",
-    [sanchez_cuevas.MODEL, hsiao_chirarattananon.MODEL, sidewall_decay.MODEL],
+    [SANCHEZ_CUEVAS, HSIAO_CHIRARATTANANON, SIDEWALL_DECAY],
     ids=lambda m: m.name,
 )
 def test_composed_with_a_model_it_is_that_model_at_the_null(
@@ -309,10 +312,10 @@ def test_composed_with_a_model_it_is_that_model_at_the_null(
 
 def test_all_effects_together_are_a_model_again() -> None:
     known = {n: v[12:] if isinstance(v, np.ndarray) else v for n, v in trials().items()}
-    both = compose(sanchez_cuevas.MODEL, *EFFECTS)
+    both = compose(SANCHEZ_CUEVAS, *EFFECTS)
     values = {n: known[n] if n != "lift_inf_N" else 0.6 * known["throttle"] for n in both.needs}
     np.testing.assert_allclose(
-        both(known["z_hat"], **values), sanchez_cuevas.MODEL(known["z_hat"], **GEOMETRY), rtol=1e-13
+        both(known["z_hat"], **values), SANCHEZ_CUEVAS(known["z_hat"], **GEOMETRY), rtol=1e-13
     )
 
 

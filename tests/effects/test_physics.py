@@ -9,18 +9,14 @@ import pytest
 
 from nearlift.declare import Effect, compose
 from nearlift.effects import EFFECTS
-from nearlift.effects.air_density import density
-from nearlift.models import (
-    cheeseman_bennett,
-    hsiao_chirarattananon,
-    images,
-    sanchez_cuevas,
-    sidewall_decay,
-)
+from nearlift.effects.gain import density
+from nearlift.models.images import CHEESEMAN_BENNETT, IMAGES, IMAGES_TILTED, SANCHEZ_CUEVAS, square
+from nearlift.models.momentum import HSIAO_CHIRARATTANANON
+from nearlift.models.sidewall import SIDEWALL_DECAY
 
 R = 0.023
 GEOMETRY = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
-LAYOUT = np.array(images.square(65 / 23))
+LAYOUT = np.array(square(65 / 23))
 
 
 def effect(name: str) -> Effect:
@@ -28,12 +24,12 @@ def effect(name: str) -> Effect:
 
 
 def ground(z_hat: Any, *names: str, **values: Any) -> Any:
-    both = compose(sanchez_cuevas.MODEL, *(effect(n) for n in names))
+    both = compose(SANCHEZ_CUEVAS, *(effect(n) for n in names))
     return both(z_hat, **GEOMETRY, **values)
 
 
 def ceiling(z_hat: Any, *names: str, **values: Any) -> Any:
-    return compose(hsiao_chirarattananon.MODEL, *(effect(n) for n in names))(z_hat, **values)
+    return compose(HSIAO_CHIRARATTANANON, *(effect(n) for n in names))(z_hat, **values)
 
 
 @pytest.mark.parametrize(("z_hat", "percent_per_mm"), [(1.14, 0.43), (1.5, 0.26), (2.0, 0.19)])
@@ -60,12 +56,12 @@ def test_datum_error_under_a_ceiling(z_hat: float, percent_per_tenth_mm: float) 
 
 def test_datum_error_of_a_sidewall_is_its_amplitude() -> None:
     gap = np.linspace(0.1, 3.0, 9)
-    shifted = compose(sidewall_decay.MODEL, effect("height_offset"))(
+    shifted = compose(SIDEWALL_DECAY, effect("height_offset"))(
         gap, radius_m=R, offset_m=1e-3, a=0.05, lambda_=0.4
     )
     np.testing.assert_allclose(
         shifted,
-        sidewall_decay.MODEL(gap, a=0.05 * np.exp(-1e-3 / R / 0.4), lambda_=0.4),
+        SIDEWALL_DECAY(gap, a=0.05 * np.exp(-1e-3 / R / 0.4), lambda_=0.4),
         rtol=1e-14,
     )
 
@@ -143,13 +139,13 @@ def test_the_fountain_peaks_where_it_says_and_is_gone_at_contact_and_far_away() 
 
 def test_image_strength_is_the_coefficient_of_a_single_rotor_exactly() -> None:
     z_hat = np.geomspace(0.5, 10.0, 9)
-    scaled = compose(cheeseman_bennett.MODEL, effect("image_strength"))(z_hat, strength=1.4)
-    np.testing.assert_allclose(scaled, cheeseman_bennett.MODEL(z_hat, k=1.4), rtol=1e-13)
+    scaled = compose(CHEESEMAN_BENNETT, effect("image_strength"))(z_hat, strength=1.4)
+    np.testing.assert_allclose(scaled, CHEESEMAN_BENNETT(z_hat, k=1.4), rtol=1e-13)
 
 
 def test_image_strength_beside_a_free_fountain_scales_the_images_alone() -> None:
     z_hat = np.geomspace(0.8, 10.0, 9)
-    only_images = images.MODEL(z_hat, layout_hat=LAYOUT)
+    only_images = IMAGES(z_hat, layout_hat=LAYOUT)
     scaled = ground(z_hat, "image_strength", strength=1.2, K_b=0.0)
     np.testing.assert_allclose(1 - 1 / scaled, 1.2 * (1 - 1 / only_images), rtol=1e-12)
 
@@ -165,12 +161,14 @@ def test_a_large_plate_costs_little() -> None:
 def test_tilt_follows_the_sum_over_images_to_second_order() -> None:
     z_hat = np.array([1.0, 1.5, 2.0, 3.0])
     tilt_rad = np.deg2rad(5.0)
-    flat = images.MODEL(z_hat, layout_hat=LAYOUT)
-    tilted = images.tilted(z_hat, layout_hat=LAYOUT, tilt_rad=tilt_rad)
+    flat = IMAGES(z_hat, layout_hat=LAYOUT)
+    tilted = IMAGES_TILTED(z_hat, layout_hat=LAYOUT, tilt_rad=tilt_rad)
     needed = (tilted - flat) / (flat - 1) / tilt_rad**2 * z_hat**2
-    assert (needed > 3.4).all()
-    assert (needed < 5.1).all()
-    both = compose(images.MODEL, effect("tilt"))
+    # the inflow counts along the tilted axis: a cosine, at every distance
+    distances = needed + 0.5 * z_hat**2
+    assert (distances > 3.4).all()
+    assert (distances < 5.1).all()
+    both = compose(IMAGES, effect("tilt"))
     for sign in (-1, 1):
         got = both(z_hat, layout_hat=LAYOUT, tilt_rad=sign * tilt_rad, tilt_second=needed)
         np.testing.assert_allclose(got, tilted, rtol=1e-12)

@@ -8,16 +8,25 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nearlift.models import (
-    cheeseman_bennett,
-    corridor,
-    images,
-    power_law,
-    sanchez_cuevas,
-    sanchez_cuevas_as_printed,
+from nearlift.models.empirical import POWER_LAW
+from nearlift.models.images import (
+    CHEESEMAN_BENNETT,
+    CHEESEMAN_BENNETT_CONSTANT_POWER,
+    CHEESEMAN_BENNETT_THEORY,
+    CORRIDOR,
+    IMAGES,
+    IMAGES_EDGE,
+    IMAGES_TILTED,
+    SANCHEZ_CUEVAS,
+    SANCHEZ_CUEVAS_AS_PRINTED,
+    SANCHEZ_CUEVAS_FREE_EXPONENT,
+    corridor_cancelled,
+    image,
+    image_share,
+    level_cancelled,
+    square,
+    tilted_cancelled,
 )
-from nearlift.models.images import at_edge, gain_per_rotor, share, square, tilted
-from nearlift.models.inflow import image
 
 Z = np.geomspace(0.4, 40, 60)
 spacing = st.floats(2.0, 8.0)
@@ -30,8 +39,8 @@ def cancelled_by_brute_force(z_hat, layout, tilt_rad=0.0):
     rotors' frame.
 
     A rotor far from the boundary draws v through its disk; its image is a point source of flux pi
-    R^2 v, whose velocity at a distance s is flux / (4 pi s^2). Counted along the boundary's normal,
-    per unit of v and R.
+    R^2 v, whose velocity at a distance s is flux / (4 pi s^2). Counted along the rotor's axis, per
+    unit of v and R.
     """
     normal = np.array([math.sin(tilt_rad), 0.0, math.cos(tilt_rad)])
     out = []
@@ -41,7 +50,7 @@ def cancelled_by_brute_force(z_hat, layout, tilt_rad=0.0):
             source = np.array([xj, yj, 0.0])
             mirrored = source - 2 * (source @ normal + z_hat) * normal
             away = rotor - mirrored
-            total += math.pi / (4 * math.pi) * (away @ normal) / np.linalg.norm(away) ** 3
+            total += math.pi / (4 * math.pi) * away[2] / np.linalg.norm(away) ** 3
         out.append(total)
     return np.array(out)
 
@@ -55,7 +64,7 @@ def cancelled_by_brute_force(z_hat, layout, tilt_rad=0.0):
 )
 def test_formula_is_the_sum_of_mirrored_sources(z, positions):
     np.testing.assert_allclose(
-        images.cancelled_per_rotor(z, layout_hat=positions),
+        level_cancelled(z, layout_hat=positions),
         cancelled_by_brute_force(z, positions),
         rtol=1e-10,
     )
@@ -67,20 +76,20 @@ def test_formula_is_the_sum_of_mirrored_sources(z, positions):
     positions=st.lists(st.tuples(st.floats(-4, 4), st.floats(-4, 4)), min_size=1, max_size=5),
 )
 def test_tilted_formula_is_the_sum_of_mirrored_sources(z, tilt, positions):
-    got = images.cancelled_per_rotor(z, layout_hat=positions, tilt_rad=tilt)
+    got = tilted_cancelled(z, layout_hat=positions, tilt_rad=tilt)
     np.testing.assert_allclose(got, cancelled_by_brute_force(z, positions, tilt), rtol=1e-9)
 
 
 def test_one_rotor_is_cheeseman_and_bennett():
     np.testing.assert_allclose(
-        images.MODEL(Z, layout_hat=((0.0, 0.0),)), cheeseman_bennett.THEORY(Z), rtol=1e-13
+        IMAGES(Z, layout_hat=((0.0, 0.0),)), CHEESEMAN_BENNETT_THEORY(Z), rtol=1e-13
     )
 
 
 @given(d=spacing)
 def test_square_is_sanchez_cuevas_without_fountain(d):
-    without = sanchez_cuevas.MODEL(Z, spacing_hat=d, diagonal_hat=math.sqrt(2) * d, K_b=0.0)
-    np.testing.assert_allclose(images.MODEL(Z, layout_hat=square(d)), without, rtol=1e-12)
+    without = SANCHEZ_CUEVAS(Z, spacing_hat=d, diagonal_hat=math.sqrt(2) * d, K_b=0.0)
+    np.testing.assert_allclose(IMAGES(Z, layout_hat=square(d)), without, rtol=1e-12)
 
 
 @given(d=spacing, z=height)
@@ -88,21 +97,21 @@ def test_images_do_not_depend_on_where_the_layout_lies(d, z):
     layout = np.asarray(square(d))
     turn = np.array([[math.cos(0.7), -math.sin(0.7)], [math.sin(0.7), math.cos(0.7)]])
     np.testing.assert_allclose(
-        images.MODEL(z, layout_hat=layout @ turn + [3.0, -1.0]),
-        images.MODEL(z, layout_hat=layout),
+        IMAGES(z, layout_hat=layout @ turn + [3.0, -1.0]),
+        IMAGES(z, layout_hat=layout),
         rtol=1e-12,
     )
 
 
 @given(d=spacing, z=height)
 def test_every_further_rotor_adds_lift(d, z):
-    gains = [float(images.MODEL(z, layout_hat=square(d)[:n])) for n in range(1, 5)]
+    gains = [float(IMAGES(z, layout_hat=square(d)[:n])) for n in range(1, 5)]
     assert all(a < b for a, b in itertools.pairwise(gains))
 
 
 def test_far_away_four_images_are_four_times_one():
     z = 500.0
-    assert images.MODEL(z, layout_hat=square(2.8)) - 1 == pytest.approx(4 / (16 * z**2), rel=1e-3)
+    assert IMAGES(z, layout_hat=square(2.8)) - 1 == pytest.approx(4 / (16 * z**2), rel=1e-3)
 
 
 # --- tilted planes
@@ -110,41 +119,53 @@ def test_far_away_four_images_are_four_times_one():
 
 @given(d=spacing, z=st.floats(1.5, 10))
 def test_no_tilt_is_the_flat_boundary(d, z):
-    assert float(tilted(z, layout_hat=square(d), tilt_rad=0.0)) == pytest.approx(
-        float(images.MODEL(z, layout_hat=square(d))), rel=1e-13
+    assert float(IMAGES_TILTED(z, layout_hat=square(d), tilt_rad=0.0)) == pytest.approx(
+        float(IMAGES(z, layout_hat=square(d))), rel=1e-13
     )
 
 
 @given(d=st.floats(2, 4), z=st.floats(1.5, 10), tilt=st.floats(0.001, 0.15))
 def test_tilting_a_symmetric_layout_either_way_is_the_same(d, z, tilt):
     layout = square(d)
-    assert float(tilted(z, layout_hat=layout, tilt_rad=tilt)) == pytest.approx(
-        float(tilted(z, layout_hat=layout, tilt_rad=-tilt)), rel=1e-12
+    assert float(IMAGES_TILTED(z, layout_hat=layout, tilt_rad=tilt)) == pytest.approx(
+        float(IMAGES_TILTED(z, layout_hat=layout, tilt_rad=-tilt)), rel=1e-12
     )
     one, other = (
-        gain_per_rotor(z, layout_hat=layout, tilt_rad=tilt),
-        gain_per_rotor(z, layout_hat=layout, tilt_rad=-tilt),
+        IMAGES_TILTED.per_rotor(z, layout_hat=layout, tilt_rad=tilt),
+        IMAGES_TILTED.per_rotor(z, layout_hat=layout, tilt_rad=-tilt),
     )
     np.testing.assert_allclose(one, other[[1, 0, 3, 2]], rtol=1e-12)
 
 
 def test_positive_tilt_lifts_the_rotors_at_positive_x():
-    gains = gain_per_rotor(1.5, layout_hat=square(2.83), tilt_rad=0.05)
+    gains = IMAGES_TILTED.per_rotor(1.5, layout_hat=square(2.83), tilt_rad=0.05)
     assert (gains[[0, 3]] < gains[[1, 2]]).all()
+
+
+@pytest.mark.parametrize(("z", "larger"), [(1.14, 1.18), (2.0, 1.35), (4.0, 1.46)])
+def test_levelling_moment_counts_the_inflow_along_the_axis(z, larger):
+    layout = np.array(square(65 / 23))
+    tilt = 1e-3
+    heights = z + layout[:, 0] * math.sin(tilt)
+    apart = np.hypot(*(layout[:, None] - layout).transpose(2, 0, 1))
+    normal = 1 / (1 - image(np.add.outer(heights, heights), apart).sum(axis=-1))
+    axial = IMAGES_TILTED.per_rotor(z, layout_hat=layout, tilt_rad=tilt)
+    assert (axial @ layout[:, 0]) / (normal @ layout[:, 0]) == pytest.approx(larger, abs=6e-3)
+    assert axial.mean() == pytest.approx(normal.mean(), rel=1e-6)
 
 
 def test_mean_effect_of_tilt_is_of_second_order():
     one, two = (
-        float(tilted(1.5, layout_hat=square(2.83), tilt_rad=t))
-        - float(images.MODEL(1.5, layout_hat=square(2.83)))
+        float(IMAGES_TILTED(1.5, layout_hat=square(2.83), tilt_rad=t))
+        - float(IMAGES(1.5, layout_hat=square(2.83)))
         for t in (0.01, 0.02)
     )
     assert two / one == pytest.approx(4, rel=0.02)
     # one degree is worth less than 0.1 % of lift, while each side moves by first order
     assert (
         abs(
-            float(tilted(1.5, layout_hat=square(2.83), tilt_rad=math.radians(1)))
-            / float(images.MODEL(1.5, layout_hat=square(2.83)))
+            float(IMAGES_TILTED(1.5, layout_hat=square(2.83), tilt_rad=math.radians(1)))
+            / float(IMAGES(1.5, layout_hat=square(2.83)))
             - 1
         )
         < 1e-3
@@ -153,13 +174,13 @@ def test_mean_effect_of_tilt_is_of_second_order():
 
 def test_tilt_broadcasts_with_height():
     z, tilt = np.full((3, 1), 2.0), np.linspace(-0.1, 0.1, 5)
-    assert tilted(z, layout_hat=square(2.83), tilt_rad=tilt).shape == (3, 5)
+    assert IMAGES_TILTED(z, layout_hat=square(2.83), tilt_rad=tilt).shape == (3, 5)
 
 
 def test_rotor_in_the_boundary_has_no_ratio():
-    gains = gain_per_rotor(0.3, layout_hat=((0.0, 0.0), (-8.0, 0.0)), tilt_rad=0.1)
+    gains = IMAGES_TILTED.per_rotor(0.3, layout_hat=((0.0, 0.0), (-8.0, 0.0)), tilt_rad=0.1)
     assert np.isnan(gains).any()
-    assert np.isnan(tilted(0.3, layout_hat=((0.0, 0.0), (-8.0, 0.0)), tilt_rad=0.1))
+    assert np.isnan(IMAGES_TILTED(0.3, layout_hat=((0.0, 0.0), (-8.0, 0.0)), tilt_rad=0.1))
 
 
 # --- partial ground
@@ -178,8 +199,8 @@ def counted(edge, z, along=0.0, across=0.0):
 @pytest.mark.parametrize("edge", [-2.0, -0.5, 0.0, 0.7, 3.0])
 @pytest.mark.parametrize("z", [0.5, 1.0, 3.0])
 def test_own_image_is_the_sum_over_the_boundary_that_is_there(edge, z):
-    assert share(edge, 2 * z, 0.0) == pytest.approx(counted(edge, z), abs=6e-3)
-    assert share(edge, 2 * z, 0.0) + share(-edge, 2 * z, 0.0) == pytest.approx(1)
+    assert image_share(edge, 2 * z, 0.0) == pytest.approx(counted(edge, z), abs=6e-3)
+    assert image_share(edge, 2 * z, 0.0) + image_share(-edge, 2 * z, 0.0) == pytest.approx(1)
 
 
 @pytest.mark.parametrize(("z", "off"), [(0.5, 0.0045), (1.0, 0.0025), (2.0, 0.001)])
@@ -195,22 +216,22 @@ def test_a_vehicle_at_an_edge_is_off_by_what_the_model_says(z, off):
             for i in layout
         ]
         exact = np.mean([1 / (1 - s) for s in sums])
-        assert at_edge(z, layout_hat=layout, edge_hat=edge) == pytest.approx(exact, abs=off)
+        assert IMAGES_EDGE(z, layout_hat=layout, edge_hat=edge) == pytest.approx(exact, abs=off)
 
 
 def test_two_distant_rotors_over_half_a_plane_gain_half():
     layout = ((-500.0, 0.0), (500.0, 0.0))
-    gains = gain_per_rotor(1.0, layout_hat=layout, edge_hat=0.0)
-    np.testing.assert_allclose(gains, [float(cheeseman_bennett.THEORY(1.0)), 1.0], rtol=1e-8)
+    gains = IMAGES_EDGE.per_rotor(1.0, layout_hat=layout, edge_hat=0.0)
+    np.testing.assert_allclose(gains, [float(CHEESEMAN_BENNETT_THEORY(1.0)), 1.0], rtol=1e-8)
 
 
 @given(z=height)
 def test_an_edge_far_away_is_the_whole_ground_and_one_far_behind_is_none(z):
     layout = square(2.83)
-    whole = float(images.MODEL(z, layout_hat=layout))
+    whole = float(IMAGES(z, layout_hat=layout))
     for edge, expected in ((np.inf, whole), (1e4, whole), (-1e4, 1.0)):
-        assert images.EDGE(z, layout_hat=layout, edge_hat=edge) == pytest.approx(expected, abs=1e-6)
-    part = [float(images.EDGE(z, layout_hat=layout, edge_hat=e)) for e in np.linspace(-9, 9, 19)]
+        assert IMAGES_EDGE(z, layout_hat=layout, edge_hat=edge) == pytest.approx(expected, abs=1e-6)
+    part = [float(IMAGES_EDGE(z, layout_hat=layout, edge_hat=e)) for e in np.linspace(-9, 9, 19)]
     assert (np.diff(part) > 0).all()
     assert 1 < part[0] < part[-1] < whole
 
@@ -233,31 +254,31 @@ def test_a_corridor_is_every_image_mirrored_one_by_one(z, more, d, kappa):
             # of an alternating sum the last counts by half
             cancelled += sense * weight * float(np.sum(apart)) * (0.5 if n == 59 else 1.0)
             ceiling = not ceiling
-    got = corridor.cancelled_per_rotor(z, layout, gap, kappa)
+    got = corridor_cancelled(z, layout_hat=layout, gap_hat=gap, kappa=kappa)
     assert got == pytest.approx(np.full(4, cancelled), abs=2e-4 / gap**2)
 
 
 @given(z=height, d=spacing, kappa=st.floats(0, 1))
 def test_a_gap_without_end_or_no_ceiling_is_the_ground(z, d, kappa):
-    ground = float(images.MODEL(z, layout_hat=square(d)))
-    wide = corridor.MODEL(z, layout_hat=square(d), gap_hat=1e4, kappa=kappa)
-    none = corridor.MODEL(z, layout_hat=square(d), gap_hat=z + 1, kappa=0.0)
+    ground = float(IMAGES(z, layout_hat=square(d)))
+    wide = CORRIDOR(z, layout_hat=square(d), gap_hat=1e4, kappa=kappa)
+    none = CORRIDOR(z, layout_hat=square(d), gap_hat=z + 1, kappa=0.0)
     assert [wide, none] == pytest.approx([ground, ground], nan_ok=True, abs=1e-6)
 
 
 def test_between_two_mirrors_up_and_down_are_alike_and_the_middle_gains_least():
     z = np.linspace(0.5, 3.5, 61)
-    between = corridor.MODEL(z, layout_hat=square(2.83), gap_hat=4.0, kappa=1.0)
+    between = CORRIDOR(z, layout_hat=square(2.83), gap_hat=4.0, kappa=1.0)
     np.testing.assert_allclose(between, between[::-1], rtol=2e-5)
     assert np.argmin(between) == 30
-    one = corridor.MODEL(z, layout_hat=((0.0, 0.0),), gap_hat=4.0, kappa=1.0)
+    one = CORRIDOR(z, layout_hat=((0.0, 0.0),), gap_hat=4.0, kappa=1.0)
     s = (math.pi / 4) ** 2 * (1 / np.sin(math.pi * z / 4) ** 2 - 1 / 3) / 16
     np.testing.assert_allclose(one, 1 / (1 - s), rtol=1e-5)
 
 
 def test_a_corridor_has_no_ratio_at_its_ceiling_or_beyond_and_free_air_is_free():
     known = {"layout_hat": square(2.83), "gap_hat": 4.0}
-    got = corridor.MODEL(np.array([2.0, 4.0, 5.0, np.inf]), **known)
+    got = CORRIDOR(np.array([2.0, 4.0, 5.0, np.inf]), **known)
     np.testing.assert_array_equal(np.isnan(got), [False, True, True, False])
     assert got[3] == 1.0
 
@@ -266,8 +287,8 @@ def test_a_corridor_has_no_ratio_at_its_ceiling_or_beyond_and_free_air_is_free()
 
 
 def test_distant_rotors_leave_cheeseman_and_bennett():
-    alone = sanchez_cuevas.MODEL(Z, spacing_hat=1e6, diagonal_hat=1e6)
-    np.testing.assert_allclose(alone, cheeseman_bennett.THEORY(Z), rtol=1e-10)
+    alone = SANCHEZ_CUEVAS(Z, spacing_hat=1e6, diagonal_hat=1e6)
+    np.testing.assert_allclose(alone, CHEESEMAN_BENNETT_THEORY(Z), rtol=1e-10)
 
 
 @given(d=spacing, z=height)
@@ -277,7 +298,8 @@ def test_fountain_term_is_four_images_at_the_diagonal(d, z):
         cancelled_by_brute_force(z, [(0.0, 0.0), (b, 0.0)])[0]
         - cancelled_by_brute_force(z, [(0.0, 0.0)])[0]
     )
-    fountain = sanchez_cuevas.cancelled(z, d, b, 1.0) - sanchez_cuevas.cancelled(z, d, b, 0.0)
+    left = [SANCHEZ_CUEVAS.downwash(z, spacing_hat=d, diagonal_hat=b, K_b=k) for k in (0.0, 1.0)]
+    fountain = left[0] - left[1]
     assert fountain == pytest.approx(4 * one, rel=1e-9)
 
 
@@ -292,7 +314,7 @@ def test_equation_as_published(d, z, K_b):
         + R**2 / 2 * H / math.sqrt((2 * D**2 + 4 * H**2) ** 3)
     )
     s += 2 * R**2 * K_b * H / math.sqrt((B**2 + 4 * H**2) ** 3)
-    got = float(sanchez_cuevas.MODEL(z, spacing_hat=d, diagonal_hat=b, K_b=K_b))
+    got = float(SANCHEZ_CUEVAS(z, spacing_hat=d, diagonal_hat=b, K_b=K_b))
     assert got == pytest.approx(1 / (1 - s), rel=1e-10) if s < 1 else math.isnan(got)
 
 
@@ -304,30 +326,30 @@ def test_equation_as_printed(d, z, K_b):
         + z / (2 * math.sqrt((2 * d**2 + 4 * z**2) ** 3))
     )
     s += z / (2 * K_b * math.sqrt((d**2 + 4 * z**2) ** 3))
-    got = float(sanchez_cuevas_as_printed.MODEL(z, spacing_hat=d, inverse_K_b=1 / K_b))
+    got = float(SANCHEZ_CUEVAS_AS_PRINTED(z, spacing_hat=d, inverse_K_b=1 / K_b))
     assert got == pytest.approx(1 / (1 - s), rel=1e-10) if s < 1 else math.isnan(got)
 
 
 def test_printed_form_is_the_original_with_a_quarter_of_the_strength_at_the_adjacent_spacing():
-    printed = sanchez_cuevas_as_printed.MODEL(Z, spacing_hat=3.9, inverse_K_b=3.0)
+    printed = SANCHEZ_CUEVAS_AS_PRINTED(Z, spacing_hat=3.9, inverse_K_b=3.0)
     np.testing.assert_allclose(
-        printed, sanchez_cuevas.MODEL(Z, spacing_hat=3.9, diagonal_hat=3.9, K_b=0.75), rtol=1e-12
+        printed, SANCHEZ_CUEVAS(Z, spacing_hat=3.9, diagonal_hat=3.9, K_b=0.75), rtol=1e-12
     )
 
 
 def test_raising_the_printed_coefficient_lowers_the_lift():
-    assert sanchez_cuevas_as_printed.MODEL(
+    assert SANCHEZ_CUEVAS_AS_PRINTED(
         1.0, spacing_hat=3.9, inverse_K_b=1 / 4
-    ) < sanchez_cuevas_as_printed.MODEL(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
-    assert sanchez_cuevas.MODEL(
-        1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=4
-    ) > sanchez_cuevas.MODEL(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=2)
+    ) < SANCHEZ_CUEVAS_AS_PRINTED(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
+    assert SANCHEZ_CUEVAS(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=4) > SANCHEZ_CUEVAS(
+        1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=2
+    )
 
 
 def test_negative_fountain_loses_lift():
-    assert sanchez_cuevas.MODEL(
-        1.5, spacing_hat=2.83, diagonal_hat=4, K_b=-2
-    ) < sanchez_cuevas.MODEL(1.5, spacing_hat=2.83, diagonal_hat=4, K_b=0)
+    assert SANCHEZ_CUEVAS(1.5, spacing_hat=2.83, diagonal_hat=4, K_b=-2) < SANCHEZ_CUEVAS(
+        1.5, spacing_hat=2.83, diagonal_hat=4, K_b=0
+    )
 
 
 # --- poles and exponents
@@ -336,39 +358,39 @@ def test_negative_fountain_loses_lift():
 @given(k=st.floats(0.1, 15))
 def test_pole_is_refused_and_approached_from_above(k):
     pole = math.sqrt(k) / 4
-    assert np.isnan(cheeseman_bennett.MODEL(0.999 * pole, k=k))
-    assert float(cheeseman_bennett.MODEL(1.001 * pole, k=k)) > 400
+    assert np.isnan(CHEESEMAN_BENNETT(0.999 * pole, k=k))
+    assert float(CHEESEMAN_BENNETT(1.001 * pole, k=k)) > 400
 
 
 def test_at_the_pole_itself_there_is_no_value():
-    assert np.isnan(cheeseman_bennett.THEORY(0.25))
-    assert np.isfinite(cheeseman_bennett.THEORY(np.nextafter(0.25, 1)))
+    assert np.isnan(CHEESEMAN_BENNETT_THEORY(0.25))
+    assert np.isfinite(CHEESEMAN_BENNETT_THEORY(np.nextafter(0.25, 1)))
 
 
 @given(k=st.floats(-8, -0.1), z=height)
 def test_negative_coefficient_loses_lift_and_has_no_pole(k, z):
-    assert 0 < float(cheeseman_bennett.MODEL(z, k=k)) < 1
+    assert 0 < float(CHEESEMAN_BENNETT(z, k=k)) < 1
 
 
 @given(z=height, n=st.floats(0.1, 2), K_b=strength)
 def test_free_exponent_is_the_power_of_the_base(z, n, K_b):
     layout = {"spacing_hat": 2.83, "diagonal_hat": 4.0}
-    base = float(sanchez_cuevas.MODEL(z, **layout, K_b=K_b))
-    assert float(sanchez_cuevas.FREE_EXPONENT(z, **layout, K_b=K_b, n=n)) == pytest.approx(
+    base = float(SANCHEZ_CUEVAS(z, **layout, K_b=K_b))
+    assert float(SANCHEZ_CUEVAS_FREE_EXPONENT(z, **layout, K_b=K_b, n=n)) == pytest.approx(
         base**n, rel=1e-12, nan_ok=True
     )
 
 
 def test_constant_power_gains_less_than_constant_inflow():
     np.testing.assert_allclose(
-        cheeseman_bennett.CONSTANT_POWER(Z) ** 1.5, cheeseman_bennett.MODEL(Z), rtol=1e-12
+        CHEESEMAN_BENNETT_CONSTANT_POWER(Z) ** 1.5, CHEESEMAN_BENNETT(Z), rtol=1e-12
     )
 
 
 def test_downwash_and_lift_are_reciprocal_where_the_inflow_is_unchanged():
     arguments = {"spacing_hat": 2.83, "diagonal_hat": 4.0, "K_b": 2.0}
     np.testing.assert_allclose(
-        sanchez_cuevas.downwash(Z, **arguments) * sanchez_cuevas.MODEL(Z, **arguments),
+        SANCHEZ_CUEVAS.downwash(Z, **arguments) * SANCHEZ_CUEVAS(Z, **arguments),
         1.0,
         rtol=1e-12,
     )
@@ -376,6 +398,4 @@ def test_downwash_and_lift_are_reciprocal_where_the_inflow_is_unchanged():
 
 def test_power_law_of_two_is_the_image_to_first_order():
     far = np.array([20.0, 50.0])
-    np.testing.assert_allclose(
-        power_law.MODEL(far) - 1, cheeseman_bennett.THEORY(far) - 1, rtol=1e-3
-    )
+    np.testing.assert_allclose(POWER_LAW(far) - 1, CHEESEMAN_BENNETT_THEORY(far) - 1, rtol=1e-3)
