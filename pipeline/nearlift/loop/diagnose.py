@@ -29,6 +29,7 @@ from nearlift.loop import (
     few_visits,
     separation,
     stability,
+    weigh,
 )
 from nearlift.loop.admission import admit, could_act, few
 from nearlift.loop.candidate import library_columns
@@ -136,12 +137,14 @@ def diagnose(
         answers.estimates(),
         absorption.unidentifiable_coefficients(problem, answer.best),
     )
+    weighed = weigh.weigh(answer)
     findings = BoundaryDiagnosis(
         base_model=problem.base.name,
         false_alarm_rate=problem.options.false_alarm_rate,
         verdict=answer.verdict,
         effects=named_effects(problem, answer),
         explanations=tuple(e.effects for e in answer.accepted) or None,
+        probabilities=weighed,
         partial=partial(problem, answer) if answer.verdict == "unexplained" else None,
         contradicted=answer.contradicted or None,
         wander=answer.random_walk_gain or None,
@@ -174,7 +177,7 @@ def diagnose(
             *separation.to_part_visits(limits),
         ),
     )
-    quoted = result(answer, answers, error)
+    quoted = result(answer, answers, error, weigh.probability_of(answer, weighed))
     if confirm:
 
         def without(label: NDArray[Any]) -> Callable[[str], stability.Without | None]:

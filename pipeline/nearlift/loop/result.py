@@ -58,9 +58,11 @@ SIZES = {
 }
 
 
-def result(answer: Answer, answers: Answers, error: LoopError | None) -> BoundaryResult:
+def result(
+    answer: Answer, answers: Answers, error: LoopError | None, probability: float
+) -> BoundaryResult:
     """The boundary's part of results.json; `answers` holds the coefficients under every answer,
-    `error` the cross-validated error.
+    `error` the cross-validated error, `probability` that of the answer.
     """
     problem, estimator = answer.problem, _estimator(answer, answers)
     named = answer.accepted[0].effects if answer.accepted else ()
@@ -104,6 +106,7 @@ def result(answer: Answer, answers: Answers, error: LoopError | None) -> Boundar
         base_model=problem.base.name,
         effects=named,
         rivals=tuple(others),
+        probability=probability,
         coefficients=coefficients,
         error=HeldOutError(
             before=error.before.held_out_rmse,

@@ -58,6 +58,26 @@ class NamedEffect:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class ExplanationProbability:
+    """Probability of one explanation of the residuals.
+
+    Attributes
+    ----------
+    effects : tuple of str
+        Its effects; none of nothing and of nameless structure.
+    nameless : str or None
+        Covariate of structure that no allowed explanation describes.
+    other : int or None
+        Number of further explanations, where it is the sum of their probabilities.
+    """
+
+    effects: tuple[str, ...]
+    nameless: IfAny[str] = None
+    other: IfAny[int] = None
+    probability: Real
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PartialEffect:
     """The share of the structure that an effect would explain which may not take the credit."""
 
@@ -213,6 +233,8 @@ class BoundaryDiagnosis:
         Empty unless the verdict is ``effect``.
     explanations : tuple of tuple of str
         Rival explanations, the best first.
+    probabilities : tuple of ExplanationProbability
+        Of everything that was weighed; they sum to 1.
     partial : tuple of PartialEffect
         Of structure that is not explained.
     contradicted : tuple of str
@@ -237,6 +259,7 @@ class BoundaryDiagnosis:
     verdict: Verdict
     effects: tuple[NamedEffect, ...]
     explanations: IfAny[tuple[tuple[str, ...], ...]] = None
+    probabilities: tuple[ExplanationProbability, ...]
     partial: IfAny[tuple[PartialEffect, ...]] = None
     contradicted: IfAny[tuple[str, ...]] = None
     wander: IfAny[float] = None

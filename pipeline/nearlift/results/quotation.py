@@ -245,9 +245,11 @@ class BoundaryResult:
     """The result to quote of one boundary; this design cannot distinguish the `rivals` from the
     identified `effects`, whose `sizes` are given.
 
-    `wanted` is what a diagnosis would take where there is none. `rests_on` is a single trial
-    without which the verdict changes, or the headline moves by more than its standard uncertainty.
-    `rests_on_visit` is a single visit without which the verdict changes.
+    `probability` is that of the identified effects, of nameless structure, or of nothing, by the
+    verdict; None where nothing was diagnosed. `wanted` is what a diagnosis would take where there
+    is none. `rests_on` is a single trial without which the verdict changes, or the headline moves
+    by more than its standard uncertainty. `rests_on_visit` is a single visit without which the
+    verdict changes.
     """
 
     verdict: Verdict
@@ -256,6 +258,7 @@ class BoundaryResult:
     base_model: str
     effects: tuple[str, ...] = ()
     rivals: tuple[str, ...] = ()
+    probability: IfAny[float] = None
     coefficients: Mapping[str, CoefficientResult]
     sizes: tuple[IdentifiedSize, ...] = ()
     error: HeldOutError | None = None
