@@ -16,7 +16,7 @@ import json
 import sys
 from collections.abc import Callable
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
 from typing import Self
@@ -187,17 +187,6 @@ def intervals(found: LeastSquaresFit) -> dict[str, Interval]:
         name: Interval.of(e.value, e.u, dof)
         for (name, e), dof in zip(found.estimates.items(), found.effective, strict=True)
     }
-    over = found.marginal
-    if over is not None:
-        for i, name in enumerate(found.names):
-            ends = [
-                tuple(
-                    over.quantile(i, p, found.effective[i])
-                    for p in (0.5 - level / 2, 0.5 + level / 2)
-                )
-                for level in LEVELS
-            ]
-            made[name] = replace(made[name], ends=tuple(ends))
     for name, e in found.estimates.items():
         assert np.allclose(made[name].ends[1], (e.lo90, e.hi90)), (
             "these are not the intervals that the library reports"

@@ -10,26 +10,22 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import heights
 from nearlift.fit.deletion import influence
 from nearlift.fit.least_squares import fit
-from nearlift.fit.linearised import linear_problem
 from nearlift.results import Noise
 
 from .simulated import campaign
-from .test_predictive import CASES, PARTS, SCATTER
+from .test_predictive import CASES, SCATTER
 
 
 def estimated(found, keep):
     """The coefficients from some of the trials by dense least squares about the fit's own optimum,
     the covariance as it is.
     """
-    problem, offset, slope = linear_problem(found)
+    problem = found.problem
     data, covariance = problem.data, problem.covariance.dense()[np.ix_(keep, keep)]
-    x = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(found.theta, offset)])[
-        keep
-    ]
-    y = (np.log(data.lift_N) - problem.log_ratio(found.theta, offset) + slope * offset)[keep]
+    x = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(found.theta)])[keep]
+    y = (np.log(data.lift_N) - problem.log_ratio(found.theta))[keep]
     return np.linalg.lstsq(
         x.T @ np.linalg.solve(covariance, x), x.T @ np.linalg.solve(covariance, y), rcond=None
     )[0][len(data.levels) :]
@@ -38,8 +34,9 @@ def estimated(found, keep):
 @pytest.mark.parametrize("case", [name for name in CASES if name != "none"])
 def test_the_closed_form_is_dense_least_squares_without_the_trial_or_the_visit(case):
     name, kind, parts = CASES[case]
-    plan = heights.HeightPlan(shared=PARTS[:1]) if case == "exact height" else heights.HeightPlan()
-    found = fit(catalogue.model(name), campaign(3, visits=3, **kind), parts, SCATTER, plan=plan)
+    about = 2e-4 if case == "height error" else 0.0
+    data = campaign(3, visits=3, **kind)
+    found = fit(catalogue.model(name), data, parts, SCATTER, offset_m=about)
     moved, data = influence(found), found.problem.data
     u = np.sqrt(np.diag(found.covariance))
     whole = estimated(found, np.ones(data.n, dtype=bool))
@@ -64,10 +61,10 @@ def test_the_closed_form_is_a_fit_without_the_trial(size):
     data = campaign(3, visits=4)
     nearest = int(np.argmin(data.z_hat + (data.throttle < 0.9)))
     data = replace(data, lift_N=data.lift_N * np.where(np.arange(data.n) == nearest, 1 + size, 1.0))
-    model, plan = catalogue.model("sanchez_cuevas"), heights.HeightPlan()
-    found = fit(model, data, (), SCATTER, plan=plan)
+    model = catalogue.model("sanchez_cuevas")
+    found = fit(model, data, (), SCATTER, offset_m=0.0)
     rest = np.arange(data.n) != nearest
-    again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], plan)
+    again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], 0.0)
     shift, u = again.theta[0] - found.theta[0], found.estimates["K_b"].u
     assert influence(found).of_trial[nearest, 0] == pytest.approx(shift, rel=0.1, abs=0.01 * u)
 
@@ -83,7 +80,7 @@ def test_deletion_residuals_are_standard_normal_under_the_declared_scatter():
         data = replace(data, u_lift_N=np.zeros(data.n))
         squares.append(
             influence(
-                fit(catalogue.model("sanchez_cuevas"), data, (), scatter, plan=heights.HeightPlan())
+                fit(catalogue.model("sanchez_cuevas"), data, (), scatter, offset_m=0.0)
             ).residual
             ** 2
         )
@@ -94,9 +91,7 @@ def test_what_the_others_do_not_determine_has_no_influence_to_tell():
     data = campaign(3, visits=4)
     alone = np.arange(data.n) == 7
     data = replace(data, throttle=np.where(alone, 0.6, data.throttle))
-    moved = influence(
-        fit(catalogue.model("sanchez_cuevas"), data, (), SCATTER, plan=heights.HeightPlan())
-    )
+    moved = influence(fit(catalogue.model("sanchez_cuevas"), data, (), SCATTER, offset_m=0.0))
     assert np.isnan(moved.residual[alone]).all()
     assert np.isnan(moved.of_trial[alone]).all()
     assert np.isfinite(moved.residual[~alone]).all()

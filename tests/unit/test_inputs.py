@@ -13,7 +13,7 @@ import pytest
 from nearlift import catalogue
 from nearlift.campaign import manifest
 from nearlift.errors import ManifestError
-from nearlift.fit import gum, heights, inputs
+from nearlift.fit import gum, inputs
 from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
@@ -38,7 +38,7 @@ def part(on, standard=0.01, scope="campaign", moves=ALL):
 
 
 def fitted(data, parts=()):
-    return fit(MODEL, data, parts, SCATTER, plan=heights.HeightPlan())
+    return fit(MODEL, data, parts, SCATTER, offset_m=0.0)
 
 
 def with_radius(data, factor):

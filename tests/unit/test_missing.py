@@ -9,7 +9,6 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.effects.gain import density
-from nearlift.fit.heights import HeightPlan
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood.covariates import derive, missing, unlogged
 from nearlift.loop.diagnose import USUAL, set_up
@@ -92,7 +91,7 @@ def test_a_diagnosis_takes_that_lift_from_its_base_fit():
     base = catalogue.model("sanchez_cuevas")
     stage = set_up(campaign(1), base, (), Options())[0]
     known = stage.data.covariates
-    first_fit = fit(base, stage.data, (), USUAL, plan=HeightPlan())
+    first_fit = fit(base, stage.data, (), USUAL, offset_m=0.0)
     held = known["lift_inf_N"] * np.exp(stage.candidate().log_ratio(first_fit.theta))
     first = np.r_[True, stage.data.session[1:] != stage.data.session[:-1]]
     assert known["previous_lift_N"][~first] == pytest.approx(held[:-1][~first[1:]], rel=1e-12)

@@ -23,7 +23,7 @@ N = 4000
 NOT_ASKED = {
     **dict.fromkeys(("chi2", "rmse", "r2", "log_likelihood", "aic", "bic")),
     **dict.fromkeys(("dof", "n_trials"), 0),
-    **dict.fromkeys(("degeneracies", "excluded", "undeclared", "heights"), ()),
+    **dict.fromkeys(("degeneracies", "excluded", "undeclared"), ()),
     **{key: {} for key in ("L_inf_N", "profiles", "would_halve")},
     "covariance": {"names": ["K_b"], "values": [[0.01]]},
 }

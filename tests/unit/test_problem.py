@@ -175,7 +175,7 @@ def test_height_slope_at_an_offset_is_that_of_stations_moved_so_far():
         np.log(sanchez_cuevas(near + step_m / RADIUS))
         - np.log(sanchez_cuevas(near - step_m / RADIUS))
     ) / (2 * step_m)
-    assert problem(data=data).height_slope(np.array([2.0]), offset_m) == pytest.approx(
+    assert problem(data=data).moved(offset_m).height_slope(np.array([2.0])) == pytest.approx(
         by_hand, rel=1e-5
     )
 

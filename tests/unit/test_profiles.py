@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import heights, profiles
+from nearlift.fit import profiles
 from nearlift.fit.least_squares import fit
-from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 
 from .simulated import campaign, hsiao
@@ -134,31 +133,6 @@ def test_student_widens_every_level():
         assert widths[1] / widths[0] == pytest.approx(
             t.ppf(0.5 + level / 200, 6) / norm.ppf(0.5 + level / 200), rel=0.05
         )
-
-
-@pytest.mark.parametrize("distribution", ["normal", "uniform"])
-def test_an_unknown_height_is_profiled_under_its_distribution(distribution):
-    data = campaign(
-        2, boundary="ceiling", ratio=hsiao, stations=(0.1, 0.2, 0.4, 1.0, 10.0), datum=3e-4
-    )
-    part = Component(
-        name="datum", on="height", standard=3e-4, distribution=distribution, scope="boundary"
-    )
-    found, own = profile(
-        "hsiao_chirarattananon", data, (part,), plan=heights.HeightPlan(shared=(part,))
-    )
-    alpha = own["alpha"]
-    offset = (
-        np.linspace(-1, 1, 4001) * 3e-4 * (5 if distribution == "normal" else 3**0.5 * (1 - 1e-9))
-    )
-    penalty = (offset / 3e-4) ** 2 if distribution == "normal" else 0.0
-    brute = np.array(
-        [
-            (found.problem.chi2(np.full((len(offset), 1), a), offset[:, None]) + penalty).min()
-            for a in alpha.value
-        ]
-    )
-    assert alpha.rise == pytest.approx(brute - brute.min(), abs=0.01)
 
 
 def test_what_is_not_determined_has_no_profile():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import heights, remedies
+from nearlift.fit import height_error, remedies
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
@@ -35,7 +35,7 @@ def fitted(model="sanchez_cuevas", parts=(), visits=4, **kind):
         campaign(3, visits=visits, **kind),
         parts,
         SCATTER,
-        plan=heights.HeightPlan(),
+        offset_m=0.0,
     )
 
 
@@ -58,10 +58,10 @@ def test_the_datum_that_would_halve_u_does():
         (datum(better),),
         SCATTER,
         found.slope,
-        heights.HeightPlan(),
+        0.0,
     )
     assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.02)
-    exact = fit(found.model, found.problem.data, (), SCATTER, found.slope, heights.HeightPlan())
+    exact = fit(found.model, found.problem.data, (), SCATTER, found.slope, 0.0)
     assert one.u_best == pytest.approx(exact.estimates["K_b"].u, rel=0.02)
 
 
@@ -107,9 +107,7 @@ def test_so_many_repeats_halve_it():
         data.take(np.tile(np.arange(data.n), n)),
         visit=np.concatenate([data.visit + k * 1000 for k in range(n)]),
     )
-    again = fit(
-        found.model, many, (datum(0.02e-3),), SCATTER, np.tile(found.slope, n), heights.HeightPlan()
-    )
+    again = fit(found.model, many, (datum(0.02e-3),), SCATTER, np.tile(found.slope, n), 0.0)
     assert again.estimates["K_b"].u == pytest.approx(found.estimates["K_b"].u / 2, rel=0.06)
     assert (
         repeats.text
@@ -141,7 +139,7 @@ def test_no_number_of_repeats_undoes_a_bent_line():
     assert found.estimates["K_b"].u / 2 < repeats.u_limit <= found.estimates["K_b"].u
 
 
-def test_an_integrated_height_is_among_them():
+def test_a_height_error_is_among_them():
     data = campaign(
         3,
         boundary="ceiling",
@@ -151,10 +149,10 @@ def test_an_integrated_height_is_among_them():
         visits=6,
     )
     found = fit(catalogue.model("hsiao_chirarattananon"), data, (datum(5e-4),), SCATTER)
-    assert found.marginal is not None
+    u = height_error.u_m(found.problem, found.theta, found.slope, 5e-4)
     halving = remedies.halvings(found)["alpha"]
     one = next(r for r in halving.knowledge if r.quantity == "distance datum")
-    assert one.known_to == pytest.approx(1000 * found.marginal.offset()[1], rel=0.2)
+    assert one.known_to == pytest.approx(1000 * u, rel=1e-3)
     assert one.u == pytest.approx(found.estimates["alpha"].u)
     assert halving.repeats.times > 1
 

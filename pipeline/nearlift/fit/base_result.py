@@ -26,7 +26,7 @@ def base_result(
     """A boundary's result before or without the loop; `entry` is the model's in fit.json."""
     estimator = Estimator.from_fit(fit)
     noise = fit.noise.source.partition(" (")[0]
-    errors = " and ".join([f"the {noise}", *budget.stated((*fit.parts, *fit.plan.shared))])
+    errors = " and ".join([f"the {noise}", *budget.stated(fit.parts)])
     holds = f"Includes {errors}, but no effect: the residuals were not diagnosed"
     doubts, shapes = estimator.doubts(), shape_doubts(entry)
     scale = np.sqrt(np.diag(fit.covariance))

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray
 
@@ -61,8 +60,7 @@ def visits(fit: LeastSquaresFit) -> tuple[Deletion, ...]:
     Time and memory grow with the trials, not with their square. Shared unknowns are estimated from
     the other visits as far as those determine them.
     """
-    problem, offset, slope = linear_problem(fit)
-    return visits_of(problem, fit.theta, _free(fit), offset, slope)
+    return visits_of(fit.problem, fit.theta, _free(fit))
 
 
 def _free(fit: LeastSquaresFit) -> list[int]:
@@ -70,19 +68,14 @@ def _free(fit: LeastSquaresFit) -> list[int]:
     return [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
 
 
-def visits_of(
-    problem: Problem, theta: FloatArray, free: Sequence[int], offset: float, slope: FloatArray
-) -> tuple[Deletion, ...]:
-    """`visits` of any likelihood at its optimum `theta` (p,), the coefficients `free` estimated.
-
-    It is linearised about the height error `offset` in m, with `slope` (n,) there.
-    """
+def visits_of(problem: Problem, theta: FloatArray, free: Sequence[int]) -> tuple[Deletion, ...]:
+    """`visits` of any likelihood at its optimum `theta` (p,), the coefficients `free` estimated."""
     data, covariance = problem.data, problem.covariance
-    jacobian = problem.jacobian(theta, offset)[:, list(free)]
+    jacobian = problem.jacobian(theta)[:, list(free)]
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     known = covariance.shared
     z = np.hstack([known, data.level_columns, jacobian / length])
-    y = np.log(data.lift_N) - problem.log_ratio(theta, offset) + slope * offset
+    y = np.log(data.lift_N) - problem.log_ratio(theta)
     size = z.shape[1]
     curved = np.diag(np.r_[np.ones(known.shape[1]), np.zeros(size - known.shape[1])])
     solved = covariance.solve_own(np.column_stack([z, y]).T).T
@@ -143,19 +136,16 @@ class DeletionDiagnostics:
 
 def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
     """Deletion diagnostics of a fit in closed form, its scatter held fixed."""
-    problem, offset, slope = linear_problem(fit)
-    return influence_on(problem, fit.theta, _free(fit), offset, slope)
+    return influence_on(fit.problem, fit.theta, _free(fit))
 
 
-def influence_on(
-    problem: Problem, theta: FloatArray, free: Sequence[int], offset: float, slope: FloatArray
-) -> DeletionDiagnostics:
+def influence_on(problem: Problem, theta: FloatArray, free: Sequence[int]) -> DeletionDiagnostics:
     """`influence` on any likelihood at its optimum, as `visits_of`."""
     data, names, p = problem.data, problem.names, len(theta)
     fixed = [i for i in range(p) if i not in free]
     of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
     labels, shifts, squares = [], [], []
-    for block in visits_of(problem, theta, free, offset, slope):
+    for block in visits_of(problem, theta, free):
         diagonal = np.diagonal(block.information, axis1=1, axis2=2)
         determined = diagonal > DETERMINED * block.whole[:, None]
         safe = np.where(determined, diagonal, np.nan)

@@ -18,7 +18,6 @@ from nearlift.declare import FloatArray
 from nearlift.fit import deletion, gum, held_quantity, inputs
 from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.fit.linearised import about, linear_problem
 from nearlift.likelihood import student
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import Problem
@@ -67,8 +66,6 @@ class Estimator:
         u if one source of error were known exactly, by its name.
     parts : tuple of Component
         Declared errors.
-    offset_m : float
-        Height error about which the problem is linearised.
     slope : (n,)
         d log ratio / dz there.
     fixed : (p,) mask
@@ -84,7 +81,6 @@ class Estimator:
     lines: tuple[gum.Line, ...]
     without: Mapping[str, FloatArray]
     parts: tuple[Component, ...]
-    offset_m: float = 0.0
     slope: FloatArray
     fixed: NDArray[np.bool_]
     z_hat: FloatArray
@@ -92,20 +88,18 @@ class Estimator:
     @classmethod
     def from_fit(cls, fit: LeastSquaresFit) -> Estimator:
         """The estimator of a base fit."""
-        problem, offset, slope = linear_problem(fit)
         estimates = fit.estimates.values()
         return cls(
-            problem=problem,
+            problem=fit.problem,
             theta=fit.theta,
             u=np.array([e.u for e in estimates]),
             dof=fit.effective,
             lines=gum.uncertainty_budget(fit) if len(fit.theta) else (),
             without=u_without(fit) if len(fit.theta) else {},
-            parts=(*fit.parts, *fit.plan.shared),
-            offset_m=offset,
-            slope=slope,
+            parts=fit.parts,
+            slope=fit.slope,
             fixed=np.array([e.at_bound or not np.isfinite(e.u) for e in estimates], dtype=bool),
-            z_hat=problem.data.z_hat,
+            z_hat=fit.problem.data.z_hat,
         )
 
     def reach(self, i: int) -> dict[int, float]:
@@ -194,7 +188,7 @@ class Estimator:
     def _influence(self) -> dict[str, LargestShifts]:
         """The trial and visit whose deletion shifts each coefficient most, scatter held."""
         data, free = self.problem.data, [int(i) for i in np.flatnonzero(~self.fixed)]
-        moved = deletion.influence_on(self.problem, self.theta, free, self.offset_m, self.slope)
+        moved = deletion.influence_on(self.problem, self.theta, free)
         return {
             name: LargestShifts(
                 trial=largest(moved.trial, moved.of_trial[:, i], data.trial, self.z_hat),
@@ -210,7 +204,7 @@ class Estimator:
             return listed
         if np.isfinite(self.u[0]):
             listed[0] += [self.doubt(0, *answer) for answer in self._exponents()]
-        gain = gum.gain(self.problem, self.theta, self.offset_m)
+        gain = gum.gain(self.problem, self.theta)
         for missing in inputs.undeclared_in(self.problem, self.theta, gain, self.parts, self.slope):
             for i, shift in enumerate(missing.shift.values()):
                 if np.isfinite(self.u[i]) and abs(shift) > WORTH_TELLING * self.u[i]:
@@ -228,7 +222,7 @@ class Estimator:
 
     def _exponents(self) -> Iterator[tuple[str, float, float]]:
         """Condition, value and u of the first coefficient at a free exponent and 2/3."""
-        problem = about(self.problem, self.offset_m, self.slope)
+        problem = self.problem
         n, u_n, _ = held_quantity.free_exponent(problem, self.theta)
         if np.isfinite(n):
             refits = held_quantity.at_exponents(

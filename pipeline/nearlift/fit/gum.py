@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood import semiseparable
 from nearlift.likelihood.budget import GROUPED, INPUTS, Component, groups, independent_variance
 from nearlift.likelihood.covariance import group_sums
@@ -78,11 +77,11 @@ class Line:
     sizes: dict[str, FloatArray] = field(default_factory=dict)
 
 
-def gain(problem: Problem, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
+def gain(problem: Problem, theta: FloatArray) -> FloatArray:
     """The linear estimator G, (p, n): change of each coefficient per unit change of each trial's
     log lift, L_inf free.
     """
-    jacobian = problem.jacobian(theta, offset_m)
+    jacobian = problem.jacobian(theta)
     white = problem.project(jacobian.T)
     return np.asarray(
         inverse_information(white) @ problem.covariance.unwhiten(white), dtype=np.float64
@@ -100,28 +99,8 @@ def inverse_information(white: FloatArray) -> FloatArray:
 
 
 def uncertainty_budget(fit: LeastSquaresFit) -> tuple[Line, ...]:
-    """The budget of a fit.
-
-    Where a shared height error was integrated over, the shares are those of the linear estimator at
-    its posterior mean. Each coefficient's lines are scaled by one factor to the variance of the
-    integral.
-    """
-    problem, offset, slope = linear_problem(fit)
-    g = gain(problem, fit.theta, offset)
-    budget = lines(problem, g, fit.parts, fit.noise, fit.slope)
-    if fit.marginal is None:
-        return budget
-    budget += tuple(_declared(problem.data, g, part, slope) for part in fit.plan.shared)
-    linear = sum((np.diag(line.covariance) for line in budget), np.zeros(len(g)))
-    factor = np.sqrt(np.diag(fit.covariance) / np.where(linear > 0, linear, 1.0))
-    return tuple(
-        replace(
-            a,
-            covariance=a.covariance * np.outer(factor, factor),
-            sensitivity=a.sensitivity * factor,
-        )
-        for a in budget
-    )
+    """The budget of a fit."""
+    return lines(fit.problem, gain(fit.problem, fit.theta), fit.parts, fit.noise, fit.slope)
 
 
 def lines(

@@ -24,7 +24,6 @@ import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.fit import gum
-from nearlift.fit.linearised import linear_problem
 from nearlift.likelihood.budget import INPUTS, Component
 from nearlift.likelihood.problem import Problem, needed
 from nearlift.results import Observations
@@ -98,14 +97,8 @@ def _scaled(data: Observations, part: Component, factor: float) -> Observations:
 
 def undeclared(fit: LeastSquaresFit) -> tuple[UndeclaredInput, ...]:
     """`undeclared_in` of a fit."""
-    problem, offset, slope = linear_problem(fit)
-    return undeclared_in(
-        problem,
-        fit.theta,
-        gum.gain(problem, fit.theta, offset),
-        (*fit.parts, *fit.plan.shared),
-        slope,
-    )
+    gain = gum.gain(fit.problem, fit.theta)
+    return undeclared_in(fit.problem, fit.theta, gain, fit.parts, fit.slope)
 
 
 def undeclared_in(

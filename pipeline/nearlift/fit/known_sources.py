@@ -10,7 +10,6 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.fit.gum import NAMES, RECORD_NOISE, inverse_information
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.fit.linearised import carried, linear_problem
 from nearlift.likelihood.budget import GROUPED, Component, groups, independent_variance
 from nearlift.likelihood.covariance import LEAST_VARIANCE, Covariance
 from nearlift.likelihood.problem import Problem
@@ -18,17 +17,17 @@ from nearlift.results import Noise
 
 
 def u_without(fit: LeastSquaresFit) -> dict[str, FloatArray]:
-    """`without_each` of a fit, its shared height errors among the sources."""
-    problem, offset, _ = linear_problem(fit)
-    jacobian, u = problem.jacobian(fit.theta, offset), np.sqrt(np.diag(fit.covariance))
-    return without_each(problem, jacobian, fit.noise, carried(fit), u)
+    """`without_each` of a fit."""
+    jacobian, u = fit.problem.jacobian(fit.theta), np.sqrt(np.diag(fit.covariance))
+    return without_each(fit.problem, jacobian, fit.noise, fit.parts, fit.slope, u)
 
 
 def without_each(
     problem: Problem,
     jacobian: FloatArray,
     scatter: Noise,
-    parts: Sequence[tuple[Component, FloatArray]],
+    parts: Sequence[Component],
+    slope: FloatArray,
     u: FloatArray,
     further: Mapping[str, slice] | None = None,
 ) -> dict[str, FloatArray]:
@@ -43,9 +42,10 @@ def without_each(
     ----------
     jacobian : (n, p)
         Of its log ratio.
-    parts : sequence of (Component, (n,))
-        Declared errors in the order of their columns in the covariance, each with the slope that
-        carries heights.
+    parts : sequence of Component
+        Declared errors in the order of their columns in the covariance.
+    slope : (n,)
+        d log ratio / dz, which carries heights.
     u : (p,)
         Standard uncertainties of the full fit, to which the results are scaled.
     further : mapping of str to slice
@@ -63,7 +63,7 @@ def without_each(
     return {
         name: scale * spread(covariance)
         for name, covariance in _covariances_without_each_source(
-            problem, scatter, parts, further or {}
+            problem, scatter, parts, slope, further or {}
         )
     }
 
@@ -71,7 +71,8 @@ def without_each(
 def _covariances_without_each_source(
     problem: Problem,
     scatter: Noise,
-    parts: Sequence[tuple[Component, FloatArray]],
+    parts: Sequence[Component],
+    slope: FloatArray,
     further: Mapping[str, slice],
 ) -> Iterator[tuple[str, Covariance]]:
     """The covariance without each source in turn."""
@@ -82,8 +83,8 @@ def _covariances_without_each_source(
         NAMES["force_N"]: (scatter.force_N / data.lift_N) ** 2,
     }
     trial_by_trial |= {
-        part.name: independent_variance(data, part, carried)
-        for part, carried in parts
+        part.name: independent_variance(data, part, slope)
+        for part in parts
         if part.scope not in GROUPED
     }
     for name, variance in trial_by_trial.items():
@@ -92,7 +93,7 @@ def _covariances_without_each_source(
     yield NAMES["common"], replace(whole, common=0.0)
     yield NAMES["drift"], replace(whole, drift=np.zeros(len(scatter.drift)))
     first = 0
-    for part, _ in parts:
+    for part in parts:
         width = int(groups(data, part.scope).max()) + 1 if part.scope in GROUPED else 0
         if width:
             yield (

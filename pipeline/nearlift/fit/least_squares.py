@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fit import gum, heights, inputs
+from nearlift.fit import gum, height_error, inputs
 from nearlift.fit.degeneracy import degeneracies
 from nearlift.fit.solver import solve
 from nearlift.likelihood import budget, noise, student
@@ -22,6 +22,9 @@ from nearlift.results.fit import Degeneracy, ExcludedTrial
 #: Standard uncertainty over a parameter's range from which it is rounding, and the parameter
 #: undetermined.
 VAGUE = 1e6
+#: Maximum number of times that the height error is taken again, and its last change, in stated
+#: standard uncertainties.
+HEIGHT_ROUNDS, SAME_HEIGHT = 30, 1e-3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,10 +34,10 @@ class LeastSquaresFit:
     `theta`, `covariance` and `names` belong together. `levels` holds L_inf in N per throttle;
     `level_coefficients` multiply the trials' `level_columns`. `chi2` uses the scatter of repeats,
     so chi2 well above `dof` shows a fault of the model, not of the noise. The covariance of the
-    likelihood `problem` was assembled from `slope` and `parts`. `plan` lists the height errors that
-    are not in it, and `marginal` is the integral over those. `effective` (p,) are each
-    coefficient's effective degrees of freedom (`gum`), used by its interval and its profile.
-    `lmfit` is lmfit's result where the fit is quoted, for its reports.
+    likelihood `problem` was assembled from `slope` and `parts`, and is linearised about the height
+    error ``problem.offset_m``. `effective` (p,) are each coefficient's effective degrees of freedom
+    (`gum`), used by its interval and its profile. `lmfit` is lmfit's result where the fit is
+    quoted, for its reports.
     """
 
     model: LiftModel
@@ -53,9 +56,7 @@ class LeastSquaresFit:
     problem: Problem
     slope: FloatArray
     parts: tuple[budget.Component, ...]
-    plan: heights.HeightPlan
     effective: FloatArray
-    marginal: heights.Marginal | None = None
     lmfit: Any = None
 
     @property
@@ -76,10 +77,13 @@ def assemble(
     scatter: Noise,
     theta: FloatArray,
     slope: FloatArray | None = None,
+    offset_m: float = 0.0,
 ) -> Problem:
-    """The likelihood, height errors carried by `slope` (n,), or else by the model's at `theta`."""
+    """The likelihood, height errors carried by `slope` (n,), or else by the model's at `theta`, to
+    first order about `offset_m`.
+    """
     if slope is None:
-        slope = height_slope(model, data, model.named(theta))
+        slope = height_slope(model, data, model.named(theta), offset_m)
     covariance = noise.trial_covariance(
         data,
         scatter,
@@ -87,7 +91,8 @@ def assemble(
         budget.shared(data, parts, slope),
         budget.own_variance(data, parts, slope),
     )
-    return Problem(model=model, data=data, covariance=covariance)
+    shift = -offset_m * slope if offset_m else 0.0
+    return Problem(model=model, data=data, covariance=covariance, offset_m=offset_m, shift=shift)
 
 
 def fit(
@@ -96,7 +101,7 @@ def fit(
     parts: tuple[budget.Component, ...] = (),
     scatter: Noise | None = None,
     slope: FloatArray | None = None,
-    plan: heights.HeightPlan | None = None,
+    offset_m: float | None = None,
     *,
     quoted: bool = False,
 ) -> LeastSquaresFit:
@@ -113,9 +118,9 @@ def fit(
     slope : (n,) or None
         d log ratio / dz that carries height errors. Give every rival model the base model's: with
         its own, a flat curve would claim less noise, and likelihoods would not be comparable.
-    plan : HeightPlan or None
-        Height errors that the slope does not carry; assessed again if None. Give every rival the
-        base model's, for the same reason; ``HeightPlan()`` leaves all to the slope.
+    offset_m : float or None
+        Height error about which the model is linearised; the most probable one if None and the
+        slope does not suffice (`fit.height_error`). Give every rival the base model's.
     quoted : bool
         Whether lmfit makes the last search, for its report in `lmfit`.
 
@@ -143,7 +148,7 @@ def fit(
             f"at least {p + levels + 2} trials are needed",
         )
     theta = np.array([q.value for q in model.parameters])
-    settled = scatter or Noise(relative=0.01)
+    settled, about = scatter or Noise(relative=0.01), offset_m or 0.0
     declared_parts = parts
     # the slope that carries height errors depends on theta: two rounds settle it to second order
     for _ in range(3):
@@ -153,6 +158,7 @@ def fit(
                 model=model,
                 data=data,
                 covariance=noise.trial_covariance(data, settled, np.zeros(data.n)),
+                offset_m=about,
             )
             declared = trial.height_slope(theta)
             lacking, source = noise.saturated_mean_columns(data)
@@ -168,59 +174,41 @@ def fit(
                 source,
             )
         problem = assemble(
-            model, data, parts, settled, theta, None if slope is None else slope[keep]
+            model, data, parts, settled, theta, None if slope is None else slope[keep], about
         )
         before, theta = theta, solve(problem, theta)[0]
         if p == 0 or np.allclose(before, theta, rtol=1e-3, atol=1e-6):
             break
     carried = slope[keep] if slope is not None else problem.height_slope(before)
-    if plan is None:
-        plan = heights.plan_height_errors(problem, theta, parts, settled, carried)
-    if plan.shared or plan.blur_m:
-        parts = tuple(c for c in parts if c not in plan.shared)
-        problem = replace(assemble(model, data, parts, settled, theta, carried), blur_m=plan.blur_m)
+    if offset_m is None:
+        problem, theta, carried = _about_height_error(problem, theta, parts, settled, carried)
     theta, result = solve(problem, theta, quoted=quoted)
-    described = _describe(problem, theta, settled, excluded, carried, parts, plan)
-    fitted = replace(described, lmfit=result)
-    return _integrated(fitted) if plan.shared else fitted
+    described = _describe(problem, theta, settled, excluded, carried, parts)
+    return replace(described, lmfit=result)
 
 
-def _integrated(fitted: LeastSquaresFit) -> LeastSquaresFit:
-    """Fit with the shared height errors of its plan integrated over."""
-    problem, data = fitted.problem, fitted.problem.data
-    u = np.sqrt(np.diag(fitted.covariance))
-    over = heights.integrate(problem, fitted.theta, np.where(u > 0, u, 1.0), fitted.plan.shared)
-    theta, covariance = over.mean, over.within + over.between
-    wider = replace(fitted, theta=theta, covariance=covariance, marginal=over)
-    effective = gum.effective_dof(gum.uncertainty_budget(wider), fitted.noise, len(theta))
-    estimates = interval90(fitted.model, theta, np.sqrt(np.diag(covariance)), effective)
-    for i, (name, e) in enumerate(estimates.items()):
-        if e.u > 0:
-            low, high = (over.quantile(i, tail, float(effective[i])) for tail in (0.05, 0.95))
-            estimates[name] = replace(e, lo90=low, hi90=high)
-    free = data.unknown_levels
-    logs, spread = np.zeros((len(over.weight), free)), np.zeros((free, free))
-    given, log_lift = problem.level_covariance, np.log(data.lift_N)
-    for node in np.flatnonzero(over.weight > 0):
-        at, offset = over.theta[node], over.offset_m[node]
-        logs[node] = problem.best_levels(log_lift - problem.log_ratio(at, offset))
-        toll = problem.d_levels_d_theta(problem.jacobian(at, offset))
-        spread += over.weight[node] * (given + toll @ over.covariance[node] @ toll.T)
-    log_levels = over.weight @ logs
-    spread += (logs - log_levels).T @ (over.weight[:, None] * (logs - log_levels))
-    # the linear fit's quantiles serve: its levels have the same degrees of freedom
-    quantiles = [(e.hi90 - e.value) / e.u if e.u > 0 else 0.0 for e in fitted.levels.values()]
-    gained = float(over.log_integral + problem.chi2(theta) / 2)
-    return replace(
-        wider,
-        estimates=estimates,
-        levels=_levels(problem, log_levels, spread, quantiles),
-        level_coefficients=log_levels,
-        level_covariance=spread,
-        chi2=over.chi2,
-        log_likelihood=float(problem.log_likelihood(theta)) + gained,
-        effective=effective,
-    )
+def _about_height_error(
+    problem: Problem,
+    theta: FloatArray,
+    parts: tuple[budget.Component, ...],
+    scatter: Noise,
+    slope: FloatArray,
+) -> tuple[Problem, FloatArray, FloatArray]:
+    """The problem, its optimum and the slope about the most probable height error, where the slope
+    at the recorded distances does not suffice.
+    """
+    standard = height_error.standard_m(height_error.common(parts, problem.data))
+    if not height_error.bends(problem, theta, standard):
+        return problem, theta, slope
+    for _ in range(HEIGHT_ROUNDS):
+        likely = height_error.most_probable_m(problem, theta, slope, standard)
+        if abs(likely - problem.offset_m) < SAME_HEIGHT * standard:
+            break
+        model, data = problem.model, problem.data
+        slope = height_slope(model, data, model.named(theta), likely)
+        problem = assemble(model, data, parts, scatter, theta, slope, likely)
+        theta = solve(problem, theta)[0]
+    return problem, theta, slope
 
 
 def _levels(
@@ -242,7 +230,6 @@ def _describe(
     excluded: tuple[ExcludedTrial, ...],
     slope: FloatArray,
     parts: tuple[budget.Component, ...],
-    plan: heights.HeightPlan,
 ) -> LeastSquaresFit:
     data, model = problem.data, problem.model
     jacobian = problem.jacobian(theta)
@@ -277,7 +264,6 @@ def _describe(
         problem=problem,
         slope=slope,
         parts=parts,
-        plan=plan,
         effective=effective,
     )
 

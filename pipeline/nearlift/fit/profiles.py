@@ -3,8 +3,7 @@
 The quadratic approximation behind ``value ± u`` is right where the profile is a parabola. The
 profile shows where it is not, and its interval also holds where a curve saturates, at a bound, or
 for degenerate coefficients. L_inf is eliminated; the other coefficients are optimised from the
-quadratic approximation, all values in one batch. So is a shared height error that the slope does
-not carry, under its declared distribution.
+quadratic approximation, all values in one batch.
 """
 
 from __future__ import annotations
@@ -15,10 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.fit import heights, solver
+from nearlift.fit import solver
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
-from nearlift.results import IntArray
 from nearlift.results.fit import ProfileIntervals
 from nearlift.results.quotation import LEVELS
 
@@ -77,9 +75,6 @@ def _profile(fit: LeastSquaresFit, i: int, sd: FloatArray) -> Profile:
         whole, first = _apart(np.r_[value, more], sd[i])
         return whole, np.r_[chi2, _along(fit, i, more, sd)][first]
 
-    if fit.marginal:
-        # the mean over the height error is not where the profile is lowest
-        value, chi2 = extended(np.array([np.clip(_vertex(value, chi2), *ends)]))
     for _ in range(WIDENINGS):
         rise = chi2 - chi2.min()
         further = []
@@ -112,13 +107,6 @@ def _apart(value: FloatArray, sd: float) -> tuple[FloatArray, NDArray[np.intp]]:
     return value[kept], kept
 
 
-def _vertex(value: FloatArray, chi2: FloatArray) -> float:
-    """Minimum of the parabola through the lowest value and its two neighbours."""
-    k = int(np.clip(np.argmin(chi2), 1, len(value) - 2))
-    a, b, _ = np.polyfit(value[k - 1 : k + 2] - value[k], chi2[k - 1 : k + 2] - chi2[k], 2)
-    return float(value[k] - b / (2 * a)) if np.isfinite(a) and a > 0 else float(value[k])
-
-
 def _threshold(level: int, dof: float) -> float:
     """Rise of chi2 at the ends of an interval: squared quantile of Student's t."""
     return student.quantile(0.5 + level / 200, dof) ** 2
@@ -126,55 +114,15 @@ def _threshold(level: int, dof: float) -> float:
 
 def _along(fit: LeastSquaresFit, i: int, value: FloatArray, sd: FloatArray) -> FloatArray:
     """Least chi2 at each value of coefficient i."""
-    problem, p = fit.problem, len(fit.theta)
-    shared = fit.plan.shared
-    # the height error, in units of its declared uncertainty, follows the coefficients
-    unit = float(np.sqrt(sum(c.standard**2 for c in shared)))
-    prior, reach = heights.density(shared) if shared else (np.ones_like, 0.0)
+    problem = fit.problem
     line = fit.covariance[i] / fit.covariance[i, i]
     start = fit.theta + (value - fit.theta[i])[:, None] * line
     start[:, i] = value
-    low, high = problem.model.bounds
+    free = np.arange(len(fit.theta)) != i
     scale = np.where(sd > 0, sd, 1.0)
-    free = np.arange(p) != i
-    if shared:
-        over = fit.marginal
-        assert over is not None
-        mean, left = over.offset()
-        bend = (
-            (over.weight * (over.theta[:, i] - over.mean[i]))
-            @ (over.offset_m - mean)
-            / fit.covariance[i, i]
-        )
-        edge = reach / unit * (1 - 1e-9)
-        offset = np.clip((mean + bend * (value - fit.theta[i])) / unit, -edge, edge)
-        start = np.hstack([start, offset[:, None]])
-        low, high, scale, free = (
-            np.r_[low, -edge],
-            np.r_[high, edge],
-            np.r_[scale, left / unit],
-            np.r_[free, True],
-        )
-        top = float(prior(np.zeros(1))[0])
-
-    def residuals(theta: FloatArray) -> FloatArray:
-        offset_m = theta[..., p:] * unit
-        with np.errstate(divide="ignore"):
-            penalty = np.sqrt(np.maximum(-2 * np.log(prior(offset_m) / top), 0.0))
-        # signed, so that its derivative is continuous at zero
-        signed = np.sign(offset_m) * penalty
-        return np.concatenate([problem.residuals(theta[..., :p], offset_m), signed], axis=-1)
-
-    def linearised(theta: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
-        if not shared:
-            return problem.linearised(theta)
-        h = 1e-4 * np.eye(p + 1) * scale
-        up, down = (theta[:, None] + h, theta[:, None] - h)
-        up, down = np.clip(up, low, high), np.clip(down, low, high)
-        width = np.einsum("kii->ki", up - down)
-        return residuals(theta), (residuals(up) - residuals(down)) / width[:, :, None]
-
-    return solver.minimise(linearised, start, (low, high), scale, free).chi2
+    return solver.minimise(
+        lambda theta, _: problem.linearised(theta), start, problem.model.bounds, scale, free
+    ).chi2
 
 
 def _intervals(value: FloatArray, rise: FloatArray, dof: float) -> ProfileIntervals:

@@ -14,7 +14,6 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.fit.linearised import carried, linear_problem
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
 from nearlift.results.fit import Halving, Remedy, Repeats
@@ -86,9 +85,9 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
 
 
 def _unknowns(fit: LeastSquaresFit, known: list[int]) -> _Unknowns:
-    problem, offset, _ = linear_problem(fit)
+    problem = fit.problem
     data, levels = problem.data, problem.data.level_columns.T
-    blocks = [problem.jacobian(fit.theta, offset)[:, known], levels.T]
+    blocks = [problem.jacobian(fit.theta)[:, known], levels.T]
     groups: list[tuple[str, float, str, tuple[int, ...]]] = [
         (fit.names[i], 1.0, fit.model.parameters[i].unit, (k,)) for k, i in enumerate(known)
     ]
@@ -96,8 +95,8 @@ def _unknowns(fit: LeastSquaresFit, known: list[int]) -> _Unknowns:
     groups.append(("L_inf", 100.0, "%", tuple(range(first, first + len(levels)))))
     first += len(levels)
     declared = [0.0] * first
-    for part, slope in carried(fit):
-        sensitivity = budget.columns(data, part, slope)
+    for part in fit.parts:
+        sensitivity = budget.columns(data, part, fit.slope)
         if not sensitivity.shape[1] or not part.standard:
             continue
         (scale, unit), end = SCALES[part.on], first + sensitivity.shape[1]

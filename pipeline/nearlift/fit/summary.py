@@ -5,12 +5,12 @@ uncertainty.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import inputs, remedies
+from nearlift.fit import height_error, inputs, remedies
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.profiles import Profile
 from nearlift.likelihood import noise
@@ -54,17 +54,17 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
         profiles={p.parameter: p.ends for p in profiles},
         would_halve=remedies.halvings(fit),
         undeclared=inputs.undeclared(fit),
-        heights=fit.plan.assessments,
         height_error=_height_error(fit),
     )
 
 
 def _height_error(fit: LeastSquaresFit) -> HeightError | None:
-    """Shared height error where it was integrated over."""
-    if fit.marginal is None:
+    """Height error where the fit is linearised about one."""
+    if not fit.problem.offset_m:
         return None
-    value, u = fit.marginal.offset()
-    return HeightError(value=value, u=u)
+    standard = height_error.standard_m(height_error.common(fit.parts, fit.problem.data))
+    u = height_error.u_m(fit.problem, fit.theta, fit.slope, standard)
+    return HeightError(value=fit.problem.offset_m, u=u)
 
 
 def closeness(fit: LeastSquaresFit) -> tuple[float, float, float | None]:
@@ -72,8 +72,8 @@ def closeness(fit: LeastSquaresFit) -> tuple[float, float, float | None]:
 
     At the ground also R² of the cells in `NEAR_GROUND`, nan where these are too few.
     """
-    data, offset_m = fit.problem.data, fit.marginal.offset()[0] if fit.marginal else 0.0
-    log_ratio = fit.problem.log_ratio(fit.theta, offset_m)
+    data = fit.problem.data
+    log_ratio = replace(fit.problem, shift=0.0).log_ratio(fit.theta)
     log_lift = np.log(data.lift_N) - data.of_trials(fit.level_coefficients)
     measured, predicted, cell = np.exp(log_lift) - 1, np.exp(log_ratio) - 1, noise.cells(data)
     near = (data.z_hat > NEAR_GROUND[0]) & (data.z_hat < NEAR_GROUND[1])

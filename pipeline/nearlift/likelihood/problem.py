@@ -24,10 +24,6 @@ from nearlift.likelihood.finite import where_finite
 from nearlift.likelihood.subspace import SPANNED
 from nearlift.results import Observations
 
-#: Nodes and weights of a standard normal's mean (three-point Gauss-Hermite rule): exact for
-#: polynomials of degree five, and never far from the recorded height.
-BLUR = ((-(3.0**0.5), 1 / 6), (0.0, 2 / 3), (3.0**0.5, 1 / 6))
-
 
 @dataclass(frozen=True, kw_only=True)
 class Problem:
@@ -39,11 +35,14 @@ class Problem:
     model: LiftModel
     data: Observations
     covariance: Covariance
-    #: Standard deviation in m of height errors that are independent from stop to stop: the
-    #: prediction is its mean over them.
-    blur_m: float = 0.0
+    #: Added to every recorded distance, m.
+    offset_m: float = 0.0
     #: Added to the log ratio whatever the parameters, a number or (n,).
     shift: FloatArray | float = 0.0
+
+    def moved(self, offset_m: float) -> Problem:
+        """The problem with every distance moved by `offset_m` more."""
+        return replace(self, offset_m=self.offset_m + offset_m)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -55,18 +54,15 @@ class Problem:
         """Arguments of the model besides its parameters: geometry, and per-trial covariates."""
         return needed(self.model, self.data)
 
-    def log_ratio(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
-        """Log L / L_inf of each trial; nan where the model has no value.
+    @cached_property
+    def z_hat(self) -> FloatArray:
+        """Distance of each trial in rotor radii, (n,), the height error added."""
+        return self.data.z_hat + self.offset_m / self.data.radius_m
 
-        `offset_m` is added to every height: one number, or (m, 1) with theta of shape (m, p).
-        """
-        if not self.blur_m:
-            return self._log_ratio_at(theta, offset_m)
-        return sum(w * self._log_ratio_at(theta, offset_m + x * self.blur_m) for x, w in BLUR)  # type: ignore[return-value]
-
-    def _log_ratio_at(self, theta: FloatArray, offset_m: FloatArray | float) -> FloatArray:
+    def log_ratio(self, theta: FloatArray) -> FloatArray:
+        """Log L / L_inf of each trial; nan where the model has no value."""
         columns = {name: np.asarray(theta)[..., i, None] for i, name in enumerate(self.names)}
-        z_hat = self.data.z_hat + np.asarray(offset_m) / self.data.radius_m
+        z_hat = self.z_hat
         with np.errstate(invalid="ignore", divide="ignore"):
             ratio = np.asarray(self.model.evaluate(z_hat, **columns, **self.known), dtype=float)
             log: FloatArray = (
@@ -137,17 +133,17 @@ class Problem:
     def _target(self) -> FloatArray:
         return self.project(np.log(self.data.lift_N))
 
-    def residuals(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+    def residuals(self, theta: FloatArray) -> FloatArray:
         """Whitened residuals with L_inf eliminated; their sum of squares is chi2."""
-        return self.left(self.log_ratio(theta, offset_m))
+        return self.left(self.log_ratio(theta))
 
     def left(self, log_ratio: FloatArray) -> FloatArray:
         """Whitened residuals for a log ratio of each trial, (..., n)."""
         return self._target - self.project(log_ratio)
 
-    def chi2(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+    def chi2(self, theta: FloatArray) -> FloatArray:
         """Sum of squared whitened residuals; inf where the model has no value."""
-        r = self.residuals(theta, offset_m)
+        r = self.residuals(theta)
         total = np.einsum("...i,...i->...", r, r)
         return np.where(np.isfinite(total), total, np.inf)
 
@@ -207,24 +203,22 @@ class Problem:
         """Derivatives of the coefficients of `level_columns` by the parameters, (K, p)."""
         return -self.best_levels(jacobian.T).T
 
-    def linearised(
-        self, theta: FloatArray, offset_m: FloatArray | float = 0.0
-    ) -> tuple[FloatArray, FloatArray]:
+    def linearised(self, theta: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Residuals (..., n) as `residuals`, and their derivatives with respect to each parameter
         (..., p, n).
         """
-        return self.residuals(theta, offset_m), self.derivatives(theta, offset_m)
+        return self.residuals(theta), self.derivatives(theta)
 
-    def derivatives(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+    def derivatives(self, theta: FloatArray) -> FloatArray:
         """Derivatives of `residuals` with respect to each parameter, (..., p, n)."""
-        return -self.project(self.slopes(theta, offset_m))
+        return -self.project(self.slopes(theta))
 
-    def jacobian(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+    def jacobian(self, theta: FloatArray) -> FloatArray:
         """D log ratio / d theta at one theta, shape (n, p)."""
-        result: FloatArray = self.slopes(np.asarray(theta, dtype=float), offset_m).T
+        result: FloatArray = self.slopes(np.asarray(theta, dtype=float)).T
         return result
 
-    def slopes(self, theta: FloatArray, offset_m: FloatArray | float = 0.0) -> FloatArray:
+    def slopes(self, theta: FloatArray) -> FloatArray:
         """D log ratio / d theta, (..., p, n), by central differences within the bounds.
 
         One broadcast call; relative steps of 1e-4 move a fit by less than 1e-5 of its uncertainty.
@@ -239,22 +233,15 @@ class Problem:
         )
         here = theta[..., None, :]
         at = np.concatenate([np.where(each, up, here), np.where(each, down, here)], axis=-2)
-        shift = np.asarray(offset_m)[..., None] if np.ndim(offset_m) else offset_m
-        value = self.log_ratio(at, shift)
+        value = self.log_ratio(at)
         return np.asarray(
             (value[..., :p, :] - value[..., p:, :]) / (up - down).swapaxes(-1, -2), dtype=np.float64
         )
 
-    def height_slope(self, theta: FloatArray, offset_m: float = 0.0) -> FloatArray:
-        """D log ratio / d z at one theta, per metre, shape (n,), every height moved by `offset_m`;
-        0 in free air.
-        """
-        data = (
-            replace(self.data, z_hat=self.data.z_hat + offset_m / self.data.radius_m)
-            if offset_m
-            else self.data
-        )
-        return height_slope(self.model, data, self.model.named(np.asarray(theta)))
+    def height_slope(self, theta: FloatArray) -> FloatArray:
+        """D log ratio / d z at one theta, per metre, shape (n,); 0 in free air."""
+        named = self.model.named(np.asarray(theta))
+        return height_slope(self.model, self.data, named, self.offset_m)
 
 
 def need(data: Observations, name: str, model: str) -> Any:
@@ -288,12 +275,16 @@ def lift_ratio(model: LiftModel, data: Observations, parameters: Mapping[str, fl
     return np.broadcast_to(ratio, (data.n,))
 
 
-def height_slope(model: LiftModel, data: Observations, parameters: dict[str, float]) -> FloatArray:
-    """D log ratio / d z of each trial, per metre, at given parameter values."""
+def height_slope(
+    model: LiftModel, data: Observations, parameters: dict[str, float], offset_m: float = 0.0
+) -> FloatArray:
+    """D log ratio / d z of each trial, per metre, at given parameter values and every distance
+    moved by `offset_m`.
+    """
     known = needed(model, data)
     step = 1e-4
     inside = np.isfinite(data.z_hat)
-    z_hat = np.where(inside, data.z_hat, 1.0)
+    z_hat = np.where(inside, data.z_hat + offset_m / data.radius_m, 1.0)
     with np.errstate(invalid="ignore", divide="ignore"):
         up = np.log(model.evaluate(z_hat * (1 + step), **parameters, **known))
         down = np.log(model.evaluate(z_hat * (1 - step), **parameters, **known))

@@ -13,17 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.fit import heights
+from nearlift.fit import height_error
 from nearlift.fit.least_squares import LeastSquaresFit, fit
 from nearlift.likelihood.budget import Component, shared
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.results import Observations
 
-#: Largest datum error that is allowed for, in declared standard uncertainties: beyond, an effect is
-#: likelier.
-FARTHEST = 3.0
-#: Share of the nearest trial's distance within the model's range that the error may take.
-CLOSEST = 0.9
 #: Change of the likeliest error, in declared standard uncertainties, that first order carries.
 NEAR = 0.25
 
@@ -31,14 +26,12 @@ NEAR = 0.25
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Datum:
     """Trials as `recorded`, the stated zero errors beyond the linear range, and their most probable
-    value.
-
-    `least_m` (negative) is its bound, which leaves the nearest trial some distance.
+    value within its limits.
     """
 
     recorded: Observations
     parts: tuple[Component, ...] = ()
-    least_m: float = 0.0
+    limits_m: tuple[float, float] = (0.0, 0.0)
     error_m: float = 0.0
 
     @property
@@ -58,37 +51,26 @@ class Datum:
 
     def at(self, error_m: float) -> Datum:
         """Copy with another most probable error, clipped to its bounds."""
-        most = FARTHEST * self._standard_m
-        return replace(self, error_m=float(np.clip(error_m, max(-most, self.least_m), most)))
+        return replace(self, error_m=float(np.clip(error_m, *self.limits_m)))
 
     def likeliest(self, fitted: Fitted, slope: FloatArray) -> Datum:
         """The datum as a fit to these heights has it, or this one, where that is near."""
         columns = shared(fitted.candidate.data, self.parts, slope)
         errors = fitted.space.project(columns.T) @ fitted.residual
         moved = self.at(float(errors @ [part.standard for part in self.parts]))
-        near = abs(moved.error_m - self.error_m) <= NEAR * self._standard_m
+        near = abs(moved.error_m - self.error_m) <= NEAR * height_error.standard_m(self.parts)
         return self if near else moved
 
     def take(self, keep: NDArray[np.bool_]) -> Datum:
         """Copy with the trials that a mask selects."""
         return replace(self, recorded=self.recorded.take(keep))
 
-    @property
-    def _standard_m(self) -> float:
-        return float(np.sqrt(sum(part.standard**2 for part in self.parts)))
-
 
 def datum(first: LeastSquaresFit, data: Observations) -> Datum:
     """The datum of the trials of a first fit, which leaves it to the slope."""
-    plan = heights.plan_height_errors(
-        first.problem, first.theta, first.parts, first.noise, first.slope
-    )
-    if not plan.shared:
+    error_m = fit(first.model, data, first.parts, first.noise).problem.offset_m
+    if not error_m:
         return Datum(recorded=data)
-    exact = fit(
-        first.model, data, first.parts, first.noise, plan=heights.HeightPlan(shared=plan.shared)
-    )
-    assert exact.marginal is not None
-    room_m = data.radius_m * (data.z_hat.min() - first.model.valid_z_hat[0])
-    trials = Datum(recorded=data, parts=plan.shared, least_m=-CLOSEST * room_m)
-    return trials.at(exact.marginal.offset()[0])
+    parts = height_error.common(first.parts, data)
+    limits = height_error.limits_m(first.model, data, height_error.standard_m(parts))
+    return Datum(recorded=data, parts=parts, limits_m=limits, error_m=error_m)

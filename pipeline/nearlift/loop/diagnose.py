@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from nearlift.declare import Effect, LiftModel
 from nearlift.errors import NotConverged
 from nearlift.fit import inputs
-from nearlift.fit.heights import HeightPlan
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget, noise
 from nearlift.likelihood.covariates import derive
@@ -338,7 +337,7 @@ def set_up(
             "measure at least two visits, so that one can be left out",
         )
     admit(where, kept, base)
-    first = fit(base, kept, parts, USUAL, plan=HeightPlan())
+    first = fit(base, kept, parts, USUAL, offset_m=0.0)
     kept = derive(
         kept,
         kept.lift_inf_N(first.level_coefficients),

@@ -226,9 +226,14 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
             gum.further(name, "B", g @ likelihood.covariance.shared[:, columns])
             for name, columns in unknowns.items()
         )
-        parts = [(part, problem.slope) for part in problem.parts]
         without = without_each(
-            likelihood, likelihood.jacobian(value), problem.noise, parts, u, unknowns
+            likelihood,
+            likelihood.jacobian(value),
+            problem.noise,
+            problem.parts,
+            problem.slope,
+            u,
+            unknowns,
         )
     return Estimator(
         problem=likelihood,

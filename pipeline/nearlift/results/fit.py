@@ -142,35 +142,9 @@ class UndeclaredInput:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HeightError(ValueWithU):
-    """Height error that all trials share, m, by the integral over it."""
+    """Most probable height error that all trials share, m, where the slope does not carry it."""
 
     unit: str = "m"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeightTreatment:
-    """How well the slope of the curve carries one height error.
-
-    Attributes
-    ----------
-    coefficient : str
-        The one that suffers most.
-    ratio : float
-        Second order over first order in that coefficient.
-    shift : float
-        Second order in that coefficient over its standard uncertainty: the criterion. It is inf
-        where the error reaches a height without a value of the model.
-    treatment : str
-        ``"slope"``, ``"exact"`` (quadrature over the declared distribution) or ``"mean"``
-        (prediction averaged over the errors).
-    """
-
-    component: str
-    standard_m: Real
-    coefficient: str
-    ratio: Real
-    shift: Unbounded
-    treatment: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,7 +188,6 @@ class ModelFit:
     profiles: Mapping[str, ProfileIntervals]
     would_halve: Mapping[str, Halving]
     undeclared: tuple[UndeclaredInput, ...]
-    heights: tuple[HeightTreatment, ...]
     height_error: IfAny[HeightError] = None
     log_evidence: IfAny[ValueWithU] = None
     posterior: IfAny[PosteriorSummary] = None

@@ -72,13 +72,13 @@ def fit_boundaries(
         base, rivals = choices[boundary]
         fits, failed = dict[str, ModelFit](), dict[str, str]()
         held_out: dict[str, VisitScores] = {}
-        scatter = slope = plan = None
+        scatter = slope = offset_m = None
         carried = parts
         for model in (base, *rivals):
             step = subprogress(say, next(done), count)
             step(f"fit {boundary}: {model.name}")
             try:
-                result = fit(model, data, carried, scatter, slope, plan, quoted=model is base)
+                result = fit(model, data, carried, scatter, slope, offset_m, quoted=model is base)
             except NotConverged as fault:
                 if model is base:
                     raise
@@ -87,10 +87,8 @@ def fit_boundaries(
                 continue
             # one covariance for all models, or their likelihoods could not be compared
             if scatter is None:
-                scatter, plan = result.noise, result.plan
-                slope = height_slope(
-                    model, data, dict(zip(result.names, result.theta, strict=True))
-                )
+                scatter, offset_m = result.noise, result.problem.offset_m
+                slope = height_slope(model, data, model.named(result.theta), offset_m)
                 carried = inputs.acting(parts, model, result.theta)
             profiled = profiles.likelihood_profiles(result)
             rows += [profile_rows(boundary, model.name, p) for p in profiled]

@@ -14,7 +14,6 @@ from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
 from nearlift.fit.least_squares import LeastSquaresFit
-from nearlift.fit.linearised import stand_in
 from nearlift.fit.posterior import Posterior, Settings
 from nearlift.fit.prior import compare_with_fit, compare_with_prior
 from nearlift.results.estimate import ValueWithU
@@ -53,7 +52,7 @@ class Posteriors:
         """
         boundary, name = fitted.problem.data.boundary, fitted.model.name
         try:
-            density = Density(problem=stand_in(fitted), centre=fitted.theta, dof=fitted.dof_of_all)
+            density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
             drawn = self._drawn(density, boundary, name, base, say)
         except NotConverged as fault:
             if base:

@@ -23,17 +23,6 @@ LEAST_SCORE = 4.0
 AIC_APART = 10.0
 #: What is said of models that are better or worse.
 EXCLUDES = " The 95 % interval of the score difference over visits excludes zero."
-TREATMENTS = {
-    "slope": "enters to first order",
-    "exact": (
-        "is an unknown with its declared distribution, integrated over by quadrature, because first"
-        " order is not enough"
-    ),
-    "mean": (
-        "enters to first order, and the prediction is averaged over it, because the curve bends"
-        " over so much height"
-    ),
-}
 
 
 def budget(evidence: Evidence) -> dict[str, object]:
@@ -63,7 +52,6 @@ def budget(evidence: Evidence) -> dict[str, object]:
             if c.budget
         ],
         "heights": [_heights(evidence, b) for b in evidence.boundaries],
-        "treatments": TREATMENTS,
     }
 
 
@@ -73,10 +61,6 @@ def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
     return {
         "boundary": boundary,
         "place": place,
-        "lines": [
-            (height, at, headline(evidence, boundary, height.coefficient))
-            for height, at in zip(fit.heights, place.every("heights"), strict=True)
-        ],
         "error": fit.height_error,
     }
 
