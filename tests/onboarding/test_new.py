@@ -17,7 +17,7 @@ from tests.unit.small_run import nearlift
 from nearlift.campaign import manifest as manifests
 from nearlift.campaign.parsing import validated
 from nearlift.campaign.piv import Piv
-from nearlift.onboarding import meaning
+from nearlift.onboarding import headings
 from nearlift.onboarding.inspection import inspect
 from nearlift.readers.base import Channel
 from nearlift.run import tables
@@ -45,7 +45,7 @@ def channels(*columns: tuple[str, str]) -> list[Channel]:
     ],
 )
 def test_a_motors_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
-    found = meaning.likely_force(channels(*columns))
+    found = headings.likely_force(channels(*columns))
     assert (found and found.name) == force
 
 
@@ -66,7 +66,7 @@ def test_a_motors_command_is_no_force_and_of_two_forces_none_is_picked(columns, 
     ],
 )
 def test_units_stand_in_names(name, meant):
-    assert meaning.named(name) == meant
+    assert headings.named(name) == meant
 
 
 def test_units_from_names_reach_the_block_with_the_rate_of_the_clock(tmp_path):
@@ -93,8 +93,8 @@ def test_a_rate_that_cannot_be_is_no_rate(tmp_path):
     made = nearlift("new", tmp_path / "c", "--from", path)
     assert 'sample_rate = "FILL IN Hz"' in made.stdout
     for rate, clock in ((100.0, "s"), (1.0, "s"), (1e6, "us")):
-        assert not meaning.doubtful_rate(rate, channels(("t", clock))[0])
-    assert meaning.doubtful_rate(3e6, None)
+        assert not headings.doubtful_rate(rate, channels(("t", clock))[0])
+    assert headings.doubtful_rate(3e6, None)
 
 
 GRID = (

@@ -254,7 +254,7 @@ def test_a_unit_follows_the_last_underscore():
 
 @pytest.mark.parametrize(
     ("renamed", "what"),
-    [({"lift_N": "force_N"}, "no column of the lift"), ({"lift_N": "lift_oz"}, "no known unit")],
+    [({"lift_N": "force_N"}, "no column of the lift"), ({"lift_N": "lift_stone"}, "no known unit")],
 )
 def test_a_table_of_trials_that_cannot_be_read_is_refused(fit, renamed, what):
     with pytest.raises(UsageError, match=what):

@@ -4,21 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tomlkit
 
 from nearlift import units
 from nearlift.errors import UsageError, did_you_mean
+from nearlift.onboarding import headings
 from nearlift.reduction import quality
 from nearlift.schedule import BY_NAME, KNOWN, OF_TRIALS, RADII
 
 if TYPE_CHECKING:
     import pandas as pd
 
-#: Columns without which there is no trial.
-NEEDED = ("boundary", "distance", "throttle", "lift")
+#: Columns without which there is no trial, with an example of each.
+NEEDED = {"boundary": "boundary", "distance": "z_m", "throttle": "throttle", "lift": "lift_N"}
+#: Columns of trials.parquet whose unit is not in the name.
+INSIDE = {k.inside: (k.name, units.SI.get(k.dimension, "")) for k in KNOWN} | {
+    "z_m": ("distance", "m"),
+    "throttle": ("throttle", "fraction"),
+    "humidity": ("humidity", "fraction"),
+}
 
 
 def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
@@ -29,24 +36,16 @@ def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
     UsageError
         A needed column is missing, or a unit is not known.
     """
-    inside = {k.inside: (k.name, units.SI.get(k.dimension, "")) for k in KNOWN}
-    inside |= {
-        "z_m": ("distance", "m"),
-        "throttle": ("throttle", "fraction"),
-        "humidity": ("humidity", "fraction"),
+    columns = {
+        column: INSIDE.get(column) or _with_unit(column)
+        for column in map(str, frame.columns)
+        if column in INSIDE or column not in OF_TRIALS
     }
-    columns = {}
-    for column in map(str, frame.columns):
-        if column in inside:
-            columns[column] = inside[column]
-        elif column not in OF_TRIALS:
-            columns[column] = _with_unit(column)
     if "z_hat" in frame and "distance" not in {name for name, _ in columns.values()}:
         columns["z_hat"] = ("distance", RADII)
     named = {name for name, _ in columns.values()}
-    for name in NEEDED:
+    for name, example in NEEDED.items():
         if name not in named:
-            example = {"distance": "z_m", "lift": "lift_N"}.get(name, name)
             raise UsageError(
                 "trials",
                 f"there is no column of the {name}",
@@ -57,19 +56,18 @@ def columns_of(frame: pd.DataFrame) -> dict[str, tuple[str, str]]:
 
 def _with_unit(column: str) -> tuple[str, str]:
     """Name and unit of a column such as ``z_mm`` or ``lift_sd_gf``; others keep their name."""
-    name, _, unit = column.rpartition("_")
-    name = "distance" if name == "z" else name
-    if name not in BY_NAME or not unit:
+    name, unit = headings.named(column)
+    if not unit:
+        name, _, unit = column.rpartition("_")
+    known = BY_NAME.get("distance" if name == "z" else name)
+    if known is None or not known.dimension:
         return column, ""
-    dimension = BY_NAME[name].dimension
-    if not dimension:
-        return column, ""
-    usual = [*units.USUAL.get(dimension, ()), units.SI[dimension]]
-    if (unit, dimension) not in units.COMMON and unit not in usual:
-        raise UsageError(
-            f"column {column!r}", f"{unit} is no known unit of {dimension}", f"use {usual[0]}"
-        )
-    return name, unit
+    if written := headings.unit_of(known.name, unit):
+        return known.name, written
+    usual = units.USUAL.get(known.dimension, (units.SI[known.dimension],))
+    raise UsageError(
+        f"column {column!r}", f"{unit} is no known unit of {known.dimension}", f"use {usual[0]}"
+    )
 
 
 def write_campaign(
@@ -96,7 +94,7 @@ def write_campaign(
         table["lift_sd"] = frame["u_lift_N"] * np.sqrt(frame.get("n", 1))
         units_of["lift_sd"] = "N"
     table["distance"] = table["distance"].where(np.isfinite(table["distance"].astype(float)))
-    document = {
+    document: dict[str, Any] = {
         "schema": "nearlift.campaign/1",
         "name": name,
         "vehicle": {key: value for key, value in vehicle.items() if value is not None},
@@ -111,7 +109,7 @@ def write_campaign(
         "trials": {"units": units_of},
     }
     for section, content in sections.items():
-        document[section] = {**document.get(section, {}), **content}  # type: ignore[dict-item]
+        document[section] = {**document.get(section, {}), **content}
     root = folder / "raw"
     root.mkdir()
     (root / "campaign.toml").write_text(tomlkit.dumps(document), encoding="utf-8")

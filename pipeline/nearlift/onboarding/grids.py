@@ -2,14 +2,38 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+
+import tomlkit
 
 from nearlift.errors import InputRefused
 from nearlift.flow.field import on_grid
 from nearlift.readers.base import Channel, Contents
 from nearlift.readers.piv import PIXEL, Raw, claimed_by, raws
+
+TEMPLATE = """\
+[piv]
+format   = "FILL IN"
+control  = "free"                      # the case far from every boundary
+length_unit   = "FILL IN"              # mm | m | px: the files do not say
+velocity_unit = "FILL IN"              # m/s | px/frame: the files do not say
+scale      = "FILL IN um/px"           # only where lengths are in pixels
+frame_time = "FILL IN us"              # only where the files hold displacements
+thrust   = "FILL IN"                   # its direction in the files: +x | -x | +y | -y
+origin   = ["FILL IN mm", "FILL IN mm"]   # in the files: midway between the rotors
+rotors   = ["FILL IN mm", "FILL IN mm"]   # axes in the light sheet, from there
+[[piv.case]]
+name     = "free"
+boundary = "none"
+files    = "piv/free/*"
+[[piv.case]]
+name     = "ground-1"
+boundary = "ground"                    # ground | ceiling
+z_hat    = "FILL IN"                   # a number: distance over rotor radius
+files    = "piv/ground-1/*"
+"""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -24,16 +48,14 @@ class Grid:
     @property
     def contents(self) -> Contents:
         """Its columns as channels."""
-        raw, across = self.raw, self.raw.length_unit or ""
-        speed = raw.velocity_unit or ""
-        columns = (
-            ("x", across, raw.x),
-            ("y", across, raw.y),
-            ("u", speed, raw.u),
-            ("v", speed, raw.v),
-        )
+        raw, length, speed = self.raw, self.raw.length_unit or "", self.raw.velocity_unit or ""
+        lengths, speeds = {"x": raw.x, "y": raw.y}, {"u": raw.u, "v": raw.v}
+        columns = [(n, length, v) for n, v in lengths.items()]
+        columns += [(n, speed, v) for n, v in speeds.items()]
         return Contents(
-            channels=tuple(Channel(name=n, unit=unit, values=v) for n, unit, v in columns),
+            channels=tuple(
+                Channel(name=n, unit=unit, values=v) for n, unit, v in columns
+            ),
             kind=f"velocity grid, {self.title}",
             notes=(f"{self.nodes[0]} x {self.nodes[1]} nodes: no record of force",),
         )
@@ -52,39 +74,21 @@ def grid_of(path: Path) -> Grid | None:
     return None
 
 
-def piv_block(grid: Grid, path: Path) -> str:
+def piv_section(grid: Grid, path: Path) -> str:
     """[piv] of a manifest for files of this kind, with what no file says marked FILL IN."""
-    raw = grid.raw
-    lines = [
-        "[piv]",
-        f'format   = "{grid.format}"',
-        'control  = "free"                      # the case far from every boundary',
-    ]
+    raw, doc = grid.raw, tomlkit.parse(TEMPLATE)
+    piv: Any = doc["piv"]
+    piv["format"] = grid.format
     length, velocity = raw.length_unit, raw.velocity_unit
-    if length is None:
-        lines.append('length_unit   = "FILL IN"          # mm | m | px: the files do not say')
-    if velocity is None:
-        lines.append('velocity_unit = "FILL IN"          # m/s | px/frame: the files do not say')
-    if raw.scale_m is None and (length is None or length in PIXEL):
-        lines.append('scale      = "FILL IN um/px"       # only where lengths are in pixels')
-    if raw.frame_time_s is None and (velocity is None or "/" not in velocity or "px" in velocity):
-        lines.append('frame_time = "FILL IN us"          # only where the files hold displacements')
-    lines += [
-        'thrust   = "FILL IN"                   # its direction in the files: +x | -x | +y | -y',
-        'origin   = ["FILL IN mm", "FILL IN mm"]   # in the files: midway between the rotors',
-        'rotors   = ["FILL IN mm", "FILL IN mm"]   # axes in the light sheet, from there',
-    ]
-    pattern = json.dumps(f"piv/free/*{path.suffix}", ensure_ascii=False)
-    other = json.dumps(f"piv/ground-1/*{path.suffix}", ensure_ascii=False)
-    lines += [
-        "[[piv.case]]",
-        'name     = "free"',
-        'boundary = "none"',
-        f"files    = {pattern}",
-        "[[piv.case]]",
-        'name     = "ground-1"',
-        'boundary = "ground"                    # ground | ceiling',
-        'z_hat    = "FILL IN"                   # a number: distance over rotor radius',
-        f"files    = {other}",
-    ]
-    return "\n".join(lines) + "\n"
+    stated = {
+        "length_unit": length is not None,
+        "velocity_unit": velocity is not None,
+        "scale": raw.scale_m is not None or not (length is None or length in PIXEL),
+        "frame_time": raw.frame_time_s is not None
+        or not (velocity is None or "/" not in velocity or "px" in velocity),
+    }
+    for key in (key for key, known in stated.items() if known):
+        del piv[key]
+    for case in piv["case"]:
+        case["files"] += path.suffix
+    return tomlkit.dumps(doc)

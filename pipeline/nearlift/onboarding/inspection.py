@@ -5,18 +5,16 @@ clock.
 from __future__ import annotations
 
 import functools
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
 from nearlift import readers
 from nearlift.errors import InputRefused
-from nearlift.onboarding import grids, meaning, tables
-from nearlift.onboarding.grids import Grid
+from nearlift.onboarding import headings, tables
+from nearlift.onboarding.grids import Grid, grid_of
 from nearlift.onboarding.tables import InputTable
 from nearlift.readers import guarded
 from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
@@ -33,8 +31,6 @@ DATAFLASH = b"\xa3\x95\x80"
 HEAD = 1 << 16
 #: Covariates of a schedule that a channel of a record may be.
 COVARIATES = ("supply", "current", "rpm", "power", "temperature", "pressure", "humidity")
-#: Share of the rest head that is left as margin, and of the records that the margin is for.
-MARGIN, OF_RECORDS = 0.1, 0.95
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,14 +58,14 @@ class Inspection:
         # where the rate is doubtful, rows are means already
         if self.force is None or self.reader in ("", "parquet") or self.doubt or self.wraps:
             return None
-        clocks = [c.name for c in self.contents.channels if meaning.is_clock(c.name)]
+        clocks = [c.name for c in self.contents.channels if headings.is_clock(c.name)]
         return ramp_of(self.force, self.contents.channels, clocks, self.force.rate_Hz)
 
     @property
     def doubt(self) -> str:
         """The reason why the rate of the force is doubtful; empty where it is not, or unknown."""
         rate = None if self.force is None else self.force.rate_Hz
-        return meaning.doubtful_rate(rate, self.clock) if rate else ""
+        return headings.doubtful_rate(rate, self.clock) if rate else ""
 
     @functools.cached_property
     def wraps(self) -> float | None:
@@ -88,8 +84,8 @@ class Inspection:
         """Channels that are covariates of a schedule, with their unit, by its columns' names."""
         unused: dict[str, tuple[Channel, str]] = {}
         for c in self.contents.channels:
-            stated = f"{meaning.named(c.name)[0]} ({c.unit})" if c.unit else c.name
-            name, unit = meaning.schedule_column(stated)
+            stated = f"{headings.named(c.name)[0]} ({c.unit})" if c.unit else c.name
+            name, unit = headings.schedule_column(stated)
             if name in COVARIATES and unit and np.isfinite(c.values).all() and name not in unused:
                 unused[name] = c, unit
         return unused
@@ -105,43 +101,6 @@ class Inspection:
         }
 
 
-class Head(NamedTuple):
-    """Rest head of the records: a tare and settling that leave a margin, and their reasons."""
-
-    tare_s: float
-    settle_s: float
-    words: str
-    steady: str
-
-
-def usual_head(inspected: Sequence[Inspection]) -> Head | None:
-    """Rest head of records of one lift, measured; None where half of them show none."""
-    starts = [(f.start, f.force.rate_Hz) for f in inspected if f.start and f.force]
-    if 2 * len(starts) <= len(inspected):
-        return None
-    begins = sorted(s.rest_ends / rate for s, rate in starts if rate)
-    steady = sorted(s.steady_from / rate for s, rate in starts if rate)
-    last = len(begins) - 1
-    early = begins[math.ceil((1 - OF_RECORDS) * last)]
-    late = steady[math.floor(OF_RECORDS * last)]
-    tare = _two_digits(early * (1 - MARGIN), math.floor)
-    settle = _two_digits(late - tare + MARGIN * early, math.ceil)
-    span = f"{begins[0]:.3g}" if begins[0] == begins[-1] else f"{begins[0]:.3g} to {begins[-1]:.3g}"
-    records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
-    return Head(
-        tare_s=tare,
-        settle_s=settle,
-        words=f"rotors at rest: they start at {span} s ({records})",
-        steady=f"left out after the tare: the lift is steady from {late:.3g} s on",
-    )
-
-
-def _two_digits(value: float, rounded: object) -> float:
-    digits = 1 - math.floor(math.log10(value))
-    assert callable(rounded)
-    return float(rounded(value * 10**digits) / 10**digits)
-
-
 def inspect(
     path: Path, dialect: RecordsDialect | None = None, *, record: bool = False
 ) -> Inspection:
@@ -155,11 +114,10 @@ def inspect(
     ManifestError
         The dialect has a key that the file's format does not know.
     """
-    said = dict(dialect or {})
-    length = _regular(path)
-    head = guarded.run(content_of, path, HEAD) if is_gzip(path) else head_of(path, HEAD)
-    if not (said or record) and (grid := grids.grid_of(path)) is not None:
+    said, length = dict(dialect or {}), _length(path)
+    if not (said or record) and (grid := grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
+    head = guarded.run(content_of, path, HEAD) if is_gzip(path) else head_of(path, HEAD)
     if head.startswith(DATAFLASH):
         raise InputRefused(
             str(path),
@@ -167,36 +125,23 @@ def inspect(
             "name the file that the load cell's logger wrote",
         )
     form = recognised(head, path.name)
-    columns: tuple[str, ...] = ()
-    try:
-        contents = _contents(form, path, said)
-    except NoNames as refusal:
-        if (fault := tables.several(path, said)) is not None:
-            raise fault from None
-        # numbers without names get some, and the file is read by them
-        columns = tuple(f"column {i + 1}" for i in range(refusal.columns))
-        contents = _contents(form, path, {**said, "columns": list(columns)})
-    except InputRefused as refusal:
-        raise (tables.several(path, said) if form is TEXT else None) or refusal from None
-    channels = tuple(
-        c if c.unit else replace(c, unit=meaning.named(c.name)[1]) for c in contents.channels
-    )
-    force = meaning.likely_force(channels)
-    clock = meaning.likely_clock(channels, force)
+    contents, columns = _read(form, path, said)
+    channels = [
+        c if c.unit else replace(c, unit=headings.named(c.name)[1]) for c in contents.channels
+    ]
+    force = headings.likely_force(channels)
+    clock = headings.likely_clock(channels, force)
     if all(c.rate_Hz is None for c in channels):
-        rate = meaning.clock_rate(clock)
-        channels = tuple(replace(c, rate_Hz=rate) for c in channels)
-        force = None if force is None else next(c for c in channels if c.name == force.name)
-    contents = replace(
-        contents, channels=channels, notes=(*contents.notes, *_notes(channels, clock))
-    )
+        rate = headings.clock_rate(clock)
+        channels = [replace(c, rate_Hz=rate) for c in channels]
+        force = None if force is None else replace(force, rate_Hz=rate)
+    notes = (*contents.notes, *_shared_stamps(channels, clock))
     plain = form is TEXT and not (said or columns) and _plain_csv(path, force or channels[0], clock)
-    listed = form is TEXT or form is SHEET
-    table = tables.table_of(path, said) if listed and not columns else None
+    table = tables.table_of(path, said) if form in (TEXT, SHEET) and not columns else None
     return Inspection(
         path=path,
         reader=CSV.name if plain else form.name,
-        contents=contents,
+        contents=replace(contents, channels=tuple(channels), notes=notes),
         force=force,
         clock=clock,
         bytes=length,
@@ -206,7 +151,7 @@ def inspect(
     )
 
 
-def _regular(path: Path) -> int:
+def _length(path: Path) -> int:
     """The length of a plain file with content, bytes; any other is refused."""
     if not path.exists():
         raise InputRefused(str(path), "is missing", "name a file that an instrument wrote")
@@ -224,7 +169,62 @@ def _regular(path: Path) -> int:
     return length
 
 
-def _notes(channels: Sequence[Channel], clock: Channel | None) -> list[str]:
+def recognised(head: bytes, name: str) -> Reader:
+    """The reader of a file; that of text where no other claims it."""
+    claims = (r for r in readers.readers() if r.recognises(head, name.casefold()))
+    return next(claims, TEXT)
+
+
+def _read(form: Reader, path: Path, said: RecordsDialect) -> tuple[Contents, tuple[str, ...]]:
+    """The channels of a file, and the names given to columns without any."""
+    try:
+        return _contents(form, path, said), ()
+    except NoNames as refusal:
+        if (fault := tables.several(path, said)) is not None:
+            raise fault from None
+        # the file is read by the names that are proposed
+        columns = tuple(f"column {i + 1}" for i in range(refusal.columns))
+        return _contents(form, path, {**said, "columns": list(columns)}), columns
+    except InputRefused as refusal:
+        raise (tables.several(path, said) if form is TEXT else None) or refusal from None
+
+
+def _contents(form: Reader, path: Path, dialect: RecordsDialect) -> Contents:
+    try:
+        contents = form.open(path, form.checked_dialect(dialect))
+    except Malformed as fault:
+        raise InputRefused(str(path), str(fault), "copy it again from the rig") from None
+    if not contents.channels:
+        raise InputRefused(
+            str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
+        )
+    return contents
+
+
+def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
+    """Whether the stricter and faster reader of plain CSV reads the same numbers."""
+    wanted = {c.name: c for c in (force, clock) if c is not None}
+    try:
+        channels = CSV.open(path, {}, tuple(wanted)).channels
+    except InputRefused:
+        return False
+    return {c.name for c in channels} == set(wanted) and all(
+        np.array_equal(c.values, wanted[c.name].values, equal_nan=True) for c in channels
+    )
+
+
+def rows_per_stamp(clock: Channel) -> int:
+    """The number of rows that share each time of a clock; 1 where each has its own."""
+    times = clock.values[np.isfinite(clock.values)]
+    differs = np.flatnonzero(times != times[0]) if len(times) else times
+    each = int(differs[0]) if len(differs) else 1
+    if each < 2 or len(times) < 2 * each:
+        return 1
+    groups = times[: len(times) // each * each].reshape(-1, each)
+    return each if (groups == groups[:, :1]).mean() > 0.9 else 1
+
+
+def _shared_stamps(channels: Sequence[Channel], clock: Channel | None) -> list[str]:
     """A note on a clock with several rows to each stamp: rows of several sensors."""
     if clock is None or (rows := rows_per_stamp(clock)) < 2:
         return []
@@ -246,46 +246,3 @@ def _notes(channels: Sequence[Channel], clock: Channel | None) -> list[str]:
         " the rows of one sensor, as a file of its own"
     )
     return [note]
-
-
-def rows_per_stamp(clock: Channel) -> int:
-    """The number of rows that share each time of a clock; 1 where each has its own."""
-    times = clock.values[np.isfinite(clock.values)]
-    stands = int(np.argmax(times != times[0])) if len(times) and (times != times[0]).any() else 1
-    rows = len(times) // max(stands, 1)
-    if stands < 2 or rows < 2:
-        return 1
-    groups = times[: rows * stands].reshape(rows, stands)
-    return stands if (groups == groups[:, :1]).mean() > 0.9 else 1
-
-
-def _plain_csv(path: Path, force: Channel, clock: Channel | None) -> bool:
-    """Whether the stricter and faster reader of plain CSV reads the same numbers."""
-    wanted = {c.name: c for c in (force, clock) if c is not None}
-    try:
-        channels = CSV.open(path, {}, tuple(wanted)).channels
-    except InputRefused:
-        return False
-    return {c.name for c in channels} == set(wanted) and all(
-        np.array_equal(c.values, wanted[c.name].values, equal_nan=True) for c in channels
-    )
-
-
-def recognised(head: bytes, name: str) -> Reader:
-    """The reader of a file; that of text where no other claims it."""
-    for reader in readers.readers():
-        if reader.recognises(head, name.casefold()):
-            return reader
-    return TEXT
-
-
-def _contents(form: Reader, path: Path, dialect: RecordsDialect) -> Contents:
-    try:
-        contents = form.open(path, form.checked_dialect(dialect))
-    except Malformed as fault:
-        raise InputRefused(str(path), str(fault), "copy it again from the rig") from None
-    if not contents.channels:
-        raise InputRefused(
-            str(path), "holds no channel of numbers", "it has a header and no samples, or only text"
-        )
-    return contents

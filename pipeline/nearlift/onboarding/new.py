@@ -9,18 +9,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
+import pandas as pd
+import tomlkit
+from tomlkit import TOMLDocument
+
+from nearlift.campaign.manifest import BLANK
 from nearlift.errors import InputRefused, UsageError
-from nearlift.onboarding import manifest
+from nearlift.onboarding import proposal
 from nearlift.onboarding.inspection import COVARIATES, Inspection, inspect
 from nearlift.onboarding.tables import InputTable, ProposedSchedule, table_of
 from nearlift.readers import parquet
 from nearlift.readers.base import RecordsDialect
 from nearlift.readers.text import CSV, TEXT
 from nearlift.run import tables
-from nearlift.schedule import csv_text
 
-COLUMNS = ("trial", "boundary", "distance", "throttle")
-BLANK = "FILL IN"
+COLUMNS = ["trial", "boundary", "distance", "throttle"]
 #: Suffixes and first letters of files in a folder that are no records.
 NO_RECORDS, NO_RECORD = (".md", ".pdf", ".png", ".jpg", ".docx", ".py", ".m", ".toml"), "readme"
 
@@ -43,11 +46,14 @@ def write_template(folder: Path) -> Made:
             "name a new folder; nothing is ever overwritten",
         )
     (folder / "trials").mkdir(parents=True)
-    schedule = ProposedSchedule(text=",".join(COLUMNS), units={"distance": "", "throttle": ""})
-    records = manifest.CELL + "\n" + manifest.RECORDS
-    written, left = _write(folder, records, schedule)
-    left.append("trials.csv: a line for each trial")
-    return Made(written=(*written, folder / "trials"), fill_in=tuple(left))
+    whole, records = proposal.template(), tomlkit.document()
+    records["load_cell"], records["records"] = whole["load_cell"], whole["records"]
+    schedule = ProposedSchedule(
+        trials=pd.DataFrame(columns=COLUMNS), units={"distance": "", "throttle": ""}
+    )
+    more = ["trials.csv: a line for each trial"]
+    made = _write(folder, records, schedule, more)
+    return replace(made, written=(*made.written, folder / "trials"))
 
 
 def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | None = None) -> Made:
@@ -74,10 +80,10 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
     files = [f for path in files for f in (_within(path, notes) if path.is_dir() else (path,))]
     listing = folder / "trials.csv"
     has_listing = listing.exists() and listing not in files
-    records, table = _parted([*files, listing] if has_listing else files, dialect or {})
-    if has_listing and listing in records:
+    paths, table = _parted([*files, listing] if has_listing else files, dialect or {})
+    if has_listing and listing in paths:
         raise _exists(listing)
-    inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(records)]
+    inspected = [inspect(path, dialect, record=i > 0) for i, path in enumerate(paths)]
     first = inspected[0]
     if first.grid is not None:
         raise UsageError(
@@ -87,49 +93,48 @@ def write_from(folder: Path, files: Sequence[Path], dialect: RecordsDialect | No
             " manifest of a campaign of forces",
         )
     if len(inspected) == 1 and first.table is not None and first.table.means:
-        made = first.table.schedule(first.table.row_ids(), means=True)
-        written, left = _write(folder, manifest.MEANS, made)
-        left += first.table.wanted(means=True)
-        return Made(written=tuple(written), fill_in=tuple(left), notes=tuple(notes))
-    if listing in records:
+        means = first.table.schedule(first.table.row_ids(), means=True)
+        more = first.table.wanted(means=True)
+        return replace(_write(folder, proposal.for_means(), means, more), notes=tuple(notes))
+    if listing in paths:
         raise UsageError(
             str(listing),
             "lists trials, and neither lifts nor the names of the files next to it",
             "name the records, or the folder that they are in: nearlift new DIR --from FILES",
         )
-    _of_one_kind(inspected)
-    block, trials, copies = _records(folder, inspected)
+    inspected = _of_one_kind(inspected)
+    pattern, trials, copies = _places(folder, inspected)
     schedule, more = _schedule(inspected, trials, table)
-    written, left = _write(folder, block, schedule)
+    made = _write(folder, proposal.for_records(inspected, pattern), schedule, more)
     for copy, path in copies.items():
         copy.parent.mkdir(parents=True, exist_ok=True)
         shutil.copyfile(path, copy)
     notes += _remarks(inspected, schedule)
-    return Made(
-        written=(*written, *copies),
-        fill_in=(*left, *more, manifest.ASKED),
-        notes=tuple(notes),
-    )
+    return replace(made, written=(*made.written, *copies), notes=tuple(notes))
 
 
-def _write(folder: Path, records: str, schedule: ProposedSchedule) -> tuple[list[Path], list[str]]:
-    """Write the manifest, and the schedule unless it is there (another one is refused); returns the
-    files written and what is left to fill in.
+def _write(
+    folder: Path, records: TOMLDocument, schedule: ProposedSchedule, more: Sequence[str]
+) -> Made:
+    """Write the manifest, and the schedule unless it is there (another one is refused); `more` is
+    left to fill in.
     """
-    made = schedule.text.rstrip("\n") + "\n"
-    path = folder / "trials.csv"
+    path, manifest = folder / "trials.csv", folder / "campaign.toml"
+    written = [manifest]
     if path.exists():
         header = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()[:1]
-        if sorted(",".join(header).split(",")) != sorted(made.splitlines()[0].split(",")):
+        if sorted(",".join(header).split(",")) != sorted(schedule.trials.columns):
             raise _exists(path)
-    text = manifest.document(slug(folder), records, manifest.trials_table(schedule))
-    written = [folder / "campaign.toml"]
-    if not path.exists():
-        tables.write_whole(path, made.encode())
+    else:
         written.append(path)
+        tables.write_whole(path, schedule.trials.to_csv(index=False, lineterminator="\n").encode())
+    for key, table in proposal.for_trials(schedule).items():
+        records[key] = table
+    text = proposal.document(slug(folder), records)
     # last: a folder with a manifest is a campaign
-    tables.write_whole(written[0], text.encode())
-    return written, [f"campaign.toml, {line}" for line in manifest.blanks(text)]
+    tables.write_whole(manifest, text.encode())
+    left = (f"campaign.toml, {line}" for line in proposal.blanks(text))
+    return Made(written=tuple(written), fill_in=(*left, *more, proposal.ASKED))
 
 
 def slug(folder: Path) -> str:
@@ -145,11 +150,12 @@ def _exists(path: Path) -> UsageError:
     )
 
 
+# ---- files
+
+
 def _within(folder: Path, notes: list[str]) -> list[Path]:
     """The plain files of a folder, those that are no records aside, which are noted."""
-    files = sorted(
-        path for path in folder.iterdir() if path.is_file() and not path.name.startswith(".")
-    )
+    files = sorted(f for f in folder.iterdir() if f.is_file() and not f.name.startswith("."))
     other = [
         f.name
         for f in files
@@ -175,118 +181,50 @@ def _parted(files: Sequence[Path], dialect: RecordsDialect) -> tuple[list[Path],
     return list(files), None
 
 
-def _schedule(
-    inspected: Sequence[Inspection], trials: Sequence[str], table: InputTable | None
-) -> tuple[ProposedSchedule, list[str]]:
-    """The schedule of these records, and what else it wants."""
-    swept = inspected[0].ramp is not None
-    if table is not None:
-        schedule = table.schedule(table.ids(trials) or list(trials), means=False, of_records=swept)
-        more = table.wanted(means=False)
-    else:
-        header = ["record", *COLUMNS[1:3]] if swept else list(COLUMNS)
-        rows = [[trial, *[BLANK] * (len(header) - 1)] for trial in trials]
-        schedule = ProposedSchedule(
-            text=csv_text(header, rows), units=dict.fromkeys(header[2:], ""), lacking=()
-        )
-        what = "boundary and distance" if swept else "boundary, distance and throttle"
-        more = [f"trials.csv: {what} of {len(trials)} {'records' if swept else 'trials'}"]
-    return (schedule if swept else _with_means(schedule, inspected, trials)), more
-
-
-def _with_means(
-    schedule: ProposedSchedule, inspected: Sequence[Inspection], trials: Sequence[str]
-) -> ProposedSchedule:
-    """The schedule with the means of the records' further channels, where it has no such column."""
-    means = dict(zip(trials, (f.means for f in inspected), strict=False))
-    names = [
-        name
-        for name in COVARIATES
-        if name not in schedule.units and len(means) == len(inspected) == len(trials)
-        if all(name in of_record for of_record in means.values())
-    ]
-    if not names:
-        return schedule
-    header, *lines = schedule.text.rstrip("\n").splitlines()
-    ids = [line.split(",")[0].strip('"') for line in lines]
-    rows = [
-        ",".join([line, *(f"{means[i][n]:.6g}" if i in means else "" for n in names)])
-        for i, line in zip(ids, lines, strict=True)
-    ]
-    text = "\n".join([",".join([header, *names]), *rows]) + "\n"
-    units = {**schedule.units, **{n: inspected[0].further[n][1] for n in names}}
-    return replace(schedule, text=text, units=units)
-
-
-def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> list[str]:
-    """Notes on channels taken along, and on records with a counter that wraps."""
-    header = schedule.text.splitlines()[0].split(",")
-    taken = [
-        f"{name}, the mean of {channel.name!r}"
-        for name, (channel, _) in inspected[0].further.items()
-        if name in header and inspected[0].ramp is None
-    ]
-    notes = [f"trials.csv has from each record: {'; '.join(taken)}"] if taken else []
-    wrapped = [f.path.name for f in inspected if f.wraps]
-    if wrapped:
-        notes.append(
-            f"{', '.join(wrapped[:5])}{' ...' * (len(wrapped) > 5)}: the force jumps from one"
-            " sample to the next and stays there, as a converter's counter does that wraps; correct"
-            " the counts, or leave the trial out"
-        )
-    return notes
-
-
-def _of_one_kind(inspected: list[Inspection]) -> None:
-    """See that one reader reads all, with the same channels."""
+def _of_one_kind(inspected: list[Inspection]) -> list[Inspection]:
+    """The files, by one reader that reads all; refuses files with other channels."""
     if {f.reader for f in inspected} == {CSV.name, TEXT.name}:
         # the one that reads plain CSV as well
-        inspected[:] = [replace(f, reader=TEXT.name) for f in inspected]
+        inspected = [replace(f, reader=TEXT.name) for f in inspected]
+    first = inspected[0]
     for other in inspected[1:]:
-        if other.reader != inspected[0].reader or {c.name for c in other.contents.channels} != {
-            c.name for c in inspected[0].contents.channels
+        if other.reader != first.reader or {c.name for c in other.contents.channels} != {
+            c.name for c in first.contents.channels
         }:
             raise InputRefused(
                 str(other.path),
-                f"is {other.contents.kind} with other channels than {inspected[0].path.name}",
+                f"is {other.contents.kind} with other channels than {first.path.name}",
                 "take files of one kind, and one table that lists them in a column",
             )
-    if inspected[0].reader == parquet.READER.name and len(inspected) > 1:
+    if first.reader == parquet.READER.name and len(inspected) > 1:
         raise UsageError(
             "--from", f"names {len(inspected)} tables", "a campaign takes one long table of Parquet"
         )
+    return inspected
 
 
-def _records(
+def _places(
     folder: Path, inspected: Sequence[Inspection]
 ) -> tuple[str, list[str], Mapping[Path, Path]]:
-    """The manifest's tables of the records, their trials, and the copies to make."""
-    root = folder.resolve()
-    paths = [f.path for f in inspected]
+    """The manifest's pattern of the files, their trials, and the copies to make."""
+    root, paths = folder.resolve(), [f.path for f in inspected]
     inside = all(path.resolve().is_relative_to(root) for path in paths)
     long = inspected[0].reader == parquet.READER.name
-    swept = all(f.ramp is not None for f in inspected)
-    targets = [
-        path.resolve().relative_to(root).as_posix()
-        if inside
-        else path.name
-        if long
-        else f"trials/{path.name}"
-        for path in paths
-    ]
+    if inside:
+        targets = [path.resolve().relative_to(root).as_posix() for path in paths]
+    else:
+        targets = [path.name if long else f"trials/{path.name}" for path in paths]
     if len({t.casefold() for t in targets}) != len(targets):
         raise UsageError(
             "--from", "two files have one name, or differ only in case", "rename one of them"
         )
-    if long:
-        files, trials = targets[0], parquet.trials(paths[0])
-    else:
-        before, after = _around(targets)
-        files = f"{before}{{{'record' if swept else 'trial'}}}{after}"
-        trials = [target[len(before) : len(target) - len(after)] for target in targets]
-    block = manifest.records_tables(inspected, files)
     copies = {} if inside else {folder / t: p for t, p in zip(targets, paths, strict=True)}
-    return block, trials, copies
+    if long:
+        return targets[0], parquet.trials(paths[0]), copies
+    before, after = _around(targets)
+    swept = all(f.ramp is not None for f in inspected)
+    trials = [target[len(before) : len(target) - len(after)] for target in targets]
+    return f"{before}{{{'record' if swept else 'trial'}}}{after}", trials, copies
 
 
 def _around(targets: Sequence[str]) -> tuple[str, str]:
@@ -308,3 +246,61 @@ def trial_of(name: str) -> str:
     """A file's name without its suffix, and without that of its compression."""
     plain = name.removesuffix(".gz")
     return plain.removesuffix(PurePosixPath(plain).suffix)
+
+
+# ---- the schedule
+
+
+def _schedule(
+    inspected: Sequence[Inspection], trials: Sequence[str], table: InputTable | None
+) -> tuple[ProposedSchedule, list[str]]:
+    """The schedule of these records, and what else it wants."""
+    swept = inspected[0].ramp is not None
+    if table is not None:
+        schedule = table.schedule(table.ids(trials) or list(trials), means=False, of_records=swept)
+        more = table.wanted(means=False)
+    else:
+        header = ["record", *COLUMNS[1:3]] if swept else COLUMNS
+        blank = pd.DataFrame(BLANK, index=range(len(trials)), columns=header)
+        schedule = ProposedSchedule(
+            trials=blank.assign(**{header[0]: trials}), units=dict.fromkeys(header[2:], "")
+        )
+        what = "boundary and distance" if swept else "boundary, distance and throttle"
+        more = [f"trials.csv: {what} of {len(trials)} {'records' if swept else 'trials'}"]
+    return (schedule if swept else _with_means(schedule, inspected, trials)), more
+
+
+def _with_means(
+    schedule: ProposedSchedule, inspected: Sequence[Inspection], trials: Sequence[str]
+) -> ProposedSchedule:
+    """The schedule with the means of the records' further channels, where it has no such column."""
+    if len(inspected) != len(trials):
+        return schedule
+    of_trial = {trial: f.means for trial, f in zip(trials, inspected, strict=True)}
+    names = [
+        name
+        for name in COVARIATES
+        if name not in schedule.units and all(name in means for means in of_trial.values())
+    ]
+    listed = schedule.trials["trial"]
+    columns = {n: [f"{of_trial[t][n]:.6g}" if t in of_trial else "" for t in listed] for n in names}
+    units = {**schedule.units, **{n: inspected[0].further[n][1] for n in names}}
+    return replace(schedule, trials=schedule.trials.assign(**columns), units=units)
+
+
+def _remarks(inspected: Sequence[Inspection], schedule: ProposedSchedule) -> list[str]:
+    """Notes on channels taken along, and on records with a counter that wraps."""
+    taken = [
+        f"{name}, the mean of {channel.name!r}"
+        for name, (channel, _) in inspected[0].further.items()
+        if name in schedule.trials and inspected[0].ramp is None
+    ]
+    notes = [f"trials.csv has from each record: {'; '.join(taken)}"] if taken else []
+    wrapped = [f.path.name for f in inspected if f.wraps]
+    if wrapped:
+        notes.append(
+            f"{', '.join(wrapped[:5])}{' ...' * (len(wrapped) > 5)}: the force jumps from one"
+            " sample to the next and stays there, as a converter's counter does that wraps; correct"
+            " the counts, or leave the trial out"
+        )
+    return notes

@@ -9,23 +9,39 @@ from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from nearlift.errors import InputRefused
-from nearlift.onboarding import meaning
+from nearlift.onboarding import headings
 from nearlift.readers import guarded, text
-from nearlift.readers.base import AS_FORCE, FORCE_UNITS, RecordsDialect
+from nearlift.readers.base import FORCE_UNITS, RecordsDialect
 from nearlift.readers.dialect import sniff
 from nearlift.readers.files import content_of, is_packed
 from nearlift.readers.guarded import Malformed
-from nearlift.schedule import BY_NAME, MEANS, REQUIRED, csv_text
+from nearlift.schedule import BY_NAME, MEANS, REQUIRED
 from nearlift.units import NUMBER
 
-#: Names of a lift without a unit.
-LIFT_WORDS = {"thrust", "lift", "force", "fz", "f"}
+if TYPE_CHECKING:
+    import pandas as pd
+
 #: Largest table that is taken for a schedule, bytes.
 MOST_BYTES = 4 << 20
 #: Rows in a row at one setting, on average, beyond which a table is a record in steps.
 MOST_REPEATS = 50
+#: Units by which the only column of its kind is known, whatever it is called.
+BY_UNIT = {"distance": ("mm", "cm", "m", "in", "um"), "throttle": ("percent",)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProposedSchedule:
+    """A trials.csv and what the manifest says of it: `units` of its columns (empty: unknown), the
+    columns that it is `lacking`, and whether its rows are in run order.
+    """
+
+    trials: pd.DataFrame
+    units: Mapping[str, str]
+    lacking: tuple[str, ...] = ()
+    ordered: bool = True
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,22 +58,21 @@ class InputTable:
     def lists_trials(self) -> bool:
         """Whether it may be a schedule: it has a distance and another setting, and no clock."""
         other = {"trial", "boundary", "throttle", "lift"} & self.meant.keys()
-        clocked = any(map(meaning.is_clock, self.names)) and "trial" not in self.meant
-        return "distance" in self.meant and bool(other) and not clocked and self._changes()
+        clocked = any(map(headings.is_clock, self.names)) and "trial" not in self.meant
+        if "distance" not in self.meant or not other or clocked:
+            return False
+        # in a record one setting lasts for many samples
+        settings = zip(*(self.cells(n) for n in ("boundary", "distance", "throttle")), strict=True)
+        return len(self.rows) <= MOST_REPEATS * sum(1 for _ in itertools.groupby(settings))
 
     @property
     def means(self) -> bool:
         """Whether it may be a table of mean lifts: lifts by distance."""
-        return self.lists_trials and "lift" in self.meant
+        return "lift" in self.meant and self.lists_trials
 
     def cells(self, name: str) -> list[str]:
         """The cells of one of the schedule's columns; blank where there is none."""
         return [row[self.meant[name][0]] if name in self.meant else "" for row in self.rows]
-
-    def _changes(self) -> bool:
-        """Whether rows are trials: in a record one setting lasts for many samples."""
-        settings = zip(*(self.cells(n) for n in ("boundary", "distance", "throttle")), strict=True)
-        return len(self.rows) <= MOST_REPEATS * sum(1 for _ in itertools.groupby(settings))
 
     def ids(self, wanted: Collection[str]) -> list[str] | None:
         """The trial of every row, from the column with all these ids or files' names; else None."""
@@ -95,45 +110,24 @@ class InputTable:
         """The table as a schedule; `means`: with mean lifts; `of_records`: a row is a record, whose
         pieces bring their throttle.
         """
-        left_out: tuple[str, ...] = () if means else MEANS
-        lacking = [n for n in REQUIRED[1:] if n not in self.meant]
-        if of_records:
-            left_out, lacking = (*left_out, "throttle"), [n for n in lacking if n != "throttle"]
-        names = {
-            place: name
-            for name, (place, _) in self.meant.items()
-            if name != "trial" and name not in left_out
-        }
-        places = sorted(names) + [
-            i for i, name in enumerate(self.names) if i not in names and name not in BY_NAME
-        ]
-        header = [
-            "record" if of_records else "trial",
-            *(names.get(i, self.names[i]) for i in places),
-        ]
-        pairs = zip(ids, self.rows, strict=True)
+        import pandas as pd
+
+        left_out = {"trial", *(() if means else MEANS), *(("throttle",) if of_records else ())}
+        known = {p: name for name, (p, _) in self.meant.items() if name not in left_out}
+        further = {p: n for p, n in enumerate(self.names) if p not in known and n not in BY_NAME}
+        trials = pd.DataFrame(self.rows)[[*sorted(known), *further]].rename(columns=known | further)
+        trials.insert(0, "record" if of_records else "trial", ids)
+        needed = [name for name in REQUIRED[1:] if not (of_records and name == "throttle")]
         return ProposedSchedule(
-            text=csv_text(header, ([trial, *(row[i] for i in places)] for trial, row in pairs)),
+            trials=trials,
             units={
-                n: u
-                for n, (_, u) in self.meant.items()
-                if n in names.values() and BY_NAME[n].kind == "quantity"
+                name: unit
+                for name, (_, unit) in self.meant.items()
+                if name not in left_out and BY_NAME[name].kind == "quantity"
             },
-            lacking=tuple(lacking),
+            lacking=tuple(name for name in needed if name not in self.meant),
             ordered=not means or "start" in self.meant,
         )
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ProposedSchedule:
-    """A trials.csv and what the manifest says of it: `units` of its columns (empty: unknown), the
-    columns that it is `lacking`, and whether its rows are in run order.
-    """
-
-    text: str
-    units: Mapping[str, str]
-    lacking: tuple[str, ...] = ()
-    ordered: bool = True
 
 
 def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
@@ -162,14 +156,14 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
     if not rows or any(len(row) != width for row in rows):
         return None
     names = [
-        f"{name} ({unit})" if unit and not meaning.named(name)[1] else name
+        f"{name} ({unit})" if unit and not headings.named(name)[1] else name
         for name, unit in zip(layout.names, layout.units, strict=True)
     ]
     return InputTable(names=layout.names, rows=rows, meant=columns_meant(names, rows))
 
 
 def columns_meant(
-    names: Collection[str], rows: Collection[tuple[str, ...]]
+    names: Sequence[str], rows: Collection[tuple[str, ...]]
 ) -> dict[str, tuple[int, str]]:
     """The place and unit of each of the schedule's columns: by its name, else by the table's shape
     (the only length, the only force).
@@ -177,7 +171,7 @@ def columns_meant(
     meant: dict[str, tuple[int, str]] = {}
     columns = list(zip(*rows, strict=True))
     for place, name in enumerate(names):
-        known, unit = meaning.schedule_column(name)
+        known, unit = headings.schedule_column(name)
         if known == "start" and not NUMBER.fullmatch(columns[place][0]):
             # a time of day has no unit
             unit = "s"
@@ -189,24 +183,20 @@ def columns_meant(
         for place, name in enumerate(names)
         if place not in taken and all(map(_is_number, columns[place]))
     }
-    for known, of_unit in (("distance", ("mm", "cm", "m", "in", "um")), ("throttle", ("percent",))):
-        fitting = [
-            (p, meaning.named(n)[1]) for p, n in numeric.items() if meaning.named(n)[1] in of_unit
-        ]
+    for known, usual in BY_UNIT.items():
+        fitting = [p for p, name in numeric.items() if headings.named(name)[1] in usual]
         if known not in meant and len(fitting) == 1:
-            meant[known] = fitting[0]
-            del numeric[fitting[0][0]]
+            meant[known] = fitting[0], headings.named(numeric.pop(fitting[0]))[1]
     if "lift" not in meant and {"distance", "throttle"} <= meant.keys():
         _add_lift(meant, numeric)
-    if "lift" in meant and "lift_sd" not in meant:
-        scatter = [
-            (place, unit)
-            for place, name in numeric.items()
-            if meaning.words(name) & meaning.SCATTER_WORDS
-            and (unit := _force_unit(name)) in ("", *FORCE_UNITS)
-        ]
-        if len(scatter) == 1:
-            meant["lift_sd"] = scatter[0]
+    scatter = [
+        place
+        for place, name in numeric.items()
+        if headings.words(name) & headings.SCATTER_WORDS
+        and headings.force_unit(name) in ("", *FORCE_UNITS)
+    ]
+    if "lift" in meant and "lift_sd" not in meant and len(scatter) == 1:
+        meant["lift_sd"] = scatter[0], headings.force_unit(numeric[scatter[0]])
     return meant
 
 
@@ -214,30 +204,27 @@ def _add_lift(meant: dict[str, tuple[int, str]], numeric: Mapping[int, str]) -> 
     """Add the lift of a table of means: the one column in a unit of force, or called one, that is
     no other statistic.
     """
-    other = meaning.OTHER_STATISTICS | meaning.SCATTER_WORDS | meaning.COMMAND_WORDS
+    unit = {place: headings.force_unit(name) for place, name in numeric.items()}
+    said = {place: headings.words(name) for place, name in numeric.items()}
+    other = headings.OTHER_STATISTICS | headings.SCATTER_WORDS | headings.COMMAND_WORDS
     forces = [
-        place
-        for place, name in numeric.items()
-        if not meaning.words(name) & other
-        and (
-            _force_unit(name) in FORCE_UNITS
-            or (not _force_unit(name) and meaning.words(name) & LIFT_WORDS)
-        )
+        p
+        for p in numeric
+        if not said[p] & other
+        and (unit[p] in FORCE_UNITS or (not unit[p] and said[p] & headings.LIFT_WORDS))
     ]
-    called_mean = [p for p in forces if meaning.words(numeric[p]) & meaning.MEAN_WORDS]
-    with_unit = [p for p in forces if _force_unit(numeric[p])]
-    chosen = next((c for c in (forces, called_mean, with_unit) if len(c) == 1), None)
+    called_mean = [p for p in forces if said[p] & headings.MEAN_WORDS]
+    with_unit = [p for p in forces if unit[p]]
+    chosen = next((c[0] for c in (forces, called_mean, with_unit) if len(c) == 1), None)
     if chosen is not None:
-        meant["lift"] = chosen[0], _force_unit(numeric[chosen[0]])
-
-
-def _force_unit(name: str) -> str:
-    unit = meaning.named(name)[1]
-    return AS_FORCE.get(unit, unit)
+        meant["lift"] = chosen, unit[chosen]
 
 
 def _is_number(cell: str) -> bool:
     return not cell or (NUMBER.fullmatch(cell) is not None and math.isfinite(float(cell)))
+
+
+# ---- several tables in one file
 
 
 def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
@@ -245,14 +232,14 @@ def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
     if path.stat().st_size > MOST_BYTES:
         return None
     lines = path.read_bytes().decode(str(dialect.get("encoding", "utf-8")), "replace").splitlines()
+    cells = [_cells(line) for line in lines]
     tables: list[tuple[int, int]] = []
-    for at, line in enumerate(lines):
-        cells = _cells(line)
-        if not _is_row(cells):
+    for at in range(1, len(lines)):
+        if not _is_row(cells[at]):
             continue
         if tables and tables[-1][1] == at - 1:
             tables[-1] = tables[-1][0], at
-        elif at and _is_header(_cells(lines[at - 1]), len(cells)):
+        elif _is_header(cells[at - 1], len(cells[at])):
             tables.append((at, at))
     whole = [(a, b) for a, b in tables if b > a]
     if len(whole) > 1:
@@ -260,7 +247,7 @@ def several(path: Path, dialect: RecordsDialect) -> InputRefused | None:
         return InputRefused(
             str(path), f"holds {len(whole)} tables: {where}", "save each as a file of its own"
         )
-    heads = _cells(lines[whole[0][0] - 1]) if whole else []
+    heads = cells[whole[0][0] - 1] if whole else []
     names = [c for c in heads if c not in ("", "-")]
     if len(names) < len(heads) - 1 or len(set(names)) < len(names):
         return InputRefused(

@@ -1,4 +1,4 @@
-"""The meaning of a channel of a record, or of a column of a table, from its name and unit."""
+"""The meaning of a heading: quantity and unit of a channel of a record or a column of a table."""
 
 from __future__ import annotations
 
@@ -33,6 +33,8 @@ FORCE_WORDS = (
     *("thrust", "force fz", "lift", "load cell", "loadcell", "weight", "force", "kraft"),
     *("schub", "cell", "fz"),
 )
+#: Names of a lift without a unit.
+LIFT_WORDS = {"thrust", "lift", "force", "fz", "f"}
 #: Words of a command or of a motor: no measured force, whatever the unit.
 COMMAND_WORDS = {
     *("cmd", "command", "commanded", "setpoint", "target", "desired", "ref", "reference"),
@@ -54,16 +56,18 @@ CLOCKS = ("t", "time", "timestamp", "x_value", "zeit", "millis", "micros", "date
 USUAL_RATES_HZ = (1.0, 2e6)
 #: Headings of distances in rotor radii.
 AS_RADII = {
-    *("h/r", "z/r", "h/d", "z/d", "z_hat", "zhat", "d/r", "y/r"),
+    *("h/r", "z/r", "z_hat", "zhat", "d/r", "y/r"),
     *("gap/r", "height/r", "distance/r", "dist/r", "clearance/r"),
 }
+#: Headings of distances in rotor diameters, which the manifest does not read.
+AS_DIAMETERS = {"h/d", "z/d"}
 #: Units behind the last underscore of a name.
 _SUFFIXES = {
     unit: unit
     for unit in (
         *("s", "ms", "us", "V", "mV", "A", "mA", "W", "N", "mN", "kN", "g", "gf", "kg", "kgf"),
         *("lbf", "m", "mm", "cm", "um", "Hz", "kHz", "Pa", "hPa", "kPa", "degC", "deg", "rad"),
-        *("percent", "rpm"),
+        *("percent", "fraction", "rpm"),
     )
 } | _pairs(
     "v:V a:A w:W hz:Hz sec:s pct:percent pc:percent C:degC lbs:lbf lb:lbf oz:ozf volts:V amps:A"
@@ -92,31 +96,46 @@ SYNONYMS = {
     "lift_sd": ("sd", "std", "lift std", "thrust sd", "thrust std", "fz sd", "fz std", "force sd"),
     "n": ("samples", "count"),
 }
+#: Words of which one is enough, as in ``Height above floor``.
+ONE_WORD = {
+    "distance": {"distance", "height", "gap", "clearance", "altitude"},
+    "throttle": {"throttle", "duty", "pwm", "esc", "signal"},
+    "supply": {"voltage", "vbat", "battery"},
+}
 
 
-def named(name: str) -> tuple[str, str]:
+def named(heading: str) -> tuple[str, str]:
     """Name and unit (empty: none) of ``Thrust (gf)``, ``weight[g]`` or ``h_mm``."""
-    bare, unit = split_unit(name)
+    bare, unit = split_unit(heading)
     if unit:
         return bare, _WRITTEN.get(fold(unit), unit)
-    if name.rstrip().endswith("%"):
-        return name.rstrip(" %"), "percent"
+    if heading.rstrip().endswith("%"):
+        return heading.rstrip(" %"), "percent"
     # a unit before the last words, as in "Thrust (lbf) mean"
-    within = re.fullmatch(r"([^()\[\]]+)[(\[]([^()\[\]]+)[)\]]\s*(\w[\w ]*)", name.strip())
+    within = re.fullmatch(r"([^()\[\]]+)[(\[]([^()\[\]]+)[)\]]\s*(\w[\w ]*)", heading.strip())
     if within and (inner := unit_word(within[2])):
         return f"{within[1].rstrip()} {within[3]}", inner
-    head, _, suffix = name.strip().rpartition("_")
+    head, _, suffix = heading.strip().rpartition("_")
     if head and suffix in _SUFFIXES:
         return head, _SUFFIXES[suffix]
     # a lower-case n is newtons in the name of a force, else a count
     if suffix == "n" and any(word in fold(head) for word in FORCE_WORDS):
         return head, "N"
-    return name, {"millis": "ms", "micros": "us"}.get(fold(name), "")
+    return heading, {"millis": "ms", "micros": "us"}.get(fold(heading), "")
 
 
-def words(name: str) -> set[str]:
+def words(heading: str) -> set[str]:
     """The words of a name, folded, its unit left out."""
-    return set(re.findall(r"[^\W\d_]+|±", fold(named(name)[0])))
+    return set(re.findall(r"[^\W\d_]+|±", fold(named(heading)[0])))
+
+
+def force_unit(heading: str) -> str:
+    """The unit of a heading; one of mass as that of a weight."""
+    unit = named(heading)[1]
+    return AS_FORCE.get(unit, unit)
+
+
+# ---- channels of a record
 
 
 def likely_force(channels: Sequence[Channel]) -> Channel | None:
@@ -144,6 +163,12 @@ def _rank(channel: Channel) -> int:
     return said + 50 * bool(named_unit) if channel.unit in ("", "count", *AS_FORCE) else 0
 
 
+def is_clock(heading: str) -> bool:
+    """Whether a column of that name is a clock."""
+    bare, unit = named(heading)
+    return fold(bare.rsplit(".", 1)[-1]) in CLOCKS and unit in ("", *SECONDS)
+
+
 def likely_clock(channels: Sequence[Channel], force: Channel | None) -> Channel | None:
     """The channel that may be the clock of the force."""
     group = force.name.rpartition(".")[0] if force is not None and "." in force.name else ""
@@ -158,12 +183,6 @@ def _only_grows(values: FloatArray) -> bool:
     return bool(np.all(np.diff(values) >= 0) and values[-1] > values[0])
 
 
-def is_clock(name: str) -> bool:
-    """Whether a column of that name is a clock."""
-    bare, unit = named(name)
-    return fold(bare.rsplit(".", 1)[-1]) in CLOCKS and unit in ("", *SECONDS)
-
-
 def clock_rate(clock: Channel | None) -> float | None:
     """The rate of a clock with a unit, Hz."""
     if clock is None or clock.unit not in SECONDS or len(clock.values) < 3:
@@ -176,61 +195,58 @@ def doubtful_rate(rate_Hz: float, clock: Channel | None) -> str:
     low, high = USUAL_RATES_HZ
     if low <= rate_Hz <= high:
         return ""
-    said = f"the file says {rate_Hz:.6g} Hz, which no load cell has"
-    step = None if clock is None or clock.unit not in SECONDS else rate_Hz * SECONDS[clock.unit]
-    other = [] if step is None else [u for u, s in SECONDS.items() if 10 <= step / s <= 1e5]
     ways = ["these are means of steps"] if rate_Hz < low else []
-    if step is not None and other:
-        ways.append(f"its clock is in {other[0]} ({step / SECONDS[other[0]]:.6g} Hz)")
+    if clock is not None and clock.unit in SECONDS:
+        rates = {u: rate_Hz * SECONDS[clock.unit] / s for u, s in SECONDS.items()}
+        fitting = (f"its clock is in {u} ({r:.6g} Hz)" for u, r in rates.items() if 10 <= r <= 1e5)
+        ways += [*fitting][:1]
+    said = f"the file says {rate_Hz:.6g} Hz, which no load cell has"
     return f"{said}: {' or '.join(ways)}" if ways else said
 
 
-def schedule_column(name: str) -> tuple[str, str]:
+# ---- columns of a schedule
+
+
+def schedule_column(heading: str) -> tuple[str, str]:
     """The schedule's column that a column is by its name, and its unit; each may be empty."""
-    bare, unit = named(name)
+    bare, unit = named(heading)
+    ratios = {fold(heading).replace("_over_", "/").replace(" ", ""), fold(unit)}
+    if ratios & AS_RADII or unit == RADII:
+        return "distance", RADII
+    if ratios & AS_DIAMETERS:
+        return "", ""
     plain = fold(bare).replace("_", " ")
-    ratio = fold(name).replace("_over_", "/").replace(" ", "")
-    if ratio in AS_RADII or unit == RADII or fold(unit) in AS_RADII:
-        half = "/d" in ratio
-        return ("", "") if half else ("distance", RADII)
-    may = [
-        known
-        for known in KNOWN
-        if plain == known.name.replace("_", " ") or plain in SYNONYMS.get(known.name, ())
-    ]
+    may = [k for k in KNOWN if plain in (k.name.replace("_", " "), *SYNONYMS.get(k.name, ()))]
     for known in may:
-        if known.kind != "quantity":
-            if not unit:
-                return known.name, ""
-            continue
-        if written := _unit_of(known.name, unit):
+        if known.kind == "quantity" and (written := unit_of(known.name, unit)):
             return known.name, written
+        if known.kind != "quantity" and not unit:
+            return known.name, ""
     # a unit of another dimension makes it another quantity
-    return (may[0].name, "") if may and not unit else _by_words(name, unit)
+    return (may[0].name, "") if may and not unit else _by_one_word(heading, unit)
 
 
-def _unit_of(known: str, unit: str) -> str:
-    """The unit as the manifest has it; empty where it is missing or of another dimension."""
-    column = BY_NAME[known]
-    written = AS_FORCE.get(unit, unit) if column.dimension == "force" else unit
+def unit_of(column: str, unit: str) -> str:
+    """The unit of a schedule's column as the manifest has it; empty where it is missing or of
+    another dimension.
+    """
+    known = BY_NAME[column]
+    written = AS_FORCE.get(unit, unit) if known.dimension == "force" else unit
     try:
-        units.to_si(written or column.own_unit, column.dimension, "")
+        units.to_si(written or known.own_unit, known.dimension, "")
     except ManifestError:
         return ""
-    return written or column.own_unit
+    return written or known.own_unit
 
 
-def _by_words(name: str, unit: str) -> tuple[str, str]:
-    """A distance, a throttle or a supply by one word of its name, as in ``Height above floor``."""
-    said = words(name)
-    for known, of_it in (
-        ("distance", {"distance", "height", "gap", "clearance", "altitude"}),
-        ("throttle", {"throttle", "duty", "pwm", "esc", "signal"}),
-        ("supply", {"voltage", "vbat", "battery"}),
-    ):
-        if said & of_it and not said & (OTHER_STATISTICS | SCATTER_WORDS):
-            if not unit and known != "supply":
-                return known, ""
-            if unit and (written := _unit_of(known, unit)):
-                return known, written
+def _by_one_word(heading: str, unit: str) -> tuple[str, str]:
+    """A distance, a throttle or a supply by one word of its name."""
+    said = words(heading)
+    if said & (OTHER_STATISTICS | SCATTER_WORDS):
+        return "", ""
+    for column in (column for column, of_it in ONE_WORD.items() if said & of_it):
+        if not unit and column != "supply":
+            return column, ""
+        if unit and (written := unit_of(column, unit)):
+            return column, written
     return "", ""

@@ -1,0 +1,214 @@
+"""The tables of a manifest for inspected files: what no file says is marked FILL IN."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import tomlkit
+from tomlkit import TOMLDocument
+from tomlkit.items import InlineTable
+
+from nearlift import units
+from nearlift.campaign.manifest import BLANK
+from nearlift.onboarding import headings
+from nearlift.onboarding.inspection import Inspection, rows_per_stamp
+from nearlift.onboarding.tables import ProposedSchedule
+from nearlift.printing import printable
+from nearlift.readers.base import AS_FORCE, FORCE_UNITS
+from nearlift.schedule import BY_NAME, RADII
+
+HERE = Path(__file__).parent
+#: Share of the rest head that is left as margin, and of the records that the margin is for.
+MARGIN, OF_RECORDS = 0.1, 0.95
+#: Asked for in words: the interval leaves out what the manifest does not state.
+ASKED = "campaign.toml: [[uncertainty]] of rotor radius and rotor spacing, if they are known"
+
+
+class Head(NamedTuple):
+    """Rest head of the records: a tare and settling that leave a margin, and their reasons."""
+
+    tare_s: float
+    settle_s: float
+    words: str
+    steady: str
+
+
+def usual_head(inspected: Sequence[Inspection]) -> Head | None:
+    """Rest head of records of one lift, measured; None where half of them show none."""
+    starts = [(f.start, f.force.rate_Hz) for f in inspected if f.start and f.force]
+    if 2 * len(starts) <= len(inspected):
+        return None
+    begins = sorted(s.rest_ends / rate for s, rate in starts if rate)
+    steady = sorted(s.steady_from / rate for s, rate in starts if rate)
+    last = len(begins) - 1
+    early = begins[math.ceil((1 - OF_RECORDS) * last)]
+    late = steady[math.floor(OF_RECORDS * last)]
+    tare = _two_digits(early * (1 - MARGIN), math.floor)
+    settle = _two_digits(late - tare + MARGIN * early, math.ceil)
+    span = f"{begins[0]:.3g}" if begins[0] == begins[-1] else f"{begins[0]:.3g} to {begins[-1]:.3g}"
+    records = f"{len(starts)} record{'s' * (len(starts) > 1)}"
+    return Head(
+        tare_s=tare,
+        settle_s=settle,
+        words=f"rotors at rest: they start at {span} s ({records})",
+        steady=f"left out after the tare: the lift is steady from {late:.3g} s on",
+    )
+
+
+def _two_digits(value: float, rounded: Callable[[float], int]) -> float:
+    digits = 1 - math.floor(math.log10(value))
+    return float(rounded(value * 10**digits) / 10**digits)
+
+
+def template() -> TOMLDocument:
+    """The commented manifest with every value to fill in."""
+    return tomlkit.parse((HERE / "template.toml").read_text(encoding="utf-8"))
+
+
+def document(name: str, tables: TOMLDocument) -> str:
+    """A whole manifest: the facts of the rig to fill in, these tables, and further choices."""
+    whole = template()
+    whole["name"] = name
+    for key in ("load_cell", "records", "trials"):
+        del whole[key]
+    for key, table in tables.items():
+        whole[key] = table
+    choices = (HERE / "choices.toml").read_text(encoding="utf-8")
+    return f"{tomlkit.dumps(whole).rstrip()}\n\n{choices}"
+
+
+def blanks(text: str) -> list[str]:
+    """The lines of a manifest that are to be filled in."""
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if not line.startswith("#")]
+    return [f"line {i}: {line.split('#')[0].strip()}" for i, line in lines if BLANK in line]
+
+
+def for_records(
+    inspected: Sequence[Inspection], files: str | None = None, *, cell: bool = True
+) -> TOMLDocument:
+    """[load_cell], [records] and, for sweeps, [segments] of records that are alike; `cell`: with
+    the range and accuracy of the load cell to fill in.
+    """
+    doc, whole, first = tomlkit.document(), template(), inspected[0]
+    doc["load_cell"], doc["records"] = whole["load_cell"], whole["records"]
+    _fill_load_cell(doc["load_cell"], inspected, cell)
+    _fill_records(doc["records"], first, files)
+    if all(f.ramp is not None for f in inspected):
+        assert first.ramp is not None
+        for key, table in tomlkit.parse(first.ramp.segments).items():
+            doc[key] = table
+        cut: Any = doc["segments"]
+        for name, (channel, unit) in first.further.items():
+            cut.setdefault("columns", tomlkit.table())
+            if name not in cut["columns"]:
+                cut["columns"][name] = _inline({"column": channel.name, "unit": unit})
+    return doc
+
+
+def for_means() -> TOMLDocument:
+    """[records] of a table of means."""
+    doc = tomlkit.document()
+    doc["records"] = tomlkit.table()
+    _set(doc["records"], "reader", "means", "mean lifts in the schedule, no samples")
+    return doc
+
+
+def _fill_load_cell(table: Any, inspected: Sequence[Inspection], cell: bool) -> None:
+    first = inspected[0]
+    heard = [first.force] if first.force is not None else first.contents.channels
+    rates = {c.rate_Hz for c in heard}
+    if len(rates) == 1 and (rate := rates.pop()) and not first.doubt:
+        _set(table, "sample_rate", f"{rate:.6g} Hz")
+    else:
+        why = (
+            "the channels differ: that of the force" if rates - {None} else "the file does not say"
+        )
+        _set(table, "sample_rate", "FILL IN Hz", first.doubt or why)
+    if first.ramp is not None:
+        del table["settle"]
+    elif head := usual_head(inspected):
+        _set(table, "tare", f"{head.tare_s:g} s", head.words)
+        _set(table, "settle", f"{head.settle_s:g} s", head.steady)
+    if not cell:
+        del table["range"], table["accuracy"]
+
+
+def _fill_records(table: Any, first: Inspection, files: str | None) -> None:
+    _set(table, "reader", first.reader)
+    mark = "{trial}" if first.ramp is None else "{record}"
+    alone = first.path.name if first.reader == "parquet" else f"{mark}{first.path.suffix}"
+    table["files"] = alone if files is None else files
+    _set(table, "force", *_force(first))
+    named = {"columns": list(first.columns)} if first.columns else {}
+    if dialect := {**first.dialect, **named}:
+        _set(table, "dialect", _inline(dialect), "the file has no names: FILL IN" if named else "")
+    clock = first.clock
+    # a clock whose unit is doubtful, or with many rows to each stamp, is left out
+    if clock is None or first.doubt or clock is first.force or rows_per_stamp(clock) > 1:
+        return
+    seconds = None if clock.unit else headings.clock_rate(replace(clock, unit="s"))
+    remark = f"in s the rate is {seconds:.6g} Hz" if seconds else ""
+    _set(table, "time", _inline({"column": clock.name, "unit": clock.unit or BLANK}), remark)
+
+
+def _force(first: Inspection) -> tuple[InlineTable, str]:
+    """[records] force, and what to say of it."""
+    force = first.force
+    if force is None:
+        names = ", ".join(c.name for c in first.contents.channels[:8])
+        return _inline({"column": BLANK, "unit": BLANK, "sign": 1}), f"one of: {names}"
+    unit = AS_FORCE.get(force.unit, force.unit)
+    known = unit == "count" or unit in FORCE_UNITS
+    content: dict[str, Any] = {"column": force.name, "unit": unit if known else BLANK, "sign": 1}
+    if unit == "count":
+        content["calibration"] = {"gain": "FILL IN mN/count", "offset": "FILL IN count"}
+    remarks = [] if known else ["the file does not say the unit"]
+    values = force.values[np.isfinite(force.values)]
+    if len(values) and -float(values.min()) > 3 * abs(float(values.max())) and not first.wraps:
+        remarks.append("sign = -1 if lift makes these numbers negative")
+    return _inline(content), "; ".join(remarks)
+
+
+def for_trials(schedule: ProposedSchedule) -> TOMLDocument:
+    """[trials] of a schedule; what no column says is a constant to fill in."""
+    doc = tomlkit.document()
+    doc["trials"] = template()["trials"]
+    table: Any = doc["trials"]
+    if not schedule.ordered:
+        order = '"run": the rows are in run order; "unknown": a published table'
+        _set(table, "order", BLANK, order)
+    given = table["units"] = tomlkit.table()
+    for name, unit in schedule.units.items():
+        usual = units.USUAL.get(BY_NAME[name].dimension, (units.SI[BY_NAME[name].dimension],))
+        remark = "" if unit else " | ".join(usual)
+        _set(given, name, unit or BLANK, "rotor radii" if unit == RADII else remark)
+    if "lift" in schedule.units and "lift_sd" not in schedule.units:
+        unit = schedule.units["lift"] or "N"
+        given.add(tomlkit.comment(f'lift_sd = "{unit}"     # standard deviation of a lift: needed'))
+        given.add(tomlkit.comment("below 45 rows, as a column or as a constant: lift_sd = 0.1"))
+    if schedule.lacking:
+        constants = table["constants"] = tomlkit.table()
+        constants.comment("the same for every trial")
+        for name in schedule.lacking:
+            constants[name] = BLANK
+    return doc
+
+
+def _set(table: Any, key: str, value: object, comment: str = "") -> None:
+    """Set a key, with a comment behind it; an empty one removes that of the template."""
+    table[key] = value
+    trivia = table[key].trivia
+    trivia.comment = f"# {printable(comment)}" if comment else ""
+    trivia.comment_ws = "   " if comment else ""
+
+
+def _inline(content: Mapping[str, Any]) -> InlineTable:
+    made = tomlkit.inline_table()
+    for key, value in content.items():
+        made[key] = _inline(value) if isinstance(value, Mapping) else value
+    return made
