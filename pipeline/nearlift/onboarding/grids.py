@@ -53,9 +53,7 @@ class Grid:
         columns = [(n, length, v) for n, v in lengths.items()]
         columns += [(n, speed, v) for n, v in speeds.items()]
         return Contents(
-            channels=tuple(
-                Channel(name=n, unit=unit, values=v) for n, unit, v in columns
-            ),
+            channels=tuple(Channel(name=n, unit=unit, values=v) for n, unit, v in columns),
             kind=f"velocity grid, {self.title}",
             notes=(f"{self.nodes[0]} x {self.nodes[1]} nodes: no record of force",),
         )
