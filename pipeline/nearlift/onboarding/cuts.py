@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from nearlift import readers
 from nearlift.campaign import manifest as manifests
@@ -17,7 +17,14 @@ from nearlift.schedule import read_schedule
 MANIFEST, PICTURE = "campaign.toml", "segments.png"
 
 
-def answers(paths: Sequence[Path], out: Path) -> list[tuple[dict[str, Any], str]]:
+class CutsAnswer(NamedTuple):
+    """The pieces of a campaign's records, for machines and as text."""
+
+    content: dict[str, Any]
+    text: str
+
+
+def answers(paths: Sequence[Path], out: Path) -> list[CutsAnswer]:
     """Draw the cuts of each campaign, and of each file as a record of its campaign."""
     wanted: dict[Path, list[Path]] = {}
     for path in paths:
@@ -38,9 +45,9 @@ def campaign_of(path: Path) -> Path:
     )
 
 
-def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[str, Any], str]:
+def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> CutsAnswer:
     """Cut the records of a campaign, or only these files of it; draw the first ones to
-    reports/<name>/segments.png under `out`. Returns the answer as JSON and as text.
+    reports/<name>/segments.png under `out`.
 
     Raises
     ------
@@ -79,27 +86,32 @@ def cuts(campaign: Path, out: Path, files: Collection[Path] = ()) -> tuple[dict[
     place = out / "reports" / given.name / PICTURE
     place.parent.mkdir(parents=True, exist_ok=True)
     place.write_bytes(picture(records, rate))
+    answer = {"campaign": given.name, "picture": str(place)}
     contents = [_content(record, rate) for record in records]
-    lines = [line for content in contents for line in _lines(content)]
-    answer = {"campaign": given.name, "picture": str(place), "records": contents}
-    return answer, "\n".join([*lines, str(place)])
+    lines = [line for record in records for line in _lines(record, rate)]
+    return CutsAnswer({**answer, "records": contents}, "\n".join([*lines, str(place)]))
 
 
-def _content(record: Segmented, rate_Hz: float) -> dict[str, Any]:
+def _pieces(record: Segmented, rate_Hz: float) -> list[dict[str, Any]]:
+    """Each piece's trial, beginning, length, lift, and what it brings."""
+    return [
+        {
+            "trial": f"{record.record.trial}#{p.number}",
+            "since_s": p.since_s,
+            "length_s": len(p.force_N) / rate_Hz,
+            "lift_N": float(p.force_N.mean() - (p.tare_N.mean() if len(p.tare_N) else 0.0)),
+            **p.brought,
+        }
+        for p in record.pieces
+    ]
+
+
+def _content(record: Segmented, rate_Hz: float) -> dict[str, object]:
     """The pieces of one record, for machines."""
     return {
         "record": record.record.trial,
         "codes": list(record.record.codes),
-        "pieces": [
-            {
-                "trial": f"{record.record.trial}#{p.number}",
-                "since_s": p.since_s,
-                "length_s": len(p.force_N) / rate_Hz,
-                "lift_N": float(p.force_N.mean() - (p.tare_N.mean() if len(p.tare_N) else 0.0)),
-                **p.brought,
-            }
-            for p in record.pieces
-        ],
+        "pieces": _pieces(record, rate_Hz),
         "too_short": record.cuts.short,
         "at_rest": record.at_rest,
         "settling_s": record.cuts.settling / rate_Hz,
@@ -107,15 +119,16 @@ def _content(record: Segmented, rate_Hz: float) -> dict[str, Any]:
     }
 
 
-def _lines(record: dict[str, Any]) -> list[str]:
+def _lines(record: Segmented, rate_Hz: float) -> list[str]:
     """A line for a record, and one for each of its pieces."""
+    cut = record.cuts
     summary = (
-        f"{record['record']}: {len(record['pieces'])} pieces, {record['too_short']} too short,"
-        f" {record['at_rest']} at rest; {record['settling_s']:.3g} s settling,"
-        f" {record['between_s']:.3g} s between"
+        f"{record.record.trial}: {len(record.pieces)} pieces, {cut.short} too short,"
+        f" {record.at_rest} at rest; {cut.settling / rate_Hz:.3g} s settling,"
+        f" {cut.between / rate_Hz:.3g} s between"
     )
-    lines = [", ".join([summary, *record["codes"]])]
-    for piece in record["pieces"]:
+    lines = [", ".join([summary, *record.record.codes])]
+    for piece in _pieces(record, rate_Hz):
         trial, since, length, lift, *brought = piece.items()
         text = f"{since[1]:.6g} s, {length[1]:.4g} s, {lift[1]:.4g} N"
         more = (f"{name} {value:.4g}" for name, value in brought)

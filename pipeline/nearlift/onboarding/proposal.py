@@ -164,7 +164,7 @@ def _force(first: Inspection) -> tuple[InlineTable, str]:
         return _inline({"column": BLANK, "unit": BLANK, "sign": 1}), f"one of: {names}"
     unit = AS_FORCE.get(force.unit, force.unit)
     known = unit == "count" or unit in FORCE_UNITS
-    content: dict[str, Any] = {"column": force.name, "unit": unit if known else BLANK, "sign": 1}
+    content: dict[str, object] = {"column": force.name, "unit": unit if known else BLANK, "sign": 1}
     if unit == "count":
         content["calibration"] = {"gain": "FILL IN mN/count", "offset": "FILL IN count"}
     remarks = [] if known else ["the file does not say the unit"]
@@ -207,7 +207,7 @@ def _set(table: Any, key: str, value: object, comment: str = "") -> None:
     trivia.comment_ws = "   " if comment else ""
 
 
-def _inline(content: Mapping[str, Any]) -> InlineTable:
+def _inline(content: Mapping[str, object]) -> InlineTable:
     made = tomlkit.inline_table()
     for key, value in content.items():
         made[key] = _inline(value) if isinstance(value, Mapping) else value
