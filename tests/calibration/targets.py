@@ -98,7 +98,7 @@ def grids(data: bytes) -> None:
                     raw,
                     (
                         SETTING
-                        if raw.length_unit
+                        if raw.stated.length_unit
                         else replace(SETTING, length_unit="px", velocity_unit="px/frame")
                     ),
                     "f",

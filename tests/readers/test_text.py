@@ -81,7 +81,7 @@ def test_one_dialect_fits(
 ) -> None:
     found = layout(content)
     assert (found.names, found.separator, found.decimal) == (names, separator, decimal)
-    assert found.spoken() == spoken
+    assert found.spoken == spoken
 
 
 @pytest.mark.parametrize(
@@ -177,7 +177,7 @@ def test_a_row_of_units_text_columns_and_words_for_no_number(tmp_path: Path) -> 
 def test_the_dialect_of_one_file_is_tried_on_the_next_and_not_forced_on_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(text, "_found", {})
+    monkeypatch.setattr(text, "_earlier", {})
     assert values(read(tmp_path, "t;F\n0;1\n1;2\n"), 1) == [1, 2]
     monkeypatch.setattr(text, "sniff", lambda *_, **__: pytest.fail("sniffed again"))
     assert values(read(tmp_path, "t;F\n0;3\n1;4.5\n"), 1) == [3, 4.5]
@@ -258,19 +258,6 @@ def test_utf16_cut_within_a_character(tmp_path: Path) -> None:
     assert (found.codes, values(found, 1)) == (("truncated",), [2])
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "utf-16"])
-@pytest.mark.parametrize("block", [997, 4096])
-def test_blocks_give_what_the_whole_gives(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, encoding: str, block: int
-) -> None:
-    force = np.random.default_rng(1).normal(size=3000).round(6)
-    rows = "".join(f"{i};{f}\r\n" for i, f in enumerate(force)).replace(".", ",")
-    monkeypatch.setattr(text, "LONGEST_LINE", block)
-    found = read(tmp_path, ("t;F\r\n" + rows).encode(encoding), names=("F",))
-    np.testing.assert_array_equal(found.channels[0].values, force)
-    assert found.codes == ()
-
-
 def test_a_bad_line_far_below_is_named(tmp_path: Path) -> None:
     rows = b"".join(b"%d,%d\n" % (i, i) for i in range(20000))
     with pytest.raises(InputRefused, match=r"f\.txt, line 20002: '7x' in column 'F' is not a"):
@@ -340,7 +327,7 @@ def test_labels_that_differ_are_no_text_column(tmp_path: Path) -> None:
 )
 def test_a_line_of_another_kind_is_refused_with_what_would_read_it(line: str, remedy: str) -> None:
     with pytest.raises(InputRefused, match=re.escape(remedy)):
-        table.row_of(line, "f, line 3", table.Layout(names=("a", "b")))
+        table.Layout(names=("a", "b")).row(line, "f, line 3")
 
 
 @pytest.mark.parametrize("column", ["force", "force,n"])
@@ -444,9 +431,10 @@ def test_both_ways_give_the_bits_of_float(texts: list[str], separator: str) -> N
     names = ("force", "x") if separator else ("force",)
     rows = "".join(t + (f"{separator}7" if separator else "") + "\n" for t in texts)
     one = table.Layout(separator=separator, names=names, first=2)
-    by_arrow = table._by_arrow(rows.encode(), one, [0])
+    lines = table.Rows(body=rows.encode(), where="f", line=2)
+    by_arrow = table.by_arrow(lines, one, [0])
     assert by_arrow is not None
-    for found in (by_arrow, table._line_by_line(rows.encode(), "f", one, 2, [0])):
+    for found, _ in (by_arrow, table.by_line(lines, one, [0])):
         np.testing.assert_array_equal(found[0].view(np.int64), want.view(np.int64))
 
 
@@ -467,9 +455,9 @@ def test_both_ways_agree_on_damage(texts: list[str], row: str, place: int, damag
     def answer(by_csv: bool) -> object:
         wanted = [one.names.index("force")]
         try:
-            if by_csv:
-                return table._line_by_line(spoilt, "f", one, 2, wanted)[0].tobytes()
-            return table.parse(spoilt, "f", one, 2, wanted)[0].tobytes()
+            reading = table.by_line if by_csv else table.parse
+            rows = table.Rows(body=spoilt, where="f", line=2)
+            return reading(rows, one, wanted)[0][0].tobytes()
         except InputRefused as refusal:
             return str(refusal)
 

@@ -48,7 +48,8 @@ class Grid:
     @property
     def contents(self) -> Contents:
         """Its columns as channels."""
-        raw, length, speed = self.raw, self.raw.length_unit or "", self.raw.velocity_unit or ""
+        raw, stated = self.raw, self.raw.stated
+        length, speed = stated.length_unit or "", stated.velocity_unit or ""
         lengths, speeds = {"x": raw.x, "y": raw.y}, {"u": raw.u, "v": raw.v}
         columns = [(n, length, v) for n, v in lengths.items()]
         columns += [(n, speed, v) for n, v in speeds.items()]
@@ -74,7 +75,7 @@ def grid_of(path: Path) -> Grid | None:
 
 def piv_section(grid: Grid, path: Path) -> str:
     """[piv] of a manifest for files of this kind, with what no file says marked FILL IN."""
-    raw, doc = grid.raw, tomlkit.parse(TEMPLATE)
+    raw, doc = grid.raw.stated, tomlkit.parse(TEMPLATE)
     piv: Any = doc["piv"]
     piv["format"] = grid.format
     length, velocity = raw.length_unit, raw.velocity_unit

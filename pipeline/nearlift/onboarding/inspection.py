@@ -19,7 +19,7 @@ from nearlift.onboarding.tables import InputTable
 from nearlift.readers import guarded
 from nearlift.readers.base import Channel, Contents, Reader, RecordsDialect
 from nearlift.readers.dialect import NoNames
-from nearlift.readers.files import content_of, head_of, is_gzip
+from nearlift.readers.files import GZIP, content_of, head_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.ramp import Ramp, ramp_of
 from nearlift.readers.text import CSV, SHEET, TEXT
@@ -117,7 +117,8 @@ def inspect(
     said, length = dict(dialect or {}), _length(path)
     if not (said or record) and (grid := grid_of(path)) is not None:
         return Inspection(path=path, contents=grid.contents, bytes=length, grid=grid)
-    head = guarded.run(content_of, path, HEAD) if is_gzip(path) else head_of(path, HEAD)
+    head = head_of(path, HEAD)
+    head = guarded.run(content_of, path, HEAD) if head.startswith(GZIP) else head
     if head.startswith(DATAFLASH):
         raise InputRefused(
             str(path),

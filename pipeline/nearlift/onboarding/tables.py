@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING
 
 from nearlift.errors import InputRefused
 from nearlift.onboarding import headings
-from nearlift.readers import guarded, text
+from nearlift.readers import guarded
 from nearlift.readers.base import FORCE_UNITS, RecordsDialect
-from nearlift.readers.dialect import sniff
+from nearlift.readers.dialect import given, sniff
 from nearlift.readers.files import content_of, is_packed
 from nearlift.readers.guarded import Malformed
 from nearlift.schedule import BY_NAME, MEANS, REQUIRED
@@ -140,7 +140,7 @@ def table_of(path: Path, dialect: RecordsDialect) -> InputTable | None:
         content = guarded.run(content_of, path, length) if packed else content_of(path, length)
         if len(content) > MOST_BYTES:
             return None
-        layout = sniff(content, str(path), text.given(dialect))
+        layout = sniff(content, str(path), given(dialect))
         lines = content.decode(layout.encoding).splitlines()[layout.first - 1 :]
         width = len(layout.names)
         rows = tuple(

@@ -126,7 +126,7 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
     `InputRefused` where there is none, or the name fits several.
     """
     names = tuple(c.name for c in channels)
-    places = _fitting(names, column)
+    places = fitting(names, column)
     if len(places) == 1:
         return channels[places[0]]
     if places:
@@ -147,8 +147,8 @@ def pick(channels: Sequence[Channel], column: str, key: str, where: str) -> Chan
 
 # the records of a campaign have the same names
 @functools.lru_cache(maxsize=256)
-def _fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
-    """Indices of the names that match, by the first kind of match that any name has."""
+def fitting(names: tuple[str, ...], column: str) -> tuple[int, ...]:
+    """Indices of the names that `pick` may mean by a column, by the first kind of match of any."""
     folded = fold(column)
     for same in (
         lambda name: name == column,

@@ -17,37 +17,39 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-from nearlift.errors import InputRefused
-from nearlift.readers.base import split_unit, unit_word
-from nearlift.readers.table import (
-    BLANKS,
-    NONE,
-    SEPARATORS,
-    SPOKEN,
-    Layout,
-    cut_at,
-    label,
-    number,
-    parse,
-    row_of,
-)
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers.base import RecordsDialect, split_unit, unit_word
+from nearlift.readers.table import SEPARATORS, SPOKEN, Layout, Rows, cut_at, label, parse
 from nearlift.units import NUMBER
 
 #: Bytes that the sniffer sees, and lines that it tries first.
 HEAD, SHORT = 1 << 16, 100
-#: Lines of a refusal that goes before all others.
-FARTHEST = 1 << 30
 #: Rows in which two dialects must read the same numbers, or the file is ambiguous.
 READ = 20
+#: Lines of a refusal that goes before all others.
+FARTHEST = 1 << 30
+OPTIONS = {
+    "encoding": str,
+    "separator": str,
+    "decimal": str,
+    "thousands": str,
+    "skip": int,
+    "columns": list,
+    "units": list,
+    "ignore": list,
+    "labels": bool,
+    "lines": int,
+}
 _THOUSANDS = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
-_MARKS = (
-    (codecs.BOM_UTF8, "utf-8-sig"),
-    (codecs.BOM_UTF32_LE, "utf-32"),
-    (codecs.BOM_UTF32_BE, "utf-32"),
-    (codecs.BOM_UTF16_LE, "utf-16"),
-    (codecs.BOM_UTF16_BE, "utf-16"),
-)
+_MARKS = {
+    codecs.BOM_UTF8: "utf-8-sig",
+    codecs.BOM_UTF32_LE: "utf-32",
+    codecs.BOM_UTF32_BE: "utf-32",
+    codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}
 _PACKED = (b"\x1f\x8b", b"PK\x03\x04", b"BZh", b"\xfd7zXZ", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")
 
 
@@ -60,11 +62,11 @@ class Dialect:
     anything. `labels`: cells are ``name: number``. `lines` of one number each make a row.
     """
 
-    encoding: str | None = None
-    separator: str | None = None
-    decimal: str | None = None
+    encoding: str = ""
+    separator: str = ""
+    decimal: str = ""
     thousands: str = ""
-    skip: int | None = None
+    skip: int = 0
     columns: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     ignore: tuple[str, ...] = ()
@@ -73,6 +75,94 @@ class Dialect:
 
 
 UNSTATED = Dialect()
+
+
+def given(stated: RecordsDialect) -> Dialect:
+    """The manifest's dialect as the sniffer takes it.
+
+    Raises
+    ------
+    ManifestError
+        A list holds more than texts, units are not as many as columns, a sign cannot be one, or
+        `skip` is negative.
+    """
+    lists = {key for key, kind in OPTIONS.items() if kind is list}
+    options: dict[str, Any] = {
+        key: tuple(value) if key in lists and isinstance(value, list) else value
+        for key, value in stated.items()
+        if key in OPTIONS
+    }
+    said = Dialect(**options)
+    thousands, columns, units = said.thousands, len(said.columns), len(said.units)
+    checks: list[tuple[str, bool, str, str]] = [
+        (
+            key,
+            not all(isinstance(item, str) for item in options[key]),
+            f"{stated[key]!r} holds more than texts",
+            'write it as ["force", "t"]',
+        )
+        for key in ("columns", "units", "ignore")
+        if key in options
+    ]
+    checks += [
+        (
+            "units",
+            units not in (0, columns),
+            f"names {units} units for {columns} columns",
+            'one for each; "" for none',
+        ),
+        (
+            "decimal",
+            said.decimal not in ("", ".", ","),
+            f"{said.decimal!r} is no decimal sign",
+            'write "." or ","',
+        ),
+        (
+            "thousands",
+            len(thousands) > 1 or thousands.isalnum() or thousands in ("+", "-"),
+            f"{thousands!r} is no sign between thousands",
+            'write ",", ".", "\'" or " "',
+        ),
+        (
+            "thousands",
+            thousands != "" and thousands == said.decimal,
+            f"{thousands!r} is the decimal sign as well",
+            "state another decimal sign",
+        ),
+        (
+            "lines",
+            said.lines not in (1, columns),
+            f"says {said.lines} lines to a row, and columns names {columns}",
+            'a number to a line, one name for each: columns = ["force", "millis"], lines = 2',
+        ),
+        (
+            "skip",
+            said.skip < 0,
+            f"{said.skip} is negative",
+            "it counts the lines above the columns' names",
+        ),
+        (
+            "encoding",
+            said.encoding != "" and not _is_encoding(said.encoding),
+            f"{said.encoding!r} is no encoding",
+            'such as "utf-8", "utf-16" or "latin-1"',
+        ),
+    ]
+    for key, wrong, what, remedy in checks:
+        if wrong:
+            raise ManifestError(f"records.dialect.{key}", what, remedy)
+    return said
+
+
+def _is_encoding(name: str) -> bool:
+    try:
+        codecs.lookup(name)
+    except LookupError:
+        return False
+    return True
+
+
+# ---- refusals
 
 
 class NoRows(InputRefused):
@@ -99,9 +189,12 @@ def _unfit(lines: int, where: str, what: str, remedy: str = "") -> _Unfit:
     return _Unfit(lines, InputRefused(where, what, remedy))
 
 
+# ---- encoding
+
+
 def encoding_of(head: bytes, where: str) -> str:
     """The encoding of a file's first bytes; `InputRefused` where they are no text, or packed."""
-    for mark, name in _MARKS:
+    for mark, name in _MARKS.items():
         if head.startswith(mark):
             return name
     if head.startswith(_PACKED):
@@ -128,6 +221,9 @@ def encoding_of(head: bytes, where: str) -> str:
     return "utf-8"
 
 
+# ---- the layout that fits
+
+
 def sniff(head: bytes, where: str, said: Dialect = UNSTATED, *, whole: bool = True) -> Layout:
     """The layout of a file from its first bytes; `whole` if they are all of it.
 
@@ -139,7 +235,7 @@ def sniff(head: bytes, where: str, said: Dialect = UNSTATED, *, whole: bool = Tr
     encoding = said.encoding or encoding_of(head, where)
     try:
         text = codecs.getincrementaldecoder(encoding)().decode(head)
-    except (UnicodeDecodeError, LookupError) as fault:
+    except UnicodeDecodeError as fault:
         raise InputRefused(
             where,
             f"is not {encoding} text: {fault}",
@@ -148,193 +244,85 @@ def sniff(head: bytes, where: str, said: Dialect = UNSTATED, *, whole: bool = Tr
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     # the line behind the last line feed may be cut off
     lines = lines[:-1] if len(lines) > 1 or not whole else lines
-    return replace(_settled(lines, where, said), encoding=encoding)
-
-
-def _settled(lines: Sequence[str], where: str, said: Dialect) -> Layout:
-    """The layout of the first lines if it reads all of them, else the one that fits all."""
     if len(lines) > SHORT:
+        # a layout of the first lines that reads all others is found sooner
         with contextlib.suppress(InputRefused):
             layout = _fitting(lines[:SHORT], where, said)
+            body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
             if layout.first + READ <= SHORT:
-                body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
-                parse(body, where, layout, layout.first, layout.numeric)
-                return layout
-    return _fitting(lines, where, said)
-
-
-#: Names and numbers of the first rows: two dialects must agree on them.
-Reading = tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]
+                parse(Rows(body=body, where=where, line=layout.first), layout, layout.numeric)
+                return replace(layout, encoding=encoding)
+    return replace(_fitting(lines, where, said), encoding=encoding)
 
 
 def _fitting(lines: Sequence[str], where: str, said: Dialect) -> Layout:
     """The one layout that fits these lines, its encoding left open; raises as `sniff` does."""
-    fits: list[tuple[Layout, Reading]] = []
+    fits: list[_Fit] = []
     failed: list[_Unfit] = []
     for strict in (True, False):
         for signs in _pairs(lines, said):
             try:
-                fits.append(_fit(lines, where, signs, said, strict=strict))
+                fits.append(_Fit(lines, where, signs, said, strict=strict))
             except _Unfit as unfit:
                 failed.append(unfit)
         if fits:
             break
     else:
         raise max(failed, key=lambda unfit: unfit.lines).refusal
-    fits = [fit for fit in fits if not any(_has_more_numbers(other[0], fit[0]) for other in fits)]
-    if len({reading for _, reading in fits}) > 1:
+    # cut alike, numbers such as 0,5 go before texts
+    fits = [
+        fit
+        for fit in fits
+        if not any(
+            other.layout.separator == fit.layout.separator
+            and set(other.layout.texts) < set(fit.layout.texts)
+            for other in fits
+        )
+    ]
+    if len({fit.reading for fit in fits}) > 1:
         ways = " or ".join(
-            f"{SPOKEN[layout.separator]} with decimal"
-            f" {'point' if layout.decimal == '.' else 'comma'}"
-            for layout, _ in fits[:2]
+            f"{SPOKEN[fit.layout.separator]} with decimal"
+            f" {'point' if fit.layout.decimal == '.' else 'comma'}"
+            for fit in fits[:2]
         )
         raise InputRefused(
             where,
             f"can be read in two ways: separated by {ways}",
             'say which: dialect = { separator = "...", decimal = "..." } under [records]',
         )
-    layout = fits[0][0]
-    if layout.decimal == "," and said.decimal is None and not said.thousands:
-        _no_thousands(layout, lines, where)
+    layout = fits[0].layout
+    if layout.decimal == "," and not said.decimal and not said.thousands:
+        _refuse_thousands(layout, lines, where)
     return layout
 
 
 def _pairs(lines: Sequence[str], said: Dialect) -> list[Layout]:
     """The pairs of separator and decimal sign to try, as layouts without columns."""
     # signs that no line holds cut nothing, all alike: the first speaks for them
-    signs = [s for s in SEPARATORS.values() if s not in (BLANKS, NONE)]
-    absent = [s for s in signs if not any(s in line for line in lines)]
+    absent = [s for s in SEPARATORS.values() if s.strip(" ") and not any(s in x for x in lines)]
     separators = [s for s in SEPARATORS.values() if s not in absent[1:]]
-    if said.separator is not None:
+    if said.separator:
         separators = [SEPARATORS.get(said.separator, said.separator)]
+    open_to = Layout(thousands=said.thousands, ignore=said.ignore, labels=said.labels)
     return [
-        Layout(
-            separator=separator,
-            decimal=decimal,
-            thousands=said.thousands,
-            ignore=said.ignore,
-            labels=said.labels,
-        )
-        for separator, decimal in itertools.product(
-            separators,
-            (".", ",") if said.decimal is None else (said.decimal,),
-        )
-        if separator != decimal
-        and said.thousands != decimal
-        and not (said.thousands == separator == BLANKS)
+        replace(open_to, separator=separator, decimal=decimal)
+        for separator, decimal in itertools.product(separators, said.decimal or (".", ","))
+        if separator != decimal != said.thousands and not said.thousands == separator == " "
     ]
 
 
-def _has_more_numbers(one: Layout, other: Layout) -> bool:
-    """Whether a layout reads numbers where another, cut alike, has texts, such as ``0,5``."""
-    return one.separator == other.separator and set(one.texts) < set(other.texts)
-
-
-def _fit(
-    lines: Sequence[str], where: str, signs: Layout, said: Dialect, *, strict: bool
-) -> tuple[Layout, Reading]:
-    """The layout by these signs; `strict`: every cell of the first row is a number, or none."""
-    start = _first_row(lines, signs, said, strict)
-    if start is None:
-        raise _Unfit(
-            -1,
-            NoRows(
-                where,
-                "holds no row of numbers in any dialect known",
-                "see docs/formats.md; dialect = { ... } under [records] helps",
-            ),
-        )
-    row = _cut(lines[start], signs)
-    trailing = len(row) > 1 and row[-1] == "" and signs.separator not in (BLANKS, NONE)
-    names, units, top = _header(lines, start, signs, said, row, trailing, where)
-    trailing = trailing and len(names) == len(row) - 1
-    _see_names(names, len(row) - trailing, trailing, signs, said, where, (start + 1, top))
-    layout = replace(
-        signs,
-        trailing=trailing,
-        names=tuple(names),
-        units=tuple(units),
-        first=start + 1,
-        preamble=tuple(line for line in lines[: top - 1] if not signs.skips(line)),
-        texts=tuple(i for i in range(len(names)) if _value(row[i], signs) is None),
+def _refuse_thousands(layout: Layout, lines: Sequence[str], where: str) -> None:
+    """Refuse decimal commas that may part thousands: 1,234 everywhere, and never 0,5 or 12,34."""
+    rows = (
+        cell for line in lines[layout.first - 1 :] if line.strip() for cell in _cut(line, layout)
     )
-    _no_label(layout, lines, row, where)
-    reading: list[tuple[float, ...]] = []
-    for at, line in enumerate(lines[start:], start):
-        if layout.skips(line):
-            continue
-        place = f"{where}, line {at + 1}"
-        try:
-            cells = row_of(line, place, layout)
-            values = [
-                number(cells[i], place, layout.names[i], layout.decimal, layout.thousands)
-                for i in layout.numeric
-            ]
-        except InputRefused as refusal:
-            raise _Unfit(at - start, refusal) from None
-        if len(reading) < READ:
-            reading.append(tuple(0.5 if value != value else value for value in values))
-    return layout, (tuple(names), tuple(reading))
-
-
-def _see_names(
-    names: Sequence[str],
-    cells: int,
-    trailing: bool,
-    signs: Layout,
-    said: Dialect,
-    where: str,
-    lines: tuple[int, int],
-) -> None:
-    """Raise `_Unfit` where the names are not those of so many cells; `lines` of row and header."""
-    row, top = lines
-    if len(names) != cells:
-        raise _unfit(
-            0,
-            f"{where}, line {row}",
-            f"has {cells} cells under {len(names)} column names",
-            "a decimal comma makes two cells of one where commas part cells; save it with"
-            " decimal points, or parted by semicolons",
+    cells = [cell for cell in rows if "," in cell]
+    if cells and all(_THOUSANDS.fullmatch(cell) for cell in cells):
+        raise InputRefused(
+            f"{where}, line {layout.first}",
+            f"{cells[0]!r} may be {cells[0].replace(',', '.')} or {cells[0].replace(',', '')}",
+            'say which: dialect = { decimal = "," } under [records], or { thousands = "," }',
         )
-    if signs.separator != NONE and len(names) < 2 and not trailing:
-        raise _unfit(-2, where, "is one column")
-    bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
-    if signs.separator == NONE and not said.columns and re.search(r"[,;\t|]", bare):
-        raise _unfit(-2, where, "is not one column")
-    for name, count in sorted(Counter(names).items()):
-        if count > 1 and not re.search(r"\w", name):
-            raise _unfit(
-                FARTHEST,
-                f"{where}, line {top}",
-                f"holds {name!r} where the columns' names should be",
-                "name them: dialect = { columns = [...] } under [records]; if the file holds"
-                " several tables, save each as a file of its own",
-            )
-        if count > 1:
-            raise _unfit(
-                FARTHEST,
-                f"{where}, line {top}",
-                f"has more than one column {name!r}",
-                "rename or drop one of them",
-            )
-
-
-def _no_label(layout: Layout, lines: Sequence[str], row: Sequence[str], where: str) -> None:
-    """Raise `_Unfit` where a text column is the label of the number in the next cell."""
-    first = layout.texts[0] if layout.texts else 0
-    if not layout.texts or not row[first].endswith(":") or len(row) == first + 1:
-        return
-    said = row[first]
-    below = "".join(lines[layout.first : layout.first + 1]).split(":")[0]
-    raise _unfit(
-        len(lines),
-        f"{where}, line {layout.first}",
-        f"labels its cells: {' '.join(row[first : first + 2])!r}",
-        "such cells are read by dialect = { labels = true } under [records], where every line has"
-        " the same"
-        if first or f"{below.strip()}:" == said
-        else cut_at(said),
-    )
 
 
 def _cut(line: str, signs: Layout) -> list[str]:
@@ -344,90 +332,154 @@ def _cut(line: str, signs: Layout) -> list[str]:
         return [line]
 
 
-def _value(cell: str, signs: Layout) -> float | None:
-    if not signs.labels:
-        return signs.value(cell)
-    pair = label(cell)
-    return signs.value(pair[1]) if pair and pair[1] else None
+class _Fit:
+    """The layout of some lines by one pair of signs, and what it reads; `_Unfit` where they are not
+    of it. `strict`: every cell of the first row is a number, or none.
 
+    Two dialects are ambiguous unless their `reading` is the same: names, and first numbers.
+    """
 
-def _first_row(lines: Sequence[str], signs: Layout, said: Dialect, strict: bool) -> int | None:
-    """Index of the first line that holds a number; `strict`: and no other words."""
-    for at in range(said.skip or 0, len(lines)):
-        if signs.skips(lines[at]):
-            continue
-        numbers = [_value(cell, signs) for cell in _cut(lines[at], signs)]
-        numeric = any(value is not None and value == value for value in numbers)
-        if numeric and (not strict or None not in numbers):
-            return at
-    return None
+    def __init__(
+        self, lines: Sequence[str], where: str, signs: Layout, said: Dialect, *, strict: bool
+    ) -> None:
+        self.lines, self.where, self.signs, self.said = lines, where, signs, said
+        start = self._first_row(strict)
+        row = _cut(lines[start], signs)
+        trailing = len(row) > 1 and row[-1] == "" and signs.delimited
+        names, units, top = self._header(start, row, trailing)
+        trailing = trailing and len(names) == len(row) - 1
+        self._check_names(names, len(row) - trailing, trailing, start + 1, top)
+        self.layout = replace(
+            signs,
+            trailing=trailing,
+            names=tuple(names),
+            units=tuple(units),
+            first=start + 1,
+            preamble=sum(not signs.skips(line) for line in lines[: top - 1]),
+            texts=tuple(i for i in range(len(names)) if self._value(row[i]) is None),
+        )
+        self._refuse_labels(row)
+        self.reading = self.layout.names, self._read(start)
 
+    def _value(self, cell: str) -> float | None:
+        if not self.signs.labels:
+            return self.signs.value(cell)
+        pair = label(cell)
+        return self.signs.value(pair[1]) if pair and pair[1] else None
 
-def _header(
-    lines: Sequence[str],
-    start: int,
-    signs: Layout,
-    said: Dialect,
-    row: Sequence[str],
-    trailing: bool,
-    where: str,
-) -> tuple[list[str], list[str], int]:
-    """Names and units of the columns, and the line (from 1) at which names, else rows, begin."""
-    if said.columns:
-        return list(said.columns), list(said.units or [""] * len(said.columns)), start + 1
-    if signs.labels:
-        names = [pair[0] if (pair := label(cell)) else "" for cell in row]
-        if not all(names):
-            raise _unfit(
-                0,
-                f"{where}, line {start + 1}",
-                f"has a cell without a label: {row[names.index('')]!r}",
-                "correct the line, or say `skip`",
-            )
-        return names, [""] * len(names), start + 1
-    above = [at for at in range(start - 1, -1, -1) if not signs.skips(lines[at])][:2]
-    heads = [_names(lines[at], signs, len(row), trailing) for at in above]
-    if not heads or heads[0] is None:
-        cells = f"{len(row)} cell{'s' * (len(row) > 1)}"
-        raise _Unfit(
-            1,
-            NoNames(
-                f"{where}, line {start + 1}",
-                f"has no columns' names above its rows of {cells}",
+    def _first_row(self, strict: bool) -> int:
+        """Index of the first line that holds a number; `strict`: and no other words."""
+        for at in range(self.said.skip, len(self.lines)):
+            if self.signs.skips(self.lines[at]):
+                continue
+            numbers = [self._value(cell) for cell in _cut(self.lines[at], self.signs)]
+            numeric = any(value is not None and value == value for value in numbers)
+            if numeric and (not strict or None not in numbers):
+                return at
+        what = "holds no row of numbers in any dialect known"
+        remedy = "see docs/formats.md; dialect = { ... } under [records] helps"
+        raise _Unfit(-1, NoRows(self.where, what, remedy))
+
+    def _header(
+        self, start: int, row: Sequence[str], trailing: bool
+    ) -> tuple[list[str], list[str], int]:
+        """Names and units of the columns, and the line (from 1) of names or first row."""
+        said, at = self.said, f"{self.where}, line {start + 1}"
+        if said.columns:
+            return list(said.columns), list(said.units or [""] * len(said.columns)), start + 1
+        if self.signs.labels:
+            names = [(label(cell) or ("", ""))[0] for cell in row]
+            if not all(names):
+                what = f"has a cell without a label: {row[names.index('')]!r}"
+                raise _unfit(0, at, what, "correct the line, or say `skip`")
+            return names, [""] * len(names), start + 1
+        above = [i for i in range(start - 1, -1, -1) if not self.signs.skips(self.lines[i])][:2]
+        heads = [self._names(self.lines[i], len(row), trailing) for i in above]
+        if not heads or heads[0] is None:
+            refusal = NoNames(
+                at,
+                f"has no columns' names above its rows of {len(row)} cell{'s' * (len(row) > 1)}",
                 f'name them: dialect = {{ columns = ["force"{", ..." * (len(row) > 1)}] }} under'
                 " [records]",
                 len(row),
-            ),
+            )
+            raise _Unfit(1, refusal)
+        units = [unit_word(cell) for cell in heads[0]]
+        if len(heads) > 1 and heads[1] and len(heads[1]) == len(heads[0]) and None not in units:
+            return heads[1], [unit or "" for unit in units], above[1] + 1
+        return heads[0], [split_unit(name)[1] for name in heads[0]], above[0] + 1
+
+    def _names(self, line: str, columns: int, trailing: bool) -> list[str] | None:
+        """The cells of a line if they may be names of so many columns."""
+        row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), self.signs)
+        if trailing and len(row) == columns and row[-1] == "":
+            row = row[:-1]
+        if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
+            return None
+        several = self.signs.delimited and len(row) > 1
+        return row if several or len(row) in (columns, columns - 1) else None
+
+    def _check_names(
+        self, names: Sequence[str], cells: int, trailing: bool, row: int, top: int
+    ) -> None:
+        """Raise `_Unfit` where the names, at line `top`, are not those of so many cells."""
+        where = self.where
+        if len(names) != cells:
+            raise _unfit(
+                0,
+                f"{where}, line {row}",
+                f"has {cells} cells under {len(names)} column names",
+                "a decimal comma makes two cells of one where commas part cells; save it with"
+                " decimal points, or parted by semicolons",
+            )
+        if self.signs.separator and len(names) < 2 and not trailing:
+            raise _unfit(-2, where, "is one column")
+        bare = re.sub(r"\([^()]*\)|\[[^\[\]]*\]|\"[^\"]*\"", "", names[0])
+        if not (self.signs.separator or self.said.columns) and re.search(r"[,;\t|]", bare):
+            raise _unfit(-2, where, "is not one column")
+        twice = sorted(name for name, count in Counter(names).items() if count > 1)
+        if twice and re.search(r"\w", twice[0]):
+            what = f"has more than one column {twice[0]!r}"
+            raise _unfit(FARTHEST, f"{where}, line {top}", what, "rename or drop one of them")
+        if twice:
+            raise _unfit(
+                FARTHEST,
+                f"{where}, line {top}",
+                f"holds {twice[0]!r} where the columns' names should be",
+                "name them: dialect = { columns = [...] } under [records]; if the file holds"
+                " several tables, save each as a file of its own",
+            )
+
+    def _refuse_labels(self, row: Sequence[str]) -> None:
+        """Raise `_Unfit` where a text column is the label of the number in the next cell."""
+        texts, line = self.layout.texts, self.layout.first
+        first = texts[0] if texts else 0
+        if not texts or not row[first].endswith(":") or len(row) == first + 1:
+            return
+        below = "".join(self.lines[line : line + 1]).split(":")[0]
+        raise _unfit(
+            len(self.lines),
+            f"{self.where}, line {line}",
+            f"labels its cells: {' '.join(row[first : first + 2])!r}",
+            "such cells are read by dialect = { labels = true } under [records], where every line"
+            " has the same"
+            if first or f"{below.strip()}:" == row[first]
+            else cut_at(row[first]),
         )
-    units = [unit_word(cell) for cell in heads[0]]
-    if len(heads) > 1 and heads[1] and len(heads[1]) == len(heads[0]) and None not in units:
-        return heads[1], [unit or "" for unit in units], above[1] + 1
-    return heads[0], [split_unit(name)[1] for name in heads[0]], above[0] + 1
 
-
-def _names(line: str, signs: Layout, columns: int, trailing: bool) -> list[str] | None:
-    """The cells of a line if they may be names of so many columns."""
-    row = _cut(re.sub(r"^\s*(?:#|%|//)+\s*", "", line), signs)
-    if trailing and len(row) == columns and row[-1] == "":
-        row = row[:-1]
-    if any(NUMBER.fullmatch(cell) for cell in row) or not all(row):
-        return None
-    delimited = signs.separator not in (BLANKS, NONE) and len(row) > 1
-    return row if delimited or len(row) in (columns, columns - 1) else None
-
-
-def _no_thousands(layout: Layout, lines: Sequence[str], where: str) -> None:
-    """Refuse decimal commas that may part thousands: 1,234 everywhere, and never 0,5 or 12,34."""
-    cells = [
-        cell
-        for line in lines[layout.first - 1 :]
-        if line.strip()
-        for cell in _cut(line, layout)
-        if "," in cell
-    ]
-    if cells and all(_THOUSANDS.fullmatch(cell) for cell in cells):
-        raise InputRefused(
-            f"{where}, line {layout.first}",
-            f"{cells[0]!r} may be {cells[0].replace(',', '.')} or {cells[0].replace(',', '')}",
-            'say which: dialect = { decimal = "," } under [records], or { thousands = "," }',
-        )
+    def _read(self, start: int) -> tuple[tuple[float, ...], ...]:
+        """The numbers of the first rows; `_Unfit` at the first line that is not of the layout."""
+        layout = self.layout
+        read: list[tuple[float, ...]] = []
+        for at, line in enumerate(self.lines[start:], start):
+            if layout.skips(line):
+                continue
+            place = f"{self.where}, line {at + 1}"
+            try:
+                cells = layout.row(line, place)
+                values = [layout.number(cells[i], place, layout.names[i]) for i in layout.numeric]
+            except InputRefused as refusal:
+                raise _Unfit(at - start, refusal) from None
+            if len(read) < READ:
+                read.append(tuple(0.5 if value != value else value for value in values))
+        return tuple(read)

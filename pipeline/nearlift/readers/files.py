@@ -75,28 +75,23 @@ def inside(root: Path, relative: str, key: str) -> Path:
 def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
     """The path that `inside` gives, and the file's size: None where there is no file."""
     path = root / relative
+    # links are followed
+    real, status = os.path.realpath(path), None
     try:
-        # a folder's own links are followed once for all its files; a file is followed only if it
-        # is a link itself
-        status = os.lstat(f"{root}{os.sep}{relative}")
-        if stat.S_ISREG(status.st_mode) and _holds(root, path.parent):
-            return path, status.st_size
-        resolved = path.resolve()
-        status = resolved.stat()
+        status = os.stat(path)  # noqa: PTH116 - of many records, pathlib takes longer
     except (FileNotFoundError, NotADirectoryError):
-        resolved, status = path.resolve(), None
-    # Python before 3.13 raises RuntimeError on a loop of links
-    except (OSError, RuntimeError) as fault:
-        loop = isinstance(fault, RuntimeError) or fault.errno == errno.ELOOP
+        pass
+    except OSError as fault:
+        loop = fault.errno == errno.ELOOP
         raise InputRefused(
             f"{key} = {relative!r}",
             "is a loop of symbolic links" if loop else f"cannot be read: {fault}",
             "put a readable file into the campaign's folder",
         ) from None
-    if not resolved.is_relative_to(root.resolve()) or ".." in path.parts[len(root.parts) :]:
+    if not real.startswith(_prefix(root)) or ".." in path.parts[len(root.parts) :]:
         raise InputRefused(
             f"{key} = {relative!r}",
-            f"leads outside the campaign's folder, to {resolved}",
+            f"leads outside the campaign's folder, to {real}",
             "put the file itself into the folder",
         )
     if status is not None and not stat.S_ISREG(status.st_mode):
@@ -108,11 +103,10 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
     return path, None if status is None else status.st_size
 
 
-@functools.lru_cache(maxsize=256)
-def _holds(root: Path, folder: Path) -> bool:
-    """Whether a folder is in `root`, links followed, without ``..`` on its way."""
-    inside = folder.resolve().is_relative_to(root.resolve())
-    return inside and ".." not in folder.parts[len(root.parts) :]
+@functools.lru_cache(maxsize=64)
+def _prefix(root: Path) -> str:
+    """The begin of the real paths of files in a folder."""
+    return os.path.join(os.path.realpath(root), "")  # noqa: PTH118 - with a separator at its end
 
 
 def source_of(root: Path, path: Path) -> str:
@@ -216,11 +210,6 @@ def head_of(path: Path, length: int) -> bytes:
         return file.read(length)
 
 
-def is_gzip(path: Path) -> bool:
-    """Whether a file is compressed by gzip."""
-    return head_of(path, 2) == GZIP
-
-
 def is_packed(path: Path) -> bool:
     """Whether a file has its text inside; False where it cannot be opened."""
     try:
@@ -240,16 +229,15 @@ def content_of(path: Path, length: int | None = None) -> bytes:
     `InputRefused` of a damaged or too long one.
     """
     head = head_of(path, 4)
-    if is_sheet(head, path.name):
-        return sheet_of(path)[0].encode()
     if head.startswith(GZIP):
         return _unpacked(path, length)
+    if is_sheet(head, path.name):
+        return sheet_of(path)[0].encode()
     if length is not None:
         return head_of(path, length)
     if (size := path.stat().st_size) > MOST_BYTES:
-        raise InputRefused(
-            str(path), f"has {size >> 20} MB", f"a text has at most {MOST_BYTES >> 20}; cut it"
-        )
+        remedy = f"a text has at most {MOST_BYTES >> 20}; cut it"
+        raise InputRefused(str(path), f"has {size >> 20} MB", remedy)
     return path.read_bytes()
 
 

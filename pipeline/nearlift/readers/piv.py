@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import itertools
 import re
-from collections.abc import Callable, Iterator
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -26,12 +26,10 @@ from nearlift.readers.files import content_of, head_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.hdf5 import MAGIC, datasets
 from nearlift.readers.mat import V5, V73
-from nearlift.readers.table import BLANKS, Layout, parse
+from nearlift.readers.table import BLANKS, Layout, Rows, parse
 
 #: First bytes by which a file is recognised, and bytes of fields after which an answer ends.
 HEAD, ANSWER = 1 << 16, 32 << 20
-#: Largest text of one field, bytes.
-MAX_BYTES = 200_000_000
 PIXEL = ("px", "pix", "pixel", "pixels")
 FRAME = ("frame", "frames", "dt", "pair")
 OPENPIV_NAMES = ("x", "y", "u", "v", "flags", "mask")
@@ -40,12 +38,13 @@ DANTEC_HEADER, DANTEC_DATA = ">>*HEADER*<<", ">>*DATA*<<"
 PIVLAB_NAME = re.compile(r"(?<![^\[\],;\t])([^\[\],;\t]++)\[([^\[\]]*+)\]")
 #: PIVlab's flag of a measured vector.
 MEASURED = 1
-_AGAIN = "export it again"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Setting:
-    """Units that files lack, m per pixel, s between two images, by the manifest."""
+    """Units, m per pixel, s between two images, as a file or the manifest states them; None: not
+    stated.
+    """
 
     length_unit: str | None = None
     velocity_unit: str | None = None
@@ -55,8 +54,7 @@ class Setting:
 
 @dataclass(frozen=True, slots=True)
 class Raw:
-    """One field as a file holds it, rows (n,) in any order; units, scale and frame time None where
-    the file does not state them.
+    """One field as a file holds it, rows (n,) in any order, and what the file states of units.
 
     v is positive along the file's y unless the manifest says otherwise; `good` marks measured
     vectors, `noise` is the standard uncertainty of a component, in the velocity's unit.
@@ -68,15 +66,8 @@ class Raw:
     v: FloatArray
     _: KW_ONLY
     good: BoolArray
-    length_unit: str | None
-    velocity_unit: str | None
-    scale_m: float | None = None
-    frame_time_s: float | None = None
+    stated: Setting
     noise: FloatArray | None = None
-
-
-def _all_good(table: FloatArray) -> BoolArray:
-    return np.ones(len(table), dtype=bool)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,10 +78,8 @@ class Header:
     ----------
     first : int
         Index of the first data line.
-    separator : str
-        Between cells.
-    decimal : str
-        Decimal sign.
+    separator, decimal : str
+        Between cells; the decimal sign.
     columns : int
         Number of named columns; 0 where the header names none.
     places : tuple of int
@@ -99,20 +88,19 @@ class Header:
         Nodes across and up; empty where the header does not state them.
     good : callable
         Table (n, columns) to the measured vectors (n,).
+    noise : int or None
+        Column of the uncertainty.
     """
 
     first: int
     separator: str = BLANKS
     decimal: str = "."
     columns: int = 0
-    places: tuple[int, int, int, int] = (0, 1, 2, 3)
+    places: tuple[int, ...] = (0, 1, 2, 3)
     promised: tuple[int, ...] = ()
-    good: Callable[[FloatArray], BoolArray] = _all_good
-    length_unit: str | None = None
-    velocity_unit: str | None = None
-    scale_m: float | None = None
-    frame_time_s: float | None = None
-    noise_column: int | None = None
+    good: Callable[[FloatArray], BoolArray] = lambda table: np.ones(len(table), dtype=bool)
+    noise: int | None = None
+    stated: Setting = field(default_factory=Setting)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +114,7 @@ class GridDialect:
     name: str
     title: str
     recognises: Callable[[bytes], bool]
-    header: Callable[[list[str], Path], Header] | None = None
+    header: Callable[[list[str], str], Header] | None = None
     fields: Callable[[Path], Iterator[Raw]] | None = None
 
     @property
@@ -142,47 +130,44 @@ class GridDialect:
             yield _read_text(path, self.header)
 
 
+def _refusal(where: object, what: str, remedy: str = "export it again") -> InputRefused:
+    return InputRefused(str(where), what, remedy)
+
+
 # ---- text
 
 
-def _read_text(path: Path, header_of: Callable[[list[str], Path], Header]) -> Raw:
+def _read_text(path: Path, header_of: Callable[[list[str], str], Header]) -> Raw:
     """The one field of a text file."""
     lines = _text_of(path).split("\n")
-    header = header_of(lines, path)
+    header = header_of(lines, str(path))
     rows = [line.strip() for line in lines[header.first :]]
     first = next((row for row in rows if row), None)
     if first is None:
-        raise InputRefused(str(path), "holds a header and no vectors", _AGAIN)
+        raise _refusal(path, "holds a header and no vectors")
     cells = first.split(None if header.separator == BLANKS else header.separator)
     trailing = len(cells) > 1 and not cells[-1].strip()
     names = tuple(f"column {i + 1}" for i in range(len(cells) - trailing))
     layout = Layout(
         separator=header.separator, decimal=header.decimal, names=names, trailing=trailing
     )
-    body = "\n".join([*rows, ""]).encode()
-    table = np.stack(parse(body, str(path), layout, header.first + 1, range(len(names))), axis=1)
+    body = Rows(body="\n".join([*rows, ""]).encode(), where=str(path), line=header.first + 1)
+    table = np.stack(parse(body, layout, range(len(names)))[0], axis=1)
     wide, high = header.promised or (len(table), 1)
     if header.columns and len(names) != header.columns:
-        raise InputRefused(
-            f"{path}, line {header.first + 1}",
-            f"has {len(names)} columns where the header names {header.columns}",
-            _AGAIN,
-        )
+        what = f"has {len(names)} columns where the header names {header.columns}"
+        raise _refusal(f"{path}, line {header.first + 1}", what)
     if len(names) < 4 or len(table) != wide * high:
-        raise InputRefused(
-            str(path),
+        raise _refusal(
+            path,
             f"has {len(table)} rows of {len(names)}, its header promises {wide} x {high} vectors",
-            f"it was cut off: {_AGAIN}",
+            "it was cut off: export it again",
         )
-    noise = header.noise_column
     return Raw(
         *table[:, header.places].T,
         good=header.good(table),
-        length_unit=header.length_unit,
-        velocity_unit=header.velocity_unit,
-        scale_m=header.scale_m,
-        frame_time_s=header.frame_time_s,
-        noise=None if noise is None else np.abs(table[:, noise]),
+        stated=header.stated,
+        noise=None if header.noise is None else np.abs(table[:, header.noise]),
     )
 
 
@@ -190,14 +175,9 @@ def _text_of(path: Path) -> str:
     """A text file, UTF-8 or UTF-16 with its mark, else Latin-1; `InputRefused` of an empty, too
     large or binary one.
     """
-    size = path.stat().st_size
-    if size == 0:
-        raise InputRefused(str(path), "is empty", _AGAIN)
-    if size > MAX_BYTES:
-        raise InputRefused(
-            str(path), f"has {size} bytes", f"one field per file: at most {MAX_BYTES} bytes"
-        )
     content = content_of(path)
+    if not content:
+        raise _refusal(path, "is empty")
     if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
         text = content.decode("utf-16", errors="replace")
     else:
@@ -206,28 +186,23 @@ def _text_of(path: Path) -> str:
         except UnicodeDecodeError:
             text = content.decode("latin-1")
     if "\0" in text:
-        raise InputRefused(
-            str(path),
-            "holds zero bytes: it is binary, or was cut off by a loss of power",
-            f"{_AGAIN} as text",
-        )
+        what = "holds zero bytes: it is binary, or was cut off by a loss of power"
+        raise _refusal(path, what, "export it again as text")
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
-def openpiv(lines: list[str], path: Path) -> Header:
+def openpiv(lines: list[str], where: str) -> Header:
     """OpenPIV: ``# x y u v flags mask``, or five columns without a header.
 
     flags 0 is a measured vector, mask 1 a masked one; the fifth column of the old form is the
     signal-to-noise ratio. The files state no unit.
     """
+    at = f"{where}, line 1"
     if lines[0].startswith("#"):
         names = lines[0].lstrip("# ").split()
         if tuple(names[:4]) != OPENPIV_NAMES[:4]:
-            raise InputRefused(
-                f"{path}, line 1",
-                f"names {names}, not {' '.join(OPENPIV_NAMES)}",
-                "export it with OpenPIV's own save",
-            )
+            what = f"names {names}, not {' '.join(OPENPIV_NAMES)}"
+            raise _refusal(at, what, "export it with OpenPIV's own save")
         flags = [names.index(name) for name in ("flags", "mask") if name in names]
         return Header(
             first=1, columns=len(names), good=lambda table: (table[:, flags] == 0).all(axis=1)
@@ -235,14 +210,11 @@ def openpiv(lines: list[str], path: Path) -> Header:
 
     def has_ratio(table: FloatArray) -> BoolArray:
         if table.shape[1] != 5:
-            raise InputRefused(
-                f"{path}, line 1",
-                f"has {table.shape[1]} columns and no header",
-                "the old form has 5: x y u v s2n",
-            )
+            what = f"has {table.shape[1]} columns and no header"
+            raise _refusal(at, what, "the old form has 5: x y u v s2n")
         if np.isin(table[:, 4], (0, 1, 2)).all():
-            raise InputRefused(
-                str(path),
+            raise _refusal(
+                where,
                 "has a fifth column of flags, and no header says whether 0 or 1 is a good vector",
                 'save it with a header, or say format = "pivlab" if PIVlab wrote it (there 1 is'
                 " good)",
@@ -262,27 +234,25 @@ def _is_openpiv(head: bytes) -> bool:
         return False
 
 
-def insight(lines: list[str], path: Path) -> Header:
+def insight(lines: list[str], where: str) -> Header:
     """TSI Insight: one Tecplot line, then comma rows x, y, u, v, CHC.
 
     CHC 1 is a measured vector, 2 an interpolated one, all else void. The header states um per pixel
     and us between images.
     """
+    at = f"{where}, line 1"
     listed = re.search(r"VARIABLES=((?:\s*\"[^\"]*\",?)+)", lines[0])
     names = re.findall(r'"([^"]*)"', listed[1]) if listed else []
     columns = [name.split()[0].upper() for name in names if name.split()]
     if columns[:4] != ["X", "Y", "U", "V"] or "CHC" not in columns:
-        raise InputRefused(
-            f"{path}, line 1",
-            f"lists the variables {names}, not X, Y, U, V, CHC",
-            "export a two-component field",
-        )
+        what = f"lists the variables {names}, not X, Y, U, V, CHC"
+        raise _refusal(at, what, "export a two-component field")
 
     def stated(key: str) -> float | None:
         """A positive number of the header, in 1e-6 of its unit."""
         text, end, _ = lines[0].partition(f'{key}="')[2].partition('"')
         if end and not units.NUMBER.fullmatch(text):
-            raise InputRefused(f"{path}, line 1", f"has {key} {text!r}, which is no number", _AGAIN)
+            raise _refusal(at, f"has {key} {text!r}, which is no number")
         return 1e-6 * float(text) if end and float(text) > 0 else None
 
     code = columns.index("CHC")
@@ -291,42 +261,39 @@ def insight(lines: list[str], path: Path) -> Header:
         separator=",",
         columns=len(columns),
         good=lambda table: table[:, code] == 1,
-        length_unit=names[0].partition(" ")[2] or None,
-        velocity_unit=names[2].partition(" ")[2] or None,
-        scale_m=stated("MicrometersPerPixelX"),
-        frame_time_s=stated("MicrosecondsPerDeltaT"),
+        stated=Setting(
+            length_unit=names[0].partition(" ")[2] or None,
+            velocity_unit=names[2].partition(" ")[2] or None,
+            scale_m=stated("MicrometersPerPixelX"),
+            frame_time_s=stated("MicrosecondsPerDeltaT"),
+        ),
     )
 
 
-def davis(lines: list[str], path: Path) -> Header:
+def davis(lines: list[str], where: str) -> Header:
     """LaVision DaVis: ``#DaVis 8.1.6 2D-vector 32 64 64 "position" "mm" ...``, then tab rows x, y,
     u, v. Decimals may be commas. A missing vector is written ``0 -0``.
     """
     quantities = re.findall(r'"([^"]*)"\s+"([^"]*)"', lines[0])
     size = re.search(r"2D-vector\s+\d+\s+(\d{1,9})\s+(\d{1,9})\b", lines[0])
     if size is None or len(quantities) < 3:
-        raise InputRefused(
-            f"{path}, line 1",
-            "is not the header of a two-component vector field",
-            "export 2D vectors as text",
-        )
+        what = "is not the header of a two-component vector field"
+        raise _refusal(f"{where}, line 1", what, "export 2D vectors as text")
     comma = any("," in line for line in lines[1:])
     if comma and any("." in line for line in lines[1:]):
-        raise InputRefused(
-            str(path), "mixes decimal commas and points", "export it with one of the two"
-        )
+        raise _refusal(where, "mixes decimal commas and points", "export it with one of the two")
     quantity, unit = quantities[2]
+    velocity = f"{unit}/frame" if quantity.lower() == "displacement" else unit
     return Header(
         first=1,
         separator="\t",
         decimal="," if comma else ".",
         promised=(int(size[1]), int(size[2])),
-        length_unit=quantities[0][1],
-        velocity_unit=f"{unit}/frame" if quantity.lower() == "displacement" else unit,
+        stated=Setting(length_unit=quantities[0][1], velocity_unit=velocity),
     )
 
 
-def pivlab(lines: list[str], path: Path) -> Header:
+def pivlab(lines: list[str], where: str) -> Header:
     """PIVlab's ASCII chart: up to three header lines, then x, y, u, v, vector type and more.
 
     Vector type 1 is measured, 0 masked, 2 interpolated. Conversion factors win over the units of
@@ -337,9 +304,8 @@ def pivlab(lines: list[str], path: Path) -> Header:
     scale = next((i for i, line in enumerate(header) if "conversion factor" in line), None)
     factors = None if scale is None else _pivlab_factors(header[scale])
     if scale is not None and factors is None:
-        raise InputRefused(
-            f"{path}, line {scale + 1}", "has conversion factors that are no numbers", _AGAIN
-        )
+        what = "has conversion factors that are no numbers"
+        raise _refusal(f"{where}, line {scale + 1}", what)
     named = next((line for line in header if re.match(r"\s*x\s*\[", line)), "")
     names = [(name.strip().lower(), unit) for name, unit in PIVLAB_NAME.findall(named)]
     data = next((line for line in lines[len(header) :] if line.strip()), "")
@@ -352,23 +318,21 @@ def pivlab(lines: list[str], path: Path) -> Header:
 
     def measured(table: FloatArray) -> BoolArray:
         if table.shape[1] < 5 or (names and len(names) != table.shape[1]):
-            raise InputRefused(
-                f"{path}, line {len(header) + 1}",
+            raise _refusal(
+                f"{where}, line {len(header) + 1}",
                 f"has {table.shape[1]} columns, not x, y, u, v, vector type and what follows",
-                _AGAIN,
             )
         return np.asarray(table[:, 4] == MEASURED)
 
-    uncertainties = [
+    uncertainties = (
         i for i, (name, unit) in enumerate(names) if name.startswith("uncertainty") and "/" in unit
-    ]
+    )
     return Header(
         first=len(header),
         separator="," if "," in data else "\t" if "\t" in data else BLANKS,
         good=measured,
-        length_unit=length,
-        velocity_unit=velocity,
-        noise_column=uncertainties[0] if uncertainties else None,
+        noise=next(uncertainties, None),
+        stated=Setting(length_unit=length, velocity_unit=velocity),
     )
 
 
@@ -385,7 +349,7 @@ def _is_pivlab(head: bytes) -> bool:
     return first.startswith((b"PIVlab", b"FRAME:")) or (b"[" in first and b"Vector type" in first)
 
 
-def dantec(lines: list[str], path: Path) -> Header:
+def dantec(lines: list[str], where: str) -> Header:
     """Dantec DynamicStudio, CSV or TAB: ``>>*HEADER*<<``, ``>>*DATA*<<``, a line of names, rows.
 
     Columns are found by name and unit: their order differs between two and three components. Status
@@ -394,11 +358,8 @@ def dantec(lines: list[str], path: Path) -> Header:
     """
     marks = [i for i, line in enumerate(lines) if line.strip().strip(";,").startswith(DANTEC_DATA)]
     if len(marks) != 1 or marks[0] + 2 >= len(lines):
-        raise InputRefused(
-            str(path),
-            f"has {len(marks)} lines {DANTEC_DATA} with rows after them",
-            "export one field per file",
-        )
+        what = f"has {len(marks)} lines {DANTEC_DATA} with rows after them"
+        raise _refusal(where, what, "export one field per file")
     at = marks[0] + 1
     header = "\n".join(lines[: at - 1])
     tabs = "DSExport.TAB" in header or "\t" in lines[at]
@@ -410,23 +371,25 @@ def dantec(lines: list[str], path: Path) -> Header:
         r"GridSize\s*+[:;]\s*+\{?\s*+Width\s*+=\s*+(\d{1,9})\s*+,\s*+Height\s*+=\s*+(\d{1,9})\b",
         header,
     )
-    (x, length), (y, _), (u, velocity), (v, _) = (_dantec_column(names, c, path) for c in "xyuv")
-    status = next((i for i, name in enumerate(names) if name.lower().startswith("status")), None)
+    columns = [_dantec_column(names, letter, where) for letter in "xyuv"]
+    length, velocity = columns[0][1], columns[2][1]
+    flags = [i for i, name in enumerate(names) if name.lower().startswith("status")][:1]
     comma = separator != "," and bool(re.search(r"\d,\d", lines[at + 1]))
     return Header(
         first=at + 1,
         separator=separator,
         decimal="," if comma else ".",
         columns=len(names),
-        places=(x, y, u, v),
+        places=tuple(place for place, _ in columns),
         promised=(int(size[1]), int(size[2])) if size else (),
-        length_unit=length,
-        velocity_unit=velocity if "/" in velocity else f"{velocity}/frame",
-        good=_all_good if status is None else lambda table: table[:, status] == 0,
+        good=lambda table: (table[:, flags] == 0).all(axis=1),
+        stated=Setting(
+            length_unit=length, velocity_unit=velocity if "/" in velocity else f"{velocity}/frame"
+        ),
     )
 
 
-def _dantec_column(names: list[str], letter: str, path: Path) -> tuple[int, str]:
+def _dantec_column(names: list[str], letter: str, where: str) -> tuple[int, str]:
     """Position and unit of ``X (mm)[mm]`` and the like: in metres rather than in pixels."""
     fitting = []
     for i, name in enumerate(names):
@@ -436,11 +399,8 @@ def _dantec_column(names: list[str], letter: str, path: Path) -> tuple[int, str]
         if match and match[1].lower() == letter:
             fitting.append((match[2].lower().split("/")[0] in PIXEL, i, match[2]))
     if not fitting:
-        raise InputRefused(
-            str(path),
-            f"names no column {letter.upper()} with a unit among {', '.join(names)}",
-            "export positions and components with units",
-        )
+        what = f"names no column {letter.upper()} with a unit among {', '.join(names)}"
+        raise _refusal(where, what, "export positions and components with units")
     _, i, unit = min(fitting)
     return i, unit
 
@@ -455,9 +415,7 @@ def _open_hdf5(path: Path) -> Any:
     for _ in datasets(file, notes):
         pass
     if notes:
-        raise InputRefused(
-            str(path), notes[0].split(", and was not")[0], "copy the data into one file"
-        )
+        raise _refusal(path, notes[0].split(", and was not")[0], "copy the data into one file")
     return file
 
 
@@ -469,52 +427,45 @@ def pivlab_fields(path: Path) -> Iterator[Raw]:
     `calxy` is m per pixel and `caluv` (m/s) per (px/frame).
     """
     variables = _version_5(path) if head_of(path, len(V5)) == V5 else _version_73(path)
-    stem = next(
-        (s for s in ("u_filtered", "u_original", "u") if s in variables and len(variables[s])), None
-    )
+    stem = next((s for s in ("u_filtered", "u_original", "u") if variables.get(s)), None)
     if stem is None or "x" not in variables or "y" not in variables:
-        raise InputRefused(
-            str(path),
+        raise _refusal(
+            path,
             f"holds {', '.join(sorted(variables)) or 'nothing'}, not PIVlab's x, y and u_original",
             "save the PIVlab session",
         )
     v, flags = variables.get("v" + stem[1:], []), variables.get("typevector" + stem[1:], [])
-    length, velocity, scale, frame = _pivlab_units(variables, path)
+    stated = _pivlab_units(variables, path)
     for i, u in enumerate(variables[stem]):
         if i >= len(v) or i >= len(flags) or flags[i].shape != u.shape:
-            raise InputRefused(
-                f"{path}, field {i + 1}", "lacks v or its vector types", "save the session again"
-            )
+            what = "lacks v or its vector types"
+            raise _refusal(f"{path}, field {i + 1}", what, "save the session again")
         x, y = (variables[name][min(i, len(variables[name]) - 1)] for name in "xy")
         yield Raw(
             *(np.asarray(a, dtype=float).ravel() for a in (x, y, u, v[i])),
             good=np.asarray(flags[i]).ravel() == MEASURED,
-            length_unit=length,
-            velocity_unit=velocity,
-            scale_m=scale,
-            frame_time_s=frame,
+            stated=stated,
         )
 
 
-def _pivlab_units(
-    variables: dict[str, list[Any]], path: Path
-) -> tuple[str, str, float | None, float | None]:
+def _pivlab_units(variables: Mapping[str, Sequence[Any]], path: Path) -> Setting:
     if variables.get("units"):
-        stated = re.findall(r"\[([^\[\]]+)\]", str(variables["units"][0]))
-        if len(stated) == 2:
-            return stated[0], stated[1], None, None
-        raise InputRefused(
-            str(path),
-            f"has units {variables['units'][0]!r}",
-            "PIVlab writes '[m] respectively [m/s]'",
-        )
+        said = str(variables["units"][0])
+        stated = re.findall(r"\[([^\[\]]+)\]", said)
+        if len(stated) != 2:
+            raise _refusal(path, f"has units {said!r}", "PIVlab writes '[m] respectively [m/s]'")
+        return Setting(length_unit=stated[0], velocity_unit=stated[1])
     xy, uv = (
         float(np.ravel(variables[name][0])[0]) if variables.get(name) else 1.0
         for name in ("calxy", "caluv")
     )
     calibrated = xy != 1 and uv != 1 and xy > 0 and uv > 0
-    frame_time_s = xy / uv if calibrated and xy != uv else None
-    return "px", "px/frame", xy if calibrated else None, frame_time_s
+    return Setting(
+        length_unit="px",
+        velocity_unit="px/frame",
+        scale_m=xy if calibrated else None,
+        frame_time_s=xy / uv if calibrated and xy != uv else None,
+    )
 
 
 def _version_5(path: Path) -> dict[str, list[Any]]:
@@ -557,40 +508,34 @@ def netcdf_fields(path: Path) -> Iterator[Raw]:
     and the choice code chc (1 is measured); units as attributes.
     """
     if head_of(path, 3) == b"CDF":
-        raise InputRefused(
-            str(path),
-            "is classic netCDF",
-            "write netCDF-4: dataset.to_netcdf(path, engine='h5netcdf')",
-        )
+        remedy = "write netCDF-4: dataset.to_netcdf(path, engine='h5netcdf')"
+        raise _refusal(path, "is classic netCDF", remedy)
     _open_hdf5(path).close()
     # h5netcdf knows dimensions
     with library("h5netcdf", "netcdf").File(path, "r") as dataset:
-        lacking = [n for n in ("x", "y", "u", "v") if n not in dataset.variables]
-        if lacking:
-            raise InputRefused(
-                str(path),
-                f"has no {', '.join(lacking)}, but {', '.join(sorted(dataset.variables))}",
+        variables = dataset.variables
+        if lacking := [n for n in ("x", "y", "u", "v") if n not in variables]:
+            raise _refusal(
+                path,
+                f"has no {', '.join(lacking)}, but {', '.join(sorted(variables))}",
                 "write a field in pivpy's layout: u, v on x, y, t",
             )
-        x, y = (np.asarray(dataset.variables[n][...], dtype=float) for n in "xy")
-        u, v = (_frames(dataset.variables[n], n, path) for n in "uv")
+        x, y = (np.asarray(variables[n][...], dtype=float) for n in "xy")
+        u, v = (_frames(variables[n], n, path) for n in "uv")
         chc, mask = (
-            _frames(dataset.variables[n], n, path)
-            if n in dataset.variables
-            else np.full(u.shape, usual)
+            _frames(variables[n], n, path) if n in variables else np.full(u.shape, usual)
             for n, usual in (("chc", 1.0), ("mask", 0.0))
         )
-        length, velocity = (_stated_unit(dataset.variables[n]) for n in "xu")
         frame = float(np.ravel(dataset.attrs["delta_t"])[0]) if "delta_t" in dataset.attrs else 0.0
-    across, up = np.meshgrid(x, y)
-    for i in range(len(u)):
-        yield Raw(
-            *(a.ravel() for a in (across, up, u[i], v[i])),
-            good=((chc[i] == 1) & (mask[i] != 1)).ravel(),
-            length_unit=length,
-            velocity_unit=velocity,
+        stated = Setting(
+            length_unit=_unit_of(variables["x"]),
+            velocity_unit=_unit_of(variables["u"]),
             frame_time_s=frame or None,
         )
+    across, up = np.meshgrid(x, y)
+    for i in range(len(u)):
+        good = ((chc[i] == 1) & (mask[i] != 1)).ravel()
+        yield Raw(*(a.ravel() for a in (across, up, u[i], v[i])), good=good, stated=stated)
 
 
 def _frames(variable: Any, name: str, path: Path) -> FloatArray:
@@ -600,13 +545,12 @@ def _frames(variable: Any, name: str, path: Path) -> FloatArray:
     if sorted(dims) == ["x", "y"]:
         values, dims = values[None], ("t", *dims)
     if sorted(dims) != ["t", "x", "y"]:
-        raise InputRefused(
-            str(path), f"has {name} on {', '.join(dims)}", "pivpy's layout is u, v on x, y, t"
-        )
+        what = f"has {name} on {', '.join(dims)}"
+        raise _refusal(path, what, "pivpy's layout is u, v on x, y, t")
     return np.transpose(values, [dims.index(d) for d in ("t", "y", "x")])
 
 
-def _stated_unit(variable: Any) -> str | None:
+def _unit_of(variable: Any) -> str | None:
     stated = variable.attrs.get("units", "")
     return (stated.decode() if isinstance(stated, bytes) else str(stated)) or None
 
@@ -681,7 +625,7 @@ def claimed_by(path: Path) -> GridDialect:
     if b"\0" not in head:
         head = head.replace(b"\r\n", b"\n")
     if not head:
-        raise InputRefused(str(path), "is empty", _AGAIN)
+        raise _refusal(path, "is empty")
     claimed = [d for d in DIALECTS if d.recognises(head)]
     if len(claimed) == 1:
         return claimed[0]
@@ -708,7 +652,7 @@ def raws(path: Path, dialect: GridDialect) -> Iterator[Raw]:
         try:
             fields, more = guarded.run(some_fields, dialect.name, path, done)
         except Malformed as fault:
-            raise InputRefused(str(path), str(fault), _AGAIN) from None
+            raise _refusal(path, str(fault)) from None
         yield from fields
         done += len(fields)
 

@@ -20,7 +20,7 @@ from nearlift.errors import InputRefused, NearliftError
 from nearlift.readers import segments
 from nearlift.readers.base import Record
 from nearlift.readers.files import Piece, source_of
-from nearlift.readers.segments import Pieces, Segmented
+from nearlift.readers.segments import CutPiece, Segmented
 from nearlift.reduction.conditions import Conditions
 from nearlift.reduction.record import Reduced, reduce_record
 
@@ -245,7 +245,7 @@ class CutRecord:
 
     record: str
     rows: Rows
-    pieces: Pieces = field(default_factory=Pieces)
+    pieces: tuple[CutPiece, ...] = ()
     counts: Counter[str] = field(default_factory=Counter)
     refusal: InputRefused | None = None
 
@@ -304,7 +304,7 @@ def _answer(task: Task, i: int, digests: dict[str, str]) -> CutRecord:
     return CutRecord(
         record=record,
         rows=Rows.gathered(rows, OF_PIECES),
-        pieces=whole.without_samples,
+        pieces=tuple(piece.without_samples for piece in whole.pieces),
         counts=_counts(whole),
     )
 

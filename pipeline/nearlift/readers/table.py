@@ -7,25 +7,24 @@ the first bad line. Both give the bits of Python's `float`.
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import fnmatch
 import glob
+import io
 import json
 import math
 import re
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.units import NUMBER
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 #: Runs of blanks and tabs as the separator, and no separator: the line is one cell.
 BLANKS, NONE = " ", ""
@@ -53,10 +52,12 @@ _WORDS = [
     )
     for spelling in (word, word.upper(), word.capitalize())
 ]
-_DAMAGED = "the file is damaged; copy it again from the rig, or take the trial out of the schedule"
+#: Whole part in groups of three digits, with `_` between them, and the rest of the number.
+GROUPED = re.compile(r"([-+]?\d{1,3}(?:_\d{3})+)((?:[.eE].*)?)")
+CORRECT_LINE = "correct the line, or take the trial out of the schedule"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Layout:
     """The complete dialect of a text table.
 
@@ -76,8 +77,8 @@ class Layout:
         The columns.
     first : int
         Line of the first row, from 1.
-    preamble : tuple of str
-        Lines above the column names.
+    preamble : int
+        Number of lines above the column names.
     texts : tuple of int
         Indices of the columns that hold text.
     """
@@ -92,7 +93,7 @@ class Layout:
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     first: int = 1
-    preamble: tuple[str, ...] = ()
+    preamble: int = 0
     texts: tuple[int, ...] = ()
 
     @property
@@ -100,26 +101,120 @@ class Layout:
         """Indices of the columns of numbers."""
         return [i for i in range(len(self.names)) if i not in self.texts]
 
+    @property
+    def delimited(self) -> bool:
+        """Whether a sign is between cells."""
+        return self.separator not in (BLANKS, NONE)
+
     def skips(self, line: str) -> bool:
         """Whether a line is no row: it is blank, or to be ignored."""
         plain = line.strip()
         return not plain or any(matches(form, plain) for form in self.ignore)
 
     def split(self, line: str) -> list[str]:
-        """The cells of one line without the blanks around them; labels are kept."""
-        if self.separator == NONE:
-            return [line.strip()]
-        if self.separator == BLANKS:
-            return line.split()
+        """The cells of one line without the blanks around them; labels are kept. `csv.Error` where
+        a quote has no other half.
+        """
+        if not self.delimited:
+            return line.split() if self.separator == BLANKS else [line.strip()]
         # an odd quote begins a cell with a line break in it, or means inches
         halved = line.count('"') % 2 == 1
         cells = next(csv.reader([line], delimiter=self.separator, strict=halved), [])
         return [cell.strip() for cell in cells]
 
     def value(self, cell: str) -> float | None:
-        """The number of a cell, as `value_of` gives it."""
-        return value_of(cell, self.decimal, self.thousands)
+        """The number of a cell; NaN for a word that means "no number", None where it is neither."""
+        plain = cell.strip()
+        if NO_NUMBER.fullmatch(plain.lower()):
+            return math.nan
+        if self.thousands in plain and self.thousands and "_" not in plain:
+            point = plain.replace(self.thousands, "_").replace(self.decimal, ".")
+            if groups := GROUPED.fullmatch(point):
+                plain = groups[1].replace("_", "") + groups[2].replace(".", self.decimal)
+        if self.decimal == ",":
+            # a point would part thousands, or belong to another dialect: neither is a number here
+            if "." in plain or plain.count(",") > 1:
+                return None
+            plain = plain.replace(",", ".")
+            if NO_NUMBER.fullmatch(plain.lower()):
+                return math.nan
+        if not NUMBER.fullmatch(plain):
+            return None
+        value = float(plain)
+        return value if math.isfinite(value) else math.nan
 
+    def number(self, cell: str, at: str, column: str) -> float:
+        """The number of a cell, NaN for "no number"; `InputRefused` of anything else."""
+        value = self.value(cell)
+        if value is not None:
+            return value
+        remedy = f"every cell must be a number; {CORRECT_LINE}"
+        if re.fullmatch(r"[-+]?\d+[.,]\d+", cell):
+            remedy = f"write decimals with a {'point' if self.decimal == '.' else 'comma'}"
+        elif groups := re.fullmatch(r"[-+]?\d{1,3}([,.' ])\d{3}(\1\d{3})*([.,]\d*)?", cell):
+            remedy = (
+                f'if {groups[1]!r} parts thousands: reader = "text" with dialect = {{ thousands ='
+                f' "{groups[1]}" }} under [records]'
+            )
+        elif (pair := label(cell)) and NUMBER.fullmatch(pair[1]):
+            remedy = cut_at(f"{pair[0]}:")
+        raise InputRefused(at, f"{cell!r} in column {column!r} is not a number", remedy)
+
+    def row(self, line: str, at: str) -> list[str]:
+        """The cells of one line, one for each column; `InputRefused` where they are too few, too
+        many, labelled otherwise, or the header again, or where the line holds NUL bytes.
+        """
+        refuse_nul(line, at)
+        names = list(self.names)
+        try:
+            row = self.split(line)
+        except csv.Error as fault:
+            raise InputRefused(at, f"is not a row of cells: {fault}", CORRECT_LINE) from None
+        if self.trailing and len(row) == len(names) + 1 and not row[-1]:
+            row = row[:-1]
+        if row == names:
+            what = "repeats the header: two records are in one file"
+            raise InputRefused(at, what, "give each trial a file of its own")
+        if len(row) != len(names):
+            if self.is_header(row):
+                raise _another_table(line, at)
+            what = f"has {len(row)} cells under {len(names)} column names"
+            raise InputRefused(at, what, self._way_out(line))
+        if not self.labels:
+            return row
+        pairs = [label(cell) or ("", "") for cell in row]
+        labels = [pair[0] for pair in pairs]
+        if labels != names:
+            what = f"is labelled {', '.join(labels)}, not {', '.join(names)}"
+            raise InputRefused(at, what, CORRECT_LINE)
+        return [pair[1] for pair in pairs]
+
+    def is_header(self, row: Sequence[str]) -> bool:
+        """Whether a row may be the header of another table: several words and no number."""
+        return (
+            len(row) > 1
+            and self.delimited
+            and not self.labels
+            and all(re.match(r"[\W_]*[^\W\d_]", cell) for cell in row)
+            and not any(self.value(cell) is not None for cell in row)
+        )
+
+    def _way_out(self, line: str) -> str:
+        """The remedy for a line whose cells are not those of the header."""
+        if not self.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
+            return (
+                'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true'
+                " } under [records]"
+            )
+        if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
+            return (
+                f'if the rig writes such lines, reader = "text" with dialect = {{ ignore ='
+                f" [{_quoted(line)}] }}; else take the trial out of the schedule"
+            )
+        other = "point" if self.decimal == "." else "comma"
+        return f"decimals need a {other} and no cell may be left out; {CORRECT_LINE}"
+
+    @cached_property
     def spoken(self) -> str:
         """The dialect in words; empty for plain CSV."""
         parts = []
@@ -137,7 +232,7 @@ class Layout:
         if self.labels:
             parts.append("labelled cells")
         if self.preamble:
-            lines = f"{len(self.preamble)} line{'s' * (len(self.preamble) > 1)}"
+            lines = f"{self.preamble} line{'s' * (self.preamble > 1)}"
             parts.append(f"{lines} above the columns' names left out")
         return ", ".join(parts)
 
@@ -147,132 +242,105 @@ def matches(form: str, line: str) -> bool:
     return fnmatch.fnmatchcase(line, glob.escape(form).replace("[*]", "*"))
 
 
-#: Whole part in groups of three digits, with `_` between them, and the rest of the number.
-GROUPED = re.compile(r"([-+]?\d{1,3}(?:_\d{3})+)((?:[.eE].*)?)")
-
-
-def _ungrouped(text: str, decimal: str, thousands: str) -> str:
-    """A number without its thousands separators; other texts as they are."""
-    if "_" in text or thousands not in text:
-        return text
-    groups = GROUPED.fullmatch(text.replace(thousands, "_").replace(decimal, "."))
-    return groups[1].replace("_", "") + groups[2].replace(".", decimal) if groups else text
-
-
-def value_of(text: str, decimal: str = ".", thousands: str = "") -> float | None:
-    """The number of a cell; NaN for a word that means "no number", None where it is neither."""
-    plain = text.strip()
-    if NO_NUMBER.fullmatch(plain.lower()):
-        return math.nan
-    if thousands:
-        plain = _ungrouped(plain, decimal, thousands)
-    if decimal == ",":
-        # a point would part thousands, or belong to another dialect: neither is a number here
-        if "." in plain or plain.count(",") > 1:
-            return None
-        plain = plain.replace(",", ".")
-        if NO_NUMBER.fullmatch(plain.lower()):
-            return math.nan
-    if not NUMBER.fullmatch(plain):
-        return None
-    value = float(plain)
-    return value if math.isfinite(value) else math.nan
-
-
-def number(text: str, at: str, column: str, decimal: str = ".", thousands: str = "") -> float:
-    """The number of a cell, NaN for "no number"; `InputRefused` of anything else."""
-    value = value_of(text, decimal, thousands)
-    if value is not None:
-        return value
-    remedy = "every cell must be a number; correct the line, or take the trial out of the schedule"
-    if re.fullmatch(r"[-+]?\d+[.,]\d+", text):
-        remedy = f"write decimals with a {'point' if decimal == '.' else 'comma'}"
-    elif re.fullmatch(r"[-+]?\d{1,3}([,.' ])\d{3}(\1\d{3})*([.,]\d*)?", text):
-        sign = re.sub(r"[-+\d]", "", text)[0]
-        remedy = (
-            f'if {sign!r} parts thousands: reader = "text" with dialect = {{ thousands ='
-            f' "{sign}" }} under [records]'
-        )
-    elif (pair := label(text)) and NUMBER.fullmatch(pair[1]):
-        remedy = cut_at(f"{pair[0]}:")
-    raise InputRefused(at, f"{text!r} in column {column!r} is not a number", remedy)
-
-
 def label(cell: str) -> tuple[str, str] | None:
     """Name and number of a cell ``T: 0.01``; None where it is not of that form."""
     name, colon, rest = cell.partition(":")
     return (name.strip(), rest.strip()) if colon and len(rest.split()) <= 1 else None
 
 
-def no_nul(line: str, at: str) -> None:
+def refuse_nul(line: str, at: str) -> None:
     """Refuse a line with NUL bytes, which a power cut leaves behind."""
     if "\0" in line:
-        raise InputRefused(at, "holds NUL bytes", _DAMAGED)
+        raise InputRefused(
+            at,
+            "holds NUL bytes",
+            "the file is damaged; copy it again from the rig, or take the trial out of the"
+            " schedule",
+        )
 
 
-def parse(
-    body: bytes, where: str, layout: Layout, first: int, wanted: Sequence[int]
-) -> list[FloatArray]:
-    """The wanted columns of some rows.
+def cut_at(words: str) -> str:
+    """The remedy for numbers behind a line of words: cut the record there."""
+    return (
+        "if it tells of the values beneath it:"
+        f' [segments] by = "markers", begin = "{words} {{level}}" cuts the record there, with'
+        ' dialect = { columns = ["force"] } under [records]'
+    )
 
-    Parameters
-    ----------
-    body : bytes
-        UTF-8 text of whole lines, each with a line feed at its end.
-    first : int
-        Line of the file at which `body` begins.
-    wanted : sequence of int
-        Indices of the columns, each once.
+
+def _quoted(line: str) -> str:
+    """The begin of a line, in quotes."""
+    return json.dumps(line.strip()[:40], ensure_ascii=False)
+
+
+def _another_table(line: str, at: str) -> InputRefused:
+    return InputRefused(
+        at,
+        f"holds words and no number, as the header of another table: {_quoted(line)}",
+        "save each table as a file of its own; if the rig writes such lines, reader ="
+        f' "text" with dialect = {{ ignore = [{_quoted(line)}] }} under [records]',
+    )
+
+
+# ---- columns
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rows:
+    """Whole lines of a text as UTF-8 with line feeds; `line` is that of the first in the file."""
+
+    body: bytes
+    where: str
+    line: int
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        """Lines with their numbers; `InputRefused` of one that is no UTF-8."""
+        try:
+            text = io.StringIO(self.body.decode("utf-8"), newline="\n")
+        except UnicodeDecodeError as fault:
+            bad = self.body.count(b"\n", 0, fault.start) + self.line
+            raise InputRefused(
+                f"{self.where}, line {bad}",
+                "is not UTF-8 text",
+                "the file is damaged or in another encoding; save it as UTF-8",
+            ) from None
+        for number, line in enumerate(text, start=self.line):
+            yield number, line.rstrip("\r\n")
+
+
+#: Some columns of numbers, each (n,), and some of texts.
+Columns = tuple[list[FloatArray], list[list[str]]]
+
+
+def parse(rows: Rows, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()) -> Columns:
+    """The columns of these indices, as numbers and as texts.
 
     Raises
     ------
     InputRefused
-        A line has too few or too many cells or holds NUL, a wanted cell is no number, or the bytes
-        are no UTF-8. The refusal names the line.
+        A line has too few or too many cells or holds NUL, a cell of `numbers` is no number, or the
+        bytes are no UTF-8. The refusal names the line.
     """
-    columns = None if b"\0" in body else _by_arrow(body, layout, wanted)
-    return _line_by_line(body, where, layout, first, wanted) if columns is None else columns
+    columns = None if b"\0" in rows.body else by_arrow(rows, layout, numbers, texts)
+    return by_line(rows, layout, numbers, texts) if columns is None else columns
 
 
-def words(body: bytes, where: str, layout: Layout, first: int, place: int) -> list[str]:
-    """The cells of one column as texts; arguments and refusals as for `parse`."""
-    table = None if b"\0" in body else _arrow_table(body, layout, [place], "string")
-    if table is not None:
-        with contextlib.suppress(UnicodeDecodeError):
-            return [str(cell or "") for cell in table.column(0).to_pylist()]
-    lines = enumerate(body.decode("utf-8", "replace").split("\n"), start=first)
-    return [
-        row_of(line.rstrip("\r"), f"{where}, line {number}", layout)[place]
-        for number, line in lines
-        if not layout.skips(line)
-    ]
-
-
-def _by_arrow(body: bytes, layout: Layout, wanted: Sequence[int]) -> list[FloatArray] | None:
+def by_arrow(
+    rows: Rows, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
+) -> Columns | None:
     """The columns by pyarrow; None where it does not read every line."""
-    table = _arrow_table(body, layout, wanted, "double")
-    if table is None:
-        return None
-    arrays = [floats(table[f"c{i}"].combine_chunks()) for i in wanted]
-    return [np.where(np.isfinite(values), values, np.nan) for values in arrays]
-
-
-def _arrow_table(
-    body: bytes, layout: Layout, wanted: Sequence[int], kind: Literal["double", "string"]
-) -> pa.Table | None:
-    """The wanted columns as pyarrow reads them; None where it does not read every line."""
     import pyarrow as pa
     import pyarrow.csv as pc
 
     if layout.labels or layout.thousands:
         return None
+    body, separator, quote = rows.body, layout.separator, '"'
     if layout.ignore:
         try:
             lines = body.decode().splitlines(keepends=True)
         except UnicodeDecodeError:
             return None
         body = "".join(line for line in lines if not layout.skips(line)).encode()
-    separator, quote = layout.separator, '"'
     if separator == BLANKS:
         cells = (filter(None, line.split(b" ")) for line in body.replace(b"\t", b" ").split(b"\n"))
         body, separator, quote = b"\n".join(map(b"\t".join, cells)), "\t", ""
@@ -280,41 +348,41 @@ def _arrow_table(
         # a character that no text holds
         separator, quote = "\x1f", ""
     names = [f"c{i}" for i in range(len(layout.names))]
-    chosen = [names[i] for i in wanted]
-    # the blank cell behind the last separator must be blank in every row
-    phantom = ["blank"] if layout.trailing else []
+    kinds = dict.fromkeys([names[i] for i in numbers], pa.float64())
+    kinds |= dict.fromkeys([names[i] for i in texts], pa.string())
+    if layout.trailing:
+        # the blank cell behind the last separator must be blank in every row
+        names.append("blank")
+        kinds["blank"] = pa.null()
     try:
         table = pc.read_csv(
             pa.BufferReader(body),
             read_options=pc.ReadOptions(
-                column_names=names + phantom,
-                use_threads=False,
-                block_size=max(1 << 20, len(body) + 1),
+                column_names=names, use_threads=False, block_size=max(1 << 20, len(body) + 1)
             ),
             parse_options=pc.ParseOptions(delimiter=separator, quote_char=quote or False),
             convert_options=pc.ConvertOptions(
-                include_columns=chosen + phantom,
-                column_types={
-                    **dict.fromkeys(chosen, pa.type_for_alias(kind)),
-                    **dict.fromkeys(phantom, pa.null()),
-                },
-                null_values=[""] if phantom else ["", *_WORDS],
+                include_columns=list(kinds),
+                column_types=kinds,
+                null_values=[""] if layout.trailing else ["", *_WORDS],
                 check_utf8=False,
                 decimal_point=layout.decimal,
             ),
         )
-    except pa.ArrowInvalid:
+        words = [[str(cell or "").strip() for cell in table[f"c{i}"].to_pylist()] for i in texts]
+    except (pa.ArrowInvalid, UnicodeDecodeError):
         return None
     # a quote without its other half may swallow lines
     if quotes := body.count(b'"'):
-        rows = sum(map(bool, map(bytes.strip, body.split(b"\n"))))
-        if quotes % 2 or table.num_rows != rows:
+        lines_of_text = sum(map(bool, map(bytes.strip, body.split(b"\n"))))
+        if quotes % 2 or table.num_rows != lines_of_text:
             return None
-    return table
+    arrays = [floats(table[f"c{i}"].combine_chunks()) for i in numbers]
+    return [np.where(np.isfinite(values), values, np.nan) for values in arrays], words
 
 
-def floats(column: pa.Array) -> FloatArray:
-    """A numeric array as float64, null as NaN; whole numbers beyond 2^53 are rounded.
+def floats(column: Any) -> FloatArray:
+    """A numeric Arrow array as float64, null as NaN; whole numbers beyond 2^53 are rounded.
 
     By DLPack: Arrow's own `to_numpy` imports pandas (0.3 s).
     """
@@ -329,121 +397,24 @@ def floats(column: pa.Array) -> FloatArray:
     return np.asarray(np.from_dlpack(values), dtype=np.float64)
 
 
-def _line_by_line(
-    body: bytes, where: str, layout: Layout, first: int, wanted: Sequence[int]
-) -> list[FloatArray]:
+def by_line(
+    rows: Rows, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
+) -> Columns:
     """The columns by Python's csv, so that the first bad line is named."""
-    try:
-        lines = body.decode("utf-8").split("\n")
-    except UnicodeDecodeError as fault:
-        bad = body.count(b"\n", 0, fault.start) + first
-        raise InputRefused(
-            f"{where}, line {bad}",
-            "is not UTF-8 text",
-            "the file is damaged or in another encoding; save it as UTF-8",
-        ) from None
-    out: list[list[float]] = [[] for _ in wanted]
-    for line_number, line in enumerate(lines, start=first):
+    arrays = [array("d") for _ in numbers]
+    words: list[list[str]] = [[] for _ in texts]
+    for number, line in rows:
         if layout.skips(line):
             continue
-        at = f"{where}, line {line_number}"
-        row = row_of(line.rstrip("\r"), at, layout)
+        at = f"{rows.where}, line {number}"
+        row = layout.row(line, at)
         try:
-            for values, i in zip(out, wanted, strict=True):
-                values.append(number(row[i], at, layout.names[i], layout.decimal, layout.thousands))
+            for values, i in zip(arrays, numbers, strict=True):
+                values.append(layout.number(row[i], at, layout.names[i]))
         except InputRefused:
-            if line_number > layout.first and _are_names(row, layout):
+            if number > layout.first and layout.is_header(row):
                 raise _another_table(line, at) from None
             raise
-    return [np.array(values) for values in out]
-
-
-def row_of(line: str, at: str, layout: Layout) -> list[str]:
-    """The cells of one line, one for each column; `InputRefused` where they are too few, too many,
-    labelled otherwise, or the header again.
-    """
-    no_nul(line, at)
-    names = list(layout.names)
-    try:
-        row = layout.split(line)
-    except csv.Error as fault:
-        raise InputRefused(
-            at,
-            f"is not a row of cells: {fault}",
-            "correct the line, or take the trial out of the schedule",
-        ) from None
-    if layout.trailing and len(row) == len(names) + 1 and not row[-1]:
-        row = row[:-1]
-    if row == names:
-        raise InputRefused(
-            at,
-            "repeats the header: two records are in one file",
-            "give each trial a file of its own",
-        )
-    if len(row) != len(names):
-        if _are_names(row, layout):
-            raise _another_table(line, at)
-        raise InputRefused(
-            at, f"has {len(row)} cells under {len(names)} column names", _way_out(line, layout)
-        )
-    if not layout.labels:
-        return row
-    pairs = [label(cell) for cell in row]
-    labels = [pair[0] if pair else "" for pair in pairs]
-    if labels != names:
-        raise InputRefused(
-            at,
-            f"is labelled {', '.join(labels)}, not {', '.join(names)}",
-            "correct the line, or take the trial out of the schedule",
-        )
-    return [pair[1] for pair in pairs if pair]
-
-
-def _are_names(row: Sequence[str], layout: Layout) -> bool:
-    """Whether a row may be the header of another table: several words and no number."""
-    return (
-        len(row) > 1
-        and layout.separator not in (BLANKS, NONE)
-        and not layout.labels
-        and all(re.match(r"[\W_]*[^\W\d_]", cell) for cell in row)
-        and not any(layout.value(cell) is not None for cell in row)
-    )
-
-
-def _another_table(line: str, at: str) -> InputRefused:
-    text = json.dumps(line.strip()[:40], ensure_ascii=False)
-    return InputRefused(
-        at,
-        f"holds words and no number, as the header of another table: {text}",
-        "save each table as a file of its own; if the rig writes such lines, reader ="
-        f' "text" with dialect = {{ ignore = [{text}] }} under [records]',
-    )
-
-
-def cut_at(words: str) -> str:
-    """The remedy for numbers behind a line of words: cut the record there."""
-    return (
-        "if it tells of the values beneath it:"
-        f' [segments] by = "markers", begin = "{words} {{level}}" cuts the record there, with'
-        ' dialect = { columns = ["force"] } under [records]'
-    )
-
-
-def _way_out(line: str, layout: Layout) -> str:
-    """The remedy for a line whose cells are not those of the header."""
-    if not layout.labels and len(re.findall(r"\b[A-Za-z]\w*+\s*+:\s*+[-+.\d]", line)) > 1:
-        return (
-            'cells such as "T: 0.01" are read by reader = "text" with dialect = { labels = true }'
-            " under [records]"
-        )
-    if re.search(r"[A-Za-z]", line) and not re.search(r"\d", line):
-        text = json.dumps(line.strip()[:40], ensure_ascii=False)
-        return (
-            f'if the rig writes such lines, reader = "text" with dialect = {{ ignore = [{text}] }};'
-            " else take the trial out of the schedule"
-        )
-    other = "point" if layout.decimal == "." else "comma"
-    return (
-        f"decimals need a {other} and no cell may be left out; correct the line, or take the trial"
-        " out of the schedule"
-    )
+        for cells, i in zip(words, texts, strict=True):
+            cells.append(row[i])
+    return [np.array(values) for values in arrays], words

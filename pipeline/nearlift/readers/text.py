@@ -16,12 +16,11 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from nearlift.declare import BoolArray, FloatArray
-from nearlift.errors import InputRefused, ManifestError
+from nearlift.errors import InputRefused
 from nearlift.readers.base import (
     SECONDS,
     Channel,
@@ -29,35 +28,31 @@ from nearlift.readers.base import (
     Names,
     Reader,
     RecordsDialect,
+    fitting,
     fold,
     pick,
     rate_of,
     split_unit,
-    wanted,
 )
 from nearlift.readers.clock import is_time, seconds_of
-from nearlift.readers.dialect import HEAD, UNSTATED, Dialect, NoRows, encoding_of, sniff
+from nearlift.readers.dialect import (
+    HEAD,
+    OPTIONS,
+    Dialect,
+    NoRows,
+    encoding_of,
+    given,
+    sniff,
+)
 from nearlift.readers.files import content_of, is_sheet, sheet_of
-from nearlift.readers.table import Layout, no_nul, parse, row_of, words
+from nearlift.readers.table import Layout, Rows, parse, refuse_nul
 from nearlift.units import NUMBER
 
-#: Longest line, and bytes that are parsed at once.
+#: Longest line, bytes.
 LONGEST_LINE = 8 << 20
-OPTIONS = {
-    "encoding": str,
-    "separator": str,
-    "decimal": str,
-    "thousands": str,
-    "skip": int,
-    "columns": list,
-    "units": list,
-    "ignore": list,
-    "labels": bool,
-    "lines": int,
-}
-#: Layouts found so far, by the dialect stated and the bytes above the first row.
-_found: dict[tuple[Dialect, bytes], Layout] = {}
-MOST_FOUND = 8
+#: Layouts of earlier files, by the dialect stated and the bytes above the first row.
+_earlier: dict[tuple[Dialect, bytes], Layout] = {}
+MOST_KEPT = 8
 #: Column of a file with one number to a line, as it is read first.
 ONE_COLUMN = "value"
 #: Rows from which on a clock is seen among them: noise grows through so many in one of 40,000.
@@ -68,54 +63,6 @@ CLOCKS = ("millis", "micros", "ms", "us", "t", "time", "tick")
 _CORRECT = "correct the file, or take the record out of the schedule"
 
 
-def given(dialect: RecordsDialect) -> Dialect:
-    """The manifest's dialect as the sniffer takes it.
-
-    Raises
-    ------
-    ManifestError
-        A list holds more than texts, units are not as many as columns, a sign cannot be one, or
-        `skip` is negative.
-    """
-    said: dict[str, Any] = {key: value for key, value in dialect.items() if key in OPTIONS}
-
-    def refuse(key: str, what: str, remedy: str) -> ManifestError:
-        return ManifestError(f"records.dialect.{key}", what, remedy)
-
-    for key in ("columns", "units", "ignore"):
-        if key in said and not all(isinstance(item, str) for item in said[key]):
-            what = f"{said[key]!r} holds more than texts"
-            raise refuse(key, what, 'write it as ["force", "t"]')
-        said[key] = tuple(said.get(key, ()))
-    columns, thousands = said["columns"], said.get("thousands", "")
-    if said["units"] and len(said["units"]) != len(columns):
-        what = f"names {len(said['units'])} units for {len(columns)} columns"
-        raise refuse("units", what, 'one for each; "" for none')
-    if said.get("decimal", ".") not in (".", ","):
-        raise refuse("decimal", f"{said['decimal']!r} is no decimal sign", 'write "." or ","')
-    if thousands and (len(thousands) > 1 or thousands.isalnum() or thousands in "+-"):
-        what = f"{thousands!r} is no sign between thousands"
-        raise refuse("thousands", what, 'write ",", ".", "\'" or " "')
-    if thousands and thousands == said.get("decimal"):
-        what = f"{thousands!r} is the decimal sign as well"
-        raise refuse("thousands", what, "state another decimal sign")
-    if said.get("lines", 1) != 1 and said["lines"] != len(columns):
-        raise refuse(
-            "lines",
-            f"says {said['lines']} lines to a row, and columns names {len(columns)}",
-            'a number to a line, one name for each: columns = ["force", "millis"], lines = 2',
-        )
-    if said.get("skip", 0) < 0:
-        what = f"{said['skip']} is negative"
-        raise refuse("skip", what, "it counts the lines above the columns' names")
-    try:
-        codecs.lookup(said.get("encoding", "utf-8"))
-    except LookupError:
-        what = f"{said['encoding']!r} is no encoding"
-        raise refuse("encoding", what, 'such as "utf-8", "utf-16" or "latin-1"') from None
-    return Dialect(**said)
-
-
 # ---- reading
 
 
@@ -124,23 +71,18 @@ def contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
     return from_text(content_of(path), str(path), given(dialect), names)
 
 
-def from_text(
-    content: bytes, where: str, said: Dialect, names: Names, layout: Layout | None = None
-) -> Contents:
-    """The channels of a text in a dialect known in part (`said`) or in whole (`layout`)."""
+def from_text(content: bytes, where: str, said: Dialect, names: Names) -> Contents:
+    """The channels of a text in a dialect known in part."""
     if said.lines > 1:
-        return _parted(from_text(content, where, one_column(said), None), said, where)
+        one_column = replace(said, columns=(ONE_COLUMN,), units=(), lines=1, separator="none")
+        return _parted(from_text(content, where, one_column, None), said, where)
     head = content[:HEAD]
     if not head.strip(b"\0"):
         return Contents(kind="text", codes=("EMPTY",))
-    if layout is not None:
-        return _read(content, layout, names, where)
     if (layout := _known(head, said, where)) is not None:
-        try:
-            return _read(content, layout, names, where)
-        except InputRefused:
-            # this file may be of another dialect; if not, it is refused again
-            pass
+        # this file may be of another dialect; if not, it is refused again
+        with contextlib.suppress(InputRefused):
+            return by_layout(content, layout, names, where)
     try:
         layout = layout_of(content, where, said)
     except NoRows:
@@ -148,8 +90,12 @@ def from_text(
             raise
         codes = ("NO_DATA",) if head.endswith((b"\n", b"\r")) else ("NO_DATA", "truncated")
         return Contents(kind="text", codes=codes)
-    file = _read(content, layout, names, where)
-    _keep(head, said, layout)
+    file = by_layout(content, layout, names, where)
+    # decimal commas are judged in each file: they may part thousands
+    above = head.split(b"\n", layout.first - 1)
+    plain = layout.decimal == "." and not layout.labels and not layout.encoding.startswith("utf-16")
+    if plain and len(above) == layout.first and len(_earlier) < MOST_KEPT:
+        _earlier[said, head[: len(head) - len(above[-1])]] = layout
     return file
 
 
@@ -164,7 +110,7 @@ def layout_of(content: bytes, where: str, said: Dialect) -> Layout:
 
 def _known(head: bytes, said: Dialect, where: str) -> Layout | None:
     """The layout of an earlier file that began alike, with numbers in the same columns."""
-    for (stated, top), layout in list(_found.items()):
+    for (stated, top), layout in list(_earlier.items()):
         if stated == said and head.startswith(top) and encoding_of(head, where) == layout.encoding:
             row = head[len(top) :].split(b"\n", 1)[0].decode(layout.encoding, "replace")
             with contextlib.suppress(csv.Error):
@@ -175,72 +121,50 @@ def _known(head: bytes, said: Dialect, where: str) -> Layout | None:
     return None
 
 
-def _keep(head: bytes, said: Dialect, layout: Layout) -> None:
-    """Keep the layout for files that begin alike; one with decimal commas is judged by each file,
-    whose commas may part thousands.
-    """
-    above = head.split(b"\n", layout.first - 1)
-    plain = layout.decimal == "." and not layout.labels and not layout.encoding.startswith("utf-16")
-    if plain and len(above) == layout.first and len(_found) < MOST_FOUND:
-        _found[said, head[: len(head) - len(above[-1])]] = layout
-
-
-def _read(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
+def by_layout(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
     """The channels of a text in a known layout."""
-    above, body, cut = _rows_of(content, layout, where)
-    chosen, clocks, notes = _chosen(layout, names, where, _first_row(body, layout))
-    held: list[list[FloatArray]] = [[np.empty(0)] for _ in chosen]
-    cells: list[list[str]] = [[] for _ in clocks]
-    for first, block in _blocks(body, layout.first, where):
-        for parts, values in zip(held, parse(block, where, layout, first, chosen), strict=True):
-            parts.append(values)
-        for i, texts in zip(clocks, cells, strict=True):
-            texts += words(block, where, layout, first, i)
-    columns = {
-        i: parts[1] if len(parts) == 2 else np.concatenate(parts)
-        for i, parts in zip(chosen, held, strict=True)
-    }
-    for i, texts in zip(clocks, cells, strict=True):
-        columns[i], bad = seconds_of(texts)
-        if bad is not None and names is not None:
-            raise InputRefused(
-                where, f"has no time of day in column {layout.names[i]!r}, row {bad + 1}", _CORRECT
-            )
-        read = (
-            "read as seconds from its first" if bad is None else f"not read: row {bad + 1} is none"
-        )
-        notes.append(f"column {layout.names[i]!r} is a time of day: {read}")
-        if bad is not None:
-            del columns[i]
+    above, rows, cut = _rows_of(content, layout, where)
+    numbers, clocks, notes = _chosen(layout, names, where, _first_row(rows.body, layout))
+    arrays, times = parse(rows, layout, numbers, clocks)
+    columns = dict(zip(numbers, arrays, strict=True))
+    units = dict(enumerate(layout.units))
+    for i, cells in zip(clocks, times, strict=True):
+        seconds, bad = seconds_of(cells)
+        name, is_read = layout.names[i], "read as seconds from its first"
+        if bad is None:
+            columns[i], units[i] = seconds, "s"
+        elif names is not None:
+            what = f"has no time of day in column {name!r}, row {bad + 1}"
+            raise InputRefused(where, what, _CORRECT)
+        else:
+            is_read = f"not read: row {bad + 1} is none"
+        notes.append(f"column {name!r} is a time of day: {is_read}")
     channels = tuple(
-        Channel(
-            name=layout.names[i],
-            unit="s" if i in clocks else layout.units[i],
-            values=columns[i],
-        )
-        for i in sorted(columns)
+        Channel(name=layout.names[i], unit=units[i], values=columns[i]) for i in sorted(columns)
     )
-    if len(layout.names) == 1 and layout.names != (ONE_COLUMN,) and chosen:
+    if len(layout.names) == 1 and layout.names != (ONE_COLUMN,) and numbers:
         _refuse_clock_between(columns[0], where, layout.first)
-    marks = list(_marks(above, layout)) if layout.ignore else []
+    marks: list[tuple[int, str]] = []
     if layout.ignore:
+        marks = [*_marks(above, layout)]
         known = 0 if marks and layout.skips(above[-1]) else len(marks)
-        marks += _marks(body.decode("utf-8", "replace").split("\n"), layout)
+        marks += _marks(rows.body.decode("utf-8", "replace").split("\n"), layout)
         if names is not None or len(channels) == 1:
             _require_one_kind(channels[0], [row for row, _ in marks[known:]], where)
-    spoken = layout.spoken()
+    if layout.spoken:
+        notes.insert(0, f"text read as {layout.spoken}")
     return Contents(
         channels=channels,
-        kind="text" + (f": {spoken}" if spoken else ""),
+        kind="text" + (f": {layout.spoken}" if layout.spoken else ""),
         codes=("truncated",) if cut else (),
-        notes=(*((f"text read as {spoken}",) if spoken else ()), *notes),
+        notes=tuple(notes),
         marks=tuple(marks),
     )
 
 
-def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], bytes, bool]:
-    """The lines above the first row, the whole lines from it on as UTF-8 with line feeds, and
-    whether a last line without its end was left out.
+def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], Rows, bool]:
+    """The lines above the first row, the whole lines from it on, and whether a last line without
+    its end was left out.
     """
     half = False
     if layout.encoding not in ("utf-8", "utf-8-sig"):
@@ -248,11 +172,8 @@ def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], byt
         try:
             content = decoder.decode(content).encode()
         except UnicodeError as fault:
-            raise InputRefused(
-                where,
-                f"is not {layout.encoding} text: {fault}",
-                "the file is damaged or in another encoding",
-            ) from None
+            what = f"is not {layout.encoding} text: {fault}"
+            raise InputRefused(where, what, "the file is damaged or in another encoding") from None
         # a part of a character of UTF-16 is left over
         half = bool(decoder.getstate()[0])
     content = content.removeprefix(codecs.BOM_UTF8)
@@ -262,28 +183,15 @@ def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], byt
     for _ in range(layout.first - 1):
         start = content.find(b"\n", start) + 1 or end
     tail = content[end:]
-    if len(tail) > LONGEST_LINE and tail.strip(b"\0"):
-        raise _too_long(f"{where}, after line {content.count(10)}")
+    if len(content) > LONGEST_LINE:
+        lines = content.rstrip(b"\0").split(b"\n")
+        at = next((i for i, line in enumerate(lines) if len(line) > LONGEST_LINE), None)
+        if at is not None:
+            what = f"has a line of more than {LONGEST_LINE >> 20} MB"
+            raise InputRefused(f"{where}, after line {at}", what, "it is no table, or damaged")
     above = content[:start].decode("utf-8", "replace").split("\n")[:-1]
-    return above, content[start:end], half or bool(tail.strip()) or b"\0" in tail
-
-
-def _blocks(body: bytes, first: int, where: str) -> Iterator[tuple[int, bytes]]:
-    """Whole lines of some megabytes, each with the number of its first line."""
-    start = 0
-    while start < len(body):
-        end = len(body)
-        if end - start > LONGEST_LINE:
-            end = body.rfind(b"\n", start, start + LONGEST_LINE) + 1
-            if not end:
-                raise _too_long(f"{where}, after line {first - 1}")
-        yield first, body[start:end]
-        first, start = first + body.count(b"\n", start, end), end
-
-
-def _too_long(at: str) -> InputRefused:
-    what = f"has a line of more than {LONGEST_LINE >> 20} MB"
-    return InputRefused(at, what, "it is no table, or damaged")
+    rows = Rows(body=content[start:end], where=where, line=layout.first)
+    return above, rows, half or bool(tail.strip()) or b"\0" in tail
 
 
 def _marks(lines: Sequence[str], layout: Layout) -> Iterator[tuple[int, str]]:
@@ -347,11 +255,7 @@ def _chosen(
             )
         ]
         return layout.numeric, [i for i in clocks if i in layout.texts], unread
-    columns = list(enumerate(layout.names))
-    chosen: set[int] = set()
-    for name in names:
-        exact = {i for i, column in columns if column == name}
-        chosen |= exact or {i for i, column in columns if wanted(column, (name,))}
+    chosen = {i for name in names for i in fitting(layout.names, name)}
     if not chosen:
         channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
         place = f"{where}, line {max(layout.first - 1, 1)}"
@@ -365,18 +269,12 @@ def words_of(path: Path, dialect: RecordsDialect, column: str) -> list[str]:
     content, where = content_of(path), str(path)
     layout = layout_of(content, where, given(dialect))
     if column not in layout.names:
+        known = ", ".join(map(repr, layout.names))
         raise InputRefused(
-            where,
-            f"has no column {column!r}",
-            f"it has {', '.join(map(repr, layout.names))}; segments.by names it",
+            where, f"has no column {column!r}", f"it has {known}; segments.by names it"
         )
-    place = layout.names.index(column)
-    body = _rows_of(content, layout, where)[1].decode("utf-8", "replace")
-    return [
-        row_of(line, f"{where}, line {number}", layout)[place]
-        for number, line in enumerate(body.split("\n")[:-1], layout.first)
-        if not layout.skips(line)
-    ]
+    _, rows, _ = _rows_of(content, layout, where)
+    return parse(rows, layout, (), (layout.names.index(column),))[1][0]
 
 
 def with_rate(file: Contents) -> Contents:
@@ -394,11 +292,6 @@ def with_rate(file: Contents) -> Contents:
 # ---- one number to a line
 
 
-def one_column(said: Dialect) -> Dialect:
-    """The dialect in which each line is a row."""
-    return replace(said, columns=(ONE_COLUMN,), units=(), lines=1, separator="none")
-
-
 def _parted(whole: Contents, said: Dialect, where: str) -> Contents:
     """The columns of a file that was read as one column: a value, then its millis.
 
@@ -414,11 +307,8 @@ def _parted(whole: Contents, said: Dialect, where: str) -> Contents:
     rows = len(values) // k
     for number, line in whole.marks:
         if number % k:
-            raise InputRefused(
-                f"{where}, number {number + 1}",
-                f"a row of {k} lines is broken by {line!r}",
-                _CORRECT,
-            )
+            what = f"a row of {k} lines is broken by {line!r}"
+            raise InputRefused(f"{where}, number {number + 1}", what, _CORRECT)
     table = np.ascontiguousarray(values[: rows * k].reshape(rows, k).T)
     for name, column in zip(said.columns, table, strict=True):
         shown = len(column) > MIN_CLOCK_ROWS and _grows(column[:MIN_CLOCK_ROWS])
@@ -472,23 +362,25 @@ def _grows(values: FloatArray) -> bool:
 
 
 def csv_contents(path: Path, dialect: RecordsDialect, names: Names) -> Contents:
-    """The channels of these names; `InputRefused` where the file is not plain CSV in UTF-8."""
+    """The columns of plain CSV in UTF-8; without names, in any dialect."""
     if names is None:
         return contents(path, {}, None)
     content = content_of(path)
-    head = content[:HEAD]
-    if head.startswith((b"\xff\xfe", b"\xfe\xff")):
+    if content.startswith((b"\xff\xfe", b"\xfe\xff")):
         raise InputRefused(
             str(path), "is UTF-16 text", 'save it as UTF-8, or say reader = "text", which reads it'
         )
-    header = head.replace(b"\r", b"\n").split(b"\n", 1)
-    if head.strip(b"\0") and len(header) == 1:
+    head = content[:HEAD]
+    header, *below = head.replace(b"\r", b"\n").split(b"\n", 1)
+    if not head.strip(b"\0"):
+        return Contents(kind="text", codes=("EMPTY",))
+    if not below:
         return Contents(kind="CSV", codes=("NO_DATA", "truncated"))
     try:
-        layout = _csv_layout(header[0])
+        layout = _csv_layout(header)
     except InputRefused as refusal:
         raise InputRefused(f"{path}, line 1", refusal.what, refusal.remedy) from None
-    return from_text(content, str(path), UNSTATED, names, layout)
+    return by_layout(content, layout, names, str(path))
 
 
 @functools.lru_cache(maxsize=8)
@@ -498,13 +390,12 @@ def _csv_layout(header: bytes) -> Layout:
         line = header.decode("utf-8-sig")
     except UnicodeDecodeError:
         raise InputRefused("", "is not UTF-8 text", "save it as UTF-8") from None
-    no_nul(line.rstrip("\0"), "")
+    refuse_nul(line.rstrip("\0"), "")
     try:
-        names = [name.strip() for name in next(csv.reader([line]), [])]
+        names = Layout().split(line)
     except csv.Error as fault:
-        raise InputRefused(
-            "", f"is no header: {fault}", "the file is damaged, or of another dialect"
-        ) from None
+        remedy = "the file is damaged, or of another dialect"
+        raise InputRefused("", f"is no header: {fault}", remedy) from None
     if len(names) == 1 and any(sign in names[0] for sign in ";\t"):
         raise InputRefused(
             "",

@@ -38,11 +38,13 @@ def to_si(raw: Raw, setting: Setting, where: str) -> VelocityField:
         A unit is unknown or contradicts the manifest; pixels have no scale, displacements no frame
         time; every vector is zero or missing; the grid is not rectangular and even.
     """
-    length = _one(raw.length_unit, setting.length_unit, "length_unit", '"mm"', where)
+    file = raw.stated
+    length = _one(file.length_unit, setting.length_unit, "length_unit", '"mm"', where)
     example = '"m/s" (or "px/frame")'
-    velocity = _one(raw.velocity_unit, setting.velocity_unit, "velocity_unit", example, where)
-    per_length = _length(length, raw, setting, where)
-    per_velocity = _velocity(velocity, raw, setting, where)
+    velocity = _one(file.velocity_unit, setting.velocity_unit, "velocity_unit", example, where)
+    scale_m = setting.scale_m if file.scale_m is None else file.scale_m
+    per_length = _length(length, scale_m, where)
+    per_velocity = _velocity(velocity, scale_m, file.frame_time_s or setting.frame_time_s, where)
     u, v = np.asarray(raw.u, dtype=float), np.asarray(raw.v, dtype=float)
     nothing = (u == 0) & (v == 0)
     if len(u) and nothing.all():
@@ -89,36 +91,34 @@ def _plain(unit: str) -> str:
     return f"{head}/{tail}" if tail else head
 
 
-def _length(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+def _length(unit: str, scale_m: float | None, where: str) -> float:
     """Metres in a unit of length, which may be the pixel."""
     if unit != "px":
         return _factor(unit, "length", where)
-    scale = raw.scale_m if raw.scale_m is not None else setting.scale_m
-    if scale is None:
+    if scale_m is None:
         raise InputRefused(
             where,
             "is in pixels, and nothing says how large a pixel is",
             'add scale = "20 um/px" under [piv]',
         )
-    return scale
+    return scale_m
 
 
-def _velocity(unit: str, raw: Raw, setting: Setting, where: str) -> float:
+def _velocity(unit: str, scale_m: float | None, frame_time_s: float | None, where: str) -> float:
     """m/s in a unit of velocity, or of displacement between a pair's images."""
     head, _, tail = unit.partition("/")
+    if tail not in ("frame", "") and head != "px":
+        return _factor(unit, "velocity", where)
+    length = _length(head, scale_m, where)
     if tail not in ("frame", ""):
-        if head != "px":
-            return _factor(unit, "velocity", where)
-        return _length(head, raw, setting, where) / _factor(tail, "time", where)
-    length = _length(head, raw, setting, where)
-    frame_time = raw.frame_time_s or setting.frame_time_s
-    if frame_time is None:
+        return length / _factor(tail, "time", where)
+    if frame_time_s is None:
         raise InputRefused(
             where,
             f"holds displacements ({unit}), not velocities",
             'add frame_time = "100 us", the time between a pair\'s images',
         )
-    return length / frame_time
+    return length / frame_time_s
 
 
 def _factor(unit: str, dimension: str, where: str) -> float:
