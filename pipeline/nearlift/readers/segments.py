@@ -45,7 +45,10 @@ REPEATED = (
     "samples that repeat the one before, stamp and force, were counted once: the cell is slower"
     " than the rows"
 )
-_NONE = np.empty(0)
+
+
+def _no_samples() -> FloatArray:
+    return np.empty(0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,14 +77,14 @@ class CutPiece:
     since_s: float = 0.0
     brought: Mapping[str, float] = field(default_factory=dict)
     covariates: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    force_N: FloatArray = _NONE
+    force_N: FloatArray = field(default_factory=_no_samples)
     time_s: FloatArray | None = None
-    tare_N: FloatArray = _NONE
+    tare_N: FloatArray = field(default_factory=_no_samples)
 
     @property
     def without_samples(self) -> CutPiece:
         """The piece without its samples."""
-        return replace(self, force_N=_NONE, time_s=None, tare_N=_NONE)
+        return replace(self, force_N=_no_samples(), time_s=None, tare_N=_no_samples())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
