@@ -75,15 +75,15 @@ def grid_of(path: Path) -> Grid | None:
 
 def piv_section(grid: Grid, path: Path) -> str:
     """[piv] of a manifest for files of this kind, with what no file says marked FILL IN."""
-    raw, doc = grid.raw.stated, tomlkit.parse(TEMPLATE)
+    file, doc = grid.raw.stated, tomlkit.parse(TEMPLATE)
     piv: Any = doc["piv"]
     piv["format"] = grid.format
-    length, velocity = raw.length_unit, raw.velocity_unit
+    length, velocity = file.length_unit, file.velocity_unit
     stated = {
         "length_unit": length is not None,
         "velocity_unit": velocity is not None,
-        "scale": raw.scale_m is not None or not (length is None or length in PIXEL),
-        "frame_time": raw.frame_time_s is not None
+        "scale": file.scale_m is not None or not (length is None or length in PIXEL),
+        "frame_time": file.frame_time_s is not None
         or not (velocity is None or "/" not in velocity or "px" in velocity),
     }
     for key in (key for key, known in stated.items() if known):
