@@ -431,7 +431,7 @@ def test_both_ways_give_the_bits_of_float(texts: list[str], separator: str) -> N
     names = ("force", "x") if separator else ("force",)
     rows = "".join(t + (f"{separator}7" if separator else "") + "\n" for t in texts)
     one = table.Layout(separator=separator, names=names, first=2)
-    lines = table.Rows(body=rows.encode(), where="f", line=2)
+    lines = table.Lines(body=rows.encode(), where="f", line=2)
     by_arrow = table.by_arrow(lines, one, [0])
     assert by_arrow is not None
     for found, _ in (by_arrow, table.by_line(lines, one, [0])):
@@ -456,7 +456,7 @@ def test_both_ways_agree_on_damage(texts: list[str], row: str, place: int, damag
         wanted = [one.names.index("force")]
         try:
             reading = table.by_line if by_csv else table.parse
-            rows = table.Rows(body=spoilt, where="f", line=2)
+            rows = table.Lines(body=spoilt, where="f", line=2)
             return reading(rows, one, wanted)[0][0].tobytes()
         except InputRefused as refusal:
             return str(refusal)

@@ -21,12 +21,12 @@ from typing import Any
 
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.readers.base import RecordsDialect, split_unit, unit_word
-from nearlift.readers.table import SEPARATORS, SPOKEN, Layout, Rows, cut_at, label, parse
+from nearlift.readers.table import SEPARATORS, SPOKEN, Layout, Lines, cut_at, label, parse
 from nearlift.units import NUMBER
 
 #: Bytes that the sniffer sees, and lines that it tries first.
 HEAD, SHORT = 1 << 16, 100
-#: Rows in which two dialects must read the same numbers, or the file is ambiguous.
+#: Lines in which two dialects must read the same numbers, or the file is ambiguous.
 READ = 20
 #: Lines of a refusal that goes before all others.
 FARTHEST = 1 << 30
@@ -170,7 +170,7 @@ class NoRows(InputRefused):
 
 
 class NoNames(InputRefused):
-    """Rows of so many numbers, without names above them."""
+    """Lines of so many numbers, without names above them."""
 
     def __init__(self, where: str, what: str, remedy: str, columns: int) -> None:
         super().__init__(where, what, remedy)
@@ -250,7 +250,7 @@ def sniff(head: bytes, where: str, said: Dialect = UNSTATED, *, whole: bool = Tr
             layout = _fitting(lines[:SHORT], where, said)
             body = "\n".join([*lines[layout.first - 1 :], ""]).encode()
             if layout.first + READ <= SHORT:
-                parse(Rows(body=body, where=where, line=layout.first), layout, layout.numeric)
+                parse(Lines(body=body, where=where, line=layout.first), layout, layout.numeric)
                 return replace(layout, encoding=encoding)
     return replace(_fitting(lines, where, said), encoding=encoding)
 

@@ -26,7 +26,7 @@ from nearlift.readers.files import content_of, head_of
 from nearlift.readers.guarded import Malformed
 from nearlift.readers.hdf5 import MAGIC, datasets
 from nearlift.readers.mat import V5, V73
-from nearlift.readers.table import BLANKS, Layout, Rows, parse
+from nearlift.readers.table import BLANKS, Layout, Lines, parse
 
 #: First bytes by which a file is recognised, and bytes of fields after which an answer ends.
 HEAD, ANSWER = 1 << 16, 32 << 20
@@ -151,7 +151,7 @@ def _read_text(path: Path, header_of: Callable[[list[str], str], Header]) -> Raw
     layout = Layout(
         separator=header.separator, decimal=header.decimal, names=names, trailing=trailing
     )
-    body = Rows(body="\n".join([*rows, ""]).encode(), where=str(path), line=header.first + 1)
+    body = Lines(body="\n".join([*rows, ""]).encode(), where=str(path), line=header.first + 1)
     table = np.stack(parse(body, layout, range(len(names)))[0], axis=1)
     wide, high = header.promised or (len(table), 1)
     if header.columns and len(names) != header.columns:

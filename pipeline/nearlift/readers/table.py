@@ -1,4 +1,4 @@
-"""Rows of a text table as numbers, by one strict layout.
+"""Lines of a text table as numbers, by one strict layout.
 
 Every line has one cell for each column name. Every wanted cell is a number, or a word that loggers
 write for "no number". pyarrow parses; where it refuses, Python's csv reads line by line and names
@@ -286,7 +286,7 @@ def _another_table(line: str, at: str) -> InputRefused:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Rows:
+class Lines:
     """Whole lines of a text as UTF-8 with line feeds; `line` is that of the first in the file."""
 
     body: bytes
@@ -312,7 +312,9 @@ class Rows:
 Columns = tuple[list[FloatArray], list[list[str]]]
 
 
-def parse(rows: Rows, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()) -> Columns:
+def parse(
+    rows: Lines, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
+) -> Columns:
     """The columns of these indices, as numbers and as texts.
 
     Raises
@@ -326,7 +328,7 @@ def parse(rows: Rows, layout: Layout, numbers: Sequence[int], texts: Sequence[in
 
 
 def by_arrow(
-    rows: Rows, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
+    rows: Lines, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
 ) -> Columns | None:
     """The columns by pyarrow; None where it does not read every line."""
     import pyarrow as pa
@@ -398,7 +400,7 @@ def floats(column: Any) -> FloatArray:
 
 
 def by_line(
-    rows: Rows, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
+    rows: Lines, layout: Layout, numbers: Sequence[int], texts: Sequence[int] = ()
 ) -> Columns:
     """The columns by Python's csv, so that the first bad line is named."""
     arrays = [array("d") for _ in numbers]

@@ -45,7 +45,7 @@ from nearlift.readers.dialect import (
     sniff,
 )
 from nearlift.readers.files import content_of, is_sheet, sheet_of
-from nearlift.readers.table import Layout, Rows, parse, refuse_nul
+from nearlift.readers.table import Layout, Lines, parse, refuse_nul
 from nearlift.units import NUMBER
 
 #: Longest line, bytes.
@@ -55,7 +55,7 @@ _earlier: dict[tuple[Dialect, bytes], Layout] = {}
 MOST_KEPT = 8
 #: Column of a file with one number to a line, as it is read first.
 ONE_COLUMN = "value"
-#: Rows from which on a clock is seen among them: noise grows through so many in one of 40,000.
+#: Lines from which on a clock is seen among them: noise grows through so many in one of 40,000.
 MIN_CLOCK_ROWS = 8
 #: Names of columns that hold times.
 CALLED_TIME = ("time", "timestamp", "time of day", "datetime", "clock", "zeit", "uhrzeit")
@@ -162,7 +162,7 @@ def by_layout(content: bytes, layout: Layout, names: Names, where: str) -> Conte
     )
 
 
-def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], Rows, bool]:
+def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], Lines, bool]:
     """The lines above the first row, the whole lines from it on, and whether a last line without
     its end was left out.
     """
@@ -190,7 +190,7 @@ def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], Row
             what = f"has a line of more than {LONGEST_LINE >> 20} MB"
             raise InputRefused(f"{where}, after line {at}", what, "it is no table, or damaged")
     above = content[:start].decode("utf-8", "replace").split("\n")[:-1]
-    rows = Rows(body=content[start:end], where=where, line=layout.first)
+    rows = Lines(body=content[start:end], where=where, line=layout.first)
     return above, rows, half or bool(tail.strip()) or b"\0" in tail
 
 
