@@ -91,30 +91,19 @@ FLIGHTS = "simulation-flights"
 
 
 def plans() -> list[Any]:
-    """The paper's settings, a plan for each boundary."""
+    """The paper's flights at each boundary: how, curves and settings."""
     from nearlift.flight import paper
-    from nearlift.flight.monte_carlo import FlightPlan, FlightSetting
+    from nearlift.flight.monte_carlo import settings_of
 
     preset = paper.preset("paper")
-    found = []
-    for boundary in paper.MODELS:
-        curves = paper.scaled_curves(boundary)
-        own = preset.groups(boundary)
-        settings = [
-            FlightSetting(target_z_hat=float(z), groups=own, curve=c)
-            for c in range(len(paper.EXPONENTS))
-            for z in paper.TARGETS[boundary]
-        ]
-        found.append(
-            FlightPlan(
-                boundary=boundary,
-                settings=settings,
-                curves=curves,
-                scheme="euler",
-                steps_per_hold=1,
-            )
+    return [
+        (
+            preset.monte_carlo(boundary, 2, 1),
+            paper.scaled_curves(boundary),
+            settings_of(paper.TARGETS[boundary], range(len(paper.EXPONENTS))),
         )
-    return found
+        for boundary in paper.MODELS
+    ]
 
 
 def prepare(data: Path, quick: bool) -> str:
@@ -129,19 +118,19 @@ def prepare(data: Path, quick: bool) -> str:
 
 def nearlift(data: Path) -> dict[str, Any]:
     """Fly, after a first flight that loads the compiled loop."""
-    import numpy as np
+    from dataclasses import replace
 
-    from nearlift.flight.monte_carlo import fly
+    import numpy as np
 
     steps = crashes = 0
     wall = cpu = 0.0
     flights = int((data / FLIGHTS).read_text())
-    for plan in plans():
-        fly(plan, 2, 1)
+    for how, curves, settings in plans():
+        how.ended(curves, settings)
         begun = time.perf_counter(), time.process_time()
-        ended = fly(plan, flights, 1)
+        ended = replace(how, flights=flights).ended(curves, settings)
         wall, cpu = wall + time.perf_counter() - begun[0], cpu + time.process_time() - begun[1]
-        steps += int(np.where(ended < 0, plan.holds, ended + 1).sum())
+        steps += int(np.where(ended < 0, how.holds, ended + 1).sum())
         crashes += int((ended >= 0).sum())
     return {"wall_s": wall, "cpu_s": cpu, "ns a step": 1e9 * wall / steps, "crashes": crashes}
 

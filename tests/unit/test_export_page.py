@@ -61,12 +61,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     whole = ModelExport(
         campaign="my-rig",
         nearlift="0",
-        digest="0",
+        trials_sha256="0",
         date="unknown",
         source="results.json",
-        radius_m=R,
+        rotor_radius_m=R,
         held="throttle",
-        lifts=(exported(lift),),
+        boundaries={"ground": exported(lift)},
     )
     (out / "lift_model.h").write_text(c_header.header(whole))
     (out / "lift_model.py").write_text(python_module.module(whole))

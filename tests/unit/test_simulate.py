@@ -17,7 +17,7 @@ from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.flight import paper
 from nearlift.flight.fitted import conditions
 from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.monte_carlo import FlightPlan, FlightSetting, fly, tabulate
+from nearlift.flight.monte_carlo import settings_of, tabulate
 from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED, gains_for, poles
 from nearlift.report.figures.fig6 import touching
 from nearlift.report.figures.files import render
@@ -153,17 +153,9 @@ def test_a_crash_is_drawn_where_the_flight_touches():
 @pytest.mark.parametrize("text", ["threads:2", "processes:2"])
 def test_no_executor_changes_what_is_flown(text):
     """Blocks of flights go to the executor's workers as plain values and come back in order."""
-    preset = paper.preset("paper")
-    own = preset.groups("ground")
-    settings = [FlightSetting(target_z_hat=z, groups=own) for z in (1.0, 1.2)]
-    plan = FlightPlan(
-        boundary="ground",
-        settings=settings,
-        curves=tabulate([np.ones_like], 0.5),
-        scheme="euler",
-        steps_per_hold=1,
-    )
-    alone = fly(plan, 120, 9)
+    how = paper.preset("paper").monte_carlo("ground", 120, 9)
+    curves, settings = tabulate([np.ones_like], 0.5), settings_of([1.0, 1.2])
+    alone = how.ended(curves, settings)
     with open_executor(text) as pool:
         job = Job(root=Path(), campaign=None, processed=Path(), reports=Path(), executor=pool)
         workers = []
@@ -172,7 +164,7 @@ def test_no_executor_changes_what_is_flown(text):
             workers.append(pool)
             return job.executor.map(task, firsts)
 
-        assert np.array_equal(fly(plan, 120, 9, spread), alone)
+        assert np.array_equal(replace(how, spread=spread).ended(curves, settings), alone)
     assert workers
 
 
@@ -263,7 +255,7 @@ def test_gains_for_a_payload_keep_the_poles_or_are_kept(own):
         if craft is loaded:
             asked |= {"mass": "32 g", "scale_gains": name == "scaled"}
         chosen = manifest.parse(raw_manifest(simulate=asked)).simulate
-        groups, _ = conditions(chosen, "ground", craft, 0.0, 0, map, bare.mass_kg)
+        groups = conditions(chosen, "ground", craft, 0.0, 0, map, bare.mass_kg).groups
         found[name] = gains_for(groups, craft), groups.noise * craft.weight_N
     bare_poles = poles(found["none"][0], bare, "ground")
     assert poles(found["scaled"][0], loaded, "ground") == pytest.approx(bare_poles)

@@ -140,7 +140,6 @@ class Simulate(Section):
     risks: Annotated[list[Probability], Field(min_length=1), AfterValidator(_unlike)] = Field(
         default=[0.5, 0.01]
     )
-    estimator_delay: Duration = 0.0
     supply_end: Voltage | None = None
     roll_inertia: Inertia | None = None
     roll_inertia_uncertainty: Fraction | None = None

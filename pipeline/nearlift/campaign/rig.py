@@ -62,9 +62,9 @@ class ThrottleMap(Section):
 class Vehicle(Section):
     """The vehicle under the load cell. Lengths in m, mass in kg.
 
-    `contact` is the distance from datum to boundary at first touch. `motor_lag` (s) and
-    `thrust_limit` (N, all rotors, far from every boundary; default: the largest measured lift)
-    apply to simulated flights.
+    `contact` is the distance from datum to boundary at first touch. `thrust_limit` (N, all
+    rotors, far from every boundary; default: the largest measured lift) applies to simulated
+    flights.
     """
 
     name: str
@@ -75,7 +75,6 @@ class Vehicle(Section):
     rotor_positions: list[Position] | None = None
     mass: Mass
     contact: dict[Boundary, Length] = Field(default={})
-    motor_lag: Duration = 0.0
     thrust_limit: Force | None = None
     throttle_map: ThrottleMap | None = None
 

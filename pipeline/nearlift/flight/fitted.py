@@ -20,11 +20,11 @@ from nearlift.flight import crash_rate, energy, paper
 from nearlift.flight.crash_rate import CrashLevel
 from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.monte_carlo import (
-    FlightSetting,
     MonteCarlo,
     Spread,
     StepTest,
     Sweep,
+    settings_of,
     steps_per_hold,
     sweep,
     tabulate,
@@ -143,7 +143,7 @@ def conditions(
     key: int,
     spread: Spread,
     bare_kg: float | None = None,
-) -> tuple[Groups, MonteCarlo]:
+) -> MonteCarlo:
     """Groups, scheme and step of a campaign's flights.
 
     They are the manifest's, else the paper's scaled to the vehicle. `contact_m` is the height of
@@ -181,12 +181,7 @@ def conditions(
             f"{duration_s:g} s is shorter than one gust of {gusts.hold_s:g} s",
             "fly at least so long",
         )
-    # at least two steps within the shortest lag or delay
-    delays = [t for t in (craft.motor_lag_s, chosen.estimator_delay) if t > 0]
-    parts = max([like.steps_per_hold, *(math.ceil(2 * gusts.hold_s / t) for t in delays)])
-    step_s = chosen.step or gusts.hold_s / parts
-    contact = contact_m / craft.radius_m
-    groups = dimensionless(craft, gains, gusts, duration_s, contact, chosen.estimator_delay)
+    step_s = chosen.step or gusts.hold_s / like.steps_per_hold
     if chosen.mass and craft.most_lift_N < craft.weight_N:
         raise ManifestError(
             "simulate.mass",
@@ -194,7 +189,9 @@ def conditions(
             f" {craft.weight_N:.3g} N",
             "no such vehicle flies: give less mass, or a larger thrust_limit",
         )
-    return groups, MonteCarlo(
+    return MonteCarlo(
+        boundary=boundary,
+        groups=dimensionless(craft, gains, gusts, duration_s, contact_m / craft.radius_m),
         scheme=like.scheme,
         step_s=step_s,
         steps_per_hold=steps_per_hold(gusts.hold_s, step_s),
@@ -207,7 +204,6 @@ def conditions(
 def fitted_flights(
     lift: FittedLift,
     chosen: Simulate,
-    groups: Groups,
     how: MonteCarlo,
     held: energy.Held,
     craft: Craft,
@@ -224,7 +220,7 @@ def fitted_flights(
     ManifestError
         A set-point is not above the height of contact.
     """
-    boundary, nearest = lift.boundary, lift.measured_z_hat[0]
+    boundary, groups, nearest = how.boundary, how.groups, lift.measured_z_hat[0]
     usual = paper.set_points(boundary, groups.contact)
     targets = np.array(chosen.set_points.get(boundary, usual))
     if targets[0] <= groups.contact:
@@ -240,21 +236,13 @@ def fitted_flights(
     droop = lift.droop(chosen.supply_end)
     many = replace(how, flights=max(how.flights, ADVISED_FLIGHTS))
     curves = tabulate([np.ones_like, form, held_below], bound)
-    flown, step_test = sweep(boundary, curves, targets, groups, many, chosen.risks, droop)
+    flown, step_test = sweep(many, curves, targets, chosen.risks, droop)
     draw_curves = tabulate(drawn, bound)
-    settings = [
-        FlightSetting(
-            target_z_hat=float(z),
-            groups=groups,
-            curve=m,
-            droop=lift.droop(chosen.supply_end, m),
-        )
-        for m in range(lift.number)
-        for z in flown.target_z_hat
-    ]
+    droops = [lift.droop(chosen.supply_end, m) for m in range(lift.number)]
+    settings = settings_of(flown.target_z_hat, range(lift.number), droops)
     draws = Sweep(
         target_z_hat=flown.target_z_hat,
-        crashed=how.crashed(boundary, settings, draw_curves).reshape(lift.number, -1, how.flights),
+        crashed=how.crashed(draw_curves, settings).reshape(lift.number, -1, how.flights),
         ratio=draw_curves.at(flown.target_z_hat),
     )
     labels: dict[str, object] = {
@@ -262,37 +250,26 @@ def fitted_flights(
         "boundary": boundary,
         "contact_z_hat": groups.contact,
     }
-    rows: Rows = []
-    for curve, below in enumerate(("", "form", "held")):
-        model = lift.model.name if below else "none"
-        label = {
-            "model": model,
-            "exponent": float(bool(below)),
-            "member": -1,
-            "below_nearest": below,
-        }
-        rows += flown.rows(curve, held, labels | label)
+    name, rows = lift.model.name, Rows()
+    for curve, (model, below) in enumerate((("none", ""), (name, "form"), (name, "held"))):
+        label = {"model": model, "exponent": float(bool(below)), "member": -1}
+        rows += flown.rows(curve, held, labels | label | {"below_nearest": below})
     for member in range(lift.number):
-        label = {
-            "model": lift.model.name,
-            "exponent": 1.0,
-            "member": member,
-            "below_nearest": "form",
-        }
+        label = {"model": name, "exponent": 1.0, "member": member, "below_nearest": "form"}
         rows += draws.rows(member, held, labels | label)
     rng = generator(seed, "levels", "fitted", boundary)
     levels = []
     for risk in chosen.risks:
         level = _level(flown, draws, risk, rng)
         if np.isfinite(level.value):
-            at = FlightSetting(target_z_hat=level.value, groups=groups, curve=FORM, droop=droop)
-            again = many.others().crashed(boundary, [at], curves).sum(axis=1)
-            low, high = crash_rate.binomial90(again, many.flights)
+            again = many.others().crashed(curves, settings_of([level.value], (FORM,), droop))
+            crashes = again.sum(axis=1)
+            low, high = crash_rate.binomial90(crashes, many.flights)
             power = energy.cost(curves.at(np.array([level.value]))[FORM], held)[1]
             level = replace(
                 level,
                 relative_power=float(power[0]),
-                crashes=int(again[0]),
+                crashes=int(crashes[0]),
                 rate_lo90=float(low[0]),
                 rate_hi90=float(high[0]),
             )

@@ -6,8 +6,7 @@
 Lengths in rotor radii, times in sqrt(r/g), forces in weights. s is +1 above a ground and -1 below a
 ceiling, where z is measured downwards. R(z) is L / L_inf by table; w is held for `hold`, of which
 the step is a whole part. A flight ends when z <= contact, by Runge-Kutta also between steps. u is
-limited to the range of the motors. With a lag the motors follow u, f' = (u - f) / lag, and f
-replaces u in lift. With a delay the controller's command arrives late (linear between steps).
+limited to the range of the motors.
 
 A flight's gusts are made once for all settings. Settings are advanced together, so that the
 processor works on several while each waits for its table. A crashed setting leaves the list. Arrays
@@ -47,65 +46,22 @@ def push(x: Any, v: Any, lag: Any, total: Any, law: Any, curve: Any) -> Any:
 
 
 @compiled
-def behind(
-    x: Any, w: Any, i: Any, f: Any, here: Any, seen: Any, late: Any, rate: Any,
-    dt: Any, low: Any, per: Any, law: Any, curve: Any,
-) -> Any:  # fmt: skip
-    """Height, speed, integral and rotor frequency after a Runge-Kutta step with lag and delay.
-
-    `seen` is the delayed controller's command at the step's beginning and end (used if `late`),
-    `rate` 1 / lag, 0 where the motors follow at once.
-    """
-    alpha, beta, gamma, delta, most, lift, load, base = law
-    dx = dw = di = df = 0.0
-    sx, sw, si, sf = x, w, i, f
-    for stage in range(4):
-        if late:
-            command = seen[0] + 0.5 * ((stage + 1) // 2) * (seen[1] - seen[0])
-        else:
-            command = alpha * (sx - here) + beta * sw + gamma * si + delta
-        command = min(max(command, 0.0), most)
-        turning = sf if rate > 0.0 else command
-        q = min(max((sx - low) * per, 0.0), float(NODES - 1))
-        node = int(q)
-        at = base + 2 * node
-        push = turning * turning * lift * (curve[at] + (q - node) * curve[at + 1]) + load
-        kx, kw, ki, kf = sw, push, sx - here, (command - sf) * rate
-        weight = dt / 6.0 if stage in (0, 3) else dt / 3.0
-        dx, dw, di, df = dx + weight * kx, dw + weight * kw, di + weight * ki, df + weight * kf
-        ahead = 0.5 * dt if stage < 2 else dt
-        sx, sw, si, sf = x + ahead * kx, w + ahead * kw, i + ahead * ki, f + ahead * kf
-    return x + dx, w + dw, i + di, f + df
-
-
-@compiled
 def fly(
     key: Any, first: Any, holds: Any, per_hold: Any, dt: Any, runge_kutta: Any, memory: Any,
-    settings: Any, which: Any, curves: Any, low: Any, per: Any, motor_lag: Any, delay: Any,
-    ended: Any, track: Any,
+    settings: Any, which: Any, curves: Any, low: Any, per: Any, ended: Any, track: Any,
 ) -> None:  # fmt: skip
     """Fly a block of flights, the first of them number `first`, through all settings.
 
     `ended[s, f]` becomes the hold in which setting s crashed in flight f, or -1. `memory` is the
     gusts' correlation from hold to hold (0: white). `settings` is (10, n), `which` the start of
-    each one's table, `curves` all tables in one row, `delay` in steps. Where `track` (n, holds + 1)
-    is not empty, it takes the heights of the last flight flown, at the end of every hold. Without
-    `runge_kutta` the scheme is explicit Euler, the paper's; lag and delay are integrated by
-    Runge-Kutta in any case.
+    each one's table, `curves` all tables in one row. Where `track` (n, holds + 1) is not empty, it
+    takes the heights of the last flight flown, at the end of every hold. Without `runge_kutta` the
+    scheme is explicit Euler, the paper's.
     """
     n = settings.shape[1]
     z0, alpha, beta, gamma = settings[Z0], settings[ALPHA], settings[BETA], settings[GAMMA]
     delta, noise, sign = settings[DELTA], settings[NOISE], settings[SIGN]
     droop, contact, most = settings[DROOP], settings[CONTACT], settings[MOST]
-    lags = motor_lag > 0.0 or delay > 0.0
-    dips = lags or runge_kutta
-    rate = 1.0 / motor_lag if motor_lag > 0.0 else 0.0
-    whole = int(delay)
-    part = delay - whole
-    # commands without delay at the last whole + 2 steps
-    ring = whole + 2
-    commands = np.empty((n if lags else 0, ring))
-    turn = np.empty(n)
     keep_track = track.shape[0] > 0
     gusts = np.zeros(holds)
     z, v, total = np.empty(n), np.empty(n), np.empty(n)
@@ -119,10 +75,6 @@ def fly(
                 gusts[k] = memory * gusts[k - 1] + fresh * gusts[k]
         for s in range(n):
             z[s], v[s], total[s], active[s], ended[s, f] = z0[s], 0.0, 0.0, s, -1
-            turn[s] = min(max(delta[s], 0.0), most[s])
-            if lags:
-                for slot in range(ring):
-                    commands[s, slot] = delta[s]
             if keep_track:
                 track[s, 0] = z0[s]
         left = n
@@ -138,26 +90,11 @@ def fly(
                 load = side * (noise[s] * gust - 1.0)
                 law = (alpha[s], beta[s], gamma[s], delta[s], most[s], lift, load, which[s])
                 crashed = False
-                for step in range(per_hold):
+                for _ in range(per_hold):
                     q = (x - low) * per
                     g = x - here
                     from_x, before = x, w
-                    if lags:
-                        now = k * per_hold + step + ring
-                        commands[s, now % ring] = (
-                            alpha[s] * g + beta[s] * w + gamma[s] * i + delta[s]
-                        )
-                        middle = commands[s, (now - whole) % ring]
-                        begun = middle + part * (commands[s, (now - whole - 1) % ring] - middle)
-                        ended_at = begun
-                        if whole > 0:
-                            newer = commands[s, (now - whole + 1) % ring]
-                            ended_at = newer + part * (middle - newer)
-                        x, w, i, turn[s] = behind(
-                            x, w, i, turn[s], here, (begun, ended_at), delay > 0.0, rate, dt, low,
-                            per, law, curves,
-                        )  # fmt: skip
-                    elif runge_kutta:
+                    if runge_kutta:
                         a1 = push(q, w, g, i, law, curves)
                         v2 = w + half * a1
                         g2 = g + half * w
@@ -178,7 +115,7 @@ def fly(
                         w += dt * a1
                     # approximate lowest point within the step, on the cubic through its ends
                     dip = x
-                    if dips and before < 0.0 < w:
+                    if runge_kutta and before < 0.0 < w:
                         p = before / (before - w)
                         r = 1.0 - p
                         dip = r * r * (from_x * (1.0 + 2.0 * p) + p * dt * before)

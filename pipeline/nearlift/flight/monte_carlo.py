@@ -1,5 +1,6 @@
-"""Monte Carlo flights: lift tables, settings, crash rates over set-points, and a test of the time
-step. Flights are addressed by number, so blocks give the same result in any order.
+"""Monte Carlo flights: lift tables, crashes over set-points, and a test of the time step.
+
+Flights are addressed by number, so blocks give the same result in any order.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, ManifestError
@@ -103,75 +104,27 @@ def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FlightSetting:
-    """A set-point with its lift curve and controller.
-
-    The controller's f0 allows for the boundary there, as in the paper. `curve` is a row of the
-    tables, `droop` the relative change of lift by the end of the flight as the supply sags (linear
-    in time).
+class FlightSettings:
+    """Set-points (n,) to be flown, each with its row of the lift tables and the relative change of
+    lift by the end of a flight as the supply sags (linear in time).
     """
 
-    target_z_hat: float
-    groups: Groups
-    curve: int = 0
-    droop: float = 0.0
+    target_z_hat: FloatArray
+    curve: IntArray
+    droop: FloatArray
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FlightPlan:
-    """Settings to be flown at one boundary with one time step; all share hold, correlation,
-    duration, motor lag and estimator delay.
-
-    Flight f meets the same gusts in every setting, which makes differences far better known than
-    rates.
-    """
-
-    boundary: Boundary
-    settings: Sequence[FlightSetting]
-    curves: Curves
-    scheme: Scheme
-    steps_per_hold: int
-
-    @property
-    def weather(self) -> Groups:
-        """Groups whose hold, correlation, duration, lag and delay all settings share."""
-        return self.settings[0].groups
-
-    @property
-    def holds(self) -> int:
-        """Number of held gusts in a flight."""
-        return max(round(self.weather.duration / self.weather.hold), 1)
-
-    @property
-    def step(self) -> float:
-        """Time step in sqrt(r/g)."""
-        return self.weather.hold / self.steps_per_hold
-
-    def columns(self) -> tuple[FloatArray, IntArray]:
-        """Settings for the compiled loop, (WIDTH, n), and the start of each one's table.
-
-        Raises ManifestError if they differ in hold, correlation, duration, lag or delay.
-        """
-        times = {
-            (g.hold, g.correlation, g.duration, g.motor_lag, g.delay)
-            for g in (s.groups for s in self.settings)
-        }
-        if len(times) > 1:
-            raise ManifestError(
-                "simulate",
-                "settings of one plan differ in hold, correlation, duration, lag or delay",
-                "fly them as plans of their own",
-            )
-        side = AWAY[self.boundary]
-        rows = []
-        near = self.curves.at(np.array([s.target_z_hat for s in self.settings]))
-        for i, s in enumerate(self.settings):
-            g = s.groups
-            most = np.sqrt(g.most_lift)
-            gains = (g.alpha, g.beta, g.gamma, g.delta / np.sqrt(near[s.curve, i]))
-            rows.append((s.target_z_hat, *gains, g.noise, side, s.droop, g.contact, most))
-        which = np.array([2 * NODES * s.curve for s in self.settings], dtype=np.int64)
-        return np.ascontiguousarray(np.array(rows, dtype=float).T), which
+def settings_of(
+    target_z_hat: ArrayLike, curves: Sequence[int] = (0,), droop: ArrayLike = 0.0
+) -> FlightSettings:
+    """Every curve at every set-point, one curve after the other; `droop` is one, or a curve's."""
+    targets = np.asarray(target_z_hat, dtype=float)
+    each = np.broadcast_to(np.asarray(droop, dtype=float), len(curves))
+    return FlightSettings(
+        target_z_hat=np.tile(targets, len(curves)),
+        curve=np.repeat(np.asarray(curves, dtype=np.int64), len(targets)),
+        droop=np.repeat(each, len(targets)),
+    )
 
 
 def steps_per_hold(hold_s: float, step_s: float) -> int:
@@ -193,54 +146,15 @@ def steps_per_hold(hold_s: float, step_s: float) -> int:
 
 
 def _block(
-    first: int, *, plan: FlightPlan, end: int, size: int, key: int, track: FloatArray = UNTRACKED
+    first: int, *, key: int, end: int, size: int, flown: tuple[Any, ...], track: FloatArray
 ) -> NDArray[np.int32]:
+    """Hold in which each flight of one block crashed: of plain values, for any worker."""
     from nearlift.flight import kernel
 
-    columns, which = plan.columns()
-    ended = np.empty((len(plan.settings), min(size, end - first)), dtype=np.int32)
-    weather = plan.weather
-    memory = float(np.exp(-weather.hold / weather.correlation)) if weather.correlation > 0 else 0.0
-    kernel.fly(
-        np.uint64(key),
-        first,
-        plan.holds,
-        plan.steps_per_hold,
-        plan.step,
-        plan.scheme == "rk4",
-        memory,
-        columns,
-        which,
-        plan.curves.packed(),
-        plan.curves.low,
-        plan.curves.per_radius,
-        weather.motor_lag,
-        weather.delay / plan.step,
-        ended,
-        track,
-    )
+    settings = flown[5]
+    ended = np.empty((settings.shape[1], min(size, end - first)), dtype=np.int32)
+    kernel.fly(np.uint64(key), first, *flown, ended, track)
     return ended
-
-
-def fly(plan: FlightPlan, flights: int, key: int, spread: Spread = map) -> NDArray[np.int32]:
-    """Hold in which each flight crashed, or -1: shape (settings, flights).
-
-    Flight f meets the same gusts in every setting and every plan with this key. `spread` is an
-    executor's map; the result does not depend on it.
-    """
-    # blocks of equal size, or one worker would fly nearly all of few flights
-    size = min(BLOCK, math.ceil(flights / LEAST_BLOCKS))
-    block = functools.partial(_block, plan=plan, end=flights, size=size, key=key)
-    return np.concatenate(list(spread(block, range(0, flights, size))), axis=1)
-
-
-def trace(plan: FlightPlan, flight: int, key: int) -> FloatArray:
-    """Heights of one flight at the start and after every hold, (settings, holds + 1); nan once
-    crashed.
-    """
-    track = np.full((len(plan.settings), plan.holds + 1), np.nan)
-    _block(flight, plan=plan, end=flight + 1, size=1, key=key, track=track)
-    return track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -282,10 +196,15 @@ def combined(parts: Sequence[StepTest]) -> StepTest:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MonteCarlo:
-    """Flights per setting, and how they are integrated; `key` addresses the gusts, `spread` is an
-    executor's map over blocks of flights.
+    """Flights at one boundary, and how they are integrated.
+
+    The controller's f0 allows for the boundary at the set-point, as in the paper. `key` addresses
+    the gusts: flight f meets the same ones in every setting, which makes differences far better
+    known than rates. `spread` is an executor's map over blocks of flights; no result depends on it.
     """
 
+    boundary: Boundary
+    groups: Groups
     scheme: Scheme
     step_s: float
     steps_per_hold: int
@@ -301,31 +220,67 @@ class MonteCarlo:
         """Repeat the flights with other gusts."""
         return replace(self, key=self.key ^ OTHERS)
 
-    def crashed(
-        self, boundary: Boundary, settings: Sequence[FlightSetting], curves: Curves
-    ) -> NDArray[np.bool_]:
-        """Whether each flight crashes: shape (settings, flights)."""
-        plan = FlightPlan(
-            boundary=boundary,
-            settings=settings,
-            curves=curves,
-            scheme=self.scheme,
-            steps_per_hold=self.steps_per_hold,
+    @property
+    def holds(self) -> int:
+        """Number of held gusts in a flight."""
+        return max(round(self.groups.duration / self.groups.hold), 1)
+
+    def _flown(self, curves: Curves, settings: FlightSettings) -> tuple[Any, ...]:
+        """Arguments of the compiled loop from `holds` to `per`; settings in its order of rows."""
+        g, n = self.groups, len(settings.curve)
+        near = curves.at(settings.target_z_hat)[settings.curve, np.arange(n)]
+        gains = (g.alpha, g.beta, g.gamma, g.delta / np.sqrt(near))
+        rest = (g.noise, AWAY[self.boundary], settings.droop, g.contact, np.sqrt(g.most_lift))
+        rows = [np.broadcast_to(row, n) for row in (settings.target_z_hat, *gains, *rest)]
+        memory = float(np.exp(-g.hold / g.correlation)) if g.correlation > 0 else 0.0
+        return (
+            self.holds,
+            self.steps_per_hold,
+            g.hold / self.steps_per_hold,
+            self.scheme == "rk4",
+            memory,
+            np.stack(rows),
+            2 * NODES * settings.curve,
+            curves.packed(),
+            curves.low,
+            curves.per_radius,
         )
-        return fly(plan, self.flights, self.key, self.spread) >= 0
+
+    def ended(self, curves: Curves, settings: FlightSettings) -> NDArray[np.int32]:
+        """Hold in which each flight crashed, or -1: shape (settings, flights)."""
+        # blocks of equal size, or one worker would fly nearly all of few flights
+        size = min(BLOCK, math.ceil(self.flights / LEAST_BLOCKS))
+        block = functools.partial(
+            _block,
+            key=self.key,
+            end=self.flights,
+            size=size,
+            flown=self._flown(curves, settings),
+            track=UNTRACKED,
+        )
+        return np.concatenate(list(self.spread(block, range(0, self.flights, size))), axis=1)
+
+    def crashed(self, curves: Curves, settings: FlightSettings) -> NDArray[np.bool_]:
+        """Whether each flight crashes: shape (settings, flights)."""
+        return self.ended(curves, settings) >= 0
+
+    def trace(self, curves: Curves, settings: FlightSettings, flight: int) -> FloatArray:
+        """Heights of one flight at the start and after every hold, (settings, holds + 1); nan once
+        crashed.
+        """
+        track = np.full((len(settings.curve), self.holds + 1), np.nan)
+        flown = self._flown(curves, settings)
+        _block(flight, key=self.key, end=flight + 1, size=1, flown=flown, track=track)
+        return track
 
     def step_test(
-        self,
-        boundary: Boundary,
-        settings: Sequence[FlightSetting],
-        curves: Curves,
-        crashed: NDArray[np.bool_],
+        self, curves: Curves, settings: FlightSettings, crashed: NDArray[np.bool_]
     ) -> StepTest:
         """Step test on a share of the flights; `crashed` (settings, flights) is at full step."""
         share = max(round(CHECKED * self.flights), LEAST_CHECKED)
         few = replace(self, flights=min(share, self.flights))
         coarse = crashed[:, : few.flights].sum(axis=1)
-        fine = few.halved().crashed(boundary, settings, curves).sum(axis=1)
+        fine = few.halved().crashed(curves, settings).sum(axis=1)
         rates = np.stack([coarse, fine]) / few.flights
         low, high = binomial90(np.stack([fine, coarse]), few.flights)
         # each rate outside the other's interval: one flight among few makes no difference
@@ -335,9 +290,9 @@ class MonteCarlo:
         return StepTest(
             converged=not bool(outside.any()),
             worst=float(change[worst]),
-            worst_target_z_hat=float(settings[worst].target_z_hat),
+            worst_target_z_hat=float(settings.target_z_hat[worst]),
             beyond=int(outside.sum()),
-            settings=len(settings),
+            settings=len(settings.curve),
             flights=few.flights,
             step_s=self.step_s,
             halved_s=self.step_s / 2,
@@ -381,11 +336,9 @@ class Sweep:
 
 
 def sweep(
-    boundary: Boundary,
+    how: MonteCarlo,
     curves: Curves,
     target_z_hat: FloatArray,
-    groups: Groups,
-    how: MonteCarlo,
     risks: Sequence[float] = (),
     droop: float = 0.0,
 ) -> tuple[Sweep, StepTest]:
@@ -393,18 +346,10 @@ def sweep(
     its step test. `droop` is the relative change of lift by the end of a flight.
     """
     n = len(curves.values)
-
-    def settings(targets: FloatArray, which: Sequence[int]) -> list[FlightSetting]:
-        return [
-            FlightSetting(target_z_hat=float(z), groups=groups, curve=c, droop=droop)
-            for c in which
-            for z in targets
-        ]
-
     z_hat, new = np.empty(0), np.asarray(target_z_hat, dtype=float)
     crashed = np.empty((n, 0, how.flights), dtype=bool)
     for _ in range(ROUNDS):
-        flown = how.crashed(boundary, settings(new, range(n)), curves)
+        flown = how.crashed(curves, settings_of(new, range(n), droop))
         order = np.argsort(np.concatenate([z_hat, new]))
         z_hat = np.concatenate([z_hat, new])[order]
         both = [crashed, flown.reshape(n, len(new), how.flights)]
@@ -417,13 +362,14 @@ def sweep(
         if not len(new):
             break
     # the step is tested at the set-points asked for: those added lie where flights graze
-    asked = np.isin(z_hat, target_z_hat)
-    again, before = list[FlightSetting](), list[NDArray[np.bool_]]()
+    asked = np.flatnonzero(np.isin(z_hat, target_z_hat))
+    tested = np.zeros((n, len(z_hat)), dtype=bool)
     for c in range(n):
-        seen = crashed[c][asked]
-        hit = np.flatnonzero(seen.any(axis=1))
-        upto = (int(hit[-1]) + 1 if len(hit) else 0) + BEYOND
-        again += settings(z_hat[asked][:upto], [c])
-        before.append(seen[:upto])
-    test = how.step_test(boundary, again, curves, np.concatenate(before))
-    return Sweep(target_z_hat=z_hat, crashed=crashed, ratio=curves.at(z_hat)), test
+        hit = np.flatnonzero(crashed[c, asked].any(axis=1))
+        tested[c, asked[: (int(hit[-1]) + 1 if len(hit) else 0) + BEYOND]] = True
+    curve, at = np.nonzero(tested)
+    again = FlightSettings(
+        target_z_hat=z_hat[at], curve=curve, droop=np.full(len(at), float(droop))
+    )
+    step_test = how.step_test(curves, again, crashed[tested])
+    return Sweep(target_z_hat=z_hat, crashed=crashed, ratio=curves.at(z_hat)), step_test

@@ -17,18 +17,15 @@ from nearlift.flight import crash_rate
 from nearlift.flight.crash_rate import CrashLevel
 from nearlift.flight.monte_carlo import (
     Curves,
-    FlightPlan,
-    FlightSetting,
     MonteCarlo,
     Scheme,
     Spread,
     StepTest,
     combined,
-    fly,
+    settings_of,
     steps_per_hold,
     sweep,
     tabulate,
-    trace,
 )
 from nearlift.flight.vehicle import (
     CRAZYFLIE_AS_PRINTED,
@@ -82,9 +79,13 @@ class FlightPreset:
         """Number of time steps for which a gust is held."""
         return steps_per_hold(PAPER_DISTURBANCE.hold_s, self.step_s)
 
-    def monte_carlo(self, flights: int, key: int, spread: Spread = map) -> MonteCarlo:
-        """Flights with this preset's scheme and step."""
+    def monte_carlo(
+        self, boundary: Boundary, flights: int, key: int, spread: Spread = map
+    ) -> MonteCarlo:
+        """Flights of the paper's vehicle at a boundary, with this preset's scheme and step."""
         return MonteCarlo(
+            boundary=boundary,
+            groups=self.groups(boundary),
             scheme=self.scheme,
             step_s=self.step_s,
             steps_per_hold=self.steps_per_hold,
@@ -154,23 +155,23 @@ class PublishedFlights:
 
 
 def published_flights(
-    preset: FlightPreset, boundary: Boundary, how: MonteCarlo, risks: Sequence[float]
+    preset: str, how: MonteCarlo, risks: Sequence[float]
 ) -> tuple[PublishedFlights, Rows]:
     """Crash rates and levels of all powers over all set-points, with the rows of
     crash_rates.parquet.
     """
-    groups = preset.groups(boundary)
+    boundary, groups = how.boundary, how.groups
     # one bootstrap for all curves: they met the same gusts
-    rng = generator(how.key % 2**32, "levels", preset.name, boundary)
+    rng = generator(how.key % 2**32, "levels", preset, boundary)
     weights = crash_rate.resamples(how.flights, rng)
     rows: Rows = []
     listed, tests = [], []
     for k in EXPONENTS:
         curves = scaled_curves(boundary, (k,))
-        flown, step_test = sweep(boundary, curves, TARGETS[boundary], groups, how, risks)
+        flown, step_test = sweep(how, curves, TARGETS[boundary], risks)
         tests.append(step_test)
         labels = {
-            "preset": preset.name,
+            "preset": preset,
             "boundary": boundary,
             "model": MODELS[boundary] if k else "none",
             "exponent": k,
@@ -204,17 +205,9 @@ def histories(preset: FlightPreset, boundary: Boundary, key: int) -> Rows:
     Above a ground they crash only without the model, below a ceiling only with it, as in the
     paper's own illustration. The crash rates count all flights.
     """
-    groups = preset.groups(boundary)
-    plan = FlightPlan(
-        boundary=boundary,
-        settings=[
-            FlightSetting(target_z_hat=SHOWN[boundary], groups=groups, curve=c) for c in (0, 1)
-        ],
-        curves=scaled_curves(boundary, (0.0, 1.0)),
-        scheme=preset.scheme,
-        steps_per_hold=preset.steps_per_hold,
-    )
-    ended = fly(plan, LOOKED_AT, key)
+    how = preset.monte_carlo(boundary, LOOKED_AT, key)
+    curves, settings = scaled_curves(boundary, (0.0, 1.0)), settings_of([SHOWN[boundary]], (0, 1))
+    ended = how.ended(curves, settings)
     bad, good = (0, 1) if boundary == "ground" else (1, 0)
     picked = np.flatnonzero((ended[bad] >= 0) & (ended[good] < 0))[:PICKED]
     return [
@@ -228,6 +221,8 @@ def histories(preset: FlightPreset, boundary: Boundary, key: int) -> Rows:
             "z_hat": float(heights[k]),
         }
         for flight in picked.tolist()
-        for name, heights in zip(("none", MODELS[boundary]), trace(plan, flight, key), strict=True)
+        for name, heights in zip(
+            ("none", MODELS[boundary]), how.trace(curves, settings, flight), strict=True
+        )
         for k in np.flatnonzero(np.isfinite(heights)).tolist()
     ]

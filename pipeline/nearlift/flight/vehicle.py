@@ -14,8 +14,8 @@ K = rotors C_L rho r^4, the paper's groups are
     gamma = kI r sqrt(r/g) sqrt(K / (m g))   delta = f0 sqrt(K / (m g))
 
 Eq. 6 leaves out the disturbance over weight, its hold and correlation time, step and duration, the
-height of contact, motor lag, estimator delay, largest thrust, and (in L / L_inf) spacing over
-radius and the bound on the ratio.
+height of contact, largest thrust, and (in L / L_inf) spacing over radius and the bound on the
+ratio.
 """
 
 from __future__ import annotations
@@ -37,8 +37,7 @@ class Craft:
 
     The paper's C_L = 1.6 makes a Crazyflie hover at 351 Hz; its measured hover is at 278 Hz (C_L =
     2.55). No crash depends on it: C_L enters Eq. 6 only through the groups, and the gains were
-    chosen with it. Thrust follows the command with time constant `motor_lag_s`, and lift far away
-    never exceeds `most_lift_N`; the paper's vehicle has neither.
+    chosen with it. Lift far away never exceeds `most_lift_N`; the paper's vehicle has no limit.
     """
 
     radius_m: float
@@ -47,7 +46,6 @@ class Craft:
     density_kg_m3: float
     C_L: float
     rotors: int = 4
-    motor_lag_s: float = 0.0
     most_lift_N: float = math.inf
 
     @property
@@ -160,8 +158,7 @@ class Groups:
     """Dimensionless groups of a flight.
 
     Gains carry the sign of Eq. 5; `delta` is 1 where f0 balances the weight far from the boundary.
-    The controller sees the state of `delay` ago. Rotor frequency follows its command with time
-    constant `motor_lag`. `most_lift` is the largest lift far away over weight.
+    `most_lift` is the largest lift far away over weight.
     """
 
     alpha: float
@@ -173,8 +170,6 @@ class Groups:
     correlation: float
     duration: float
     contact: float = 0.0
-    motor_lag: float = 0.0
-    delay: float = 0.0
     most_lift: Unbounded = math.inf
 
 
@@ -184,7 +179,6 @@ def dimensionless(
     disturbance: Disturbance,
     duration_s: float,
     contact_z_hat: float = 0.0,
-    delay_s: float = 0.0,
 ) -> Groups:
     """Groups of a vehicle, its controller and its gusts, with f0 of hover far away."""
     per_Hz = 1.0 / craft.hover_Hz
@@ -199,8 +193,6 @@ def dimensionless(
         correlation=disturbance.correlation_s / t,
         duration=duration_s / t,
         contact=contact_z_hat,
-        motor_lag=craft.motor_lag_s / t,
-        delay=delay_s / t,
         most_lift=craft.most_lift_N / craft.weight_N,
     )
 

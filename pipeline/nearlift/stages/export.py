@@ -11,8 +11,8 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 
 from nearlift.campaign.manifest import boundaries_of
-from nearlift.flight.export import c_header, json_document, python_module
-from nearlift.flight.export.model_export import ModelExport, exported
+from nearlift.flight.export import c_header, python_module
+from nearlift.flight.export.model_export import ModelExport, exported, json_schema
 from nearlift.results.document import as_json
 from nearlift.run import tables
 from nearlift.run.engine import Job
@@ -27,20 +27,20 @@ DRAWS = 2000
 def model_export(job: Job) -> ModelExport:
     """Exported lift models, dated by the newest raw file: the same data give the same bytes."""
     boundaries = boundaries_of(job.read_json(RESULTS)["boundaries"])
-    lifts = [fitted_lift(job, b, DRAWS) for b in boundaries]
+    lifts = {b: fitted_lift(job, b, DRAWS) for b in boundaries}
     raw = [p for name in job.inputs if (p := job.root / name).is_file()]
     newest = max((p.stat().st_mtime for p in raw), default=None)
     return ModelExport(
         campaign=job.campaign.name,
         nearlift=__version__,
-        digest=tables.sha256(job.processed / TRIALS.file),
+        trials_sha256=tables.sha256(job.processed / TRIALS.file),
         date=(
             "unknown" if newest is None else datetime.fromtimestamp(newest, UTC).date().isoformat()
         ),
-        source=", ".join(dict.fromkeys(lift.source for lift in lifts)),
-        radius_m=job.campaign.vehicle.rotor_radius,
+        source=", ".join(dict.fromkeys(lift.source for lift in lifts.values())),
+        rotor_radius_m=job.campaign.vehicle.rotor_radius,
         held=job.campaign.rig.held,
-        lifts=tuple(map(exported, lifts)),
+        boundaries={b: exported(lift) for b, lift in lifts.items()},
     )
 
 
@@ -59,8 +59,8 @@ write_python = _source("lift_model.py", python_module.module)
 
 def write_json(job: Job) -> str:
     """lift_model.json with its schema."""
-    _save(job, "lift_model.schema.json", json.dumps(json_document.SCHEMA, indent=1) + "\n")
-    content = as_json(json_document.document(model_export(job)))
+    _save(job, "lift_model.schema.json", json.dumps(json_schema(), indent=1) + "\n")
+    content = as_json(model_export(job))
     return _save(job, "lift_model.json", json.dumps(content, indent=1, ensure_ascii=False) + "\n")
 
 

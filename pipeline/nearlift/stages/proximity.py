@@ -11,13 +11,15 @@ from nearlift.errors import InputRefused, UsageError
 from nearlift.flight.detection import (
     INVERTED_S,
     BoundaryProximity,
+    HeightReading,
     ProximityResult,
+    RefusedReading,
     Sensor,
     boundary_proximity,
     range_rows,
+    read_height,
 )
 from nearlift.flight.fitted_lift import FittedLift
-from nearlift.flight.reading import HeightReading, RefusedReading, read_height
 from nearlift.reduction.quality import rejected
 from nearlift.results.fit import FitResults
 from nearlift.run.engine import Job

@@ -79,7 +79,6 @@ def vehicle(job: Job, chosen: Simulate) -> Craft:
         density_kg_m3=rig.air_density or AIR,
         C_L=chosen.lift_coefficient,
         rotors=v.rotors,
-        motor_lag_s=v.motor_lag,
         # a bench that never carried the weight does not show the largest lift
         most_lift_N=v.thrust_limit or (most if most > mass_kg * rig.gravity else math.inf),
     )
@@ -91,13 +90,11 @@ def _presets(job: Job, chosen: Simulate, key: int) -> tuple[dict[str, PresetFlig
     rates, samples = Rows(), Rows()
     for name in chosen.presets:
         preset = paper.preset(name)
-        how = preset.monte_carlo(chosen.flights, key, job.executor.map)
         boundaries = {}
         for boundary in paper.MODELS:
             job.say(f"simulate {name} {boundary}")
-            boundaries[boundary], rows = paper.published_flights(
-                preset, boundary, how, chosen.risks
-            )
+            how = preset.monte_carlo(boundary, chosen.flights, key, job.executor.map)
+            boundaries[boundary], rows = paper.published_flights(name, how, chosen.risks)
             rates += rows
             samples += paper.histories(preset, boundary, key) if name == "paper" else []
         published[name] = PresetFlights(meaning=preset.meaning, boundaries=boundaries)
@@ -113,11 +110,11 @@ def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, Fitted
         job.say(f"simulate fitted {boundary}")
         lift = fitted_lift(job, boundary, chosen.draws)
         contact_m = job.campaign.contact_m(boundary)
-        groups, how = conditions(
+        how = conditions(
             chosen, boundary, craft, contact_m, key, job.executor.map, job.campaign.vehicle.mass
         )
         held = job.campaign.rig.held
-        fitted[boundary], rows = fitted_flights(lift, chosen, groups, how, held, craft, job.seed)
+        fitted[boundary], rows = fitted_flights(lift, chosen, how, held, craft, job.seed)
         rates += rows
     return fitted, rates
 

@@ -226,14 +226,16 @@ def header(export: ModelExport) -> str:
         "/*\n" + about.replace("*/", "* /") + " */\n",
         f"#ifndef {guard}\n#define {guard}\n",
         COMMON,
-        f"\n#define NEARLIFT_{campaign.upper()}_RADIUS_M {number(export.radius_m)}\n",
+        f"\n#define NEARLIFT_{campaign.upper()}_RADIUS_M {number(export.rotor_radius_m)}\n",
     ]
-    functions = (_functions(lift, campaign, export.radius_m) for lift in export.lifts)
+    functions = (
+        _functions(f"{campaign}_{boundary}", campaign, lift, export.rotor_radius_m)
+        for boundary, lift in export.boundaries.items()
+    )
     return "".join([*parts, *functions, "\n#endif\n"])
 
 
-def _functions(lift: ExportedLift, campaign: str, radius_m: float) -> str:
-    name = f"{campaign}_{lift.boundary}"
+def _functions(name: str, campaign: str, lift: ExportedLift, radius_m: float) -> str:
     text = _function(name, campaign, lift.table, lift.uncertainty, radius_m)
     if lift.inverse is None:
         text += INVERSE.format(name=name)

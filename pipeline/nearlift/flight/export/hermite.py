@@ -14,6 +14,7 @@ import numpy as np
 from nearlift.declare import FloatArray
 from nearlift.errors import InputRefused
 from nearlift.flight import Ratio
+from nearlift.results.document import Numbers, Unwritten
 
 #: Largest relative error, under three units in a float's last place; largest number of pieces.
 ERROR, MOST = 1.5e-7, 2048
@@ -24,16 +25,16 @@ STEP = 1e-5
 @dataclass(frozen=True, slots=True, kw_only=True)
 class HermiteTable:
     """Values and slopes (per piece) of L / L_inf at `pieces + 1` nodes from `w_low` on, `per_w`
-    pieces per unit of w; valid for low <= z_hat <= high. `error` is the largest relative error.
+    pieces per unit of w; valid for low <= z_hat <= high. `relative_error` is the largest.
     """
 
-    low: float
-    high: float
+    low: Unwritten[float]
+    high: Unwritten[float]
     w_low: float
     per_w: float
-    value: FloatArray
-    slope: FloatArray
-    error: float
+    value: Numbers
+    slope: Numbers
+    relative_error: float
 
     @property
     def pieces(self) -> int:
@@ -103,11 +104,11 @@ def hermite_table(ratio: Ratio, low: float, high: float) -> HermiteTable:
             per_w=pieces / (w_high - w_low),
             value=at(w),
             slope=slope,
-            error=0.0,
+            relative_error=0.0,
         )
         error = float(np.max(np.abs(table(1 / probe - 1) / truth - 1)))
         if error <= ERROR:
-            return replace(table, error=error)
+            return replace(table, relative_error=error)
         pieces *= 2
     raise InputRefused(
         "export",
@@ -124,8 +125,8 @@ class UncertaintyTable:
     """
 
     per_w: float
-    ratio: FloatArray
-    slope: FloatArray
+    ratio: Numbers
+    slope: Numbers
 
 
 def uncertainty_table(drawn: Ratio, low: float, high: float) -> UncertaintyTable:

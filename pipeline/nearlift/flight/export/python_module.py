@@ -47,11 +47,13 @@ def module(export: ModelExport) -> str:
     """Source text of the module."""
     # the header comment becomes a docstring, which quotes or backslashes could end
     about = "\n".join(export.about()).replace("\\", "/").replace('"', "'")
-    return MODULE.format(about=about, tables="\n".join(map(_entry, export.lifts)))
+    return MODULE.format(
+        about=about, tables="\n".join(_entry(*item) for item in export.boundaries.items())
+    )
 
 
-def _entry(lift: ExportedLift) -> str:
+def _entry(boundary: str, lift: ExportedLift) -> str:
     t = lift.table
     numbers = f"{t.low!r}, {t.high!r}, {t.power!r}, {t.w_low!r}, {t.per_w!r}"
     value, slope = tuple(t.value.tolist()), tuple(t.slope.tolist())
-    return f"    {lift.boundary!r}: ({numbers},\n        {value!r},\n        {slope!r}),"
+    return f"    {boundary!r}: ({numbers},\n        {value!r},\n        {slope!r}),"

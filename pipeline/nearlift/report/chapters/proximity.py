@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import BOUNDARIES
-from nearlift.flight import inverse
+from nearlift.flight.detection import MIN_BEYOND
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.report.figures.detection import case
 from nearlift.report.number import Number, Place
@@ -59,7 +59,7 @@ def cases(table: Columns, mine: NDArray[np.bool_]) -> list[tuple[str, float, flo
 def _beyond(reading: Place) -> Number:
     """How likely there is no boundary within the distances measured."""
     beyond = reading.percent("beyond", digits=2)
-    return replace(beyond, text="< 0.01") if beyond.value < inverse.NONE else beyond
+    return replace(beyond, text="< 0.01") if beyond.value < MIN_BEYOND else beyond
 
 
 def _number(table: Columns, i: int, name: str) -> Number:

@@ -16,14 +16,11 @@ from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError, UsageError
 from nearlift.flight import crash_rate, energy, gusts, paper, roll
 from nearlift.flight.monte_carlo import (
-    FlightPlan,
-    FlightSetting,
     combined,
-    fly,
+    settings_of,
     steps_per_hold,
     sweep,
     tabulate,
-    trace,
 )
 from nearlift.flight.vehicle import (
     CRAZYFLIE_AS_PRINTED,
@@ -40,14 +37,13 @@ from nearlift.flight.vehicle import (
 )
 
 KEY = 20210401
+NO_BOUNDARY = tabulate([np.ones_like], 0.5)
 
 
 def flown(preset, boundary, exponent, targets, flights, key=KEY):
     """Crash of each flight at each set-point, with the paper's model to a power."""
-    own = preset.groups(boundary)
-    settings = [FlightSetting(target_z_hat=float(t), groups=own) for t in targets]
     curves = paper.scaled_curves(boundary, (exponent,))
-    return preset.monte_carlo(flights, key).crashed(boundary, settings, curves)
+    return preset.monte_carlo(boundary, flights, key).crashed(curves, settings_of(targets))
 
 
 def level(preset, boundary, exponent, risk, around, flights):
@@ -111,9 +107,8 @@ def test_runge_kutta_and_fine_euler_crash_alike():
 
 
 def one_sweep(preset, boundary="ground", flights=120, **changes):
-    how = preset.monte_carlo(flights, KEY, **changes)
-    targets = np.array([0.8, 1.0, 1.2])
-    return sweep(boundary, tabulate([np.ones_like], 0.5), targets, preset.groups(boundary), how)
+    how = preset.monte_carlo(boundary, flights, KEY, **changes)
+    return sweep(how, NO_BOUNDARY, np.array([0.8, 1.0, 1.2]))
 
 
 def test_every_run_tests_its_own_step():
@@ -126,22 +121,21 @@ def test_every_run_tests_its_own_step():
 
 def test_one_flight_among_few_makes_no_step_too_long():
     """49 of 50 and 50 of 50 lie outside of the first's interval, not of the second's."""
-    how = CONVERGED.monte_carlo(50, KEY)
-    settings = [FlightSetting(target_z_hat=0.2, groups=CONVERGED.groups("ground"))]
+    how, settings = CONVERGED.monte_carlo("ground", 50, KEY), settings_of([0.2])
     coarse = np.ones((1, 50), dtype=bool)
     coarse[0, 0] = False
-    assert how.step_test("ground", settings, tabulate([np.ones_like], 0.5), coarse).converged
+    assert how.step_test(NO_BOUNDARY, settings, coarse).converged
     coarse[0, :20] = False
-    assert not how.step_test("ground", settings, tabulate([np.ones_like], 0.5), coarse).converged
+    assert not how.step_test(NO_BOUNDARY, settings, coarse).converged
 
 
 def test_a_level_is_read_across_no_gap_wider_than_half_its_interval():
     """The bounded push makes all crash at 0.5 and none at 0.6, and three set-points would read the
     level in the middle of their gap.
     """
-    curves, own = paper.scaled_curves("ground", (1.0,)), CONVERGED.groups("ground")
-    how, coarse = CONVERGED.monte_carlo(200, KEY), np.array([0.4, 0.6, 0.8])
-    flown, step_test = sweep("ground", curves, coarse, own, how, risks=(0.5,))
+    curves, coarse = paper.scaled_curves("ground", (1.0,)), np.array([0.4, 0.6, 0.8])
+    how = CONVERGED.monte_carlo("ground", 200, KEY)
+    flown, step_test = sweep(how, curves, coarse, risks=(0.5,))
     weights = crash_rate.resamples(200, np.random.default_rng(1))
     values = crash_rate.levels(flown.target_z_hat, flown.crashed[0], 0.5, weights)
     low, high = crash_rate.spread90(values)
@@ -149,13 +143,13 @@ def test_a_level_is_read_across_no_gap_wider_than_half_its_interval():
     gap = flown.target_z_hat[around] - flown.target_z_hat[around - 1]
     assert gap <= max(crash_rate.FINEST, 0.6 * (high - low))
     fine = np.round(np.arange(0.49, 0.54, 0.002), 6)
-    dense, _ = sweep("ground", curves, fine, own, how)
+    dense, _ = sweep(how, curves, fine)
     assert values[0] == pytest.approx(
         crash_rate.level(fine, dense.crashed[0].mean(axis=1), 0.5, 0.0025), abs=0.003
     )
     assert {0.4, 0.6, 0.8} <= set(flown.target_z_hat)
     assert step_test.settings == 3
-    unasked, _ = sweep("ground", curves, coarse, own, how)
+    unasked, _ = sweep(how, curves, coarse)
     assert np.array_equal(unasked.target_z_hat, coarse)
 
 
@@ -199,21 +193,8 @@ def test_two_vehicles_with_equal_groups_crash_alike_and_others_do_not():
     targets = np.array([0.9, 1.0, 1.1, 1.2])
 
     def crashed(g):
-        settings = [FlightSetting(target_z_hat=float(t), groups=g) for t in targets]
-        return (
-            fly(
-                FlightPlan(
-                    boundary="ground",
-                    settings=settings,
-                    curves=tabulate([np.ones_like], 0.5),
-                    scheme="euler",
-                    steps_per_hold=1,
-                ),
-                150,
-                KEY,
-            )
-            >= 0
-        )
+        how = replace(PAPER.monte_carlo("ground", 150, KEY), groups=g)
+        return how.crashed(NO_BOUNDARY, settings_of(targets))
 
     one, two = crashed(own), crashed(there)
     assert (one != two).mean() < 0.01  # rounding may part a flight that grazes the ground
@@ -278,37 +259,20 @@ def test_the_table_is_the_model():
 
 
 def test_a_sagging_supply_crashes_more():
-    own = dimensionless(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
-    settings = [FlightSetting(target_z_hat=1.0, groups=own, droop=d) for d in (0.0, -0.2)]
-    curves = tabulate([np.ones_like], 0.5)
-    crashed = (
-        fly(
-            FlightPlan(
-                boundary="ground", settings=settings, curves=curves, scheme="rk4", steps_per_hold=2
-            ),
-            300,
-            KEY,
-        )
-        >= 0
-    ).sum(axis=1)
+    how = CONVERGED.monte_carlo("ground", 300, KEY)
+    curves = tabulate([np.ones_like, np.ones_like], 0.5)
+    crashed = how.crashed(curves, settings_of([1.0], (0, 1), (0.0, -0.2))).sum(axis=1)
     assert crashed[1] > crashed[0] + 30
 
 
 def test_a_trace_is_the_flight_that_was_counted():
-    own = dimensionless(CRAZYFLIE_AS_PRINTED, PAPER_GAINS["ground"], PAPER_DISTURBANCE, 120.0)
-    plan = FlightPlan(
-        boundary="ground",
-        settings=[FlightSetting(target_z_hat=1.0, groups=own)],
-        curves=tabulate([np.ones_like], 0.5),
-        scheme="euler",
-        steps_per_hold=1,
-    )
-    ended = fly(plan, 60, KEY)[0]
+    how, settings = PAPER.monte_carlo("ground", 60, KEY), settings_of([1.0])
+    ended = how.ended(NO_BOUNDARY, settings)[0]
     crashing, living = int(np.flatnonzero(ended >= 0)[0]), int(np.flatnonzero(ended < 0)[0])
-    heights = trace(plan, crashing, KEY)[0]
+    heights = how.trace(NO_BOUNDARY, settings, crashing)[0]
     assert np.isnan(heights[ended[crashing] + 2 :]).all()
     assert heights[ended[crashing] + 1] <= 0 < heights[ended[crashing]]
-    assert np.nanmin(trace(plan, living, KEY)[0]) > 0
+    assert np.nanmin(how.trace(NO_BOUNDARY, settings, living)[0]) > 0
 
 
 # ---- random numbers
@@ -402,13 +366,11 @@ def test_energy_by_what_is_held():
 
 
 def test_other_flights_meet_other_gusts():
-    how = CONVERGED.monte_carlo(60, KEY)
-    settings = [FlightSetting(target_z_hat=0.9, groups=CONVERGED.groups("ground"))]
-    one = tabulate([np.ones_like], 0.5)
-    first, other = (h.crashed("ground", settings, one)[0] for h in (how, how.others()))
+    how, settings = CONVERGED.monte_carlo("ground", 60, KEY), settings_of([0.9])
+    first, other = (h.crashed(NO_BOUNDARY, settings)[0] for h in (how, how.others()))
     assert 0 < other.sum() < 60
     assert (first != other).any()
-    assert (how.others().others().crashed("ground", settings, one)[0] == first).all()
+    assert (how.others().others().crashed(NO_BOUNDARY, settings)[0] == first).all()
 
 
 def test_roll_from_a_fit():

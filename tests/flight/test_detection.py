@@ -10,7 +10,7 @@ from scipy import stats
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused
-from nearlift.flight import inverse
+from nearlift.flight import detection
 from nearlift.flight.detection import Sensor, needed
 
 CRAZYFLIE = {"spacing_hat": 65 / 23, "diagonal_hat": 92 / 23}
@@ -27,7 +27,7 @@ def wall(a=0.05, lambda_=0.5):
 
 def test_a_sharp_reading_is_turned_round():
     for z_hat in (1.0, 1.5, 2.5):
-        found = inverse.locate(float(ground()(z_hat)), 5e-4, [ground()], 0.6, 12.0)
+        found = detection.locate(float(ground()(z_hat)), 5e-4, [ground()], 0.6, 12.0)
         assert found.median == pytest.approx(z_hat, rel=0.02)
         assert found.lo90 <= z_hat
         assert found.hi90 >= z_hat
@@ -48,14 +48,14 @@ def test_intervals_hold_the_height_as_often_as_they_say():
     for _ in range(300):
         z_hat = math.exp(rng.uniform(math.log(low), math.log(high)))
         measured = float(ground(rng.normal(2, 0.3))(z_hat)) + u * rng.standard_normal()
-        found = inverse.locate(measured, u, draws, low, high)
+        found = detection.locate(measured, u, draws, low, high)
         held += found.lo90 <= z_hat <= found.hi90
     assert 0.82 < held / 300 < 0.97
 
 
 def test_a_reading_of_one_says_that_there_may_be_nothing():
-    close = inverse.locate(1.12, 0.003, [ground()], 0.8, 12.0)
-    far = inverse.locate(1.0, 0.003, [ground()], 0.8, 12.0)
+    close = detection.locate(1.12, 0.003, [ground()], 0.8, 12.0)
+    far = detection.locate(1.0, 0.003, [ground()], 0.8, 12.0)
     assert close.beyond < 1e-6
     assert far.beyond > 0.5
     assert far.lo90 > 5
@@ -65,15 +65,17 @@ def test_a_reading_far_from_every_height_in_reach_says_that_there_is_nothing():
     """Lift is L_inf to 0.1 % and the nearest that a ground within one radius gives is 7 % more:
     likelihoods below the smallest float.
     """
-    found = inverse.locate(1.0, 0.001, [lambda z: 1 / (1 - 1 / (16 * z**2))], 0.5, 1.0)
+    found = detection.locate(1.0, 0.001, [lambda z: 1 / (1 - 1 / (16 * z**2))], 0.5, 1.0)
     assert found.beyond == pytest.approx(1.0)
     assert 0.99 < found.lo90 <= found.median <= found.hi90 <= 1.0
 
 
 def test_the_model_s_uncertainty_widens_the_answer():
     measured = float(ground()(1.5))
-    sure = inverse.locate(measured, 0.002, [ground()], 0.8, 12.0)
-    unsure = inverse.locate(measured, 0.002, [ground(k) for k in np.linspace(1, 3, 21)], 0.8, 12.0)
+    sure = detection.locate(measured, 0.002, [ground()], 0.8, 12.0)
+    unsure = detection.locate(
+        measured, 0.002, [ground(k) for k in np.linspace(1, 3, 21)], 0.8, 12.0
+    )
     assert unsure.hi90 - unsure.lo90 > 2 * (sure.hi90 - sure.lo90)
 
 
@@ -82,17 +84,17 @@ def test_refusals():
     with pytest.raises(
         InputRefused, match=r"ground x: the model folds at z_hat = 0.8.*two heights\n.*above 0.8"
     ):
-        inverse.refuse_folds(folded, 0.2, 10.0, "ground x")
-    inverse.refuse_folds(folded, 1.0, 10.0, "ground x")
-    inverse.refuse_folds(wall(), 0.02, 10.0, "sidewall")
+        detection.refuse_folds(folded, 0.2, 10.0, "ground x")
+    detection.refuse_folds(folded, 1.0, 10.0, "ground x")
+    detection.refuse_folds(wall(), 0.02, 10.0, "sidewall")
     with pytest.raises(InputRefused, match="does not change with distance"):
-        inverse.refuse_folds(np.ones_like, 0.2, 10.0, "wall")
+        detection.refuse_folds(np.ones_like, 0.2, 10.0, "wall")
     with pytest.raises(InputRefused, match=r"no value at z_hat = 0.2"):
-        inverse.refuse_folds(catalogue.model("cheeseman_bennett_fixed"), 0.1, 10.0, "ground")
+        detection.refuse_folds(catalogue.model("cheeseman_bennett_fixed"), 0.1, 10.0, "ground")
     with pytest.raises(InputRefused, match="standard uncertainties from everything"):
-        inverse.locate(2.0, 0.001, [ground()], 0.8, 12.0)
+        detection.locate(2.0, 0.001, [ground()], 0.8, 12.0)
     with pytest.raises(InputRefused, match="positive standard uncertainty"):
-        inverse.locate(1.1, 0.0, [ground()], 0.8, 12.0)
+        detection.locate(1.1, 0.0, [ground()], 0.8, 12.0)
 
 
 def test_hover_throttle_is_a_lift_ratio():
@@ -100,18 +102,18 @@ def test_hover_throttle_is_a_lift_ratio():
     that throttle lifts far away.
     """
     levels, far = (0.25, 0.5, 0.75), (0.107, 0.2646, 0.409)
-    assert inverse.ratio_of_hover(0.5, 0.2646, 0.0, levels, far, 0.0) == pytest.approx((1.0, 0.0))
-    ratio, u = inverse.ratio_of_hover(0.45, 0.2646, 0.03, levels, far, 0.04)
+    assert detection.ratio_of_hover(0.5, 0.2646, 0.0, levels, far, 0.0) == pytest.approx((1.0, 0.0))
+    ratio, u = detection.ratio_of_hover(0.45, 0.2646, 0.03, levels, far, 0.04)
     assert ratio > 1.1
     assert u == pytest.approx(0.05 * ratio)
     # between 0.25 and 0.5 lift goes as throttle to the power 1.307, and so does what 1 % of
     # throttle is worth
     power = math.log(0.2646 / 0.107) / math.log(2)
-    assert inverse.ratio_of_hover(0.45, 0.2646, 0.0, levels, far, 0.0, 0.0045)[1] == pytest.approx(
-        ratio * power * 0.01
-    )
+    assert detection.ratio_of_hover(0.45, 0.2646, 0.0, levels, far, 0.0, 0.0045)[
+        1
+    ] == pytest.approx(ratio * power * 0.01)
     with pytest.raises(InputRefused, match=r"0.9 is outside 0.25 to 0.75"):
-        inverse.ratio_of_hover(0.9, 0.2646, 0.0, levels, far, 0.0)
+        detection.ratio_of_hover(0.9, 0.2646, 0.0, levels, far, 0.0)
 
 
 # ---- range
@@ -132,29 +134,29 @@ def test_alarms_and_misses_happen_as_often_as_asked():
 
 
 def test_range_is_where_the_model_gives_that_change():
-    z_hat = inverse.reach(ground(), 0.03, 0.8, 12.0)
+    z_hat = detection.reach(ground(), 0.03, 0.8, 12.0)
     assert float(ground()(z_hat)) - 1 == pytest.approx(0.03, rel=1e-3)
-    assert inverse.reach(wall(), 0.02, 0.02, 10.0) == pytest.approx(0.5 * math.log(2.5), rel=1e-3)
-    assert math.isnan(inverse.reach(wall(), 0.06, 0.02, 10.0))
-    assert inverse.reach(ground(), 1e-9, 0.8, 12.0) == pytest.approx(12.0)
+    assert detection.reach(wall(), 0.02, 0.02, 10.0) == pytest.approx(0.5 * math.log(2.5), rel=1e-3)
+    assert math.isnan(detection.reach(wall(), 0.06, 0.02, 10.0))
+    assert detection.reach(ground(), 1e-9, 0.8, 12.0) == pytest.approx(12.0)
 
 
 def test_averaging_widens_the_range_until_the_payload_stops_it():
     sensor = Sensor(short_per_sqrt_Hz=0.01, floor=0.0)
     ranges = [
-        inverse.reach(ground(), needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0)
+        detection.reach(ground(), needed(sensor.sigma(t), 0.01, 0.1), 0.8, 12.0)
         for t in (0.1, 1.0, 10.0)
     ]
     assert ranges == sorted(ranges)
     known, unknown = (
-        inverse.reach(ground(), needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0)
+        detection.reach(ground(), needed(sensor.sigma(100.0, payload=p), 0.01, 0.1), 0.8, 12.0)
         for p in (0.0, 0.05)
     )
     assert math.isnan(unknown) or unknown < 0.5 * known
 
 
 def test_ranges_of_draws_count_the_undetectable():
-    best, low, high = inverse.reaches(
+    best, low, high = detection.reaches(
         [wall(0.05), *(wall(a) for a in np.linspace(0.03, 0.07, 40))], 0.04, 0.02, 10.0
     )
     assert low == 0.0
