@@ -40,12 +40,10 @@ def write(folder: Path, scale: float, form: str, sagging: bool) -> None:
     from nearlift.declare import Boundary
     from nearlift.synthetic import demo
     from nearlift.synthetic.records import SimulatedBench, manifest, record, schedule, simulate
-    from nearlift.synthetic.table_1 import PERCENT_DIAMETER, TABLE_1
+    from nearlift.synthetic.table_1 import TABLE_1, stations_m
     from nearlift.synthetic.trial_schedule import randomised
 
-    stations: dict[Boundary, np.ndarray] = {
-        side: PERCENT_DIAMETER.recorded_m(side) for side in TABLE_1
-    }
+    stations: dict[Boundary, np.ndarray] = {side: stations_m(side) for side in TABLE_1}
     plan = randomised(stations, seed=1, visits=max(round(VISITS * scale), 1))
     truths = {
         side: truth if sagging and side == "ground" else dataclasses.replace(truth, effects=())

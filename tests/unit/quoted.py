@@ -25,6 +25,7 @@ EMPTY_BLOCK: Mapping[str, Any] = {
     "p_value": 1.0,
     "threshold_log10_p": -3.0,
     "structure": [],
+    "probabilities": [],
     "rounds": [],
     "noise_floor": {
         **dict.fromkeys(("relative", "force_N", "height_m", "common", "drift"), 0.0),

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from nearlift.declare.declaration import Declaration, Effect, LiftModel, keywords
+from nearlift.declare.declaration import Declaration, Effect, LiftModel, keywords, with_keywords
 from nearlift.errors import DeclarationError
 
 
@@ -51,13 +50,6 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
             lift = effect.evaluate(lift, **arguments(effect, values, z_hat))
         return lift / lift_inf
 
-    names = (*needs, *(p.name for p in parameters))
-    evaluate.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [
-            inspect.Parameter("z_hat", inspect.Parameter.POSITIONAL_ONLY),
-            *(inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY) for n in names),
-        ]
-    )
     null = {p.name: p.value for e in effects for p in e.parameters}
     extra = {n: 1.0 for n in needs if n not in model.needs}
     checks = tuple(replace(c, arguments={**c.arguments, **null, **extra}) for c in model.checks)
@@ -65,7 +57,7 @@ def compose(model: LiftModel, *effects: Effect) -> LiftModel:
         name="_with_".join((model.name, *(e.name for e in effects))),
         title=" + ".join((model.title, *(e.title for e in effects))),
         formula=model.formula,
-        evaluate=evaluate,
+        evaluate=with_keywords(evaluate, (*needs, *(p.name for p in parameters))),
         parameters=parameters,
         needs=tuple(needs),
         valid_z_hat=model.valid_z_hat,

@@ -34,6 +34,18 @@ def keywords(evaluate: Evaluate) -> tuple[str, ...]:
     )
 
 
+def with_keywords(function: Evaluate, names: Iterable[str]) -> Evaluate:
+    """Function of z_hat that states these keyword-only arguments, which declarations compare."""
+    kinds = inspect.Parameter
+    function.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
+        [
+            kinds("z_hat", kinds.POSITIONAL_ONLY),
+            *(kinds(name, kinds.KEYWORD_ONLY) for name in names),
+        ]
+    )
+    return function
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Declaration:
     """Common base of `LiftModel` and `Effect`. Each declaration is equal only to itself.

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from nearlift.declare.declaration import Evaluate, LiftModel
+from nearlift.declare.declaration import LiftModel, with_keywords
 from nearlift.declare.parameter import Parameter
 
 
@@ -50,19 +49,8 @@ def variant(
 
     return replace(
         model,
-        evaluate=_named(evaluate, names),
-        downwash=_named(downwash, names) if model.downwash else None,
+        evaluate=with_keywords(evaluate, names),
+        downwash=with_keywords(downwash, names) if model.downwash else None,
         parameters=parameters,
         **declared,
     )
-
-
-def _named(function: Evaluate, names: tuple[str, ...]) -> Evaluate:
-    """Function with the keyword-only names that declarations compare."""
-    function.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [
-            inspect.Parameter("z_hat", inspect.Parameter.POSITIONAL_ONLY),
-            *(inspect.Parameter(n, inspect.Parameter.KEYWORD_ONLY) for n in names),
-        ]
-    )
-    return function

@@ -20,7 +20,7 @@ from nearlift import catalogue
 from nearlift.declare import Boundary, Check, Effect, Parameter, Source, normal
 from nearlift.synthetic.demo_flow import write_piv
 from nearlift.synthetic.records import GRAVITY, SimulatedBench, write_campaign
-from nearlift.synthetic.table_1 import PERCENT_DIAMETER
+from nearlift.synthetic.table_1 import stations_m
 from nearlift.synthetic.trial_schedule import TrialSchedule, battery_V, bench_V, randomised
 from nearlift.synthetic.truth import Truth
 
@@ -93,37 +93,19 @@ def supply_gain(lift: Any, /, *, supply_V: Any, exponent: Any) -> Any:
 
 #: The demo's own, on purpose not the catalogue's: what is found must not be found by its name.
 SUPPLY = Effect(
-    name="demo_supply",
-    title="supply voltage",
-    formula=r"L \to L (V / V_0)^p",
-    evaluate=supply_gain,
-    acts_on="force",
+    "demo_supply", "supply voltage", r"L \to L (V / V_0)^p", supply_gain,
+    acts_on="force", varies_with="supply_V", needs=("supply_V",),
     mechanism="a brushed motor at fixed duty turns more slowly on a lower voltage",
-    varies_with="supply_V",
     parameters=(
-        Parameter(
-            name="exponent",
-            unit="1",
-            value=0.0,
-            bounds=(-4.0, 4.0),
-            prior=normal(2.0, 0.5),
-            meaning="power of the supply voltage; positive where lift falls with it",
-        ),
+        Parameter("exponent", "1", 0.0, (-4.0, 4.0), normal(2.0, 0.5),
+            "power of the supply voltage; positive where lift falls with it"),
     ),
-    needs=("supply_V",),
-    source=Source(
-        citation="own form; a DC motor's speed scales as its voltage, lift with the square of speed"
-    ),
+    source=Source("own form; a DC motor's speed scales as its voltage, lift with the square of"
+        " speed"),
     checks=(
-        Check(
-            x=1.0,
-            expected=0.81,
-            arguments={"supply_V": 3.51, "exponent": 2.0},
-            tolerance=1e-12,
-            quoted_by="0.9 squared",
-        ),
+        Check(1.0, 0.81, {"supply_V": 3.51, "exponent": 2.0}, "0.9 squared", tolerance=1e-12),
     ),
-)
+)  # fmt: skip
 
 
 def held_back(ratio: Any, /, *, z_hat: Any, shortfall: Any) -> Any:
@@ -137,41 +119,26 @@ CEILING_NEAR = 0.5
 CEILING_SHORTFALL = 0.861
 #: The demo's own form: no effect of the library has it.
 SHORTFALL = Effect(
-    name="demo_ceiling",
-    title="ceiling's shortfall",
-    formula=r"\frac{L}{L_\infty} \to 1 + (\frac{L}{L_\infty} - 1)(1 - s (1 - 2 \hat{z})^2)",
-    evaluate=held_back,
-    acts_on="ratio",
+    "demo_ceiling", "ceiling's shortfall",
+    r"\frac{L}{L_\infty} \to 1 + (\frac{L}{L_\infty} - 1)(1 - s (1 - 2 \hat{z})^2)", held_back,
+    acts_on="ratio", varies_with="z_hat", needs=("z_hat",),
     mechanism="the gain close to a ceiling is less than potential flow predicts",
-    varies_with="z_hat",
     parameters=(
-        Parameter(
-            name="shortfall",
-            unit="1",
-            value=0.0,
-            bounds=(0.0, 1.0),
-            prior=normal(0.0, 0.5),
-            meaning="share of the gain that is lost at the ceiling itself",
-        ),
+        Parameter("shortfall", "1", 0.0, (0.0, 1.0), normal(0.0, 0.5),
+            "share of the gain that is lost at the ceiling itself"),
     ),
-    needs=("z_hat",),
-    source=Source(citation="own form, after the measured 60 % of Carter, Bouchard and Quinn 2021"),
+    source=Source("own form, after the measured 60 % of Carter, Bouchard and Quinn 2021"),
     checks=(
-        Check(
-            x=2.337117,
-            expected=1.600,
-            arguments={"z_hat": 0.1, "shortfall": CEILING_SHORTFALL},
-            tolerance=1e-3,
-            quoted_by="Carter, Bouchard and Quinn 2021: up to 60 %",
-        ),
+        Check(2.337117, 1.600, {"z_hat": 0.1, "shortfall": CEILING_SHORTFALL},
+            "Carter, Bouchard and Quinn 2021: up to 60 %", tolerance=1e-3),
     ),
-)
+)  # fmt: skip
 
 
 def design() -> TrialSchedule:
     """The demo's schedule, supply included."""
     sides: tuple[Boundary, ...] = ("ground", "ceiling", "sidewall")
-    stations = {side: PERCENT_DIAMETER.z_m(side) for side in sides}
+    stations = {side: stations_m(side) for side in sides}
     stations["ground"] = np.sort(np.concatenate([stations["ground"], GAP_M]))
     plan = randomised(stations, seed=SEED, visits=VISITS, sessions=4)
     worn = np.where(plan.recorded_m < WORN_BELOW_M, WORN_V, 0.0)

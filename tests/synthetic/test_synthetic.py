@@ -14,11 +14,10 @@ import pytest
 from nearlift import declare
 from nearlift.campaign import manifest as campaign
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
-from nearlift.errors import DeclarationError, InputRefused, UsageError
+from nearlift.errors import DeclarationError, UsageError
 from nearlift.run.engine import Job
 from nearlift.run.tables import sha256
 from nearlift.run.workers import SerialExecutor
-from nearlift.schedule import read_schedule
 from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
 from nearlift.synthetic import demo, records, table_1, trial_schedule
@@ -121,7 +120,7 @@ def test_a_battery_falls_within_its_session_and_a_bench_supply_does_not() -> Non
 
 def test_the_papers_campaign_has_3600_trials() -> None:
     got = trial_schedule.randomised(
-        {side: table_1.PERCENT_DIAMETER.recorded_m(side) for side in table_1.TABLE_1}, seed=1
+        {side: table_1.stations_m(side) for side in table_1.TABLE_1}, seed=1
     )
     assert len(got) == 3600
     assert {side: int(np.sum(got.boundary == side)) for side in table_1.TABLE_1} == {
@@ -134,61 +133,19 @@ def test_the_papers_campaign_has_3600_trials() -> None:
 # ---- Table 1
 
 
-def test_what_each_reading_contradicts() -> None:
-    assert {p.name: p.contradicts for p in (*table_1.PRESETS, table_1.AS_PRINTED)} == {
-        "mm": ("near_ground", "ground_gain", "ceiling_excess", "near_sidewall"),
-        "percent_diameter": ("ground_reach",),
-        "feet_datum": ("ceiling_excess",),
-        "cm_as_printed": tuple(claim.name for claim in table_1.CLAIMS),
-    }
-
-
 def test_one_list_of_commands() -> None:
     ceiling = np.array(table_1.TABLE_1["ceiling"])
     assert set(np.array(table_1.TABLE_1["ground"]) - ceiling) <= {52, 53}
     assert set(np.array(table_1.TABLE_1["sidewall"]) - ceiling) <= {10, 11}
 
 
-@pytest.mark.parametrize(
-    ("preset", "near", "far"),
-    [
-        (table_1.MM, 2.48, 25.1),
-        (table_1.PERCENT_DIAMETER, 1.14, 11.5),
-        (table_1.FEET_DATUM, 1.25, 23.9),
-    ],
-)
-def test_ground_stations_of_the_readings(
-    preset: table_1.TableReading, near: float, far: float
-) -> None:
-    z_hat = preset.z_m("ground") / table_1.RADIUS_M
-    assert z_hat[0] == pytest.approx(near, abs=0.005)
-    assert z_hat[-1] == pytest.approx(far, abs=0.06)
-
-
-def test_the_printed_unit_is_refused_and_each_preset_is_not(tmp_path: Path) -> None:
-    far = {side: truth() for side in table_1.TABLE_1}
-    for preset in (*table_1.PRESETS, table_1.AS_PRINTED):
-        folder = tmp_path / preset.name
-        stations = {side: preset.recorded_m(side)[-2:] for side in table_1.TABLE_1}
-        bench = SimulatedBench(
-            rate_Hz=100.0,
-            tare_s=0.2,
-            record_s=0.2,
-            offset_m=preset.offset_m,
-            distance_unit=preset.unit,
-        )
-        scheduled = trial_schedule.randomised(
-            stations, seed=1, visits=1, sessions=1, offset_m=preset.offset_m
-        )
-        records.write_campaign(folder, scheduled, far, name="table-1", note="", seed=1, bench=bench)
-        if preset is table_1.AS_PRINTED:
-            with pytest.raises(
-                InputRefused, match=r"(525|535|577) cm is outside the 1\.5 m arena; mm\?"
-            ):
-                read_schedule(campaign.load(folder), folder)
-        else:
-            got = read_schedule(campaign.load(folder), folder)
-            np.testing.assert_allclose(got.z_m, scheduled.z_m, rtol=1e-5)
+def test_stations_meet_the_claims_of_the_text_but_one() -> None:
+    z_hat = {side: table_1.stations_m(side) / 0.023 for side in table_1.TABLE_1}
+    ground, ceiling, sidewall = (z_hat[side] for side in ("ground", "ceiling", "sidewall"))
+    assert (ground[0], ground[-1]) == pytest.approx((1.14, 11.54), abs=0.005)
+    assert ceiling[0] < 0.18
+    assert sidewall[0] == pytest.approx(0.3)
+    assert not np.any((ground > 3) & (ground < 6))
 
 
 # ---- truth and records
@@ -342,7 +299,7 @@ def test_the_demo_is_the_papers_campaign(demo_folder: Path) -> None:
     plan = demo.design()
     stations = {side: np.unique(plan.recorded_m[plan.boundary == side]) for side in table_1.TABLE_1}
     for side in ("ceiling", "sidewall"):
-        np.testing.assert_allclose(stations[side], table_1.PERCENT_DIAMETER.z_m(side))
+        np.testing.assert_allclose(stations[side], table_1.stations_m(side))
     assert len(stations["ground"]) == 22
     assert len(plan) == 62 * 4 * demo.VISITS
     manifest = campaign.load(demo_folder)
