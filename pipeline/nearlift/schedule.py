@@ -14,7 +14,7 @@ import math
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
@@ -47,6 +47,15 @@ RADII = "R"
 RECORD_COLUMN = "record"
 #: Smallest distance over rotor radius.
 NEAREST = 1e-4
+#: Values of plain columns: whether one is possible, what it is not, and what it is.
+PLAIN: dict[str, tuple[Callable[[float], bool], str, str]] = {
+    "approach": (
+        lambda x: x in (-1.0, 0.0, 1.0),
+        "side",
+        "approach is +1 when the last move was away from the boundary, -1 towards it",
+    ),
+    "n": (lambda x: x >= 1 and x.is_integer(), "number of samples", "n is a whole number from 1"),
+}
 #: Full scale of a share, and the meaning of one that never exceeds 1 %.
 SHARES = {
     "throttle": ("full throttle", "at which no rotor lifts anything"),
@@ -137,28 +146,28 @@ class TextColumn:
 
     def numbers(self, *, blank: bool = True) -> FloatArray:
         """The cells as numbers, NaN where blank; refuses other cells, and blanks unless `blank`."""
-        values = np.full(len(self.texts), math.nan)
-        for i, text in enumerate(self.texts):
-            value = text.strip()
-            if NUMBER.fullmatch(value):
-                values[i] = float(value)
-                if math.isinf(values[i]):
-                    what = f"{brief(value)} is beyond what a number can hold"
-                    raise self.refusal(i, what, "correct it; the largest is 1.8e308")
-            elif value.lower() not in BLANK:
-                comma = re.fullmatch(r"[-+]?\d+,\d+", value)
-                blank_it = "write a number; leave the cell empty where it is not known"
-                remedy = "write decimals with a point" if comma else blank_it
-                raise self.refusal(i, f"{brief(repr(text))} is not a number", remedy)
-            elif not blank:
-                raise self.refusal(i, self.no_value(i), "every trial needs this number")
-        return values
+        return np.array([self._number(i, blank) for i in range(len(self.texts))], dtype=float)
+
+    def _number(self, i: int, blank: bool) -> float:
+        cell = self.texts[i].strip()
+        if NUMBER.fullmatch(cell):
+            if math.isinf(value := float(cell)):
+                what = f"{brief(cell)} is beyond what a number can hold"
+                raise self.refusal(i, what, "correct it; the largest is 1.8e308")
+            return value
+        if cell.lower() not in BLANK:
+            comma = re.fullmatch(r"[-+]?\d+,\d+", cell)
+            blank_it = "write a number; leave the cell empty where it is not known"
+            remedy = "write decimals with a point" if comma else blank_it
+            raise self.refusal(i, f"{brief(repr(self.texts[i]))} is not a number", remedy)
+        if not blank:
+            raise self.refusal(i, self.no_value(i), "every trial needs this number")
+        return math.nan
 
     def si(self, *, blank: bool = True) -> FloatArray:
         """The cells in SI, by the column's unit."""
         known = BY_NAME[self.name]
-        unit = self.unit or known.own_unit
-        if not unit:
+        if not (unit := self.unit or known.own_unit):
             usual = units.SI[known.dimension].replace("dimensionless", "percent")
             raise ManifestError(
                 "trials.units",
@@ -207,10 +216,6 @@ class Schedule:
         return {name: getattr(self, name) for name in names}
 
 
-# the last schedule: a command needs it when it opens a campaign and when it ingests
-_last: list[tuple[Campaign, Path, str, Schedule]] = []
-
-
 def schedule_file(campaign: Campaign, root: Path) -> Path:
     """The schedule's path, checked to lie under `root`."""
     return inside(root, campaign.trials.file, "trials.file")
@@ -222,18 +227,26 @@ def read_schedule(campaign: Campaign, root: Path) -> Schedule:
     Raises `InputRefused` for a missing or damaged file and for impossible distances, and
     `ManifestError` for a wrong column, unit or cell and for two trials with one id.
     """
-    path = schedule_file(campaign, root)
-    text = text_of(path)
-    for known, file, content, schedule in _last:
-        if known is campaign and (file, content) == (path, text):
-            return schedule
-    columns = columns_of(campaign, path, text)
+    columns, notes = read_columns(campaign, root)
     bring: tuple[str, ...] = ()
     if campaign.cuts_records:
-        columns, bring = rename_records(campaign, path, columns)
-    schedule = of_columns(campaign, path, columns, unended(path, text), bring)
-    _last[:] = [(campaign, path, text, schedule)]
-    return schedule
+        columns, bring = rename_records(campaign, root, columns)
+    return of_columns(campaign, root, columns, notes, bring)
+
+
+def read_columns(campaign: Campaign, root: Path) -> tuple[dict[str, TextColumn], list[str]]:
+    """Every column of the schedule's file, constants included, and a note if its last line has no
+    end: a cut can turn `300` into `30`.
+    """
+    path = schedule_file(campaign, root)
+    text = text_of(path)
+    columns = _with_constants(campaign, _table(campaign, path, text), path.name)
+    last = re.split(r"[\r\n]", text)[-1]
+    note = (
+        f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
+        " row is wrong and more may be lost; end the line"
+    )
+    return columns, [note] if last.strip() else []
 
 
 def text_of(path: Path) -> str:
@@ -255,61 +268,34 @@ def text_of(path: Path) -> str:
         raise InputRefused(str(path), what, "save it as UTF-8") from None
 
 
-def unended(path: Path, text: str) -> list[str]:
-    """A note if the last line has no end: a cut can turn `300` into `30`."""
-    last = re.split(r"[\r\n]", text)[-1]
-    if not last.strip():
-        return []
-    note = (
-        f"{path.name} ends within a line, {brief(repr(last), 80)}: if it was cut off there, that"
-        " row is wrong and more may be lost; end the line"
-    )
-    return [note]
+# ---- text to columns
 
 
-def columns_of(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
-    """Every column of a CSV text, constants included, in the file's order."""
+def _table(campaign: Campaign, path: Path, text: str) -> dict[str, TextColumn]:
+    """The columns of a CSV text, in the file's order."""
     reader = csv.reader(io.StringIO(_without_remarks(text), newline=""), strict=True)
     try:
         rows = [(reader.line_num, row) for row in reader if any(cell.strip() for cell in row)]
     except csv.Error as fault:
-        raise InputRefused(
-            f"{path}, line {reader.line_num}", f"is not CSV: {fault}", "correct that line"
-        ) from None
+        at = f"{path}, line {reader.line_num}"
+        raise InputRefused(at, f"is not CSV: {fault}", "correct that line") from None
     if not rows:
-        raise InputRefused(
-            str(path), "is empty", "the first line names the columns, then one line per trial"
-        )
+        remedy = "the first line names the columns, then one line per trial"
+        raise InputRefused(str(path), "is empty", remedy)
     header = _header(path, *rows.pop(0))
     if not rows:
-        raise InputRefused(
-            str(path), "lists no trial", "one line per trial, in the order in which they were run"
-        )
+        remedy = "one line per trial, in the order in which they were run"
+        raise InputRefused(str(path), "lists no trial", remedy)
     for line, row in rows:
         if len(row) != len(header):
-            raise InputRefused(
-                f"{path}, line {line}",
-                f"has {len(row)} cells under {len(header)} column names",
-                "correct that line (a decimal comma makes two cells of one)",
-            )
-    lines = [line for line, _ in rows]
-    unit = campaign.trials.units
-    columns = {
+            what = f"has {len(row)} cells under {len(header)} column names"
+            remedy = "correct that line (a decimal comma makes two cells of one)"
+            raise InputRefused(f"{path}, line {line}", what, remedy)
+    lines, unit = [line for line, _ in rows], campaign.trials.units
+    return {
         name: TextColumn(name, texts, path.name, lines, unit.get(name, ""))
         for name, texts in zip(header, zip(*(row for _, row in rows), strict=True), strict=True)
     }
-    for name, value in campaign.trials.constants.items():
-        if name in columns:
-            raise ManifestError(
-                f"trials.constants.{name}",
-                f"is also a column of {path.name}",
-                "keep one of them",
-            )
-        constant = _constant(name, value, unit.get(name))
-        columns[name] = TextColumn(
-            name, [constant] * len(rows), "campaign.toml", (), unit.get(name, "")
-        )
-    return columns
 
 
 def _without_remarks(text: str) -> str:
@@ -340,31 +326,37 @@ def _header(path: Path, line: int, row: Sequence[str]) -> list[str]:
     return header
 
 
-def _constant(name: str, value: object, unit: str | None) -> str:
+def _with_constants(
+    campaign: Campaign, columns: dict[str, TextColumn], file: str
+) -> dict[str, TextColumn]:
+    """The columns with those of [trials.constants], one value for all trials."""
+    rows = len(next(iter(columns.values())).texts)
+    for name, value in campaign.trials.constants.items():
+        key, unit = f"trials.constants.{name}", campaign.trials.units.get(name, "")
+        if name in columns:
+            raise ManifestError(key, f"is also a column of {file}", "keep one of them")
+        cells = [_constant(name, value, key, unit)] * rows
+        columns[name] = TextColumn(name, cells, "campaign.toml", (), unit)
+    return columns
+
+
+def _constant(name: str, value: object, key: str, unit: str) -> str:
     """A constant as a cell; one with its own unit is converted to that of the column."""
     text, known = str(value), BY_NAME.get(name)
     own_unit = isinstance(value, str) and not NUMBER.fullmatch(text.strip())
     date = name == "start" and "T" in text
     if known is None or known.kind != "quantity" or not own_unit or date:
         return text
-    si = units.quantity(value, known.dimension, f"trials.constants.{name}")
-    if unit is None:
-        raise ManifestError(
-            f"trials.constants.{name}",
-            "has a unit of its own, but the column has none",
-            f'add {name} = "{units.SI[known.dimension]}" under [trials.units]',
-        )
+    si = units.quantity(value, known.dimension, key)
+    if not unit:
+        what = "has a unit of its own, but the column has none"
+        remedy = f'add {name} = "{units.SI[known.dimension]}" under [trials.units]'
+        raise ManifestError(key, what, remedy)
     factor, offset = units.to_si(unit, known.dimension, f"trials.units.{name}")
     return repr((si - offset) / factor)
 
 
-def csv_text(header: Iterable[str], rows: Iterable[Iterable[str]]) -> str:
-    """A schedule as CSV text: a line of names, then one line per trial."""
-    sink = io.StringIO()
-    writer = csv.writer(sink, lineterminator="\n")
-    writer.writerow(header)
-    writer.writerows(rows)
-    return sink.getvalue()
+# ---- schedules of records
 
 
 def brought(cut: Segments) -> dict[str, tuple[ColumnOfRecord, str]]:
@@ -395,27 +387,30 @@ def dimension_of(name: str) -> str:
 
 
 def rename_records(
-    campaign: Campaign, path: Path, columns: Mapping[str, TextColumn]
+    campaign: Campaign, root: Path, columns: Mapping[str, TextColumn]
 ) -> tuple[dict[str, TextColumn], tuple[str, ...]]:
     """A schedule of records under the names of one of trials, and the columns that pieces bring;
     `ManifestError` without a column `record`, or with a column that pieces bring.
     """
     assert campaign.segments is not None
-    bring = tuple(brought(campaign.segments))
+    bring, at = tuple(brought(campaign.segments)), str(root / campaign.trials.file)
     if RECORD_COLUMN not in columns or "trial" in columns:
         what = "has a column 'trial'" if "trial" in columns else "has no column 'record'"
         remedy = "with [segments] a row is a record: call the column of its ids record"
-        raise ManifestError(str(path), what, remedy)
+        raise ManifestError(at, what, remedy)
     if both := [name for name in bring if name in columns]:
         what = f"the column {both[0]!r} is also brought by the pieces of records, by [segments]"
         remedy = "take the column away, or the key under [segments] (maps, columns)"
-        raise ManifestError(str(path), what, remedy)
+        raise ManifestError(at, what, remedy)
     return {"trial" if n == RECORD_COLUMN else n: column for n, column in columns.items()}, bring
+
+
+# ---- columns to a schedule
 
 
 def of_columns(
     campaign: Campaign,
-    path: Path,
+    root: Path,
     columns: Mapping[str, TextColumn],
     notes: Iterable[str],
     missing: Collection[str] = (),
@@ -424,6 +419,7 @@ def of_columns(
 
     Required columns in `missing` may be absent or blank: pieces of records bring them.
     """
+    path, notes = root / campaign.trials.file, list(notes)
     _check_names(campaign, path, columns, missing)
     trial, boundary = _ids(columns["trial"]), _boundaries(columns["boundary"])
     throttle = np.full(len(trial), np.nan)
@@ -432,7 +428,6 @@ def of_columns(
         _check_share(column, throttle)
     z_m = _distances(campaign, columns.get("distance"), boundary, "distance" in missing)
     covariates: dict[str, NDArray[Any]] = {}
-    notes = list(notes)
     for name, column in columns.items():
         if name in REQUIRED:
             continue
@@ -478,21 +473,15 @@ def _check_names(
     """Refuse a unit of an unknown column, and a schedule without a required column."""
     for name in campaign.trials.units:
         if name not in columns and name not in BY_NAME:
-            raise ManifestError(
-                f"trials.units.{name}",
-                "no column has that name",
-                did_you_mean(name, [*columns, *BY_NAME]) or f"columns are {', '.join(columns)}",
-            )
+            hint = did_you_mean(name, [*columns, *BY_NAME]) or f"columns are {', '.join(columns)}"
+            raise ManifestError(f"trials.units.{name}", "no column has that name", hint)
     free_air = "boundary" in columns and set(columns["boundary"].stripped()) == {"none"}
     for name in REQUIRED:
         if name not in columns and name not in missing and not (name == "distance" and free_air):
             hint = did_you_mean(name, [c for c in columns if c not in BY_NAME])
-            raise ManifestError(
-                str(path),
-                f"has no column {name!r}",
-                hint.replace("did you mean", "is it")
-                or f"add it, or set it for all under [trials.constants]: {name} = ...",
-            )
+            add_it = f"add it, or set it for all under [trials.constants]: {name} = ..."
+            remedy = hint.replace("did you mean", "is it") or add_it
+            raise ManifestError(str(path), f"has no column {name!r}", remedy)
 
 
 def _check_means(
@@ -547,11 +536,8 @@ def _covariate(campaign: Campaign, column: TextColumn) -> NDArray[Any]:
     if name == "tare_after" and column.unit == "count":
         force = campaign.records.force
         if force is None:
-            raise ManifestError(
-                "trials.units.tare_after",
-                "is in counts, but [records] has no force channel",
-                "give it in a unit of force",
-            )
+            what = "is in counts, but [records] has no force channel"
+            raise ManifestError("trials.units.tare_after", what, "give it in a unit of force")
         factor, zero = force.linear()
         return np.asarray(factor * (column.numbers() - zero))
     values = column.si(blank=name != "lift")
@@ -562,15 +548,11 @@ def _covariate(campaign: Campaign, column: TextColumn) -> NDArray[Any]:
 def _plain(column: TextColumn) -> FloatArray:
     """Plain numbers: approach (+1, -1, or 0 where the traverse did not move), n (whole, from 1)."""
     values = column.numbers()
-    for i in np.flatnonzero(np.isfinite(values)).tolist():
-        if column.name == "approach" and values[i] not in (-1.0, 0.0, 1.0):
-            what, remedy = "side", "approach is +1 when the last move was away from the boundary,"
-            remedy += " -1 towards it"
-        elif column.name == "n" and not (values[i] >= 1 and values[i] == int(values[i])):
-            what, remedy = "number of samples", "n is a whole number from 1"
-        else:
-            continue
-        raise column.refusal(i, f"{column.texts[i].strip()!r} is not a {what}", remedy)
+    if column.name in PLAIN:
+        possible, kind, remedy = PLAIN[column.name]
+        for i in np.flatnonzero(np.isfinite(values)).tolist():
+            if not possible(float(values[i])):
+                raise column.refusal(i, f"{column.texts[i].strip()!r} is not a {kind}", remedy)
     return values
 
 
@@ -586,18 +568,13 @@ def _seconds_since_first(column: TextColumn) -> FloatArray:
             blank = cell.lower() in BLANK
             stamps.append(None if blank else datetime.datetime.fromisoformat(cell))
         except ValueError:
-            raise column.refusal(
-                i,
-                f"{text!r} is not ISO 8601 time, and start has no unit",
-                'add start = "s" under [trials.units], or write 2026-03-01T14:05:00',
-            ) from None
+            what = f"{text!r} is not ISO 8601 time, and start has no unit"
+            remedy = 'add start = "s" under [trials.units], or write 2026-03-01T14:05:00'
+            raise column.refusal(i, what, remedy) from None
     known = [s for s in stamps if s is not None]
     if len({s.tzinfo is None for s in known}) > 1:
-        raise ManifestError(
-            f"{column.file}, column 'start'",
-            "mixes times with and without a time zone",
-            "write all of them alike",
-        )
+        what = "mixes times with and without a time zone"
+        raise ManifestError(f"{column.file}, column 'start'", what, "write all of them alike")
     return np.array([math.nan if s is None else (s - known[0]).total_seconds() for s in stamps])
 
 
@@ -617,20 +594,14 @@ def _check_share(column: TextColumn, values: FloatArray) -> None:
     for i in np.flatnonzero((values < 0) | (values > 1 + 1e-9)).tolist():
         cell, dimension = column.texts[i].strip(), BY_NAME[name].dimension
         other = [u for u in units.plausible(float(cell), dimension, 0.0, 1.0) if u != unit]
-        raise column.refusal(
-            i,
-            f"a {name} of {cell} {unit} is not between 0 and 1",
-            f"{other[0]}?" if other else f"{name} is a part of {whole}",
-            InputRefused,
-        )
+        remedy = f"{other[0]}?" if other else f"{name} is a part of {whole}"
+        what = f"a {name} of {cell} {unit} is not between 0 and 1"
+        raise column.refusal(i, what, remedy, InputRefused)
     i = int(np.argmax(np.nan_to_num(values)))
     if unit != "fraction" and 0 < values[i] <= 0.01 + 1e-9:
-        raise column.refusal(
-            i,
-            f"the largest {name} is {column.texts[i].strip()} {unit}, {too_little}",
-            f"fraction? then correct {name} under [trials.units]",
-            InputRefused,
-        )
+        what = f"the largest {name} is {column.texts[i].strip()} {unit}, {too_little}"
+        remedy = f"fraction? then correct {name} under [trials.units]"
+        raise column.refusal(i, what, remedy, InputRefused)
 
 
 def _distances(
@@ -765,8 +736,5 @@ def _backwards(column: TextColumn, start_s: FloatArray, session: NDArray[Any] | 
         return []
     row = int(known[1:][earlier][0])
     others = f", as do {earlier.sum() - 1} more" if earlier.sum() > 1 else ""
-    note = (
-        f"{column.at(row)}: {column.texts[row].strip()} lies before the row above{others}: rows"
-        " must be in the order in which they were run"
-    )
-    return [note]
+    what = f"{column.texts[row].strip()} lies before the row above{others}"
+    return [f"{column.at(row)}: {what}: rows must be in the order in which they were run"]

@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from nearlift import units
 from nearlift.campaign.manifest import Campaign
@@ -20,7 +21,7 @@ from nearlift.observed import Trials
 from nearlift.planning.plans import OVERSHOOT_RADII
 from nearlift.results import Observations
 from nearlift.results.next_visits import NextVisits
-from nearlift.schedule import BY_NAME, csv_text
+from nearlift.schedule import BY_NAME
 from nearlift.synthetic.trial_schedule import TrialSchedule
 
 #: Units of a schedule's columns where the manifest gives none.
@@ -55,7 +56,7 @@ def schedule_text(drawn: TrialSchedule, campaign: Campaign) -> str:
     # blank until the campaign is run
     columns |= {name: [""] * len(drawn) for name in logs if name in BY_NAME and name not in columns}
     columns = {name: cells for name, cells in columns.items() if name not in constant}
-    return csv_text(columns, zip(*columns.values(), strict=True))
+    return pd.DataFrame(columns).to_csv(index=False, lineterminator="\n")
 
 
 def outside(campaign: Campaign, name: str, value: float) -> str:
@@ -106,7 +107,7 @@ def further_rows(
                     "supply": outside(campaign, "supply", visit.supply_V or np.nan),
                 }
                 rows.append([cells.get(name, "") for name in header])
-    return csv_text(header, rows)
+    return pd.DataFrame(rows, columns=header).to_csv(index=False, lineterminator="\n")
 
 
 def _numbered_on(known: Sequence[str]) -> Iterator[str]:

@@ -24,13 +24,10 @@ from nearlift.schedule import (
     RESERVED,
     Schedule,
     TextColumn,
-    columns_of,
     dimension_of,
     of_columns,
+    read_columns,
     rename_records,
-    schedule_file,
-    text_of,
-    unended,
 )
 
 
@@ -43,9 +40,8 @@ def schedule_of_trials(
     `read_schedule` does.
     """
     assert campaign.segments is not None
-    path = schedule_file(campaign, root)
-    text = text_of(path)
-    rows, bring = rename_records(campaign, path, columns_of(campaign, path, text))
+    read, notes = read_columns(campaign, root)
+    rows, bring = rename_records(campaign, root, read)
     ids = rows["trial"].stripped().tolist()
     cut = [
         (i, piece) for i, record in enumerate(ids) for piece in pieces.get(record) or [CutPiece()]
@@ -58,13 +54,13 @@ def schedule_of_trials(
         )
         for name, column in rows.items()
     }
-    lines = columns["trial"].lines
+    file, lines = columns["trial"].file, columns["trial"].lines
     records = [ids[i] for i, _ in cut]
     trials = [piece for _, piece in cut]
     names = [f"{r}#{p.number}" if p.number else r for r, p in zip(records, trials, strict=True)]
     columns["trial"] = replace(columns["trial"], texts=names)
     # each record may have been set up differently
-    columns.setdefault("session", TextColumn("session", records, path.name, lines))
+    columns.setdefault("session", TextColumn("session", records, file, lines))
     for name in bring:
         values = np.array([piece.brought.get(name, np.nan) for piece in trials])
         if name == campaign.segments.maps:
@@ -72,8 +68,8 @@ def schedule_of_trials(
         texts = ["" if value != value else repr(value) for value in values.tolist()]
         dimension = dimension_of(name)
         unit = units.SI[dimension] if dimension else ""
-        columns[name] = TextColumn(name, texts, path.name, lines, unit)
-    schedule = of_columns(campaign, path, columns, unended(path, text), bring)
+        columns[name] = TextColumn(name, texts, file, lines, unit)
+    schedule = of_columns(campaign, root, columns, notes, bring)
     covariates = dict(schedule.covariates)
     if "start_s" in covariates:
         covariates["start_s"] = covariates["start_s"] + np.array([p.since_s for p in trials])

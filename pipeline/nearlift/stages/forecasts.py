@@ -141,8 +141,7 @@ def next_visits(
 def next_rows(job: Job, batches: Sequence[NextVisits]) -> str:
     """Visits as further rows of the campaign's own schedule, CSV."""
     from nearlift.planning.rows import further_rows
-    from nearlift.schedule import columns_of, schedule_file, text_of
+    from nearlift.schedule import read_columns
 
-    path = schedule_file(job.campaign, job.root)
-    columns = columns_of(job.campaign, path, text_of(path))
+    columns, _ = read_columns(job.campaign, job.root)
     return further_rows(batches, job.read(TRIALS), job.campaign, columns)
