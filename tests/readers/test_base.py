@@ -1,96 +1,111 @@
-"""Readers: every road to the same bits, damage named, nothing read outside the folder."""
+"""Every format: round trips, units, rates and names of columns."""
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
+import numpy as np
 import pytest
-from tests.unit.manifests import manifest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.readers.reading import contents, records
+from tests.unit import written
 
+from nearlift import readers, units
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import BUILT_IN, reader, readers
+from nearlift.readers.base import fold, pick, split_unit, unit_word
+
+NUMBERS = st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=40)
 
 
-def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
-    for trial in "ac":
-        (tmp_path / f"{trial}.csv").write_text("force\n1\n")
-    given = manifest(records={"files": "{trial}.csv"})
-    assert [r.trial for r in reader("csv").read(given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
-    assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == [
-        "a.csv",
-        "c.csv",
-    ]
+@pytest.mark.parametrize("name", [n for n in written.WRITERS if n != "csv"])
+def test_what_is_written_comes_back(tmp_path_factory: pytest.TempPathFactory, name: str) -> None:
+    write, column, _, suffix = written.WRITERS[name]
+    folder = tmp_path_factory.mktemp(name)
+
+    @settings(max_examples=15)
+    @given(force=NUMBERS)
+    def turn(force: list[float]) -> None:
+        path = written.put(folder, f"a.{suffix}", write(force))
+        found = contents(name, path, names=(column,))
+        channel = pick(found.channels, column, "records.force.column", "a")
+        np.testing.assert_array_equal(channel.values, force)
+        assert set(found.codes) <= {"dead_speed"}
+
+    turn()
 
 
-# ---- what may be read at all
+@pytest.mark.parametrize("name", list(written.WRITERS))
+def test_records_are_newtons_of_lift(tmp_path: Path, name: str) -> None:
+    write, column, unit, suffix = written.WRITERS[name]
+    force = [1.5, 2.25, 3.5, 4.0, 5.75, 6.5]
+    written.put(tmp_path, f"trials/a.{suffix}", write(force))
+    written.put(tmp_path, f"trials/b.{suffix}", b"")
+    if name == "csv":
+        column = "force"
+    a, b = records(tmp_path, name, column, unit, f"trials/{{trial}}.{suffix}")
+    factor, _ = units.to_si(unit, "force", "")
+    np.testing.assert_allclose(a.force_N, factor * np.array(force), rtol=1e-7)
+    assert a.source == f"trials/a.{suffix}"
+    assert b.codes == ("EMPTY",)
+    assert len(b.force_N) == 0
 
 
-def test_nothing_outside_the_folder_is_read(tmp_path: Path) -> None:
-    root = tmp_path / "campaign"
-    root.mkdir()
-    (tmp_path / "secret.csv").write_text("force\n1\n")
-    (root / "linked.csv").symlink_to(tmp_path / "secret.csv")
-    (root / "loop.csv").symlink_to(root / "loop.csv")
-    (root / "folder.csv").mkdir()
-    os.mkfifo(root / "pipe.csv")
-    given = manifest(records={"files": "{trial}.csv"})
-    for trial, match in (
-        ("linked", "leads outside"),
-        ("loop", "loop of symbolic links"),
-        ("folder", "not a regular file"),
-        ("pipe", "not a regular file"),
+@pytest.mark.parametrize("name", ["rcbenchmark", "flight-stand", "hdf5", "tdms", "lvm", "text"])
+def test_a_unit_in_the_file_that_the_manifest_contradicts_is_refused(
+    tmp_path: Path, name: str
+) -> None:
+    """Gram-force read as newton is a factor of 102."""
+    write, column, unit, suffix = written.WRITERS[name]
+    written.put(tmp_path, f"a.{suffix}", write([1.0, 2.0, 3.0]))
+    other = "N" if unit != "N" else "gf"
+    with pytest.raises(
+        InputRefused,
+        match=(
+            rf"states .* in {unit}, the manifest says {other}: a factor of .*\n  records.force.unit"
+            rf" = \"{unit}\""
+        ),
     ):
-        with pytest.raises(InputRefused, match=match):
-            reader("csv").files(given, root, [trial])
-    with pytest.raises(InputRefused, match="leads outside"):
-        reader("csv").files(manifest(records={"files": "../{trial}.csv"}), root, ["secret"])
-    with pytest.raises(ManifestError, match="cannot be part of a file name"):
-        reader("csv").files(given, root, ["../secret"])
+        records(tmp_path, name, column, other, f"{{trial}}.{suffix}")
 
 
-def test_a_link_within_the_folder_is_followed(tmp_path: Path) -> None:
-    (tmp_path / "real.csv").write_text("force\n1\n")
-    (tmp_path / "a.csv").symlink_to(tmp_path / "real.csv")
-    assert (
-        len(reader("csv").files(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])) == 1
+def test_a_rate_in_the_file_that_the_manifest_contradicts_is_refused(tmp_path: Path) -> None:
+    written.put(tmp_path, "a.lvm", written.lvm([1.0, 2.0, 3.0], columns="No"))
+    with pytest.raises(
+        InputRefused, match=r"'Force' has 1000 Hz, the manifest says 200 Hz\n.*ignore_rate"
+    ):
+        records(tmp_path, "lvm", "Force", "N", "{trial}.lvm", rate="200 Hz")
+    (a,) = records(
+        tmp_path, "lvm", "Force", "N", "{trial}.lvm", rate="200 Hz", dialect={"ignore_rate": True}
     )
+    assert len(a.force_N) == 3
 
 
-@pytest.mark.parametrize(
-    "pattern",
-    [
-        "trials/{trial}.csv",
-        "{trial}.csv",
-        "{trial}/force.csv",
-        "{trial}/{trial}.csv",
-        "[{trial}].csv",
-    ],
-)
-@pytest.mark.parametrize("name", ["csv", "text"])
-def test_a_record_without_a_row_is_told(tmp_path: Path, pattern: str, name: str) -> None:
-    for trial in ("a", "b", "c-1", "d"):
-        path = tmp_path / pattern.replace("{trial}", trial)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text("t,force\n0,1\n1,2\n")
-    chosen = manifest(
-        records={
-            "reader": name,
-            "files": pattern,
-            "force": {"column": "force", "unit": "mN", "sign": 1},
-        }
+def test_names_are_folded_before_they_are_compared() -> None:
+    assert fold("Torque (N\u00b7m)") == fold("torque  (N\u22c5m)") == fold("Torque (N*m)")
+    assert fold("ESC signal (\u00b5s)") == fold("ESC signal (\u03bcs)")
+    assert split_unit("Thrust (gf)") == ("Thrust", "gf")
+    assert split_unit("weight[g]") == ("weight", "g")
+    assert split_unit("Powertrain 1 - force Fz (thrust) (N)") == (
+        "Powertrain 1 - force Fz (thrust)",
+        "N",
     )
-    (note,) = reader(name).plan(chosen, tmp_path, ["b", "d", "elsewhere"]).notes
-    assert note.startswith(f"{pattern.replace('{trial}', 'a')} and 1 more are no trial's record")
-    assert reader(name).plan(chosen, tmp_path, ["a", "b", "c-1", "d"]).notes == ()
+    assert split_unit("rpm1") == ("rpm1", "")
+    assert unit_word("[\u00b5s]") == "us"
+    assert unit_word("furlong") is None
 
 
-def test_a_pattern_without_the_trial_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(ManifestError, match=r"write \{trial\} in it"):
-        reader("csv").files(manifest(records={"files": "all.csv"}), tmp_path, ["a"])
+def test_a_column_that_is_not_there_or_twice_is_refused(tmp_path: Path) -> None:
+    found = contents("rcbenchmark", written.put(tmp_path, "a.csv", written.rcbenchmark([1.0, 2.0])))
+    assert pick(found.channels, "thrust", "k", "f").name == "Thrust (gf)"
+    with pytest.raises(InputRefused, match=r"has no column 'Trust'\n  k = \"Thrust \(gf\)\""):
+        pick(found.channels, "Trust", "k", "f")
+    doubled = (*found.channels, *found.channels)
+    with pytest.raises(InputRefused, match="has more than one column 'Thrust'"):
+        pick(doubled, "Thrust", "k", "f")
 
 
 def test_an_unknown_reader_gets_the_nearest_name() -> None:
     with pytest.raises(ManifestError, match="did you mean 'parquet'"):
-        reader("parket")
-    assert [r.name for r in readers()[: len(BUILT_IN)]] == list(BUILT_IN)
+        readers.reader("parket")
+    assert [r.name for r in readers.readers()[: len(readers.BUILT_IN)]] == list(readers.BUILT_IN)

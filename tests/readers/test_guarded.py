@@ -20,7 +20,6 @@ import pytest
 from tests.unit import written
 
 from nearlift import readers
-from nearlift.errors import InputRefused
 from nearlift.readers import guarded, text
 from nearlift.readers.base import Channel, Contents, Malformed
 from nearlift.readers.dialect import NoNames
@@ -242,16 +241,3 @@ def test_a_small_file_fills_no_memory(
     words = ("memory", "allocate", "unpacks to more", "holds more")
     assert name == "rows.csv.gz" or any(word in what[0] for word in words)
     assert max(int(parent), int(child)) <= LIMIT_KB
-
-
-def test_a_packed_text_is_read_as_the_text(tmp_path: Path) -> None:
-    content = b"t,force\n0,1.5\n0.001,2.5\n"
-    reader = readers.reader("text")
-    plain = written.put(tmp_path, "a.csv", content)
-    packed = written.put(tmp_path, "b.csv.gz", gzip.compress(content))
-    here, there = (reader.open(path, {}) for path in (plain, packed))
-    for one, other in zip(here.channels, there.channels, strict=True):
-        assert (one.name, one.values.tolist()) == (other.name, other.values.tolist())
-    packed.write_bytes(packed.read_bytes()[:-3])
-    with pytest.raises(InputRefused, match="damaged or cut off"):
-        reader.open(packed, {})

@@ -1,152 +1,25 @@
-"""One text reader: one dialect fits or the file is refused, pyarrow and Python's csv give the same
-bits, and every refusal names its line.
-"""
+"""Text files: encodings, recipes, clocks between numbers, cut and damaged files, plain CSV."""
 
 from __future__ import annotations
 
-import re
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import pyarrow as pa
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from tests.readers.reading import plain, put, read, values
 from tests.unit.manifests import manifest
 from tests.unit.small_run import nearlift
 
-from nearlift.errors import InputRefused, ManifestError
-from nearlift.readers import dialect, reader, table, text
-from nearlift.readers.base import Contents, pick
-from nearlift.readers.dialect import HEAD, Dialect, NoRows, sniff
+from nearlift.errors import InputRefused
+from nearlift.readers import reader, text
+from nearlift.readers.base import pick
+from nearlift.readers.dialect import HEAD, NoRows
 
 ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-
-
-def layout(content: str | bytes, said: Dialect = dialect.UNSTATED) -> table.Layout:
-    return sniff(content if isinstance(content, bytes) else content.encode(), "f.txt", said)
-
-
-def put(folder: Path, content: str | bytes, name: str = "f.txt") -> Path:
-    path = folder / name
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    return path
-
-
-def read(folder: Path, content: str | bytes, said: Any = None, names: Any = None) -> Contents:
-    return text.contents(put(folder, content), text.TEXT.checked_dialect(said or {}), names)
-
-
-def plain(folder: Path, content: str | bytes, *names: str) -> Contents:
-    """The columns (`force` if none is named) by the reader of plain CSV."""
-    return text.csv_contents(put(folder, content, "t.csv"), {}, names or ("force",))
-
-
-def values(found: Contents, column: int = 0) -> list[float]:
-    return list(found.channels[column].values.tolist())
-
-
-# ---- dialects
-
-
-@pytest.mark.parametrize(
-    ("content", "names", "separator", "decimal", "spoken"),
-    [
-        ("t,F\n1,5\n2,5\n", ("t", "F"), ",", ".", ""),
-        ("t,F\r\n1.5,5\r\n", ("t", "F"), ",", ".", ""),
-        ("t\tF\r0\t1\r1\t2\r", ("t", "F"), "\t", ".", "separated by tabs"),
-        ("t;F\n1;5\n2;7,5\n", ("t", "F"), ";", ",", "separated by semicolons, decimal commas"),
-        ("a b\n1 2\n 3  4\n", ("a", "b"), " ", ".", "separated by blanks"),
-        ("F\n1\n2\n", ("F",), "", ".", ""),
-        ("force\n1,5\n2,25\n", ("force",), "", ",", "decimal commas"),
-        ("a,b,\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
-        ("a,b\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
-        (
-            "# a log\nrate: 1000\nt,F\n0,1\n",
-            ("t", "F"),
-            ",",
-            ".",
-            "2 lines above the columns' names left out",
-        ),
-        ("# t,F\n0,1\n", ("t", "F"), ",", ".", ""),
-        ('"t, s",F\n0,1\n', ("t, s", "F"), ",", ".", ""),
-        ("t,F\n0,OVER\n1,#NV\n2,3\n", ("t", "F"), ",", ".", ""),
-    ],
-)
-def test_one_dialect_fits(
-    content: str, names: tuple[str, ...], separator: str, decimal: str, spoken: str
-) -> None:
-    found = layout(content)
-    assert (found.names, found.separator, found.decimal) == (names, separator, decimal)
-    assert found.spoken == spoken
-
-
-@pytest.mark.parametrize(
-    ("content", "match"),
-    [
-        ("1,5\n2,5\n", "line 1: has no columns' names above .*\n  name them: dialect = { columns"),
-        ("966\n965\n", 'its rows of 1 cell\n  name them: dialect = { columns = \\["force"\\] }'),
-        ("t,F\n0,5,1,5\n", "line 2: has 4 cells under 2 column names\n  a decimal comma makes two"),
-        ("t;F\n1,234;5,678\n", "line 2: '1,234' may be 1.234 or 1234\n  say which: .*thousands"),
-        ("a;b\n1;2\n3;x\n", "line 3: 'x' in column 'b' is not a number"),
-        ("a,a\n1,2\n", "line 1: has more than one column 'a'"),
-        ("t,F\n2,3\nt,F\n4,5\n", "line 3: repeats the header"),
-        ("t,F\n2,3\n4\n5,6\n", "line 3: has 1 cells under 2 column names"),
-        ("t,F\n2,3\n\nt,F,T\n4,5,6\n", "line 4: holds words and no number, .* another table"),
-        ("a table\n-;-\n2;3\n4;5\n", "line 2: holds '-' where the columns' names should be"),
-        (b"\x1f\x8b\x08\x00abc", "is compressed\n  unpack it"),
-        (b"t,F\n1,2\n\0\0\0\0\0\0 3,4\n", "is no text: it holds NUL bytes"),
-        (b"\xff\xfet\x00,", "holds no row of numbers"),
-    ],
-)
-def test_what_does_not_fit_is_refused_with_its_line(content: str | bytes, match: str) -> None:
-    with pytest.raises(InputRefused, match=match):
-        layout(content)
-
-
-def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
-    two = "1,5\n2,5\n"
-    assert layout(two, Dialect(columns=("a", "b"))).separator == ","
-    assert layout(two, Dialect(columns=("F",))).decimal == ","
-    assert layout("F;G\n1,234;5,678\n", Dialect(decimal=",")).decimal == ","
-    # both separators cut each line in two, at different places
-    mixed, columns = "x;1,2\ny;3,4\n", ("who", "force")
-    with pytest.raises(InputRefused, match=r"can be read in two ways: separated by semicolons"):
-        layout(mixed, Dialect(columns=columns))
-    assert layout(mixed, Dialect(columns=columns, separator="semicolon")).decimal == ","
-
-
-def test_a_stated_separator_that_no_line_holds_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputRefused, match="is one column"):
-        layout("F\n1\n2\n", Dialect(separator="comma"))
-    assert values(text.csv_contents(put(tmp_path, "F\n1\n2\n"), {}, None)) == [1, 2]
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.data())
-def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObject) -> None:
-    separator = data.draw(st.sampled_from("\t;,| "))
-    number = st.sampled_from(["1", "1.5", "2,5", "1,234", "nan", "", "-3e2", "x"])
-    row = st.lists(number, min_size=1, max_size=3).map(separator.join)
-    usual = data.draw(row)
-    header = separator.join("abc"[: usual.count(separator) + 1])
-    lines = ["a log"] * data.draw(st.sampled_from([0, 2, 85, 120])) + [header] + [usual] * 150
-    for at in data.draw(st.lists(st.integers(0, len(lines) - 1), max_size=4)):
-        lines[at] = data.draw(row)
-
-    def answer() -> object:
-        try:
-            return layout("\n".join([*lines, ""]))
-        except InputRefused as refusal:
-            return str(refusal)
-
-    quick = answer()
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(dialect, "SHORT", 10**9)
-        assert answer() == quick
 
 
 @pytest.mark.parametrize(
@@ -216,29 +89,6 @@ def test_groups_that_are_not_of_three_digits_are_no_number(tmp_path: Path) -> No
         plain(tmp_path, 'force\n1\n"1,234.5"\n')
 
 
-@pytest.mark.parametrize(
-    ("said", "match"),
-    [
-        ({"seperator": ";"}, "did you mean 'separator'"),
-        ({"skip": True}, "True is no int"),
-        ({"skip": -1}, "-1 is negative"),
-        ({"columns": ["a", 1]}, "holds more than texts"),
-        ({"columns": ["a"], "units": ["s", "N"]}, "names 2 units for 1 columns"),
-        ({"decimal": "'"}, "is no decimal sign"),
-        ({"thousands": "0"}, "is no sign between thousands"),
-        ({"thousands": ".", "decimal": "."}, "is the decimal sign as well"),
-        ({"encoding": "utf-99"}, "is no encoding"),
-        ({"columns": ["a", "b"], "lines": 3}, "says 3 lines to a row"),
-    ],
-)
-def test_a_dialect_is_checked(tmp_path: Path, said: dict[str, Any], match: str) -> None:
-    with pytest.raises(ManifestError, match=match):
-        read(tmp_path, "t;F\n1;2\n", said)
-
-
-# ---- files that are cut, damaged or large
-
-
 def test_a_header_alone_is_no_data_and_an_empty_file_empty(tmp_path: Path) -> None:
     assert read(tmp_path, "t,F\n").codes == ("NO_DATA",)
     assert read(tmp_path, "t,F").codes == ("NO_DATA", "truncated")
@@ -284,9 +134,6 @@ def test_a_quote_without_its_other_half_swallows_no_lines(tmp_path: Path) -> Non
     assert values(plain(tmp_path, 'prop,force\n5" prop,1\n5" prop,OVER\n'))[0] == 1
 
 
-# ---- recipes
-
-
 def test_a_recipe_reads_what_has_no_header(tmp_path: Path) -> None:
     found = read(tmp_path, "965\r\n966\r\n", {"columns": ["count"], "units": ["count"]})
     assert (found.channels[0].unit, values(found)) == ("count", [965, 966])
@@ -316,20 +163,6 @@ def test_labels_that_differ_are_no_text_column(tmp_path: Path) -> None:
     assert 'begin = "Throttle: {level}"' in str(refusal.value.remedy)
 
 
-@pytest.mark.parametrize(
-    ("line", "remedy"),
-    [
-        ("STOP", 'dialect = { ignore = ["STOP"] }'),
-        ("T: 0.01 \t C: 0.65 \t V: 1.48", "dialect = { labels = true }"),
-        ("1.5", "no cell may be left out"),
-        ("volts,amps,rpm", "save each table as a file of its own"),
-    ],
-)
-def test_a_line_of_another_kind_is_refused_with_what_would_read_it(line: str, remedy: str) -> None:
-    with pytest.raises(InputRefused, match=re.escape(remedy)):
-        table.Layout(names=("a", "b")).row(line, "f, line 3")
-
-
 @pytest.mark.parametrize("column", ["force", "force,n"])
 def test_throttles_among_forces_are_not_read_in_silence(tmp_path: Path, column: str) -> None:
     """The markers are ignored as advised, and each number behind one is a throttle."""
@@ -346,9 +179,9 @@ def test_throttles_among_forces_are_not_read_in_silence(tmp_path: Path, column: 
     assert len(values(read(tmp_path, "\n".join(alike) + "\n", said))) == 80
 
 
-# ---- one number to a line
-
 FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60), 2)]
+
+
 PAIRS = [x for i, f in enumerate(FORCE) for x in (f"{f}", f"{1000 + 12 * i}")]
 
 
@@ -387,9 +220,6 @@ def test_words_within_a_row_of_two_lines_are_named(tmp_path: Path) -> None:
     assert "truncated" in read(tmp_path, "\n".join(PAIRS[:-1]) + "\n", said).codes
 
 
-# ---- plain CSV
-
-
 def test_columns_are_found_by_name(tmp_path: Path) -> None:
     found = plain(tmp_path, "note,t,force\nx,0.000,1.5\ny,0.001,-2.25e1\n", "force", "t")
     assert {c.name: c.values.tolist() for c in found.channels} == {
@@ -412,56 +242,6 @@ def test_columns_are_found_by_name(tmp_path: Path) -> None:
 )
 def test_harmless_dialects(tmp_path: Path, content: str) -> None:
     assert values(plain(tmp_path, content)) == [1, 2]
-
-
-@settings(max_examples=200, deadline=None)
-@given(
-    st.lists(
-        st.one_of(
-            st.floats(allow_nan=False, allow_infinity=False).map(repr),
-            st.integers(-(10**18), 10**18).map(str),
-            st.decimals(-1000, 1000, places=4).map(str),
-        ),
-        min_size=1,
-    ),
-    st.sampled_from(["", ",", " "]),
-)
-def test_both_ways_give_the_bits_of_float(texts: list[str], separator: str) -> None:
-    want = np.array([float(t) for t in texts])
-    names = ("force", "x") if separator else ("force",)
-    rows = "".join(t + (f"{separator}7" if separator else "") + "\n" for t in texts)
-    one = table.Layout(separator=separator, names=names, first=2)
-    lines = table.Lines(body=rows.encode(), where="f", line=2)
-    by_arrow = table.by_arrow(lines, one, [0])
-    assert by_arrow is not None
-    for found, _ in (by_arrow, table.by_line(lines, one, [0])):
-        np.testing.assert_array_equal(found[0].view(np.int64), want.view(np.int64))
-
-
-@settings(max_examples=150, deadline=None)
-@given(
-    st.lists(st.integers(-(10**6), 10**6).map(str), min_size=3, max_size=9),
-    st.sampled_from(["{}\n", "{}\r\n", "7,{}\n", "{},x\n"]),
-    st.integers(0, 10**6),
-    st.sampled_from('x ;+e/:".,-\n0\0'),
-)
-def test_both_ways_agree_on_damage(texts: list[str], row: str, place: int, damage: str) -> None:
-    body = "".join(map(row.format, texts)).replace("\r\n", "\n").encode()
-    names = {"{": ("force",), "7": ("t", "force")}[row[0]]
-    one = table.Layout(names=("force", "t") if row == "{},x\n" else names, first=2)
-    place %= len(body) - 1
-    spoilt = body[:place] + damage.encode() + body[place + 1 :]
-
-    def answer(by_csv: bool) -> object:
-        wanted = [one.names.index("force")]
-        try:
-            reading = table.by_line if by_csv else table.parse
-            rows = table.Lines(body=spoilt, where="f", line=2)
-            return reading(rows, one, wanted)[0][0].tobytes()
-        except InputRefused as refusal:
-            return str(refusal)
-
-    assert answer(by_csv=False) == answer(by_csv=True)
 
 
 @pytest.mark.parametrize(
@@ -514,12 +294,6 @@ def test_the_first_bad_line_is_named(tmp_path: Path, content: str | bytes, match
         plain(tmp_path, content)
 
 
-def test_a_column_that_stands_twice_is_refused(tmp_path: Path) -> None:
-    put(tmp_path, "force,force\n0,1\n", "a.csv")
-    with pytest.raises(InputRefused, match="has more than one column 'force'"):
-        list(reader("csv").read(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"]))
-
-
 def test_sign_calibration_and_clock(tmp_path: Path) -> None:
     put(tmp_path, "ms,counts\n0,130\n5,140\n", "a.csv")
     force = {
@@ -544,17 +318,6 @@ def test_a_clock_of_many_digits_beside_no_force_is_shown(tmp_path: Path) -> None
     assert found.exit_code == 0, found.output
     assert "stamp" in found.output
     assert "Val" in found.output
-
-
-# ---- Arrow arrays
-
-
-@pytest.mark.parametrize(("start", "length"), [(0, 5), (1, 3), (2, 1), (1, 0)])
-def test_a_null_is_not_a_number_and_its_neighbours_are_themselves(start: int, length: int) -> None:
-    whole = pa.array([1.5, None, 3.5, None, 5.5])
-    expected = np.array([1.5, np.nan, 3.5, np.nan, 5.5])[start : start + length]
-    np.testing.assert_array_equal(table.floats(whole.slice(start, length)), expected)
-    np.testing.assert_array_equal(table.floats(pa.array([7, None, -2])), [7, np.nan, -2])
 
 
 def test_one_blank_cell_does_not_load_pandas(tmp_path: Path) -> None:

@@ -373,11 +373,6 @@ class Reader:
     options: Mapping[str, type] = field(default_factory=dict)
     guarded: bool = False
 
-    @property
-    def series(self) -> bool:
-        """Whether the format has samples."""
-        return self.contents is not None
-
     def checked_dialect(self, dialect: RecordsDialect) -> RecordsDialect:
         """The manifest's dialect; `ManifestError` of a key that is unknown or of another type."""
         allowed = {**self.options, "ignore_rate": bool}
@@ -409,7 +404,7 @@ class Reader:
         """Every record file there is, checked to be a regular file under `root`; staleness is
         judged by these.
         """
-        if not self.series:
+        if self.contents is None:
             return []
         if _one_for_all(campaign):
             path = files.inside(root, campaign.records.pattern, "records.files")
@@ -419,7 +414,7 @@ class Reader:
     def plan(self, campaign: Campaign, root: Path, trials: Sequence[str]) -> ReadingPlan:
         """The pieces to read; reads no samples."""
         self.checked_dialect(campaign.records.dialect)
-        if not self.series:
+        if self.contents is None:
             return ReadingPlan(pieces=())
         if not _one_for_all(campaign):
             there = files.per_trial(campaign, root, trials)

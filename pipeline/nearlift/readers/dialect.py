@@ -86,80 +86,43 @@ def given(stated: RecordsDialect) -> Dialect:
         A list holds more than texts, units are not as many as columns, a sign cannot be one, or
         `skip` is negative.
     """
-    lists = {key for key, kind in OPTIONS.items() if kind is list}
-    options: dict[str, Any] = {
-        key: tuple(value) if key in lists and isinstance(value, list) else value
-        for key, value in stated.items()
-        if key in OPTIONS
-    }
+    options: dict[str, Any] = {}
+    for key in OPTIONS.keys() & stated.keys():
+        value = stated[key]
+        options[key] = tuple(value) if isinstance(value, list) else value
+        if isinstance(value, list) and not all(isinstance(item, str) for item in value):
+            raise _refusal(key, f"{value!r} holds more than texts", 'write it as ["force", "t"]')
     said = Dialect(**options)
-    thousands, columns, units = said.thousands, len(said.columns), len(said.units)
-    checks: list[tuple[str, bool, str, str]] = [
-        (
-            key,
-            not all(isinstance(item, str) for item in options[key]),
-            f"{stated[key]!r} holds more than texts",
-            'write it as ["force", "t"]',
-        )
-        for key in ("columns", "units", "ignore")
-        if key in options
-    ]
-    checks += [
-        (
-            "units",
-            units not in (0, columns),
-            f"names {units} units for {columns} columns",
-            'one for each; "" for none',
-        ),
-        (
-            "decimal",
-            said.decimal not in ("", ".", ","),
-            f"{said.decimal!r} is no decimal sign",
-            'write "." or ","',
-        ),
-        (
-            "thousands",
-            len(thousands) > 1 or thousands.isalnum() or thousands in ("+", "-"),
-            f"{thousands!r} is no sign between thousands",
-            'write ",", ".", "\'" or " "',
-        ),
-        (
-            "thousands",
-            thousands != "" and thousands == said.decimal,
-            f"{thousands!r} is the decimal sign as well",
-            "state another decimal sign",
-        ),
-        (
-            "lines",
-            said.lines not in (1, columns),
-            f"says {said.lines} lines to a row, and columns names {columns}",
-            'a number to a line, one name for each: columns = ["force", "millis"], lines = 2',
-        ),
-        (
-            "skip",
-            said.skip < 0,
-            f"{said.skip} is negative",
-            "it counts the lines above the columns' names",
-        ),
-        (
-            "encoding",
-            said.encoding != "" and not _is_encoding(said.encoding),
-            f"{said.encoding!r} is no encoding",
-            'such as "utf-8", "utf-16" or "latin-1"',
-        ),
-    ]
-    for key, wrong, what, remedy in checks:
-        if wrong:
-            raise ManifestError(f"records.dialect.{key}", what, remedy)
+    columns, units = len(said.columns), len(said.units)
+    if units not in (0, columns):
+        what = f"names {units} units for {columns} columns"
+        raise _refusal("units", what, 'one for each; "" for none')
+    if said.decimal not in ("", ".", ","):
+        what = f"{said.decimal!r} is no decimal sign"
+        raise _refusal("decimal", what, 'write "." or ","')
+    if len(said.thousands) > 1 or said.thousands.isalnum() or said.thousands in ("+", "-"):
+        what = f"{said.thousands!r} is no sign between thousands"
+        raise _refusal("thousands", what, 'write ",", ".", "\'" or " "')
+    if said.thousands and said.thousands == said.decimal:
+        what = f"{said.thousands!r} is the decimal sign as well"
+        raise _refusal("thousands", what, "state another decimal sign")
+    if said.lines not in (1, columns):
+        remedy = 'a number to a line, one name for each: columns = ["force", "millis"], lines = 2'
+        what = f"says {said.lines} lines to a row, and columns names {columns}"
+        raise _refusal("lines", what, remedy)
+    if said.skip < 0:
+        remedy = "it counts the lines above the columns' names"
+        raise _refusal("skip", f"{said.skip} is negative", remedy)
+    try:
+        codecs.lookup(said.encoding or "utf-8")
+    except LookupError:
+        what = f"{said.encoding!r} is no encoding"
+        raise _refusal("encoding", what, 'such as "utf-8", "utf-16" or "latin-1"') from None
     return said
 
 
-def _is_encoding(name: str) -> bool:
-    try:
-        codecs.lookup(name)
-    except LookupError:
-        return False
-    return True
+def _refusal(key: str, what: str, remedy: str) -> ManifestError:
+    return ManifestError(f"records.dialect.{key}", what, remedy)
 
 
 # ---- refusals
@@ -170,7 +133,7 @@ class NoRows(InputRefused):
 
 
 class NoNames(InputRefused):
-    """Lines of so many numbers, without names above them."""
+    """Rows of so many numbers, without names above them."""
 
     def __init__(self, where: str, what: str, remedy: str, columns: int) -> None:
         super().__init__(where, what, remedy)

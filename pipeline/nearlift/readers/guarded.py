@@ -18,6 +18,7 @@ import io
 import os
 import pickle
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -39,8 +40,6 @@ FILES = 1000
 PACKAGE = str(Path(__file__).parents[2])
 #: The functions of numpy that build an array from a pickle.
 ARRAYS = {"_frombuffer", "_reconstruct", "ndarray", "dtype", "scalar"}
-TOO_LARGE = "it needs more memory than its reader is allowed"
-_SERVE = "from nearlift.readers.guarded import serve; serve({fd}, {life}, {memory}, {cpu_s})"
 #: Whether this is the process that serves: what is guarded in it already is simply called.
 _serving = False
 
@@ -92,16 +91,17 @@ class Guarded:
     def start(self) -> subprocess.Popen[bytes]:
         """The process, started unless it runs."""
         if self.process is None:
-            import socket
-
             ours, theirs = socket.socketpair()
             life, self._lifeline = os.pipe()
+            fds = theirs.fileno(), life
+            code = f"guarded.serve({fds[0]}, {life}, {self.memory}, {self.cpu_s})"
             with theirs:
-                fds = theirs.fileno(), life
-                code = _SERVE.format(fd=fds[0], life=life, memory=self.memory, cpu_s=self.cpu_s)
                 self.process = subprocess.Popen(
                     # -P: no imports from the current folder; -B: no bytecode is written
-                    [sys.executable, "-P", "-B", "-c", code],
+                    [
+                        *(sys.executable, "-P", "-B", "-c"),
+                        f"from nearlift.readers import guarded; {code}",
+                    ],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     stderr=subprocess.DEVNULL,
@@ -118,17 +118,17 @@ class Guarded:
         """The class of the exception, if any, and the answer."""
         if self._files >= FILES:
             self.close()
-        process = self.start()
-        assert self._link is not None
+        process, link = self.start(), self._link
+        assert link is not None
         self._files += 1
-        late = False
+        why = ""
         try:
-            self._link.send_bytes(asked)
-            late = not self._link.poll(self.wall_s)
-            if not late:
-                answer = self._link.recv_bytes(LONGEST_ANSWER + 4096)
+            link.send_bytes(asked)
+            if link.poll(self.wall_s):
+                answer = link.recv_bytes(LONGEST_ANSWER + 4096)
                 outcome: tuple[type[Exception] | None, Any] = _Unpickler(io.BytesIO(answer)).load()
                 return outcome
+            why = f"its reader was stopped after {self.wall_s:g} s"
         except Exception:
             # a process that closes its end takes a moment to end
             with contextlib.suppress(subprocess.TimeoutExpired):
@@ -138,42 +138,39 @@ class Guarded:
             self.close()
             raise
         self.close()
-        raise Malformed(self._reason(process.returncode, late))
-
-    def _reason(self, code: int | None, late: bool) -> str:
-        """The reason why the process ended, in words."""
-        if late:
-            return f"its reader was stopped after {self.wall_s:g} s"
-        if code == -getattr(signal, "SIGXCPU", 0):
-            return f"its reader was stopped after {self.cpu_s} s of computing"
-        return (
-            f"its reader crashed (exit code {code}), at most {self.memory >> 20} MiB of memory"
-            " allowed"
-        )
+        if process.returncode == -getattr(signal, "SIGXCPU", 0):
+            why = f"its reader was stopped after {self.cpu_s} s of computing"
+        crashed = f"its reader crashed (exit code {process.returncode})"
+        raise Malformed(why or f"{crashed}, at most {self.memory >> 20} MiB of memory allowed")
 
     def close(self) -> None:
         """End the process; one that ended by itself keeps its exit code."""
-        process, link, self.process, self._link = self.process, self._link, None, None
-        self._files = 0
-        if process is not None and link is not None:
-            process.kill()
-            process.wait()
-            link.close()
-            os.close(self._lifeline)
+        if self.process is not None:
+            self.process.kill()
+            self.process.wait()
+        self.forget()
 
     def forget(self) -> None:
-        """Leave the process to the one of which this is a copy."""
+        """Leave the process: to its end, or to the one of which this is a copy."""
         if self._link is not None:
             self._link.close()
             os.close(self._lifeline)
-        self.process, self._link, self._files, self._lock = None, None, 0, threading.Lock()
+        self.process, self._link, self._files = None, None, 0
 
 
 #: The process that all files share.
 run = Guarded()
 atexit.register(run.close)
+
+
+def _in_a_copy() -> None:
+    """Leave the process to the one of which this is a copy, as is the lock of its threads."""
+    run.forget()
+    run._lock = threading.Lock()
+
+
 if hasattr(os, "register_at_fork"):
-    os.register_at_fork(after_in_child=run.forget)
+    os.register_at_fork(after_in_child=_in_a_copy)
 
 
 def _environment() -> dict[str, str]:
@@ -206,12 +203,15 @@ def serve(fd: int, lifeline: int, memory: int, cpu_s: int) -> None:
     """Answer calls until the other end closes."""
     global _serving
     _serving = True
-    end_with(lifeline)
-    limit(memory)
+    _end_with(lifeline)
+    # macOS has no limit of address space: only time is bounded there
+    _limit("AS", memory)
+    _limit("FSIZE", 0)
+    _limit("CORE", 0)
     with Connection(fd) as link, contextlib.suppress(EOFError, OSError):
         while True:
             asked = link.recv_bytes()
-            _limit_cpu(cpu_s)
+            _limit("CPU", int(sum(os.times()[:2])) + 1 + cpu_s, soft=True)
             link.send_bytes(_answer(asked))
 
 
@@ -222,13 +222,14 @@ def _answer(asked: bytes) -> bytes:
         content = pickle.dumps((None, function(*arguments, **named)), protocol=5)
         if len(content) <= LONGEST_ANSWER:
             return content
+        most = LONGEST_ANSWER >> 20
         fault: Exception = Malformed(
-            f"it unpacks to more than {LONGEST_ANSWER >> 20} MB; cut it into shorter files"
+            f"it unpacks to more than {most} MB; cut it into shorter files"
         )
     except (NearliftError, Malformed) as known:
         fault = known
     except MemoryError:
-        fault = Malformed(TOO_LARGE)
+        fault = Malformed("it needs more memory than its reader is allowed")
     except Exception as other:
         # libraries raise anything on damaged bytes
         what = (str(other).splitlines() or [""])[0] or type(other).__name__
@@ -236,7 +237,7 @@ def _answer(asked: bytes) -> bytes:
     return pickle.dumps((type(fault), (fault.args, fault.__dict__)), protocol=5)
 
 
-def end_with(lifeline: int) -> None:
+def _end_with(lifeline: int) -> None:
     """End this process when the other end of the pipe closes, even within a call into C."""
     with contextlib.suppress(ImportError, AttributeError, OSError):
         import fcntl
@@ -250,27 +251,14 @@ def end_with(lifeline: int) -> None:
                 os._exit(1)
 
 
-def limit(memory: int) -> None:
-    """Bound the memory of this process, and let it write no file, where the system can.
-
-    macOS has no limit of address space: only time is bounded there.
-    """
-    with contextlib.suppress(ImportError):
+def _limit(kind: str, most: int, *, soft: bool = False) -> None:
+    """Bound a resource of this process, where the system can; `soft`: for now."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
-        kinds = {resource.RLIMIT_AS: memory, resource.RLIMIT_FSIZE: 0, resource.RLIMIT_CORE: 0}
-        for kind, most in kinds.items():
-            with contextlib.suppress(ValueError, OSError):
-                resource.setrlimit(kind, (most, most))
-
-
-def _limit_cpu(seconds: int) -> None:
-    """Allow this process so much more computing."""
-    with contextlib.suppress(ImportError):
-        import resource
-
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        most = int(used.ru_utime + used.ru_stime) + 1 + seconds
-        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
-        if hard == resource.RLIM_INFINITY or most < hard:
-            resource.setrlimit(resource.RLIMIT_CPU, (most, hard))
+        limit = getattr(resource, f"RLIMIT_{kind}")
+        _, hard = resource.getrlimit(limit)
+        if not soft:
+            resource.setrlimit(limit, (most, most))
+        elif hard == resource.RLIM_INFINITY or most < hard:
+            resource.setrlimit(limit, (most, hard))

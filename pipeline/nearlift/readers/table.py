@@ -1,4 +1,4 @@
-"""Lines of a text table as numbers, by one strict layout.
+"""Rows of a text table as numbers, by one strict layout.
 
 Every line has one cell for each column name. Every wanted cell is a number, or a word that loggers
 write for "no number". pyarrow parses; where it refuses, Python's csv reads line by line and names
@@ -294,7 +294,7 @@ class Lines:
     line: int
 
     def __iter__(self) -> Iterator[tuple[int, str]]:
-        """Lines with their numbers; `InputRefused` of one that is no UTF-8."""
+        """The lines with their numbers; `InputRefused` of one that is no UTF-8."""
         try:
             text = io.StringIO(self.body.decode("utf-8"), newline="\n")
         except UnicodeDecodeError as fault:

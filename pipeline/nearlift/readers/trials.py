@@ -108,7 +108,7 @@ def reduced_trials(recorded: Recorded) -> ReducedTrials:
     notes, sweeps = list(schedule.notes), list[str]()
     if not campaign.cuts_records:
         _require_known(campaign.quality.exclude, schedule)
-    if not reader.series:
+    if reader.contents is None:
         rows = _from_means(recorded, schedule)
     elif campaign.cuts_records:
         schedule, rows, more = _from_cut_records(recorded, reader, schedule)

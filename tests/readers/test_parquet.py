@@ -1,4 +1,4 @@
-"""Binary formats: what is written comes back, their traps are sprung, damage costs one trial."""
+"""One long table: the same records from every layout, and tables that cannot be meant."""
 
 from __future__ import annotations
 
@@ -9,13 +9,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from tests.readers.test_formats import records
-from tests.unit import written
 from tests.unit.manifests import manifest
 
-from nearlift import readers
 from nearlift.errors import InputRefused, ManifestError
-from nearlift.onboarding.inspection import inspect
 from nearlift.readers import parquet, reader
 from nearlift.readers.base import Record
 
@@ -26,98 +22,6 @@ PARQUET: dict[str, Any] = {
         "force": {"column": "force", "unit": "mN", "sign": 1},
     }
 }
-
-
-def contents(name: str, path: Path, names: Any = None) -> Any:
-    return readers.reader(name).open(path, {}, names)
-
-
-@pytest.mark.filterwarnings("ignore::pandas.errors.Pandas4Warning")
-@pytest.mark.filterwarnings("ignore:duration_to_mat")
-def test_matlab_of_every_age(tmp_path: Path) -> None:
-    import pandas as pd
-    import scipy.io
-    from matio import save_to_mat
-
-    force = [1.0, 2.0, 3.0]
-    for name, content in (("v5", written.mat(force, compressed=False)), ("v7", written.mat(force))):
-        found = contents("mat", written.put(tmp_path, f"{name}.mat", content))
-        assert [(c.name, c.values.tolist()) for c in found.channels] == [("run.force", force)]
-    found = contents("mat", written.put(tmp_path, "v73.mat", written.v73(force)))
-    assert [(c.name, c.values.tolist()) for c in found.channels] == [("force", force)]
-    scipy.io.savemat(tmp_path / "m.mat", {"data": np.arange(6.0).reshape(3, 2), "who": "me"})
-    found = contents("mat", tmp_path / "m.mat", names=("data(:,2)",))
-    assert [(c.name, c.values.tolist()) for c in found.channels] == [("data(:,2)", [1.0, 3.0, 5.0])]
-    table = pd.DataFrame(
-        {"force": force}, index=pd.Index(np.array([0, 1, 2], dtype="timedelta64[ms]"), name="Time")
-    )
-    for version in ("v7", "v7.3"):
-        save_to_mat(str(tmp_path / "tt.mat"), {"tt": table}, version=version)
-        found = contents("mat", tmp_path / "tt.mat")
-        assert [(c.name, c.unit) for c in found.channels] == [("tt.Time", "s"), ("tt.force", "")]
-        np.testing.assert_allclose(found.channels[0].values, [0, 0.001, 0.002])
-
-
-def test_hdf5_follows_no_link_out_of_the_file(tmp_path: Path) -> None:
-    import h5py
-
-    with h5py.File(tmp_path / "other.h5", "w") as file:
-        file["secret"] = np.ones(3)
-    layout = h5py.VirtualLayout(shape=(3,), dtype="f8")
-    layout[:] = h5py.VirtualSource(tmp_path / "other.h5", "secret", shape=(3,))
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["force"] = np.arange(3.0)
-        file["out"] = h5py.ExternalLink(str(tmp_path / "other.h5"), "/secret")
-        file.create_virtual_dataset("virtual", layout)
-        file.create_dataset(
-            "far", (3,), dtype="f8", external=[(str(tmp_path / "raw.bin"), 0, h5py.h5f.UNLIMITED)]
-        )
-        file["circle"] = file["/"]
-    found = contents("hdf5", tmp_path / "a.h5")
-    assert [c.name for c in found.channels] == ["/force"]
-    assert len(found.notes) == 3
-    assert any("is a link to another file" in n for n in found.notes)
-
-
-def test_a_half_written_tdms_is_flagged_and_its_index_not_believed(tmp_path: Path) -> None:
-    whole = written.tdms(list(range(500)))
-    path = written.put(tmp_path, "a.tdms", whole[:-100])
-    found = contents("tdms", path)
-    assert found.codes == ("truncated",)
-    assert len(found.channels[0].values) < 500
-    path.write_bytes(whole)
-    written.put(tmp_path, "a.tdms_index", b"TDSh" + b"\xff" * 40)
-    found = contents("tdms", path)
-    assert (found.codes, len(found.channels[0].values), found.channels[0].unit) == ((), 500, "N")
-
-
-def test_a_tdms_cut_within_the_head_of_a_segment_is_flagged(tmp_path: Path) -> None:
-    """nptdms passes over it in silence: only the segments' own lengths tell."""
-    content = written.tdms(list(range(500)))
-    last = content.rfind(b"TDSm")
-    for at in (last + 2, last + 28, last + 60):
-        found = contents("tdms", written.put(tmp_path, "a.tdms", content[:at]))
-        assert (found.codes, len(found.channels[0].values)) == (("truncated",), 400)
-
-
-@pytest.mark.parametrize(("name", "suffix"), [("hdf5", "h5"), ("mat", "mat"), ("tdms", "tdms")])
-def test_garbage_costs_its_trial_only(tmp_path: Path, name: str, suffix: str) -> None:
-    write, column, unit, _ = written.WRITERS[name]
-    written.put(tmp_path, f"a.{suffix}", b"\x89HDF garbage " * 50)
-    written.put(tmp_path, f"b.{suffix}", write([1.0, 2.0, 3.0]))
-    a, b = records(tmp_path, name, column, unit, f"{{trial}}.{suffix}")
-    assert a.codes == ("MALFORMED",)
-    assert a.fault.startswith(f"a.{suffix}: ")
-    assert len(b.force_N) == 3
-
-
-def test_a_dataflash_log_is_named_as_what_it_is(tmp_path: Path) -> None:
-    path = written.put(tmp_path, "00000012.BIN", b"\xa3\x95\x80\x80\x59FMT\0" + bytes(80))
-    with pytest.raises(InputRefused, match=r"is a DataFlash log \(\.BIN\) of ArduPilot"):
-        inspect(path)
-
-
-# ---- Parquet
 
 
 def write_table(folder: Path, columns: dict[str, Any], row_group_size: int = 7) -> None:

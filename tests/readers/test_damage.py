@@ -1,9 +1,8 @@
 """The bad inputs that laboratories make, one after another: the damage is made, and the reaction
-seen at the command line.
+seen at the command line, or in a record.
 
-The numbers are those of the table in docs/formats.md. What needs other machinery stands elsewhere:
-disks, signals and locks (27 to 29) in test_crash.py and test_lock.py, fields of velocity (25) under
-tests/flow.
+The numbers are those of the table in docs/formats.md. Disks, signals and locks (27 to 29) have
+tests of their own, as have fields of velocity (25).
 """
 
 from __future__ import annotations
@@ -18,16 +17,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.readers.reading import records
+from tests.unit import written
+from tests.unit.bench_campaign import force_mN, small_campaign, write_record
+from tests.unit.manifests import HEAD, LIVE, RATE
+from tests.unit.small_run import nearlift
 
+from nearlift.errors import InputRefused
+from nearlift.onboarding.inspection import inspect
 from nearlift.readers import trials as reading
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT, LIFT_COVARIANCE
-
-from . import written
-from .bench_campaign import force_mN, small_campaign, write_record
-from .manifests import HEAD, LIVE, RATE
-from .small_run import nearlift
 
 #: The trial that is damaged: near the ground at half throttle, 275 mN.
 TRIAL = "t01"
@@ -787,3 +788,23 @@ def test_json_speaks_of_rejections_too(raw: Path) -> None:
     found = json.loads(nearlift("ingest", raw, "--out", raw.parent, "--json").stdout)
     assert found["exit_code"] == 3
     assert found["stages"][0]["rejected"][0][0] == TRIAL
+
+
+# ---- binary files
+
+
+@pytest.mark.parametrize(("name", "suffix"), [("hdf5", "h5"), ("mat", "mat"), ("tdms", "tdms")])
+def test_garbage_costs_its_trial_only(tmp_path: Path, name: str, suffix: str) -> None:
+    write, column, unit, _ = written.WRITERS[name]
+    written.put(tmp_path, f"a.{suffix}", b"\x89HDF garbage " * 50)
+    written.put(tmp_path, f"b.{suffix}", write([1.0, 2.0, 3.0]))
+    a, b = records(tmp_path, name, column, unit, f"{{trial}}.{suffix}")
+    assert a.codes == ("MALFORMED",)
+    assert a.fault.startswith(f"a.{suffix}: ")
+    assert len(b.force_N) == 3
+
+
+def test_a_dataflash_log_is_named_as_what_it_is(tmp_path: Path) -> None:
+    path = written.put(tmp_path, "00000012.BIN", b"\xa3\x95\x80\x80\x59FMT\0" + bytes(80))
+    with pytest.raises(InputRefused, match=r"is a DataFlash log \(\.BIN\) of ArduPilot"):
+        inspect(path)

@@ -1,24 +1,150 @@
-"""Spreadsheets: their first sheet serves as a record, a schedule and a table of means."""
+"""Files of a campaign: those that may be read, packed texts, spreadsheets."""
 
 from __future__ import annotations
 
+import gzip
 import zipfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tests.unit import written
 from tests.unit.manifests import manifest
 
-from nearlift.errors import InputRefused
+from nearlift import readers
+from nearlift.errors import InputRefused, ManifestError
 from nearlift.onboarding.inspection import inspect
 from nearlift.onboarding.new import write_from
 from nearlift.readers import files, reader
+from nearlift.readers.base import Contents, pick
 from nearlift.schedule import text_of
 
+
+def test_the_plan_leaves_out_what_is_not_there(tmp_path: Path) -> None:
+    for trial in "ac":
+        (tmp_path / f"{trial}.csv").write_text("force\n1\n")
+    given = manifest(records={"files": "{trial}.csv"})
+    assert [r.trial for r in reader("csv").read(given, tmp_path, ["a", "b", "c"])] == ["a", "c"]
+    assert [p.name for p in reader("csv").files(given, tmp_path, ["a", "b", "c"])] == [
+        "a.csv",
+        "c.csv",
+    ]
+
+
+def test_a_link_within_the_folder_is_followed(tmp_path: Path) -> None:
+    (tmp_path / "real.csv").write_text("force\n1\n")
+    (tmp_path / "a.csv").symlink_to(tmp_path / "real.csv")
+    assert (
+        len(reader("csv").files(manifest(records={"files": "{trial}.csv"}), tmp_path, ["a"])) == 1
+    )
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    [
+        "trials/{trial}.csv",
+        "{trial}.csv",
+        "{trial}/force.csv",
+        "{trial}/{trial}.csv",
+        "[{trial}].csv",
+    ],
+)
+@pytest.mark.parametrize("name", ["csv", "text"])
+def test_a_record_without_a_row_is_told(tmp_path: Path, pattern: str, name: str) -> None:
+    for trial in ("a", "b", "c-1", "d"):
+        path = tmp_path / pattern.replace("{trial}", trial)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("t,force\n0,1\n1,2\n")
+    chosen = manifest(
+        records={
+            "reader": name,
+            "files": pattern,
+            "force": {"column": "force", "unit": "mN", "sign": 1},
+        }
+    )
+    (note,) = reader(name).plan(chosen, tmp_path, ["b", "d", "elsewhere"]).notes
+    assert note.startswith(f"{pattern.replace('{trial}', 'a')} and 1 more are no trial's record")
+    assert reader(name).plan(chosen, tmp_path, ["a", "b", "c-1", "d"]).notes == ()
+
+
+def test_a_pattern_without_the_trial_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ManifestError, match=r"write \{trial\} in it"):
+        reader("csv").files(manifest(records={"files": "all.csv"}), tmp_path, ["a"])
+
+
+FORCE = [float(f) for f in np.round(np.random.default_rng(1).normal(100, 3, 60), 2)]
+
+
+ANY = settings(deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+
+
+def read(name: str, path: Path, **dialect: Any) -> Contents:
+    form = readers.reader(name)
+    assert form.contents is not None
+    return form.contents(path, form.checked_dialect(dialect), None)
+
+
+def put(folder: Path, content: str | bytes, name: str = "a.txt") -> Path:
+    path = folder / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "column"),
+    [
+        ("text", written.german(FORCE), "Kraft"),
+        ("rcbenchmark", written.rcbenchmark(FORCE), "Thrust"),
+        ("flight-stand", written.tyto(FORCE), "Powertrain 1 - force Fz (thrust)"),
+        ("crazyflie", written.crazyflie(FORCE), "weight"),
+        ("lvm", written.lvm(FORCE), "force"),
+    ],
+)
+def test_a_packed_text_is_read_as_what_is_inside(
+    tmp_path: Path, name: str, content: bytes, column: str
+) -> None:
+    plain = read(name, put(tmp_path, content))
+    inside = read(name, put(tmp_path, gzip.compress(content), "a.txt.gz"))
+    assert inside.codes == plain.codes
+    np.testing.assert_array_equal(
+        pick(inside.channels, column, "k", "f").values,
+        pick(plain.channels, column, "k", "f").values,
+    )
+
+
+@ANY
+@given(cut=st.integers(2, len(gzip.compress(written.rcbenchmark(FORCE), mtime=0)) - 1))
+def test_a_packed_text_cut_anywhere_is_refused(cut: int, tmp_path: Path) -> None:
+    content = gzip.compress(written.rcbenchmark(FORCE), mtime=0)[:cut]
+    with pytest.raises(InputRefused, match="is compressed, and damaged or cut off"):
+        read("rcbenchmark", put(tmp_path, content))
+
+
+def test_a_packed_text_of_too_much_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(files, "MOST_UNPACKED", 1 << 20)
+    path = put(tmp_path, gzip.compress(b"t,force\n" + b"1,2\n" * 500_000))
+    with pytest.raises(InputRefused, match="holds more than 1 MB"):
+        read("text", path)
+
+
 Rows = Sequence[Sequence[object]]
+
+
 MAIN = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+
+
 OFFICE = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+
+
 PACKAGE = "http://schemas.openxmlformats.org/package/2006"
+
+
 ODF = "urn:oasis:names:tc:opendocument:xmlns"
 
 
@@ -99,7 +225,11 @@ def ods(path: Path, *sheets: Rows) -> Path:
 
 
 WRITERS = pytest.mark.parametrize("write", [xlsx, ods], ids=["xlsx", "ods"])
+
+
 RECORD: Rows = [["time (s)", "force (N)"], *([i / 100, 0.5 + i % 2] for i in range(50))]
+
+
 MEANS: Rows = [
     ["trial", "boundary", "distance (mm)", "throttle (percent)", "lift (N)"],
     *([i, "ground", 20.0 + 10 * i, 50, 1.25 / (1 + i)] for i in range(1, 9)),

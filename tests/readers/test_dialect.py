@@ -1,0 +1,136 @@
+"""The dialect of a text: one fits, or the file is refused with its line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.readers.reading import put, read, values
+
+from nearlift.errors import InputRefused, ManifestError
+from nearlift.readers import dialect, table, text
+from nearlift.readers.dialect import Dialect, sniff
+
+
+def layout(content: str | bytes, said: Dialect = dialect.UNSTATED) -> table.Layout:
+    return sniff(content if isinstance(content, bytes) else content.encode(), "f.txt", said)
+
+
+@pytest.mark.parametrize(
+    ("content", "names", "separator", "decimal", "spoken"),
+    [
+        ("t,F\n1,5\n2,5\n", ("t", "F"), ",", ".", ""),
+        ("t,F\r\n1.5,5\r\n", ("t", "F"), ",", ".", ""),
+        ("t\tF\r0\t1\r1\t2\r", ("t", "F"), "\t", ".", "separated by tabs"),
+        ("t;F\n1;5\n2;7,5\n", ("t", "F"), ";", ",", "separated by semicolons, decimal commas"),
+        ("a b\n1 2\n 3  4\n", ("a", "b"), " ", ".", "separated by blanks"),
+        ("F\n1\n2\n", ("F",), "", ".", ""),
+        ("force\n1,5\n2,25\n", ("force",), "", ",", "decimal commas"),
+        ("a,b,\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
+        ("a,b\n1,2,\n3,4,\n", ("a", "b"), ",", ".", "a separator at the end of every line"),
+        (
+            "# a log\nrate: 1000\nt,F\n0,1\n",
+            ("t", "F"),
+            ",",
+            ".",
+            "2 lines above the columns' names left out",
+        ),
+        ("# t,F\n0,1\n", ("t", "F"), ",", ".", ""),
+        ('"t, s",F\n0,1\n', ("t, s", "F"), ",", ".", ""),
+        ("t,F\n0,OVER\n1,#NV\n2,3\n", ("t", "F"), ",", ".", ""),
+    ],
+)
+def test_one_dialect_fits(
+    content: str, names: tuple[str, ...], separator: str, decimal: str, spoken: str
+) -> None:
+    found = layout(content)
+    assert (found.names, found.separator, found.decimal) == (names, separator, decimal)
+    assert found.spoken == spoken
+
+
+@pytest.mark.parametrize(
+    ("content", "match"),
+    [
+        ("1,5\n2,5\n", "line 1: has no columns' names above .*\n  name them: dialect = { columns"),
+        ("966\n965\n", 'its rows of 1 cell\n  name them: dialect = { columns = \\["force"\\] }'),
+        ("t,F\n0,5,1,5\n", "line 2: has 4 cells under 2 column names\n  a decimal comma makes two"),
+        ("t;F\n1,234;5,678\n", "line 2: '1,234' may be 1.234 or 1234\n  say which: .*thousands"),
+        ("a;b\n1;2\n3;x\n", "line 3: 'x' in column 'b' is not a number"),
+        ("a,a\n1,2\n", "line 1: has more than one column 'a'"),
+        ("t,F\n2,3\nt,F\n4,5\n", "line 3: repeats the header"),
+        ("t,F\n2,3\n4\n5,6\n", "line 3: has 1 cells under 2 column names"),
+        ("t,F\n2,3\n\nt,F,T\n4,5,6\n", "line 4: holds words and no number, .* another table"),
+        ("a table\n-;-\n2;3\n4;5\n", "line 2: holds '-' where the columns' names should be"),
+        (b"\x1f\x8b\x08\x00abc", "is compressed\n  unpack it"),
+        (b"t,F\n1,2\n\0\0\0\0\0\0 3,4\n", "is no text: it holds NUL bytes"),
+        (b"\xff\xfet\x00,", "holds no row of numbers"),
+    ],
+)
+def test_what_does_not_fit_is_refused_with_its_line(content: str | bytes, match: str) -> None:
+    with pytest.raises(InputRefused, match=match):
+        layout(content)
+
+
+def test_two_readings_are_ambiguous_and_the_manifest_decides() -> None:
+    two = "1,5\n2,5\n"
+    assert layout(two, Dialect(columns=("a", "b"))).separator == ","
+    assert layout(two, Dialect(columns=("F",))).decimal == ","
+    assert layout("F;G\n1,234;5,678\n", Dialect(decimal=",")).decimal == ","
+    # both separators cut each line in two, at different places
+    mixed, columns = "x;1,2\ny;3,4\n", ("who", "force")
+    with pytest.raises(InputRefused, match=r"can be read in two ways: separated by semicolons"):
+        layout(mixed, Dialect(columns=columns))
+    assert layout(mixed, Dialect(columns=columns, separator="semicolon")).decimal == ","
+
+
+def test_a_stated_separator_that_no_line_holds_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputRefused, match="is one column"):
+        layout("F\n1\n2\n", Dialect(separator="comma"))
+    assert values(text.csv_contents(put(tmp_path, "F\n1\n2\n"), {}, None)) == [1, 2]
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.data())
+def test_the_first_lines_give_the_dialect_that_all_lines_give(data: st.DataObject) -> None:
+    separator = data.draw(st.sampled_from("\t;,| "))
+    number = st.sampled_from(["1", "1.5", "2,5", "1,234", "nan", "", "-3e2", "x"])
+    row = st.lists(number, min_size=1, max_size=3).map(separator.join)
+    usual = data.draw(row)
+    header = separator.join("abc"[: usual.count(separator) + 1])
+    lines = ["a log"] * data.draw(st.sampled_from([0, 2, 85, 120])) + [header] + [usual] * 150
+    for at in data.draw(st.lists(st.integers(0, len(lines) - 1), max_size=4)):
+        lines[at] = data.draw(row)
+
+    def answer() -> object:
+        try:
+            return layout("\n".join([*lines, ""]))
+        except InputRefused as refusal:
+            return str(refusal)
+
+    quick = answer()
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(dialect, "SHORT", 10**9)
+        assert answer() == quick
+
+
+@pytest.mark.parametrize(
+    ("said", "match"),
+    [
+        ({"seperator": ";"}, "did you mean 'separator'"),
+        ({"skip": True}, "True is no int"),
+        ({"skip": -1}, "-1 is negative"),
+        ({"columns": ["a", 1]}, "holds more than texts"),
+        ({"columns": ["a"], "units": ["s", "N"]}, "names 2 units for 1 columns"),
+        ({"decimal": "'"}, "is no decimal sign"),
+        ({"thousands": "0"}, "is no sign between thousands"),
+        ({"thousands": ".", "decimal": "."}, "is the decimal sign as well"),
+        ({"encoding": "utf-99"}, "is no encoding"),
+        ({"columns": ["a", "b"], "lines": 3}, "says 3 lines to a row"),
+    ],
+)
+def test_a_dialect_is_checked(tmp_path: Path, said: dict[str, Any], match: str) -> None:
+    with pytest.raises(ManifestError, match=match):
+        read(tmp_path, "t;F\n1;2\n", said)
