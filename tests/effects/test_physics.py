@@ -102,14 +102,6 @@ def test_viscous_gap_takes_the_quoted_share_at_the_nearest_ceiling_station() -> 
     ).all()
 
 
-@pytest.mark.parametrize(
-    ("z_hat", "thrust"),
-    [(0.05, 2.549), (0.1, 1.761), (0.2, 1.319), (0.5, 1.074), (1.0, 1.020), (2.0, 1.005)],
-)
-def test_constant_power_under_a_ceiling(z_hat: float, thrust: float) -> None:
-    assert ceiling(z_hat, "held_quantity", held_exponent=2 / 3) == pytest.approx(thrust, abs=6e-4)
-
-
 def test_suckdown_loses_and_stagnation_gains_close_to_the_ground_only() -> None:
     z_hat = np.array([0.5, 1.0, 3.0, 11.5])
     change = ground(z_hat, "airframe_stagnation", stagnation=0.02) - ground(z_hat)
@@ -207,24 +199,6 @@ def test_recirculation_takes_the_quoted_share_of_free_air() -> None:
     assert near > far
 
 
-def test_warm_copper_loses_lift_over_a_session() -> None:
-    lift = effect("warm_up")(
-        0.3, session=0, since_start_s=np.array([0.0, 300.0, 1e6]), warming=0.03
-    )
-    assert (np.diff(lift) < 0).all()
-    assert lift[-1] == 0.3
-
-
-def test_half_a_percent_of_voltage_is_a_percent_of_lift() -> None:
-    assert effect("supply_sag")(
-        1.0, supply_V=3.7 * 0.995, supply_ref_V=3.7, sag_exponent=2.0
-    ) == pytest.approx(0.99, abs=1e-4)
-    # the power box's idle against full throttle
-    assert effect("supply_sag")(
-        1.0, supply_V=3.30, supply_ref_V=4.01, sag_exponent=2.0
-    ) == pytest.approx(0.677, abs=1e-3)
-
-
 @pytest.mark.parametrize(
     ("celsius", "pressure_Pa", "humidity", "rho"),
     [
@@ -261,77 +235,8 @@ def test_sizes_of_air_density(change: dict[str, float], percent: float) -> None:
     assert 100 * (lift - 1) == pytest.approx(percent, abs=0.06)
 
 
-def test_half_a_gram_of_tare_is_two_percent_of_the_weight() -> None:
-    weight = 0.027 * 9.80665
-    assert effect("zero_offset")(weight, zero_N=0.0005 * 9.80665) / weight - 1 == pytest.approx(
-        0.0185, abs=1e-4
-    )
-    warm = effect("zero_temperature")(
-        weight, temperature_K=294.0, temperature_ref_K=293.0, zero_N_per_K=0.0001 * 9.80665
-    )
-    assert warm / weight - 1 == pytest.approx(0.0037, abs=1e-4)
-
-
 def test_a_tare_error_matters_most_at_low_throttle() -> None:
     change = ground(
         1.14, "zero_offset", lift_inf_N=np.array([0.107, 0.551]), zero_N=0.002
     ) - ground(1.14)
     assert change[0] > change[1] > 0
-
-
-def test_zero_drift_settles_and_begins_anew() -> None:
-    got = effect("zero_drift")(
-        0.3,
-        session=np.array([0, 0, 1]),
-        since_start_s=np.array([0.0, 1e6, 0.0]),
-        zero_drift_N=0.003,
-    )
-    np.testing.assert_allclose(got, [0.3, 0.303, 0.3], rtol=1e-14)
-
-
-def test_a_sound_cell_is_linear_enough() -> None:
-    assert effect("cell_nonlinearity")(0.55, nonlinearity_per_N=1e-4) / 0.55 - 1 < 6e-5
-
-
-def test_creep_remembers_the_trial_before_and_forgets() -> None:
-    got = effect("cell_creep")(
-        0.3,
-        previous_lift_N=np.array([0.0, 0.2648, 0.2648]),
-        rest_s=np.array([5.0, 0.0, 3600.0]),
-        creep=0.0005,
-    )
-    assert got[0] == 0.3
-    assert 0 < got[1] - 0.3 < 0.02e-3 * 9.80665
-    assert got[2] == pytest.approx(0.3, abs=1e-15)
-
-
-def test_tether_pulls_a_millinewton_over_fifty_millimetres() -> None:
-    got = effect("tether_stiffness")(
-        0.265, z_hat=np.array([1.0, 1.0 + 50 / 23, np.inf]), radius_m=R, stiffness_N_per_m=0.02
-    )
-    assert got[1] - got[0] == pytest.approx(1e-3)
-    assert got[2] == 0.265
-
-
-def test_heating_takes_half_of_a_straight_fall_from_the_mean() -> None:
-    time = np.linspace(0.0, 1.0, 10001)
-    cold, fall = 0.5, 0.02
-    record = cold * (1 - fall * time)
-    drift_hat = np.polyfit(time, record, 1)[0] / record.mean()
-    assert effect("motor_heating")(cold, drift_hat=drift_hat, heating=1.0) == pytest.approx(
-        record.mean(), rel=2e-4
-    )
-
-
-def test_session_gain_and_drift_read_more_where_they_say() -> None:
-    spread = np.array([0.0, 0.01, -0.02])
-    np.testing.assert_allclose(
-        effect("session_gain")(0.3, session=np.arange(3), gain=spread),
-        0.3 * (1 + spread),
-        rtol=1e-15,
-    )
-    np.testing.assert_allclose(
-        effect("gain_drift")(0.3, elapsed_hat=np.array([-1.0, 0.0, 1.0]), drift=0.01),
-        [0.297, 0.3, 0.303],
-        rtol=1e-14,
-    )

@@ -14,8 +14,8 @@ from nearlift.flow.field import (
     mirrored,
     on_grid,
     orient,
+    spurious,
 )
-from nearlift.flow.outliers import spurious
 
 X, Y = np.linspace(-0.04, 0.04, 17), np.linspace(-0.06, 0.02, 13)
 

@@ -13,19 +13,18 @@ import pytest
 
 from nearlift.errors import InputRefused
 from nearlift.flow.average import average
-from nearlift.flow.doubts import check_plausible, wake_speed_m_s
 from nearlift.flow.downwash import (
     Cut,
     CutDownwash,
     along_cut,
+    check_plausible,
     measure,
     over_span,
     reduction,
     span_weights,
+    wake_speed_m_s,
 )
-from nearlift.flow.field import VelocityField, difference
-from nearlift.flow.outliers import spurious
-from nearlift.flow.scene import Scene
+from nearlift.flow.field import Scene, VelocityField, difference, spurious
 from nearlift.synthetic.wake import Camera, Wake, fields
 
 R, ROTORS = 0.023, (-0.0325, 0.0325)

@@ -8,8 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from nearlift.flow.field import VelocityField
-from nearlift.flow.scene import Scene
+from nearlift.flow.field import Scene, VelocityField
 from nearlift.flow.topology import (
     INNER_HAT,
     gamma,

@@ -8,7 +8,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from nearlift.models.empirical import POWER_LAW
 from nearlift.models.images import (
     CHEESEMAN_BENNETT,
     CHEESEMAN_BENNETT_CONSTANT_POWER,
@@ -337,21 +336,6 @@ def test_printed_form_is_the_original_with_a_quarter_of_the_strength_at_the_adja
     )
 
 
-def test_raising_the_printed_coefficient_lowers_the_lift():
-    assert SANCHEZ_CUEVAS_AS_PRINTED(
-        1.0, spacing_hat=3.9, inverse_K_b=1 / 4
-    ) < SANCHEZ_CUEVAS_AS_PRINTED(1.0, spacing_hat=3.9, inverse_K_b=1 / 2)
-    assert SANCHEZ_CUEVAS(1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=4) > SANCHEZ_CUEVAS(
-        1.0, spacing_hat=3.9, diagonal_hat=5.5, K_b=2
-    )
-
-
-def test_negative_fountain_loses_lift():
-    assert SANCHEZ_CUEVAS(1.5, spacing_hat=2.83, diagonal_hat=4, K_b=-2) < SANCHEZ_CUEVAS(
-        1.5, spacing_hat=2.83, diagonal_hat=4, K_b=0
-    )
-
-
 # --- poles and exponents
 
 
@@ -394,8 +378,3 @@ def test_downwash_and_lift_are_reciprocal_where_the_inflow_is_unchanged():
         1.0,
         rtol=1e-12,
     )
-
-
-def test_power_law_of_two_is_the_image_to_first_order():
-    far = np.array([20.0, 50.0])
-    np.testing.assert_allclose(POWER_LAW(far) - 1, CHEESEMAN_BENNETT_THEORY(far) - 1, rtol=1e-3)

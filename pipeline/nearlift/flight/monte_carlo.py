@@ -105,8 +105,10 @@ def tabulate(ratios: Sequence[Ratio], low: float) -> Curves:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightSettings:
-    """Set-points (n,) to be flown, each with its row of the lift tables and the relative change of
-    lift by the end of a flight as the supply sags (linear in time).
+    """Set-points (n,) to be flown, each with a row of the lift tables.
+
+    `droop` is the relative change of lift by the end of a flight, as the supply sags; it is linear
+    in time.
     """
 
     target_z_hat: FloatArray

@@ -13,9 +13,7 @@ from nearlift.declare import FloatArray
 from nearlift.flow import downwash, topology
 from nearlift.flow.average import Average, average
 from nearlift.flow.downwash import Cut, CutDownwash
-from nearlift.flow.field import Half, VelocityField, mirrored
-from nearlift.flow.outliers import spurious
-from nearlift.flow.scene import Scene
+from nearlift.flow.field import Half, Scene, VelocityField, mirrored, spurious
 
 Rows = Iterator[dict[str, object]]
 

@@ -1,15 +1,20 @@
-"""A velocity field on a rectangular grid, and its way from a picture's axes into the vehicle's.
+"""A velocity field on a rectangular grid, its way from a picture's axes into the vehicle's, and
+its spurious vectors.
 
 Vehicle axes: origin midway between the rotors in the rotor plane, x along the light sheet, y along
-thrust. Downwash is -vy. A node without a vector is nan in both components, never zero.
+thrust. Downwash is -vy. A node without a vector is nan in both components, never zero. Spurious
+vectors are found by the normalised median test of Westerweel and Scarano (2005).
 """
 
 from __future__ import annotations
 
+import math
+import warnings
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
@@ -25,6 +30,10 @@ TRANSPOSED = 4.0
 #: A sign is doubted where both components' divergences go together this much, and by so many
 #: standard errors.
 DOUBT, ERRORS = 0.2, 8.0
+#: Least divisor of a component's median residual, over the field's own typical residual.
+RESIDUAL_FLOOR = 1.0
+#: Least number of a node's eight neighbours that have a vector, where it is tested.
+MIN_NEIGHBOURS = 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -274,3 +283,88 @@ def difference(case: VelocityField, control: VelocityField) -> FloatArray:
     there = at(across.T, (case.y_m - control.y_m[0]) / control.dy_m).T
     result: FloatArray = case.speed_m_s - there
     return result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scene:
+    """Positions of rotors and boundary in vehicle axes: a ground beneath the wake, a ceiling above
+    the inflow, or neither.
+
+    `distance_m` is from the origin (midway between the rotors) to the boundary along its normal,
+    inf without one. The tilt is positive where the +x side is farther from the boundary. `rotors_m`
+    are x of the rotor axes in the light sheet.
+    """
+
+    boundary: Literal["ground", "ceiling", "none"]
+    distance_m: float
+    tilt_rad: float
+    rotors_m: tuple[float, ...]
+    radius_m: float
+
+    def height_m(self, x_m: FloatArray, y_m: FloatArray) -> FloatArray:
+        """Distance to the boundary along its normal, positive on the vehicle's side, inf without
+        one; shapes broadcast.
+        """
+        if self.boundary == "none":
+            return np.full(np.broadcast_shapes(np.shape(x_m), np.shape(y_m)), np.inf)
+        side = 1.0 if self.boundary == "ground" else -1.0
+        result: FloatArray = (
+            self.distance_m + side * y_m * math.cos(self.tilt_rad) + x_m * math.sin(self.tilt_rad)
+        )
+        return result
+
+    def boundary_y_m(self, x_m: FloatArray) -> FloatArray:
+        """Height of the boundary at `x_m`."""
+        side = 1.0 if self.boundary == "ground" else -1.0
+        result: FloatArray = (
+            -side * (self.distance_m + x_m * math.sin(self.tilt_rad)) / math.cos(self.tilt_rad)
+        )
+        return result
+
+    def beneath(self, x_m: FloatArray, reach: float = 1.0) -> NDArray[np.bool_]:
+        """Whether `x_m` lies within `reach` radii of a rotor axis."""
+        return np.asarray(
+            np.any([np.abs(x_m - c) <= reach * self.radius_m for c in self.rotors_m], axis=0)
+        )
+
+
+def spurious(vx: FloatArray, vy: FloatArray, threshold: float) -> NDArray[np.bool_]:
+    """Vectors (ny, nx) that deviate from the median of their neighbours.
+
+    The limit is `threshold` times the scatter of those neighbours.
+
+    The scatter has a floor, the field's median scatter. The usual floor of 0.1 pixel needs a pixel
+    size, which exported fields seldom state. Nodes with fewer than four neighbours are not tested.
+    """
+    bad = np.zeros(vx.shape, dtype=bool)
+    if threshold <= 0:
+        return bad
+    total = np.zeros(vx.shape)
+    for v in (vx, vy):
+        windows = sliding_window_view(np.pad(v, 1, constant_values=np.nan), v.shape)
+        around = np.delete(windows.reshape(9, *v.shape), 4, axis=0)
+        middle = _median(around)
+        scatter = _median(np.abs(around - middle))
+        enough = np.isfinite(around).sum(axis=0) >= MIN_NEIGHBOURS
+        typical = np.nanmedian(scatter[enough]) if (enough & np.isfinite(scatter)).any() else 0.0
+        with np.errstate(invalid="ignore", divide="ignore"):
+            ratio = np.abs(v - middle) / (scatter + RESIDUAL_FLOOR * typical)
+        total += np.where(enough & np.isfinite(ratio), ratio, 0.0) ** 2
+    return np.asarray(np.sqrt(total) > threshold) & np.isfinite(vx)
+
+
+def _median(stack: FloatArray) -> FloatArray:
+    """Median along the first axis of what is there: of eight sorted neighbours, where nan sorts
+    last.
+    """
+    ordered = np.sort(stack, axis=0)
+    count = np.isfinite(ordered).sum(axis=0)
+    low = np.maximum((count - 1) // 2, 0)
+    high = np.minimum(count // 2, stack.shape[0] - 1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)
+        middle = 0.5 * (
+            np.take_along_axis(ordered, low[None], 0)[0]
+            + np.take_along_axis(ordered, high[None], 0)[0]
+        )
+    return np.where(count > 0, middle, np.nan)

@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.flow.field import VelocityField, take_columns
-from nearlift.flow.scene import Scene
+from nearlift.flow.field import Scene, VelocityField, take_columns
 
 CORE = 2 / math.pi
 #: Least |Gamma_1| in the core of a standing vortex.

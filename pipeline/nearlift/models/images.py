@@ -493,8 +493,8 @@ def tilted_cancelled(z_hat: Any, /, *, layout_hat: Any, tilt_rad: Any) -> Any:
     Convention: the tilt is about y, positive where rotors at positive x are farther from the
     boundary; z_hat is measured to the layout's origin, along the boundary's normal. The inflow of a
     rotor is counted along its axis. Along the boundary's normal z_i + z_j would take the place of
-    2 z_j: the sum over rotors is the same but for cos t, the levelling moment smaller (by a factor
-    1.18, 1.35, 1.46 at z_hat = 1.14, 2, 4 on a Crazyflie).
+    2 z_j. The sum over rotors would be the same but for cos t. The levelling moment of a Crazyflie
+    would be 1.18, 1.35 and 1.46 times smaller at z_hat = 1.14, 2 and 4.
 
     Approximation: that of `images`; lift is along the rotor axes, so a cell that does not tilt with
     the vehicle reads less by the cosine. Wakes and wall jets that a tilt turns are not in it.
@@ -523,7 +523,12 @@ IMAGES_TILTED = of_images(
     r" \frac{\cos\theta}{4} \sum_j \frac{2 \hat{z}_j}{[\hat{h}_{ij}^2 + (\hat{z}_i +"
     r" \hat{z}_j)^2]^{3/2}}, \quad \hat{z}_i = \hat{z} + \hat{x}_i \sin\theta",
     tilted_cancelled, per_rotor=True, rotors="several", needs=("layout_hat", "tilt_rad"),
-    source=IMAGES.source,
+    source=replace(IMAGES.source,
+        doubts=(
+            *IMAGES.source.doubts,
+            "The published per-rotor form counts the inflow along the boundary's normal.",
+        ),
+    ),
     checks=(
         Check(1.0, 1.0831, {"layout_hat": square(90 / 23), "tilt_rad": 0.0},
             "own table, K_b = 0, d = 90 mm, level", tolerance=5e-5),

@@ -12,10 +12,8 @@ from nearlift.campaign.piv import Piv, PivCase
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow import downwash
 from nearlift.flow.case import FlowCase, recorded
-from nearlift.flow.doubts import check_plausible, wake_speed_m_s
-from nearlift.flow.downwash import Cut
-from nearlift.flow.field import VelocityField
-from nearlift.flow.scene import Scene
+from nearlift.flow.downwash import Cut, check_plausible, wake_speed_m_s
+from nearlift.flow.field import Scene, VelocityField
 from nearlift.readers.velocity_fields import Stream, files_of
 from nearlift.run.engine import Job, subprogress
 from nearlift.run.tables import Table

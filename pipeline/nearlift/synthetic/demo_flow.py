@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from nearlift.flow.scene import Scene
+from nearlift.flow.field import Scene
 from nearlift.synthetic.records import SimulatedBench
 from nearlift.synthetic.wake import Blob, Camera, Wake, fields, write_openpiv
 

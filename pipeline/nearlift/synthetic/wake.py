@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.flow.field import VelocityField
-from nearlift.flow.scene import Scene
+from nearlift.flow.field import Scene, VelocityField
 from nearlift.randomness import generator
 
 #: Sharpness of a jet's edge.

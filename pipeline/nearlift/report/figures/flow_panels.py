@@ -18,7 +18,7 @@ from matplotlib.ticker import MultipleLocator
 from nearlift.campaign.piv import Piv, PivCase
 from nearlift.declare import FloatArray
 from nearlift.flow.downwash import NOT_AT_THE_DISK
-from nearlift.flow.scene import Scene
+from nearlift.flow.field import Scene
 from nearlift.report.evidence import Evidence, Rows, single, where
 from nearlift.report.figures.style import SERIES, Style
 from nearlift.rounding import fixed
