@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import assumptions, collapse, gum, least_squares, predictive, profiles
+from nearlift.fit import collapse, information, least_squares, predictive, profiles
 from nearlift.loop import diagnose as loop
 from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
@@ -37,10 +37,11 @@ def fitted(data):
     found = least_squares.fit(GROUND, data)
     profiles.likelihood_profiles(found)
     predictive.leave_visit_out(found)
-    gum.uncertainty_budget(found)
+    information.uncertainty_budget(found)
     collapse.examine(
-        *assumptions.linearised(found),
-        lambda g: gum.freedom(found.problem, g, found.parts, found.noise, found.slope),
+        found.problem,
+        found.theta,
+        lambda g: information.freedom(found.problem, g, found.parts, found.noise, found.slope),
         1.65,
     )
 

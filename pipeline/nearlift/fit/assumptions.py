@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import FloatArray
-from nearlift.fit import collapse, gum, held_quantity, rotor
+from nearlift.fit import collapse, held_quantity, information, rotor
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
@@ -25,7 +25,7 @@ def check(
         )
 
     def freedom(g: FloatArray) -> FloatArray:
-        return gum.freedom(problem, g, fitted.parts, fitted.noise, fitted.slope)
+        return information.freedom(problem, g, fitted.parts, fitted.noise, fitted.slope)
 
     return (
         collapse.examine(problem, theta, freedom, reach90),

@@ -15,7 +15,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit import solver
-from nearlift.fit.least_squares import parameter_covariance
+from nearlift.fit.information import parameter_covariance
 from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.noise import MOST_MEANS
@@ -46,9 +46,9 @@ def examine(
     Parameters
     ----------
     freedom : callable
-        Effective degrees of freedom of linear estimators, as by `gum.freedom`. Errors common to a
-        visit cancel from contrasts between its throttles, whose degrees of freedom therefore differ
-        from the coefficient's.
+        Effective degrees of freedom of linear estimators, as by `information.freedom`. Errors
+        common to a visit cancel from contrasts between its throttles, whose degrees of freedom
+        therefore differ from the coefficient's.
     reach90 : float
         Half of a coefficient's 90 % interval, in standard uncertainties.
     """

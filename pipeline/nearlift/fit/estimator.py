@@ -7,7 +7,7 @@ trials and the stated errors.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
-from nearlift.fit import deletion, gum, held_quantity, inputs
-from nearlift.fit.known_sources import u_without
+from nearlift.fit import deletion, held_quantity, information, inputs
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood import student
 from nearlift.likelihood.budget import Component
@@ -62,8 +61,6 @@ class Estimator:
         coefficient.
     lines : tuple of Line
         The budget.
-    without : mapping of str to (p,)
-        u if one source of error were known exactly, by its name.
     parts : tuple of Component
         Declared errors.
     slope : (n,)
@@ -78,8 +75,7 @@ class Estimator:
     theta: FloatArray
     u: FloatArray
     dof: FloatArray
-    lines: tuple[gum.Line, ...]
-    without: Mapping[str, FloatArray]
+    lines: tuple[information.Line, ...]
     parts: tuple[Component, ...]
     slope: FloatArray
     fixed: NDArray[np.bool_]
@@ -94,8 +90,7 @@ class Estimator:
             theta=fit.theta,
             u=np.array([e.u for e in estimates]),
             dof=fit.effective,
-            lines=gum.uncertainty_budget(fit) if len(fit.theta) else (),
-            without=u_without(fit) if len(fit.theta) else {},
+            lines=information.uncertainty_budget(fit) if len(fit.theta) else (),
             parts=fit.parts,
             slope=fit.slope,
             fixed=np.array([e.at_bound or not np.isfinite(e.u) for e in estimates], dtype=bool),
@@ -164,7 +159,7 @@ class Estimator:
         scale = float(self.u[i]) / linear if linear > 0 and np.isfinite(self.u[i]) else 1.0
         for line in self.lines:
             u_line = scale * float(np.sqrt(max(line.covariance[i, i], 0.0)))
-            left = float(np.hypot(self.without.get(line.component, self.u)[i], apart))
+            left = float(np.hypot(self._without[line.component][i], apart))
             if u_line > NO_LINE * u or left < (1 - NO_LINE) * u:
                 budget.append(
                     BudgetLine(
@@ -183,6 +178,12 @@ class Estimator:
         if which and apart > NO_LINE * u:
             budget.append(BudgetLine(source=which, kind="B", u=apart, u_without=float(self.u[i])))
         return tuple(sorted(budget, key=lambda line: -line.u))
+
+    @cached_property
+    def _without(self) -> dict[str, FloatArray]:
+        """Standard uncertainties if one source of error were known exactly, by its name."""
+        u = np.where(np.isfinite(self.u), self.u, 0.0)
+        return information.u_without(self.problem, self.theta, self.lines, u)
 
     @cached_property
     def _influence(self) -> dict[str, LargestShifts]:
@@ -204,7 +205,7 @@ class Estimator:
             return listed
         if np.isfinite(self.u[0]):
             listed[0] += [self.doubt(0, *answer) for answer in self._exponents()]
-        gain = gum.gain(self.problem, self.theta)
+        gain = information.gain(self.problem, self.theta)
         for missing in inputs.undeclared_in(self.problem, self.theta, gain, self.parts, self.slope):
             for i, shift in enumerate(missing.shift.values()):
                 if np.isfinite(self.u[i]) and abs(shift) > WORTH_TELLING * self.u[i]:

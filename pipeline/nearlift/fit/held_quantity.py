@@ -20,7 +20,7 @@ import numpy as np
 
 from nearlift.declare import FloatArray
 from nearlift.fit import solver
-from nearlift.fit.least_squares import parameter_covariance
+from nearlift.fit.information import parameter_covariance
 from nearlift.fit.significance import REJECTS, chance, f_test, interval, percent
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import Problem

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from nearlift.declare import FloatArray, LiftModel
-from nearlift.fit import gum
+from nearlift.fit import information
 from nearlift.likelihood.budget import INPUTS, Component
 from nearlift.likelihood.problem import Problem, needed
 from nearlift.results import Observations
@@ -97,7 +97,7 @@ def _scaled(data: Observations, part: Component, factor: float) -> Observations:
 
 def undeclared(fit: LeastSquaresFit) -> tuple[UndeclaredInput, ...]:
     """`undeclared_in` of a fit."""
-    gain = gum.gain(fit.problem, fit.theta)
+    gain = information.gain(fit.problem, fit.theta)
     return undeclared_in(fit.problem, fit.theta, gain, fit.parts, fit.slope)
 
 
@@ -136,7 +136,7 @@ def undeclared_in(
             UndeclaredInput(
                 on=on,
                 size=size,
-                unit=gum.UNITS[on],
+                unit=information.UNITS[on],
                 shift=dict(zip(problem.names, shift.tolist(), strict=True)),
             )
         )

@@ -7,17 +7,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray, LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fit import gum, height_error, inputs
-from nearlift.fit.degeneracy import degeneracies
+from nearlift.fit import height_error, information, inputs
+from nearlift.fit.information import LEAST_DOF, parameter_covariance
 from nearlift.fit.solver import solve
 from nearlift.likelihood import budget, noise, student
 from nearlift.likelihood.problem import Problem, height_slope, usable
 from nearlift.results import Estimate, Noise, Observations
-from nearlift.results.fit import Degeneracy, ExcludedTrial
+from nearlift.results.fit import ExcludedTrial
 
 #: Standard uncertainty over a parameter's range from which it is rounding, and the parameter
 #: undetermined.
@@ -35,9 +34,10 @@ class LeastSquaresFit:
     `level_coefficients` multiply the trials' `level_columns`. `chi2` uses the scatter of repeats,
     so chi2 well above `dof` shows a fault of the model, not of the noise. The covariance of the
     likelihood `problem` was assembled from `slope` and `parts`, and is linearised about the height
-    error ``problem.offset_m``. `effective` (p,) are each coefficient's effective degrees of freedom
-    (`gum`), used by its interval and its profile. `lmfit` is lmfit's result where the fit is
-    quoted, for its reports.
+    error ``problem.offset_m``. `effective` (p,) are each coefficient's effective degrees of
+    freedom,
+    used by its interval and its profile. `lmfit` is lmfit's result where the fit is quoted, for its
+    reports.
     """
 
     model: LiftModel
@@ -50,7 +50,6 @@ class LeastSquaresFit:
     chi2: float
     dof: int
     log_likelihood: float
-    degeneracies: tuple[Degeneracy, ...]
     excluded: tuple[ExcludedTrial, ...]
     noise: Noise
     problem: Problem
@@ -66,8 +65,8 @@ class LeastSquaresFit:
 
     @property
     def dof_of_all(self) -> float:
-        """Fewest effective degrees of freedom of any coefficient, at least `gum.LEAST_DOF`."""
-        return max(float(self.effective.min(initial=np.inf)), gum.LEAST_DOF)
+        """Fewest effective degrees of freedom of any coefficient, at least `LEAST_DOF`."""
+        return max(float(self.effective.min(initial=np.inf)), LEAST_DOF)
 
 
 def assemble(
@@ -236,8 +235,8 @@ def _describe(
     covariance, determined = parameter_covariance(
         problem.project(jacobian.T), np.linalg.norm(problem.covariance.whiten(jacobian.T), axis=1)
     )
-    g = gum.gain(problem, theta)
-    effective = gum.freedom(problem, g, parts, scatter, slope)
+    g = information.gain(problem, theta)
+    effective = information.freedom(problem, g, parts, scatter, slope)
     width = np.array([q.bounds[1] - q.bounds[0] for q in model.parameters])
     determined &= np.sqrt(np.diag(covariance)) < VAGUE * width
     sd = np.where(determined, np.sqrt(np.diag(covariance)), np.inf)
@@ -245,7 +244,7 @@ def _describe(
     toll = problem.d_levels_d_theta(jacobian)
     level_covariance = problem.level_covariance + toll @ covariance @ toll.T
     levels_gain = problem.d_shown_levels_d_lift + problem.d_shown_levels_d_theta(jacobian) @ g
-    level_dof = gum.freedom(problem, levels_gain, parts, scatter, slope)
+    level_dof = information.freedom(problem, levels_gain, parts, scatter, slope)
     quantiles = [student.quantile(0.95, dof) for dof in level_dof]
     return LeastSquaresFit(
         model=model,
@@ -258,7 +257,6 @@ def _describe(
         chi2=float(problem.chi2(theta)),
         dof=data.n - data.unknown_levels - len(theta),
         log_likelihood=float(problem.log_likelihood(theta)),
-        degeneracies=degeneracies(problem, theta, jacobian, covariance, determined),
         excluded=excluded,
         noise=scatter,
         problem=problem,
@@ -266,28 +264,6 @@ def _describe(
         parts=parts,
         effective=effective,
     )
-
-
-def parameter_covariance(
-    white: FloatArray, whole: FloatArray | None = None
-) -> tuple[FloatArray, NDArray[np.bool_]]:
-    """Covariance (p, p) of the parameters from their whitened Jacobian (p, n), and a mask of the
-    determined ones.
-
-    Undetermined directions are left out of the inverse; an undetermined parameter has infinite
-    uncertainty. `whole` (p,) is the length of each row before L_inf was projected out. A parameter
-    that keeps none of it, as where all trials are at one distance, is undetermined.
-    """
-    seen = np.linalg.norm(white, axis=1) > (0.0 if whole is None else 1e-6 * whole)
-    white = np.where(seen[:, None], white, 0.0)
-    information = white @ white.T
-    size = np.sqrt(np.diag(information))
-    scale = np.where(size > 0, size, 1.0)
-    value, vector = np.linalg.eigh(information / np.outer(scale, scale))
-    blind = value < 1e-13
-    inverse = (vector[:, ~blind] / value[~blind]) @ vector[:, ~blind].T
-    determined = seen & np.all(np.abs(vector[:, blind]) < 1e-6, axis=1)
-    return np.asarray(inverse / np.outer(scale, scale), dtype=np.float64), determined
 
 
 def interval90(

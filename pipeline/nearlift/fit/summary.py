@@ -10,7 +10,7 @@ from dataclasses import asdict, replace
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import height_error, inputs, remedies
+from nearlift.fit import height_error, information, inputs
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.fit.profiles import Profile
 from nearlift.likelihood import noise
@@ -49,10 +49,10 @@ def summary(fit: LeastSquaresFit, profiles: Iterable[Profile]) -> ModelFit:
         bic=unknown * float(np.log(data.n)) - 2 * fit.log_likelihood,
         L_inf_N=fit.levels,
         levels=_levels(fit),
-        degeneracies=fit.degeneracies,
+        degeneracies=information.degeneracies(fit),
         excluded=fit.excluded,
         profiles={p.parameter: p.ends for p in profiles},
-        would_halve=remedies.halvings(fit),
+        would_halve=information.halvings(fit),
         undeclared=inputs.undeclared(fit),
         height_error=_height_error(fit),
     )

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.fit import gum
+from nearlift.fit import information
 from nearlift.likelihood import budget, student
 from nearlift.likelihood.subspace import left_singular, orthonormal
 from nearlift.loop import confirmation, discrepancy, few_visits
@@ -257,8 +257,8 @@ def _freedom(problem: SearchProblem) -> FloatArray:
     """Effective degrees of freedom of the base fit's coefficients, (p,)."""
     g = np.zeros((0, problem.data.n))
     if len(problem.theta):
-        g = gum.gain(problem.space, problem.base_fit.vector)
-    return gum.freedom(problem.space, g, problem.parts, problem.noise, problem.slope)
+        g = information.gain(problem.space, problem.base_fit.vector)
+    return information.freedom(problem.space, g, problem.parts, problem.noise, problem.slope)
 
 
 def silent(

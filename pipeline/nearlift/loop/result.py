@@ -9,9 +9,8 @@ import dataclasses
 import numpy as np
 
 from nearlift.declare import FloatArray
-from nearlift.fit import gum
+from nearlift.fit import information
 from nearlift.fit.estimator import Estimator, largest
-from nearlift.fit.known_sources import without_each
 from nearlift.likelihood import budget
 from nearlift.likelihood.problem import Problem
 from nearlift.loop import few_visits
@@ -215,25 +214,13 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
     low, high = answer.best.candidate.bounds
     likelihood, unknowns = _marginal_likelihood(answer, answers)
     fixed = (value <= low[:p]) | (value >= high[:p]) | ~np.isfinite(u)
-    lines: tuple[gum.Line, ...] = ()
-    without: dict[str, FloatArray] = {}
+    lines: tuple[information.Line, ...] = ()
     if problem.independent:
-        lines, without = (gum.further(VISITS, "A", np.diag(u)),), {VISITS: np.zeros(p)}
+        lines = (information.repeated(VISITS, u),)
     elif p:
-        g = gum.gain(likelihood, value)
-        lines = gum.lines(likelihood, g, problem.parts, problem.noise, problem.slope)
-        lines += tuple(
-            gum.further(name, "B", g @ likelihood.covariance.shared[:, columns])
-            for name, columns in unknowns.items()
-        )
-        without = without_each(
-            likelihood,
-            likelihood.jacobian(value),
-            problem.noise,
-            problem.parts,
-            problem.slope,
-            u,
-            unknowns,
+        g = information.gain(likelihood, value)
+        lines = information.lines(
+            likelihood, g, problem.parts, problem.noise, problem.slope, unknowns
         )
     return Estimator(
         problem=likelihood,
@@ -241,7 +228,6 @@ def _estimator(answer: Answer, answers: Answers) -> Estimator:
         u=u,
         dof=answers.dof,
         lines=lines,
-        without=without,
         parts=problem.parts,
         slope=problem.slope,
         fixed=fixed,

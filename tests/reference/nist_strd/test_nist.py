@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
-from nearlift.fit.least_squares import parameter_covariance
+from nearlift.fit.information import parameter_covariance
 from nearlift.fit.solver import solve
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.problem import Problem

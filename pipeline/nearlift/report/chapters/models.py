@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from nearlift.declare import Boundary
-from nearlift.fit.remedies import SCALES
+from nearlift.fit.information import SCALES
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
 from nearlift.report.chapters.doubts import reduced

@@ -6,15 +6,14 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign, hsiao
 
 from nearlift import catalogue
-from nearlift.fit import height_error, remedies
+from nearlift.fit import height_error, information
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
 from nearlift.rounding import plain, signed
-
-from .simulated import campaign, hsiao
 
 SCATTER = Noise(relative=0.002, force_N=1e-4)
 
@@ -41,9 +40,9 @@ def fitted(model="sanchez_cuevas", parts=(), visits=4, **kind):
 
 def test_the_datum_that_would_halve_u_does():
     found = fitted(parts=(datum(1e-3),), visits=30)
-    knowledge = remedies.halvings(found)["K_b"].knowledge
+    knowledge = information.halvings(found)["K_b"].knowledge
     one = next(r for r in knowledge if r.quantity == "distance datum")
-    assert one.r > remedies.TRADES
+    assert one.r > information.TRADES
     assert one.unit == "mm"
     assert f"K_b is confounded with the distance datum (r = {signed(one.r, 2)})." in one.text
     assert (
@@ -68,7 +67,7 @@ def test_the_datum_that_would_halve_u_does():
 def test_what_cannot_halve_it_says_how_far_it_would_go():
     found = fitted(parts=(datum(0.1e-3),), visits=2)
     (one,) = [
-        r for r in remedies.halvings(found)["K_b"].knowledge if r.quantity == "distance datum"
+        r for r in information.halvings(found)["K_b"].knowledge if r.quantity == "distance datum"
     ]
     assert np.isnan(one.needed)
     assert (
@@ -80,26 +79,26 @@ def test_what_cannot_halve_it_says_how_far_it_would_go():
 
 def test_a_coefficient_known_from_elsewhere():
     found = fitted("sanchez_cuevas_free_exponent")
-    (one,) = [r for r in remedies.halvings(found)["K_b"].knowledge if r.quantity == "n"]
+    (one,) = [r for r in information.halvings(found)["K_b"].knowledge if r.quantity == "n"]
     assert one.r == pytest.approx(
         found.covariance[0, 1] / np.sqrt(np.prod(np.diag(found.covariance))), rel=1e-6
     )
     assert one.known_to == pytest.approx(found.estimates["n"].u, rel=1e-6)
-    information = np.linalg.inv(found.covariance) + np.diag([0, one.needed**-2])
-    assert np.linalg.inv(information)[0, 0] ** 0.5 == pytest.approx(
+    whole = np.linalg.inv(found.covariance) + np.diag([0, one.needed**-2])
+    assert np.linalg.inv(whole)[0, 0] ** 0.5 == pytest.approx(
         found.estimates["K_b"].u / 2, rel=1e-4
     )
 
 
 def test_all_levels_together():
-    (one,) = [r for r in remedies.halvings(fitted())["K_b"].knowledge if r.quantity == "L_inf"]
+    (one,) = [r for r in information.halvings(fitted())["K_b"].knowledge if r.quantity == "L_inf"]
     assert "correlates with the L_inf values (multiple r = " in one.text
     assert one.unit == "%"
 
 
 def test_so_many_repeats_halve_it():
     found = fitted(parts=(datum(0.02e-3),))
-    repeats = remedies.halvings(found)["K_b"].repeats
+    repeats = information.halvings(found)["K_b"].repeats
     assert repeats.times > 4
     n = round(repeats.times)
     data = found.problem.data
@@ -133,7 +132,7 @@ def test_no_number_of_repeats_undoes_a_bent_line():
         scope="distance",
     )
     found = fitted(parts=(line, gain), visits=30)
-    repeats = remedies.halvings(found)["K_b"].repeats
+    repeats = information.halvings(found)["K_b"].repeats
     assert repeats.times == np.inf
     assert "No number of repeats would halve u(K_b)" in repeats.text
     assert found.estimates["K_b"].u / 2 < repeats.u_limit <= found.estimates["K_b"].u
@@ -150,7 +149,7 @@ def test_a_height_error_is_among_them():
     )
     found = fit(catalogue.model("hsiao_chirarattananon"), data, (datum(5e-4),), SCATTER)
     u = height_error.u_m(found.problem, found.theta, found.slope, 5e-4)
-    halving = remedies.halvings(found)["alpha"]
+    halving = information.halvings(found)["alpha"]
     one = next(r for r in halving.knowledge if r.quantity == "distance datum")
     assert one.known_to == pytest.approx(1000 * u, rel=1e-3)
     assert one.u == pytest.approx(found.estimates["alpha"].u)
@@ -158,4 +157,4 @@ def test_a_height_error_is_among_them():
 
 
 def test_nothing_is_said_of_what_is_not_determined():
-    assert remedies.halvings(fitted(stations=(2.0,))) == {}
+    assert information.halvings(fitted(stations=(2.0,))) == {}

@@ -8,18 +8,16 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit.simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao
 
 from nearlift import catalogue
-from nearlift.fit import gum
+from nearlift.fit import information
 from nearlift.fit.estimator import Estimator
-from nearlift.fit.known_sources import u_without
 from nearlift.fit.least_squares import assemble, fit
 from nearlift.fit.solver import minimise
 from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
-
-from .simulated import GEOMETRY, RADIUS, STATIONS, campaign, hsiao
 
 MODEL = catalogue.model("sanchez_cuevas_free_exponent")
 SCATTER = Noise(
@@ -56,10 +54,17 @@ def fitted(model=MODEL, parts=PARTS, scatter=SCATTER, **more):
     return fit(model, campaign(5, visits=4, **more), parts, scatter, offset_m=0.0)
 
 
+def u_without(found):
+    lines, u = information.uncertainty_budget(found), np.sqrt(np.diag(found.covariance))
+    return information.u_without(found.problem, found.theta, lines, u)
+
+
 def test_the_shares_add_to_the_variance_of_the_estimator():
     found = fitted()
-    lines = gum.uncertainty_budget(found)
-    assert {line.component for line in lines} >= {p.name for p in PARTS} | set(gum.NAMES.values())
+    lines = information.uncertainty_budget(found)
+    assert {line.component for line in lines} >= {p.name for p in PARTS} | set(
+        information.NAMES.values()
+    )
     assert sum(line.covariance for line in lines) == pytest.approx(found.covariance, rel=1e-8)
     u = np.sqrt(sum(np.diag(line.covariance) for line in lines))
     assert u == pytest.approx([e.u for e in found.estimates.values()], rel=1e-8)
@@ -68,7 +73,7 @@ def test_the_shares_add_to_the_variance_of_the_estimator():
         assert np.abs(line.sensitivity) * line.standard == pytest.approx(
             np.sqrt(np.diag(line.covariance)), rel=1e-9
         )
-    gain = gum.gain(found.problem, found.theta)
+    gain = information.gain(found.problem, found.theta)
     assert gain @ found.problem.covariance.dense() @ gain.T == pytest.approx(
         found.covariance, rel=1e-8
     )
@@ -77,7 +82,7 @@ def test_the_shares_add_to_the_variance_of_the_estimator():
 def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
     found = fitted()
     without = u_without(found)
-    assert set(without) == {line.component for line in gum.uncertainty_budget(found)}
+    assert set(without) == {line.component for line in information.uncertainty_budget(found)}
 
     def u(parts, scatter):
         problem = assemble(MODEL, found.problem.data, parts, scatter, found.theta, found.slope)
@@ -88,7 +93,7 @@ def test_u_without_a_source_is_that_of_a_fit_that_knows_it():
         assert without[known.name] == pytest.approx(
             u(tuple(p for p in PARTS if p is not known), SCATTER), rel=1e-8
         ), known.name
-    for size, name in gum.NAMES.items():
+    for size, name in information.NAMES.items():
         assert without[name] == pytest.approx(
             u(PARTS, dataclasses.replace(SCATTER, **{size: () if size == "drift" else 0.0})),
             rel=1e-8,
@@ -109,7 +114,7 @@ def test_a_small_part_of_the_variance_may_hold_most_of_the_uncertainty():
         stations=(0.15, 0.2, 0.3, 0.5, 0.8, 1.5, 3.0, 10.0),
     )
     found = fit(model, data, (datum,), SCATTER, offset_m=0.0)
-    [line] = [a for a in gum.uncertainty_budget(found) if a.component == datum.name]
+    [line] = [a for a in information.uncertainty_budget(found) if a.component == datum.name]
     u = found.estimates["alpha"].u
     adds = 1 - np.sqrt(1 - line.covariance[0, 0] / u**2)
     saves = 1 - u_without(found)[datum.name][0] / u
@@ -173,7 +178,9 @@ def test_every_line_is_what_brute_force_makes_of_its_error_alone():
     rng = np.random.default_rng(11)
     lines = {
         line.component: line
-        for line in gum.lines(problem, gum.gain(problem, found.theta), PARTS, SCATTER, found.slope)
+        for line in information.lines(
+            problem, information.gain(problem, found.theta), PARTS, SCATTER, found.slope
+        )
     }
     for name, line in lines.items():
         noisy = exact + errors(name, rng, data, MODEL, found.theta, 2000)
@@ -201,12 +208,14 @@ def test_every_line_is_what_brute_force_makes_of_its_error_alone():
 
 def test_the_sensitivity_to_a_datum_is_what_moving_it_does():
     found = fitted(parts=(part("height", 1e-4, "boundary"),))
-    line = next(a for a in gum.uncertainty_budget(found) if a.component == "height by boundary")
+    line = next(
+        a for a in information.uncertainty_budget(found) if a.component == "height by boundary"
+    )
     step_m = 1e-6
     problem = found.problem
     moved = problem.moved(step_m).log_ratio(found.theta) - problem.log_ratio(found.theta)
     assert line.sensitivity == pytest.approx(
-        gum.gain(problem, found.theta) @ moved / step_m, rel=1e-3
+        information.gain(problem, found.theta) @ moved / step_m, rel=1e-3
     )
     assert line.unit == "m"
 
@@ -217,9 +226,11 @@ def test_welch_and_satterthwaite():
     """
     lines = [
         dataclasses.replace(line, dof=np.array([5.0, 5.0]) if line.kind == "A" else line.dof)
-        for line in gum.uncertainty_budget(fitted(parts=(part("height", 1e-4, "boundary"),)))
+        for line in information.uncertainty_budget(
+            fitted(parts=(part("height", 1e-4, "boundary"),))
+        )
     ]
-    plain = gum.effective_dof(lines, SCATTER, 2)
+    plain = information.effective_dof(lines, SCATTER, 2)
     u = np.array([np.sqrt(np.diag(line.covariance)) for line in lines])
     dof = np.array([line.dof for line in lines])
     assert plain == pytest.approx((u**2).sum(axis=0) ** 2 / (u**4 / dof).sum(axis=0), rel=1e-9)
@@ -229,17 +240,17 @@ def test_welch_and_satterthwaite():
     )
     v = np.array(
         [
-            np.diag(next(a for a in lines if a.component == gum.NAMES[n]).covariance)
+            np.diag(next(a for a in lines if a.component == information.NAMES[n]).covariance)
             for n in told.sizes
         ]
     )
     rest = sum(
         2 * np.diag(a.covariance) ** 2 / a.dof
         for a in lines
-        if a.component not in [gum.NAMES[n] for n in told.sizes]
+        if a.component not in [information.NAMES[n] for n in told.sizes]
     )
     expected = 2 * (u**2).sum(axis=0) ** 2 / (4 * np.einsum("ip,ij,jp->p", v, spread, v) + rest)
-    assert gum.effective_dof(lines, told, 2) == pytest.approx(expected)
+    assert information.effective_dof(lines, told, 2) == pytest.approx(expected)
 
 
 def test_a_scatter_that_repeats_tell_has_their_degrees_of_freedom():
@@ -256,7 +267,7 @@ def test_numbers_without_scatter_get_the_least_scatter_assumed():
     data = campaign(3, visits=2)
     data = dataclasses.replace(data, u_lift_N=np.zeros(data.n))
     found = fit(catalogue.model("sanchez_cuevas"), data, (), Noise(relative=0.0))
-    (line,) = gum.uncertainty_budget(found)
+    (line,) = information.uncertainty_budget(found)
     assert line.component == "least scatter assumed"
     assert line.covariance == pytest.approx(found.covariance, rel=1e-6)
 
@@ -271,7 +282,7 @@ def test_the_split_about_a_height_error_adds_up_too():
         SCATTER,
     )
     assert found.problem.offset_m > 0
-    lines = gum.uncertainty_budget(found)
+    lines = information.uncertainty_budget(found)
     assert "height by boundary" in {line.component for line in lines}
     total = sum(np.diag(line.covariance) for line in lines)
     assert total == pytest.approx(np.diag(found.covariance), rel=2e-9)
