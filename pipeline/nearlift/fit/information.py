@@ -147,7 +147,9 @@ class Line:
     sizes: dict[str, FloatArray] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, component: str, kind: Literal["A", "B"], standard: float, **more: Any) -> Line:
+    def from_contribution(
+        cls, component: str, kind: Literal["A", "B"], standard: float, **more: Any
+    ) -> Line:
         """A line from its contribution, by default of a stated error."""
         u = np.sqrt(np.maximum(np.diag(more["covariance"]), 0.0))
         usual = {
@@ -201,15 +203,17 @@ def lines(
             parts_of = {"covariance": moved @ moved.T, "without": _less(whole, which)}
         else:
             parts_of = _independent(whole, g, variance)
-        budget_lines.append(Line.of(part.name, kind, standard, **parts_of, **stated))
+        budget_lines.append(Line.from_contribution(part.name, kind, standard, **parts_of, **stated))
     # the variance floor, where nothing scatters at all
     if np.any(assumed > 1e-3 * whole.variance):
         floor = _independent(whole, g, np.maximum(assumed, 0.0))
-        budget_lines.append(Line.of("least scatter assumed", "A", 1.0, **floor))
+        budget_lines.append(Line.from_contribution("least scatter assumed", "A", 1.0, **floor))
     for name, which in (further or {}).items():
         moved = g @ whole.shared[:, which]
         parts_of = {"covariance": moved @ moved.T, "without": _less(whole, which)}
-        budget_lines.append(Line.of(name, "B", 1.0, **parts_of, unit="", scope="", distribution=""))
+        budget_lines.append(
+            Line.from_contribution(name, "B", 1.0, **parts_of, unit="", scope="", distribution="")
+        )
     return tuple(line for line in budget_lines if line.standard > 0)
 
 
@@ -226,7 +230,7 @@ def _less(whole: Covariance, which: slice) -> Covariance:
 
 def repeated(name: str, u: FloatArray) -> Line:
     """The only line of coefficients whose uncertainties `u` (p,) come from repeats as a whole."""
-    return Line.of(
+    return Line.from_contribution(
         name, "A", 1.0, unit="", scope="", distribution="", covariance=np.diag(u**2), without=None
     )
 
@@ -263,7 +267,9 @@ def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray)
         squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
         dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
     rms = float(np.sqrt(np.mean(record**2)))
-    within = Line.of(RECORD_NOISE, "A", rms, dof=dof, **_independent(whole, g, record**2))
+    within = Line.from_contribution(
+        RECORD_NOISE, "A", rms, dof=dof, **_independent(whole, g, record**2)
+    )
     visit, age = np.unique(data.visit, return_inverse=True)[1], ages(data)
     by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
     drift = {f"drift{k}": size**2 * _drifted(g, age[:, k]) for k, size in enumerate(scatter.drift)}
@@ -299,7 +305,7 @@ def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray)
             dof = np.where(known > 0, 2 * variance**2 / known, scatter.dof)
         covariance = sum(parts.values(), np.zeros((len(g), len(g))))
         listed.append(
-            Line.of(
+            Line.from_contribution(
                 NAMES[kind],
                 "A",
                 standard,
@@ -385,7 +391,7 @@ class Joint:
     quantities: tuple[Quantity, ...]
 
     @classmethod
-    def of(cls, fit: LeastSquaresFit, which: Sequence[int]) -> Joint:
+    def from_fit(cls, fit: LeastSquaresFit, which: Sequence[int]) -> Joint:
         """Of the coefficients `which`, the levels, and all stated errors that trials share."""
         problem, data, p = fit.problem, fit.problem.data, len(which)
         quantities = [
@@ -431,7 +437,7 @@ def halvings(fit: LeastSquaresFit) -> dict[str, Halving]:
     known = [i for i, e in enumerate(estimates) if np.isfinite(e.u) and e.u > 0 and not e.at_bound]
     if not known:
         return {}
-    joint = Joint.of(fit, known)
+    joint = Joint.from_fit(fit, known)
     covariance, halving = joint.covariance(), {}
     for k, i in enumerate(known):
         scale = float(np.sqrt(fit.covariance[i, i] / covariance[k, k]))
@@ -545,7 +551,7 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
         return tuple(pairs)
     p, k = len(known), data.unknown_levels
     names = [fit.names[i] for i in known]
-    covariance = Joint.of(fit, known).covariance()[: p + k, : p + k]
+    covariance = Joint.from_fit(fit, known).covariance()[: p + k, : p + k]
     shown = np.zeros((p + len(data.levels), p + k))
     shown[:p, :p], shown[p:, p:] = np.eye(p), data.shown(np.eye(k))
     correlation = _correlation(shown @ covariance @ shown.T)
@@ -559,7 +565,7 @@ def degeneracies(fit: LeastSquaresFit) -> tuple[Degeneracy, ...]:
             if i < j and abs(r) > DEGENERATE:
                 text = f"{letter(name)} and {called} are confounded: r = {signed(r, 3)}"
                 pairs.append(Degeneracy(pair=(name, other), r=r, text=text))
-    free = {"height offset": ("mm", fit.slope / 1000)}
+    free = {"height offset": ("mm", problem.height_slope(fit.theta) / 1000)}
     if "n" not in names:
         free["exponent n"] = "", problem.log_ratio(fit.theta)
     for other, (unit, column) in free.items():

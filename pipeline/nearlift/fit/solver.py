@@ -25,9 +25,9 @@ from nearlift.results import IntArray
 ROUNDS = 100
 #: Step, relative to a parameter's scale, below which the search ends.
 STILL = 1e-7
-#: Damping relative to the diagonal: at the start, at least after a failed step, and where the
-#: search gives up.
-DAMPING_MIN, DAMPING, DAMPING_MAX = 1e-8, 1e-3, 1e10
+#: Damping relative to the diagonal: at a start near the minimum and far from it, at least after a
+#: failed step, and where the search gives up.
+DAMPING_MIN, FAR_DAMPING, DAMPING, DAMPING_MAX = 1e-8, 1.0, 1e-3, 1e10
 #: A problem has converged where an undamped step would be smaller than this, relative to every
 #: parameter's scale.
 CONVERGED = 1e-4
@@ -49,12 +49,13 @@ Linearised = Callable[[FloatArray, IntArray], tuple[FloatArray, FloatArray]]
 def solve(
     problem: Problem, start: FloatArray | None = None, *, quoted: bool = False
 ) -> tuple[FloatArray, Any]:
-    """The theta (p,) of least chi2 within the parameters' bounds, and lmfit's result if `quoted`.
+    """The theta (p,) of least chi2 within the parameters' bounds, and lmfit's result if `quoted` or
+    where Levenberg-Marquardt steps end at no minimum.
 
     Raises
     ------
     NotConverged
-        The search stopped short of a minimum, or the model has no value for some trial at any
+        lmfit stopped short of a minimum, or the model has no value for some trial at any
         start.
     """
     parameters = problem.model.parameters
@@ -70,20 +71,18 @@ def solve(
     def linearised(theta: FloatArray, _: IntArray) -> tuple[FloatArray, FloatArray]:
         return problem.linearised(theta)
 
-    if quoted:
+    bounds, result = problem.model.bounds, None
+    minima = minimise(linearised, first[None], bounds, scale, damping=FAR_DAMPING)
+    theta = minima.theta[0]
+    if quoted or not minima.converged[0]:
         theta, result = _by_lmfit(problem, first, scale)
-        reached, why = bool(result.success), f"lmfit stopped: {result.message}"
-    else:
-        minima = minimise(linearised, first[None], problem.model.bounds, scale)
-        theta, result = minima.theta[0], None
-        reached, why = bool(minima.converged[0]), f"no minimum after {ROUNDS} steps"
-    if not reached:
-        raise NotConverged(
-            f"fit of {problem.model.name}",
-            why,
-            "look at the residuals, or tighten the parameters' bounds",
-        )
-    best: FloatArray = refine(linearised, theta[None], problem.model.bounds)[0]
+        if not result.success:
+            raise NotConverged(
+                f"fit of {problem.model.name}",
+                f"lmfit stopped: {result.message}",
+                "look at the residuals, or tighten the parameters' bounds",
+            )
+    best: FloatArray = refine(linearised, theta[None], bounds)[0]
     return best, result
 
 
@@ -184,6 +183,7 @@ def minimise(
     bounds: tuple[FloatArray, FloatArray],
     scale: FloatArray,
     free: NDArray[np.bool_] | None = None,
+    damping: float = DAMPING_MIN,
 ) -> Minima:
     """Minimise the sum of squares of each of m problems by Levenberg-Marquardt steps.
 
@@ -200,6 +200,8 @@ def minimise(
         Typical size of each parameter's change, such as its standard uncertainty.
     free : (p,) bool, optional
         Parameters that are optimised (all if not given); the others are held at their start.
+    damping : float
+        Of the first step, relative to the diagonal.
     """
     theta = np.clip(np.array(start, dtype=float), *bounds)
     which = np.arange(theta.shape[1]) if free is None else np.flatnonzero(free)
@@ -214,7 +216,7 @@ def minimise(
     if not len(which):
         return Minima(theta=theta, chi2=chi2, converged=np.isfinite(chi2))
     r, slopes = r.copy(), slopes.copy()
-    damping = np.full(len(theta), DAMPING_MIN)
+    damp = np.full(len(theta), damping)
     active = np.isfinite(chi2)
     for _ in range(ROUNDS):
         rows = np.flatnonzero(active)
@@ -222,7 +224,7 @@ def minimise(
             break
         trial = theta[rows]
         trial[:, which] += scale[which] * _step(
-            trial[:, which], r[rows], slopes[rows], limits, damping[rows]
+            trial[:, which], r[rows], slopes[rows], limits, damp[rows]
         )
         trial = np.clip(trial, *bounds)
         moved = np.abs((trial - theta[rows]) / scale).max(axis=1)
@@ -232,10 +234,8 @@ def minimise(
         theta[ahead], chi2[ahead], r[ahead], slopes[ahead] = (
             x[better] for x in (trial, new, new_r, new_slopes)
         )
-        damping[rows] = np.where(
-            better, damping[rows] / 10, np.maximum(damping[rows] * 10, DAMPING)
-        )
-        active[rows] = (moved > STILL) & (damping[rows] < DAMPING_MAX)
+        damp[rows] = np.where(better, damp[rows] / 10, np.maximum(damp[rows] * 10, DAMPING))
+        active[rows] = (moved > STILL) & (damp[rows] < DAMPING_MAX)
     whole = np.isfinite(chi2)
     left = np.full((len(theta), len(which)), np.inf)
     left[whole] = _step(

@@ -19,7 +19,7 @@ import pytest
 
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
 from nearlift.fit.information import parameter_covariance
-from nearlift.fit.solver import solve
+from nearlift.fit.solver import FAR_DAMPING, minimise, refine, solve
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Observations
@@ -27,6 +27,19 @@ from nearlift.results import Observations
 HERE = Path(__file__).parent
 DIGITS = 4
 """Of each parameter, at least; the log relative error that NIST calls LRE."""
+
+HARD = (
+    "Bennett5",
+    "Lanczos1",
+    "Lanczos2",
+    "Lanczos3",
+    "MGH09",
+    "MGH10",
+    "MGH17",
+    "Misra1a",
+    "Nelson",
+)
+"""Nearly singular or far off, where batched steps may give up and lmfit serves."""
 
 exp, pi = np.exp, np.pi
 CHWIRUT = lambda x, b1, b2, b3: exp(-b1 * x) / (b2 + b3 * x)  # noqa: E731
@@ -208,6 +221,25 @@ def test_certified_parameters(name, start):
     assert float(p.chi2(theta)) == pytest.approx(
         given.rss, rel=1e-2 if name == "Lanczos1" else 1e-6
     )
+
+
+@pytest.mark.parametrize("start", [0, 1])
+@pytest.mark.parametrize("name", CURVES)
+def test_batched_steps_end_at_the_certified_parameters_or_say_that_they_do_not(name, start):
+    p = problem(read(name), start)
+    values = np.array([q.value for q in p.model.parameters])
+    with np.errstate(all="ignore"):
+        minima = minimise(
+            lambda theta, _: p.linearised(theta),
+            values[None],
+            p.model.bounds,
+            np.abs(values),
+            damping=FAR_DAMPING,
+        )
+        theta = refine(lambda theta, _: p.linearised(theta), minima.theta, p.model.bounds)[0]
+    assert minima.converged[0] or name in HARD
+    if minima.converged[0]:
+        assert digits(theta, read(name).certified) >= DIGITS
 
 
 @pytest.mark.parametrize("name", [n for n in CURVES if n not in NO_SD])
