@@ -189,38 +189,58 @@ def lines(
     for part in parts:
         variance, standard = independent_variance(data, part, slope), part.size(data)
         assumed = assumed - variance
-        stated: dict[str, Any] = {
-            "unit": UNITS[part.on],
-            "scope": part.scope,
-            "distribution": part.distribution,
-        }
-        kind: Literal["A", "B"] = "A" if part.is_measured else "B"
         if part.scope in GROUPED:
             which = slice(first, first + int(groups(data, part.scope).max()) + 1)
             moved, first = g @ whole.shared[:, which], which.stop
-            if moved.shape[1] == 1 and standard > 0:
-                stated["sensitivity"] = moved[:, 0] / standard
-            parts_of = {"covariance": moved @ moved.T, "without": _less(whole, which)}
+            covariance, without = moved @ moved.T, _less(whole, which)
         else:
-            parts_of = _independent(whole, g, variance)
-        budget_lines.append(Line.from_contribution(part.name, kind, standard, **parts_of, **stated))
+            moved = np.zeros((len(g), 0))
+            covariance, without = _independent(whole, g, variance)
+        line = Line.from_contribution(
+            part.name,
+            "A" if part.is_measured else "B",
+            standard,
+            unit=UNITS[part.on],
+            scope=part.scope,
+            distribution=part.distribution,
+            covariance=covariance,
+            without=without,
+        )
+        if moved.shape[1] == 1 and standard > 0:
+            line = replace(line, sensitivity=moved[:, 0] / standard)
+        budget_lines.append(line)
     # the variance floor, where nothing scatters at all
     if np.any(assumed > 1e-3 * whole.variance):
-        floor = _independent(whole, g, np.maximum(assumed, 0.0))
-        budget_lines.append(Line.from_contribution("least scatter assumed", "A", 1.0, **floor))
+        covariance, without = _independent(whole, g, np.maximum(assumed, 0.0))
+        budget_lines.append(
+            Line.from_contribution(
+                "least scatter assumed", "A", 1.0, covariance=covariance, without=without
+            )
+        )
     for name, which in (further or {}).items():
         moved = g @ whole.shared[:, which]
-        parts_of = {"covariance": moved @ moved.T, "without": _less(whole, which)}
         budget_lines.append(
-            Line.from_contribution(name, "B", 1.0, **parts_of, unit="", scope="", distribution="")
+            Line.from_contribution(
+                name,
+                "B",
+                1.0,
+                unit="",
+                scope="",
+                distribution="",
+                covariance=moved @ moved.T,
+                without=_less(whole, which),
+            )
         )
     return tuple(line for line in budget_lines if line.standard > 0)
 
 
-def _independent(whole: Covariance, g: FloatArray, variance: FloatArray) -> dict[str, Any]:
+def _independent(
+    whole: Covariance, g: FloatArray, variance: FloatArray
+) -> tuple[FloatArray, Covariance]:
     """Contribution of a variance (n,) of each trial alone, and the covariance without it."""
     rest = np.maximum(whole.variance - variance, LEAST_VARIANCE)
-    return {"covariance": (g * variance) @ g.T, "without": replace(whole, variance=rest)}
+    contribution: FloatArray = (g * variance) @ g.T
+    return contribution, replace(whole, variance=rest)
 
 
 def _less(whole: Covariance, which: slice) -> Covariance:
@@ -267,8 +287,9 @@ def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray)
         squares = (contribution**2 / np.maximum(data.n_eff - 1, 1)).sum(axis=1)
         dof = np.nan_to_num(contribution.sum(axis=1) ** 2 / squares, nan=np.inf)
     rms = float(np.sqrt(np.mean(record**2)))
+    covariance, without = _independent(whole, g, record**2)
     within = Line.from_contribution(
-        RECORD_NOISE, "A", rms, dof=dof, **_independent(whole, g, record**2)
+        RECORD_NOISE, "A", rms, dof=dof, covariance=covariance, without=without
     )
     visit, age = np.unique(data.visit, return_inverse=True)[1], ages(data)
     by_height, by_common = group_sums(g * slope, visit), group_sums(g, visit)
@@ -278,8 +299,8 @@ def _repeats(problem: Problem, g: FloatArray, scatter: Noise, slope: FloatArray)
     total_drift = float(np.sqrt(np.sum(np.square(scatter.drift))))
     listed = [within]
     for kind, scope, standard, unit, each, without in (
-        ("relative", "trial", scatter.relative, "1", relative["covariance"], relative["without"]),
-        ("force_N", "trial", scatter.force_N, "N", force["covariance"], force["without"]),
+        ("relative", "trial", scatter.relative, "1", *relative),
+        ("force_N", "trial", scatter.force_N, "N", *force),
         (
             "height_m",
             "visit",
