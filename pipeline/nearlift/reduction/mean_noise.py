@@ -21,6 +21,7 @@ says how far the mean is off, and the code `slow` tells where no record of this 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,21 @@ from nearlift.reduction.stretch import Stretch, stretch
 BATCHES, TARE_BATCHES, FEWEST_BATCHES = 16, 8, 4
 #: The shortest batch, in s and in samples.
 SHORTEST_BATCH_S, SHORTEST_BATCH = 0.06, 8
+
+
+class RecordPart(NamedTuple):
+    """Samples of the tare or of the live part, the variance of their mean times their number (N^2),
+    and their sums.
+    """
+
+    values: FloatArray
+    density: float
+    sums: Stretch
+
+
+def part_of(values: FloatArray, rate_Hz: float, *, tone: bool) -> RecordPart:
+    """The part of a record that these samples are; `tone`: the rotors ran."""
+    return RecordPart(values, *spectral_density_at_zero(values, rate_Hz, tone=tone))
 
 
 def spectral_density_at_zero(

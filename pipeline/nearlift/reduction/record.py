@@ -8,6 +8,7 @@ outlasts a batch (`reduction.slow_noise`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +17,7 @@ from nearlift.campaign.segments import FEWEST_SAMPLES
 from nearlift.declare import FloatArray
 from nearlift.reduction import contamination
 from nearlift.reduction.conditions import Conditions
-from nearlift.reduction.mean_noise import outlasting, slope_of, spectral_density_at_zero
+from nearlift.reduction.mean_noise import RecordPart, outlasting, part_of, slope_of
 from nearlift.reduction.samples import (
     LARGEST_N,
     clipped,
@@ -25,8 +26,11 @@ from nearlift.reduction.samples import (
     stuck,
     without_strays,
 )
-from nearlift.reduction.stretch import SD_PER_MAD, Stretch, median
+from nearlift.reduction.stretch import SD_PER_MAD, median
 from nearlift.reduction.tare import zero_of
+
+#: Codes of readers for a record that holds no samples.
+UNREADABLE = frozenset({"EMPTY", "NO_DATA", "MALFORMED"})
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,84 +78,56 @@ def reduce_record(
         The clock runs at another rate than the manifest says (by more than 1 %, and by more than
         a sample over the record).
     """
-    flags = list(codes)
-    rate_Hz, range_N = conditions.rate_Hz, conditions.range_N
-    tare_s, settle_s = conditions.tare_s, conditions.settle_s
-    if not {"EMPTY", "NO_DATA", "MALFORMED"}.isdisjoint(flags):
+    flags, rate_Hz = list(codes), conditions.rate_Hz
+    if not UNREADABLE.isdisjoint(flags):
         return Reduced(codes=tuple(flags))
     # a tare from elsewhere takes none of the record's own samples
-    own_s = tare_s if tare_N is None else 0.0
-    head = len(force_N[: round(own_s * rate_Hz)])
-    start = head + round(settle_s * rate_Hz)
+    own_s = conditions.tare_s if tare_N is None else 0.0
     if time_s is not None and len(time_s) > 2:
         flags += clock_codes(time_s, conditions, where)
-        if not {"gaps", "GAPS"}.isdisjoint(flags) and "clock" not in flags:
-            # a hole moves every later sample: only the clock knows where the tare ends
-            since = time_s - time_s[0]
-            head = int(np.count_nonzero(since < own_s - 0.5 / rate_Hz))
-            start = int(np.count_nonzero(since < own_s + settle_s - 0.5 / rate_Hz))
-    tare, live = force_N[:head] if tare_N is None else tare_N, force_N[start:]
+    head, start = _edges(force_N, time_s, own_s, conditions, flags)
     # numbers that are none are left out below
     with np.errstate(over="ignore", invalid="ignore"):
-        quiet, rest = spectral_density_at_zero(tare, rate_Hz, tone=False)
-        density, run = spectral_density_at_zero(live, rate_Hz)
-    if not (
-        math.isfinite(rest.mean + run.mean)
-        and max(run.high, -run.low, rest.high, -rest.low) <= (range_N or LARGEST_N)
-    ):
-        whole = len(tare) + len(live)
-        tare, live = forces(tare, range_N), forces(live, range_N)
-        quiet, rest = spectral_density_at_zero(tare, rate_Hz, tone=False)
-        density, run = spectral_density_at_zero(live, rate_Hz)
-        if rest.n + run.n < whole:
-            too_many = 1.0 - (rest.n + run.n) / whole > conditions.out_of_range
-            flags.append("OUT_OF_RANGE" if too_many else "out_of_range")
-    tare, wild_tare = _without_impossible(tare, rest, run.mean, first=False)
-    live, wild = _without_impossible(live, run, rest.mean, first=True)
-    if wild_tare:
-        quiet, rest = spectral_density_at_zero(tare, rate_Hz, tone=False)
-    if wild:
-        density, run = spectral_density_at_zero(live, rate_Hz)
-    flags += ["spikes"] if wild or wild_tare else []
-    n = run.n
-    if n < 2 or (tare_s > 0 and rest.n < 2):
+        tare = part_of(force_N[:head] if tare_N is None else tare_N, rate_Hz, tone=False)
+        live = part_of(force_N[start:], rate_Hz, tone=True)
+    tare, live, unreadable = _readable(tare, live, conditions)
+    flags += unreadable
+    whole, level = tare.sums.n + live.sums.n, tare.sums.mean
+    tare = _without_impossible(tare, live.sums.mean, rate_Hz, first=False)
+    live = _without_impossible(live, level, rate_Hz, first=True)
+    n = live.sums.n
+    removed = whole - tare.sums.n - n
+    flags += ["spikes"] if removed else []
+    if n < 2 or (conditions.tare_s > 0 and tare.sums.n < 2):
         return Reduced(codes=(*flags, "NO_DATA"))
     if n < FEWEST_SAMPLES:
         return Reduced(codes=(*flags, "TOO_SHORT"))
-    kept, codes_of_samples = without_strays(live, run, range_N)
+    kept, codes_of_samples = without_strays(live.values, live.sums, conditions.range_N)
     flags += codes_of_samples
     if len(kept) < n:
-        live, wild = kept, wild + n - len(kept)
-        density, run = spectral_density_at_zero(live, rate_Hz)
-    n = run.n
-    variance = run.squares / (n - 1)
-    u2 = density / n
-    zero, u2_tare, codes_of_tare, left_out = zero_of(tare, rest, quiet, live, run, u2, conditions)
+        removed += n - len(kept)
+        live = part_of(kept, rate_Hz, tone=True)
+    run, n = live.sums, live.sums.n
+    variance, u2 = run.squares / (n - 1), live.density / n
+    zero, u2_tare, codes_of_tare, left_out = zero_of(tare, live, u2, conditions)
     flags += codes_of_tare
     lift = run.mean - zero
     allowed = conditions.drift * abs(lift)
-    slope, u_slope = slope_of(run, density, rate_Hz)
-    flags += stuck(live, run)
-    batches = run.batches
-    apart = float(batches.max() - batches.min()) if len(batches) else 0.0
-    if apart > allowed:
-        moved, at_start = contamination.moved_by_segment(live, contamination.step_of(live))
-        # rotors that still spin up are unsettled
-        damaged = moved > math.sqrt(u2) and not at_start
-        if damaged or contamination.stepped(batches, allowed):
-            flags.append("MIXED")
-    flags += clipped(live, run)
-    if slow := outlasting(live, batches, u2, rate_Hz):
+    slope, u_slope = slope_of(run, live.density, rate_Hz)
+    flags += stuck(live.values, run)
+    flags += _mixed(live, u2, allowed)
+    flags += clipped(live.values, run)
+    if slow := outlasting(live.values, run.batches, u2, rate_Hz):
         u2 = slow.variance
         flags += ["slow"] if slow.is_too_long else []
     flags += _drifts(slope * n / rate_Hz, u_slope * n / rate_Hz, tare_after_N - zero, allowed)
-    flags += _unsettled(batches, lift)
+    flags += _unsettled(run.batches, lift)
     return Reduced(
         lift_N=lift,
         u_lift_N=math.sqrt(u2 + u2_tare),
         u_zero_N=math.sqrt(u2_tare),
         n=n,
-        n_removed=wild_tare + wild + left_out,
+        n_removed=removed + left_out,
         n_eff=min(float(n), variance / u2) if u2 > 0 else float(n),
         drift_N_s=slope,
         sd_N=math.sqrt(variance),
@@ -159,14 +135,68 @@ def reduce_record(
     )
 
 
+def _edges(
+    force_N: FloatArray,
+    time_s: FloatArray | None,
+    own_s: float,
+    conditions: Conditions,
+    codes: Sequence[str],
+) -> tuple[int, int]:
+    """The samples of the tare, and the first one that is settled."""
+    rate_Hz = conditions.rate_Hz
+    gaps = {"gaps", "GAPS"} & {*codes} and "clock" not in codes
+    if gaps and time_s is not None and len(time_s) > 2:
+        # a hole moves every later sample: only the clock knows where the tare ends
+        since = time_s - time_s[0]
+        ends = own_s, own_s + conditions.settle_s
+        head, start = (int(np.count_nonzero(since < end - 0.5 / rate_Hz)) for end in ends)
+        return head, start
+    head = len(force_N[: round(own_s * rate_Hz)])
+    return head, head + round(conditions.settle_s * rate_Hz)
+
+
+def _readable(
+    tare: RecordPart, live: RecordPart, conditions: Conditions
+) -> tuple[RecordPart, RecordPart, list[str]]:
+    """Both parts without the samples that hold no number, clipped to the cell's range."""
+    sums, rate_Hz, range_N = (tare.sums, live.sums), conditions.rate_Hz, conditions.range_N
+    largest = max(max(s.high, -s.low) for s in sums)
+    if math.isfinite(sums[0].mean + sums[1].mean) and largest <= (range_N or LARGEST_N):
+        return tare, live, []
+    whole = len(tare.values) + len(live.values)
+    tare = part_of(forces(tare.values, range_N), rate_Hz, tone=False)
+    live = part_of(forces(live.values, range_N), rate_Hz, tone=True)
+    lost = whole - tare.sums.n - live.sums.n
+    if not lost:
+        return tare, live, []
+    too_many = 1.0 - (whole - lost) / whole > conditions.out_of_range
+    return tare, live, ["OUT_OF_RANGE" if too_many else "out_of_range"]
+
+
 def _without_impossible(
-    values: FloatArray, sums: Stretch, other: float, *, first: bool
-) -> tuple[FloatArray, int]:
-    """One part of a record without its impossible readings, and how many there were: each part by
-    itself, so that those of one hide nothing in the other.
+    part: RecordPart, other: float, rate_Hz: float, *, first: bool
+) -> RecordPart:
+    """One part of a record without its impossible readings, judged by itself, so that those of one
+    part hide nothing in the other.
     """
-    bad = contamination.impossible(values, sums, other, first) if sums.n > 2 else None
-    return (values, 0) if bad is None else (values[~bad], int(bad.sum()))
+    few = part.sums.n <= 2
+    bad = None if few else contamination.impossible(part.values, part.sums, other, first)
+    # the live part is the first to border on the other, and has a tone
+    return part if bad is None else part_of(part.values[~bad], rate_Hz, tone=first)
+
+
+def _mixed(live: RecordPart, u2: float, allowed: float) -> list[str]:
+    """Whether the force steps from one level to another, or a block of it is damaged."""
+    batches = live.sums.batches
+    apart = float(batches.max() - batches.min()) if len(batches) else 0.0
+    if not apart > allowed:
+        return []
+    moved, at_start = contamination.moved_by_segment(
+        live.values, contamination.step_of(live.values)
+    )
+    # rotors that still spin up are unsettled
+    damaged = moved > math.sqrt(u2) and not at_start
+    return ["MIXED"] if damaged or contamination.stepped(batches, allowed) else []
 
 
 def _unsettled(batches: FloatArray, lift: float) -> list[str]:

@@ -7,7 +7,7 @@ import math
 from nearlift.declare import FloatArray
 from nearlift.reduction import contamination
 from nearlift.reduction.conditions import Conditions
-from nearlift.reduction.mean_noise import outlasting, spectral_density_at_zero
+from nearlift.reduction.mean_noise import RecordPart, outlasting, part_of
 from nearlift.reduction.samples import FEWEST_REPEATS, stuck
 from nearlift.reduction.stretch import Stretch
 
@@ -22,13 +22,7 @@ COARSE = 100.0
 
 
 def zero_of(
-    tare: FloatArray,
-    rest: Stretch,
-    quiet: float,
-    live: FloatArray,
-    run: Stretch,
-    u2_live: float,
-    conditions: Conditions,
+    at_rest: RecordPart, lifting: RecordPart, u2_live: float, conditions: Conditions
 ) -> tuple[float, float, list[str], int]:
     """The tare's mean, its variance, codes, and how many samples were left out: single samples that
     are far from the others. A tare that is not one level is refused.
@@ -37,6 +31,8 @@ def zero_of(
     better one. Where the level wanders from its middle, so far may the trial's zero be from the
     mean: that is in the variance.
     """
+    tare, quiet, rest = at_rest
+    live, _, run = lifting
     if rest.n == 0:
         return rest.mean, 0.0, [], 0
     rate_Hz = conditions.rate_Hz
@@ -47,7 +43,7 @@ def zero_of(
     single = single and bool(contamination.far_samples(tare, 0.0).any())
     step = contamination.step_of(live) if single or uneven else 0.0
     if single and (far := contamination.far_samples(tare, step)).any():
-        density, kept = spectral_density_at_zero(tare[~far], rate_Hz, tone=False)
+        _, density, kept = part_of(tare[~far], rate_Hz, tone=False)
         worth, u = zero - kept.mean, math.sqrt(u2_live + density / kept.n)
         isolated = contamination.are_single(far)
         if abs(worth) > u and not isolated:
