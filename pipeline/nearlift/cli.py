@@ -625,8 +625,9 @@ def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> N
     """Distance of the boundary by one reading; quantities are texts, as in the manifest."""
     from nearlift.campaign.forecasts import LiftReading
     from nearlift.campaign.parsing import validated
+    from nearlift.flight.proximity import read
     from nearlift.results.document import as_json
-    from nearlift.stages.proximity import read
+    from nearlift.stages.diagnose import quoted_lifts
 
     for flag, example, why in (
         ("boundary", "ground", "a reading is one of ground, ceiling or sidewall"),
@@ -637,7 +638,7 @@ def _read_distance(call: Call, campaign: Path, given: Mapping[str, object]) -> N
     fields = {name.removesuffix("_u"): value for name, value in given.items()}
     reading = validated(LiftReading, fields, "nearlift detect")
     with call.job(campaign) as job:
-        result = read(job, reading)
+        result = read(quoted_lifts(job), reading)
     call.answer(as_json(result), result.text)
 
 

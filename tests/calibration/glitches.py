@@ -27,13 +27,14 @@ from tests.calibration.streams import unordered
 
 from nearlift.campaign import manifest as manifest
 from nearlift.errors import NearliftError
+from nearlift.fit import screening
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import budget
 from nearlift.observed import choice, observe
 from nearlift.results import Observations
 from nearlift.run.engine import Job
 from nearlift.run.workers import SerialExecutor
-from nearlift.stages import ingest, screening
+from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
 
 #: Reported; the screen was tuned on 700000 to 710099.
@@ -77,6 +78,7 @@ def answer(data: Observations, folder: Path) -> Answer:
         for t, text in zip(table["trial"], table["quality"], strict=True)
         if REMARKS & set(text.split())
     }
+    outlying = table["trial"][["outlying" in text.split() for text in table["quality"]]]
     parts = budget.components(given)
     try:
         fitted = fit(choice(given, data.boundary)[0], observe(table, given, data.boundary), parts)
@@ -84,7 +86,7 @@ def answer(data: Observations, folder: Path) -> Answer:
         return Answer(
             told=frozenset(told), visits=frozenset(), value=np.nan, u=np.nan, failed=str(fault)
         )
-    suspects = screening.screen(fitted, parts, table).suspects
+    suspects = screening.screen(fitted, parts, outlying).suspects
     told |= {s.id for s in suspects if s.kind == "trial"}
     visits = {t for s in suspects if s.kind == "visit" for t in s.trials}
     headline = fitted.estimates[fitted.names[0]]

@@ -7,9 +7,11 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+from nearlift.declare import Boundary
+from nearlift.flight.fitted_lift import FittedLift
 from nearlift.report.evidence import Evidence
 from nearlift.run.engine import Job
-from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
+from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED, quoted_lifts
 from nearlift.stages.fit import FIT, RESULTS
 
 #: Half of a 90 and of a 68 and 95 % interval of a normal, in standard deviations.
@@ -164,3 +166,8 @@ def _coefficient(own: dict[str, Any], e: Mapping[str, Any]) -> None:
         for level, k in OTHERS.items()
         for end, x in (("lo", low), ("hi", high))
     }
+
+
+def fitted_lift(job: Job, side: Boundary, number: int) -> FittedLift:
+    """The lift of one boundary of a finished job, with so many draws."""
+    return quoted_lifts(job).lift(side, number)

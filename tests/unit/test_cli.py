@@ -297,11 +297,11 @@ def test_a_base_model_without_a_free_coefficient_goes_all_the_way(tmp_path):
 
 @pytest.mark.usefixtures("plain_pictures")
 def test_130_for_an_interrupt_after_which_the_same_command_goes_on(raw, tmp_path, monkeypatch):
-    def interrupted(*_):
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("nearlift.stages.model_fits.fit_boundaries", interrupted)
+        patch.setattr("nearlift.fit.models.fit_boundary", interrupted)
         found = nearlift("run", raw, "--out", tmp_path, "--json")
     assert found.exit_code == 130
     assert (
@@ -316,7 +316,7 @@ def test_130_for_an_interrupt_after_which_the_same_command_goes_on(raw, tmp_path
 
 def test_a_defect_is_not_dressed_up_as_a_refusal(raw, tmp_path, monkeypatch):
     """Something that nobody foresaw must come out as what it is."""
-    monkeypatch.setattr("nearlift.stages.model_fits.fit_boundaries", lambda *_: 1 / 0)
+    monkeypatch.setattr("nearlift.fit.models.fit_boundary", lambda *_, **__: 1 / 0)
     assert isinstance(nearlift("run", raw, "--out", tmp_path).exception, ZeroDivisionError)
 
 

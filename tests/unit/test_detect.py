@@ -14,17 +14,16 @@ from markupsafe import escape
 
 from nearlift.campaign.forecasts import LiftReading
 from nearlift.errors import ManifestError
+from nearlift.flight.proximity import read
 from nearlift.report.figures.files import render
 from nearlift.report.figures.style import Style
 from nearlift.report.registry import FIGURES
 from nearlift.results.fit import FitResults
 from nearlift.stages import detect
 from nearlift.stages.detect import DETECTION, PROXIMITY
-from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.diagnose import DIAGNOSIS, quoted_lifts
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.gathering import gather
-from nearlift.stages.proximity import read
-from nearlift.stages.quoted_lift import fitted_lift
 
 from . import quoted, small_run
 from .small_run import nearlift
@@ -103,10 +102,11 @@ def test_a_reading_becomes_a_distance(done):
     hover there, say 1.5 radii.
     """
     job, _ = done
-    belief = fitted_lift(job, "ground", 50)
+    belief = quoted.fitted_lift(job, "ground", 50)
     ratio = float(belief.ratio()(np.array([1.5]))[0])
     found = read(
-        job, LiftReading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"})
+        quoted_lifts(job),
+        LiftReading.model_validate({"boundary": "ground", "ratio": ratio, "u": "0.3 percent"}),
     )
     assert found.z_hat.lo90 < 1.5 < found.z_hat.hi90
     assert found.z_hat.median == pytest.approx(1.5, rel=0.05)
@@ -119,16 +119,20 @@ def test_a_reading_becomes_a_distance(done):
     # lift goes as throttle^1.4 here: the throttle that lifts weight / ratio far away
     hover = (0.027 * 9.8 / ratio / 0.6) ** (1 / 1.4)
     given = {"boundary": "ground", "throttle": f"{100 * hover} percent", "u": "0 percent"}
-    told = read(job, LiftReading.model_validate(given))
+    told = read(quoted_lifts(job), LiftReading.model_validate(given))
     assert told.ratio == pytest.approx(ratio, rel=0.02)
     assert told.z_hat.lo90 < 1.5 < told.z_hat.hi90
     wider = read(
-        job, LiftReading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"})
+        quoted_lifts(job),
+        LiftReading.model_validate(given | {"weight": "1 percent", "supply": "1 percent"}),
     )
     assert wider.u == pytest.approx(
         math.hypot(told.u, 0.01 * told.ratio, 0.02 * told.ratio), rel=1e-3
     )
-    heavier = read(job, LiftReading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}))
+    heavier = read(
+        quoted_lifts(job),
+        LiftReading.model_validate(given | {"mass": "28 g", "weight": "2 percent"}),
+    )
     assert heavier.ratio == pytest.approx(told.ratio * 28 / 27)
 
 
@@ -222,7 +226,7 @@ def test_distances_of_significance(remake, done):
     job, _ = done
     for side in ("ground", "ceiling", "sidewall"):
         own = job.read_json(PROXIMITY)["boundaries"][side]
-        found, lift = own["significant"], fitted_lift(job, side, 2)
+        found, lift = own["significant"], quoted.fitted_lift(job, side, 2)
         assert abs(float(lift.ratio()(np.array([found["z_hat"]]))[0]) - 1) == pytest.approx(
             0.02, abs=1e-4
         )
@@ -236,14 +240,14 @@ def test_distances_of_significance(remake, done):
 def test_one_reading_does_not_tell_ground_from_ceiling(done):
     job, _ = done
     asked = {"boundary": "ground", "ratio": 1.08, "u": "0.5 percent"}
-    found = read(job, LiftReading.model_validate(asked))
+    found = read(quoted_lifts(job), LiftReading.model_validate(asked))
     (at,) = found.alike.values()
     assert set(found.alike) == {"ceiling"}
-    ceiling = fitted_lift(job, "ceiling", 2)
+    ceiling = quoted.fitted_lift(job, "ceiling", 2)
     assert float(ceiling.ratio()(np.array([at]))[0]) == pytest.approx(1.08, abs=1e-4)
     assert "one reading does not tell them apart" in found.text
     lower = LiftReading.model_validate(asked | {"boundary": "sidewall", "ratio": 0.98})
-    assert read(job, lower).alike == {}
+    assert read(quoted_lifts(job), lower).alike == {}
 
 
 def test_a_model_that_folds_is_not_inverted_and_said_so(remake):
@@ -290,6 +294,6 @@ def test_lift_far_away_and_its_noise_are_those_of_the_accepted_model(remake):
     floor = job.read_json(PROXIMITY)["boundaries"]["ground"]["floor"]
     assert floor == pytest.approx(math.hypot(0.003, 0.001 / 1.02))
     hover = {"boundary": "ground", "throttle": "50 percent", "u": "0 percent"}
-    found = read(job, LiftReading.model_validate(hover | {"mass": "26 g"}))
+    found = read(quoted_lifts(job), LiftReading.model_validate(hover | {"mass": "26 g"}))
     assert found.ratio == pytest.approx(0.026 * 9.8 / (1.02 * base[0.5].value))
     assert found.u == pytest.approx(found.ratio * 0.001 / 1.02)

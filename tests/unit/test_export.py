@@ -31,7 +31,6 @@ from nearlift.stages import export as controller
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import RESULTS
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.quoted_lift import fitted_lift
 
 from . import quoted
 from .manifests import raw_manifest
@@ -70,7 +69,7 @@ def job(remake):
 
 @pytest.fixture(scope="module")
 def beliefs(job):
-    return {side: fitted_lift(job, side, 2) for side in SIDES}
+    return {side: quoted.fitted_lift(job, side, 2) for side in SIDES}
 
 
 def heights(belief):
@@ -231,7 +230,10 @@ def outside(call, lift, side, radius, where):
 @pytest.mark.parametrize("side", SIDES)
 def test_standard_uncertainties_are_those_of_the_draws(job, named, tmp_path, side):
     call, _ = build(tmp_path, named, GCC, "-DNEARLIFT_DOUBLE", "-O1")
-    lift, radius = fitted_lift(job, side, controller.DRAWS), job.campaign.vehicle.rotor_radius
+    lift, radius = (
+        quoted.fitted_lift(job, side, controller.DRAWS),
+        job.campaign.vehicle.rotor_radius,
+    )
     z_hat = np.geomspace(*lift.measured_z_hat, 41)[1:-1]
     ratios, steps = lift.ratios[1:], 1e-5 * z_hat
     u_ratio = np.std([f(z_hat) for f in ratios], axis=0)
@@ -333,7 +335,9 @@ def other_model(job, name, parameters, tilt_rad=None):
 
 def test_what_a_model_needs_is_known_or_refused_and_never_taken_for_one(remake):
     rig = raw_manifest()["rig"] | {"edge": "10 mm", "gap": "92 mm"}
-    at_edge = fitted_lift(other_model(remake("ground", rig=rig), "images_edge", ()), "ground", 2)
+    at_edge = quoted.fitted_lift(
+        other_model(remake("ground", rig=rig), "images_edge", ()), "ground", 2
+    )
     assert at_edge.arguments["edge_hat"] == pytest.approx(10 / 23)
     level = np.array([0.6, 1.0, 3.0])
     layout = at_edge.arguments["layout_hat"]
@@ -342,13 +346,15 @@ def test_what_a_model_needs_is_known_or_refused_and_never_taken_for_one(remake):
         IMAGES_EDGE(level, layout_hat=layout, edge_hat=10 / 23), rel=1e-6
     )
     with pytest.raises(InputRefused, match="lift between two boundaries is for fits"):
-        fitted_lift(other_model(remake("ground", rig=rig), "corridor", ("kappa",)), "ground", 2)
+        quoted.fitted_lift(
+            other_model(remake("ground", rig=rig), "corridor", ("kappa",)), "ground", 2
+        )
     tilted = other_model(remake("ground"), "images_tilted", (), tilt_rad=[0.05])
-    assert fitted_lift(tilted, "ground", 2).arguments["tilt_rad"] == 0.05
+    assert quoted.fitted_lift(tilted, "ground", 2).arguments["tilt_rad"] == 0.05
     for angles in ([0.05, -0.05], None):
         job = other_model(remake("ground"), "images_tilted", (), tilt_rad=angles)
         with pytest.raises(InputRefused, match="needs tilt_rad, which is not one and the same"):
-            fitted_lift(job, "ground", 2)
+            quoted.fitted_lift(job, "ground", 2)
 
 
 def test_a_ratio_that_stands_for_two_heights_has_no_inverse(beliefs):

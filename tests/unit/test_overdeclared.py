@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from nearlift import catalogue
 from nearlift.fit.least_squares import fit
+from nearlift.fit.models import overdeclared
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
-from nearlift.stages.model_fits import overdeclared
 
 from .simulated import campaign
 

@@ -30,7 +30,6 @@ from nearlift.stages.detect import DETECTION
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.export import export
 from nearlift.stages.gathering import gather
-from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
 from nearlift.stages.simulated_flights import vehicle as vehicle_of
 
@@ -313,13 +312,13 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(remake, monk
     there loses: both readings are told, and neither is advised.
     """
     job = remake("ground", simulate=QUICK | {"flights": 60, "presets": [], "set_points": {}})
-    wall = replace(fitted_lift(job, "ground", 3), measured_z_hat=(2.4, 11.0))
+    wall = replace(quoted.fitted_lift(job, "ground", 3), measured_z_hat=(2.4, 11.0))
     monkeypatch.setattr(
         FittedLift,
         "ratio",
         lambda self, member=-1, **changes: lambda z: 1 + 20 * np.exp(-8 * (z - 0.52)) + 0.01 / z**2,
     )
-    monkeypatch.setattr("nearlift.stages.simulated_flights.fitted_lift", lambda *args: wall)
+    monkeypatch.setattr("nearlift.flight.quoted_lift.QuotedLifts.lift", lambda *args: wall)
     simulate.run(job)
     ground = job.read_json(SAFETY)["fitted"]["ground"]
     (level,) = ground["levels"]
@@ -375,7 +374,7 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
         coefficients={"after": {"K_b": span(1.8, 0.2)}},
         joint=joint,
     )
-    belief = fitted_lift(job, "ground", 500)
+    belief = quoted.fitted_lift(job, "ground", 500)
     assert (belief.effects, belief.left, belief.source) == (("supply_sag",), (), "results.json")
     assert belief.best == {"K_b": 1.8, "sag_exponent": 2.0}
     assert belief.draws["K_b"].std() == pytest.approx(0.2 / 1.645, rel=0.15)
@@ -398,7 +397,7 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
         effects=[datum],
         coefficients={"after": {"alpha": span(0.1, 0.01)}},
     )
-    belief = fitted_lift(job, "ceiling", 10)
+    belief = quoted.fitted_lift(job, "ceiling", 10)
     assert (belief.effects, belief.left, belief.model.name) == (
         (),
         ("height_offset",),
@@ -416,7 +415,7 @@ def test_what_the_loop_found_flies_or_stays_on_the_bench(remake):
         effects=[saturated],
         coefficients={"after": {"alpha": span(0.1, 0.01)}},
     )
-    belief = fitted_lift(job, "ceiling", 10)
+    belief = quoted.fitted_lift(job, "ceiling", 10)
     assert belief.effects == ("near_wall_saturation",)
     near, plain = belief.ratio()(np.array([0.1])), 0.5 + 0.5 * np.sqrt(1 + 0.1 / 0.01)
     assert 1 < near[0] < plain
@@ -439,7 +438,7 @@ def test_draws_have_the_ends_of_their_intervals_and_what_no_interval_bounds_is_n
         effects=[saturated],
         coefficients={"after": {"alpha": alpha}},
     )
-    draws = fitted_lift(job, "ceiling", 4000).draws
+    draws = quoted.fitted_lift(job, "ceiling", 4000).draws
     assert np.percentile(draws["alpha"], [5, 50, 95]) == pytest.approx([0.09, 0.1, 0.16], abs=0.004)
     # an estimate at its bound keeps the width on the side that is free
     assert np.percentile(draws["gap_hat2"], [5, 95]) == pytest.approx([0.0, 0.2], abs=0.01)
@@ -454,7 +453,7 @@ def test_draws_have_the_ends_of_their_intervals_and_what_no_interval_bounds_is_n
     # its prior, mean 0.125 and sd 0.25, without what lies below 0
     prior = stats.truncnorm(-0.5, np.inf, loc=0.125, scale=0.25)
     assert np.percentile(
-        fitted_lift(job, "ceiling", 4000).draws["alpha"], [25, 75]
+        quoted.fitted_lift(job, "ceiling", 4000).draws["alpha"], [25, 75]
     ) == pytest.approx(prior.ppf([0.25, 0.75]), rel=0.07)
 
 
@@ -480,7 +479,7 @@ def test_draws_are_those_of_what_is_quoted(remake):
         job,
         {"ground": {"coefficients": {"after": {"K_b": {"value": 5.5, "lo90": 5.0, "hi90": 6.0}}}}},
     )
-    belief = fitted_lift(job, "ground", 2000)
+    belief = quoted.fitted_lift(job, "ground", 2000)
     assert belief.source == "results.json"
     assert belief.number == 2000
     assert np.percentile(belief.draws["K_b"], [5, 95]) == pytest.approx([5.0, 6.0], abs=0.05)

@@ -99,3 +99,17 @@ class PosteriorSummary:
     checks: tuple[SamplerCheck, ...]
     parameters: Mapping[str, PosteriorParameter]
     L_inf_N: Mapping[NumberKey, DrawnEstimate]
+
+
+#: Name of L_inf in posterior.parquet, before its throttle.
+LEVEL = "L_inf_N"
+
+
+def level_name(throttle: float) -> str:
+    """How L_inf at a throttle (a fraction) is called in posterior.parquet."""
+    return f"{LEVEL}[{throttle:g}]"
+
+
+def split_level(name: str) -> float:
+    """The throttle in such a name."""
+    return float(name.removeprefix(f"{LEVEL}[").removesuffix("]"))

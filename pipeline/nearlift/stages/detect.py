@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nearlift.run.engine import Job, Option, Outcome, Stage, StageQuestion
 from nearlift.run.tables import Product, real, text
-from nearlift.stages.diagnose import DIAGNOSIS
+from nearlift.stages.diagnose import DIAGNOSIS, quoted_lifts
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.ingest import TRIALS
 
@@ -48,9 +48,9 @@ PROXIMITY_PRODUCTS = (DETECTION, PROXIMITY)
 
 def run(job: Job) -> Outcome:
     """Write detection.parquet and proximity.json."""
-    from nearlift.stages.proximity import proximity
+    from nearlift.flight.proximity import proximity
 
-    rows, result, notes = proximity(job)
+    rows, result, notes = proximity(quoted_lifts(job), job.say)
     job.write(DETECTION, DETECTION.columns_of(rows))
     job.write_json(PROXIMITY, result)
     return Outcome(notes=notes)

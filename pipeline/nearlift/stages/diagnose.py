@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from nearlift.errors import NotConverged
 from nearlift.run import tables
-from nearlift.run.engine import Job, Option, Outcome, Stage, StageQuestion
+from nearlift.run.engine import Job, Option, Outcome, Say, Stage, StageQuestion, subprogress
 from nearlift.run.tables import Product, real, text
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.ingest import TRIALS
 
 if TYPE_CHECKING:
     from nearlift.declare import Boundary
+    from nearlift.flight.quoted_lift import QuotedLifts
     from nearlift.results.diagnosis import BoundaryDiagnosis
 
 #: Verdict of a boundary that could not be diagnosed; its block of diagnosis.json holds the `reason`
@@ -45,16 +48,71 @@ LOOP_RESIDUALS = Product(
 
 def run(job: Job) -> Outcome:
     """Diagnose each boundary; of one that cannot be, its block and a note say why."""
-    from nearlift.results.fit import FitResults
-    from nearlift.stages.diagnoses import diagnose_boundaries
+    import numpy as np
 
-    diagnoses = diagnose_boundaries(
-        job.read(TRIALS), job.campaign, job.load(FitResults), job.seed, job.say
-    )
-    job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, diagnoses.residuals))
-    job.save(diagnoses.results)
-    job.save(diagnoses.quoted)
-    return Outcome(notes=diagnoses.notes)
+    from nearlift.fit.base_result import base_result, shape_doubts
+    from nearlift.fit.least_squares import fit
+    from nearlift.likelihood import budget
+    from nearlift.loop.diagnose import diagnose
+    from nearlift.observed import boundaries, choice, interim_look, observe, search_options
+    from nearlift.report import phrases
+    from nearlift.results.diagnosis import DiagnosisResults, NotDiagnosed
+    from nearlift.results.fit import FitResults
+    from nearlift.results.quotation import BoundaryResult, Results
+
+    trials, fitted = job.read(TRIALS), job.load(FitResults)
+    parts, options = budget.components(job.campaign), search_options(job.campaign, job.seed)
+    blocks: dict[Boundary, BoundaryDiagnosis | NotDiagnosed] = {}
+    quoted: dict[Boundary, BoundaryResult] = {}
+    residuals, notes = list[tables.Table](), list[str]()
+    present = boundaries(trials)
+    for i, boundary in enumerate(present):
+        say = subprogress(job.say, i, len(present))
+        say(f"diagnose {boundary}")
+        data, (base, _) = observe(trials, job.campaign, boundary), choice(job.campaign, boundary)
+        base_fit = fitted.boundaries[boundary][base.name]
+        try:
+            diagnosis = diagnose(
+                data,
+                base,
+                parts,
+                options,
+                look=interim_look(trials, job.campaign, boundary),
+                progress=partial(_say_fold, say, boundary),
+            )
+        except NotConverged as fault:
+            reason = f"{fault.what}; {fault.remedy}"
+            blocks[boundary] = NotDiagnosed(reason=reason, base_model=base.name)
+            result = fit(base, data, parts)
+            quoted[boundary] = base_result(result, base_fit, reason, wanted=fault.remedy)
+            notes.append(f"{boundary}: not diagnosed: {reason}")
+            continue
+        blocks[boundary], quoted[boundary] = diagnosis.findings, diagnosis.quoted
+        if diagnosis.quoted.verdict == "adequate":
+            # the same likelihood but for its noise
+            quoted[boundary] = diagnosis.quoted.doubting(shape_doubts(base_fit))
+        size = len(diagnosis.residuals["trial"])
+        column = {"boundary": np.full(size, boundary, dtype=object)}
+        residuals.append(column | diagnosis.residuals)
+        loop = diagnosis.findings
+        remarks = (
+            loop.look.text if loop.look else "",
+            f"{data.n} trials {loop.sensitivity}" if loop.sensitivity else "",
+            *(loop.contradicted or ()),
+            phrases.random_walk(loop.wander) if loop.wander else "",
+            phrases.dependence(diagnosis.quoted),
+        )
+        notes += [f"{boundary}: {remark}" for remark in remarks if remark]
+    job.write(LOOP_RESIDUALS, tables.stacked(LOOP_RESIDUALS, residuals))
+    rate = options.false_alarm_rate
+    job.save(DiagnosisResults(false_alarm_rate=rate, boundaries=blocks))
+    job.save(Results(boundaries=quoted))
+    return Outcome(notes=tuple(notes))
+
+
+def _say_fold(say: Say, boundary: Boundary, fold: int, count: int) -> None:
+    # the search itself, and what follows the folds, take as long as one of them
+    say(f"diagnose {boundary}: fold {fold + 1} of {count}", (fold + 1) / (count + 2))
 
 
 def findings(processed: Path) -> dict[Boundary, BoundaryDiagnosis]:
@@ -63,6 +121,22 @@ def findings(processed: Path) -> dict[Boundary, BoundaryDiagnosis]:
 
     results = tables.load_if_whole(processed / DIAGNOSIS.file, NOTHING)
     return {b: d for b, d in results.boundaries.items() if isinstance(d, BoundaryDiagnosis)}
+
+
+def quoted_lifts(job: Job) -> QuotedLifts:
+    """Lift of each boundary as it is quoted."""
+    from nearlift.flight.quoted_lift import QuotedLifts
+    from nearlift.results.fit import FitResults
+    from nearlift.results.quotation import Results
+
+    return QuotedLifts(
+        campaign=job.campaign,
+        seed=job.seed,
+        trials=job.read(TRIALS),
+        fits=job.load(FitResults),
+        results=job.load(Results),
+        findings=findings(job.processed),
+    )
 
 
 STAGE = Stage(

@@ -16,9 +16,9 @@ from nearlift.flight.export.model_export import ModelExport, exported, json_sche
 from nearlift.results.document import as_json
 from nearlift.run import tables
 from nearlift.run.engine import Job
-from nearlift.stages.fit import RESULTS, write_netcdf
+from nearlift.stages.diagnose import quoted_lifts
+from nearlift.stages.fit import write_netcdf
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.quoted_lift import fitted_lift
 from nearlift.version import __version__
 
 DRAWS = 2000
@@ -26,8 +26,8 @@ DRAWS = 2000
 
 def model_export(job: Job) -> ModelExport:
     """Exported lift models, dated by the newest raw file: the same data give the same bytes."""
-    boundaries = boundaries_of(job.read_json(RESULTS)["boundaries"])
-    lifts = {b: fitted_lift(job, b, DRAWS) for b in boundaries}
+    quoted = quoted_lifts(job)
+    lifts = {b: quoted.lift(b, DRAWS) for b in boundaries_of(quoted.results.boundaries)}
     raw = [p for name in job.inputs if (p := job.root / name).is_file()]
     newest = max((p.stat().st_mtime for p in raw), default=None)
     return ModelExport(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from nearlift.errors import InputRefused
 from nearlift.run import tables
-from nearlift.run.engine import Job, Option, Outcome, Stage
+from nearlift.run.engine import Job, Option, Outcome, Stage, subprogress
 from nearlift.run.tables import Product, integer, real, text
 from nearlift.stages.ingest import TRIALS
 
@@ -61,27 +62,68 @@ def run(job: Job) -> Outcome:
     """Fit base and rivals of every boundary; a rival that fails is noted, a base that fails ends
     the run with exit code 5.
     """
-    from nearlift.stages.model_fits import fit_boundaries
+    from nearlift.fit.models import fit_boundary
+    from nearlift.observed import boundaries, choice, observe
+    from nearlift.results.fit import FitResults
+    from nearlift.results.quotation import Results
 
     trials = job.read(TRIALS)
     digest = tables.sha256(job.processed / TRIALS.file)
-    fits = fit_boundaries(trials, job.campaign, job.seed, digest, job.say)
-    job.write(POSTERIOR, tables.stacked(POSTERIOR, fits.draws))
-    job.write(PROFILES, tables.stacked(PROFILES, fits.profiles))
-    job.save(fits.results)
-    job.save(fits.quoted)
+    present = boundaries(trials)
+    if not present:
+        raise InputRefused(
+            job.campaign.name,
+            "no trial was accepted, so there is nothing to fit",
+            "trials.parquet gives the reason for each",
+        )
+    outlying = [
+        str(trial)
+        for trial, codes in zip(trials["trial"], trials["quality"], strict=True)
+        if "outlying" in codes.split()
+    ]
+    choices = {b: choice(job.campaign, b) for b in present}
+    models = {b: (base, *rivals) for b, (base, rivals) in choices.items()}
+    count, fits, begun = sum(map(len, models.values())), {}, 0
+    for boundary, chosen in models.items():
+        steps = {m.name: subprogress(job.say, begun + i, count) for i, m in enumerate(chosen)}
+        fits[boundary] = fit_boundary(
+            observe(trials, job.campaign, boundary),
+            chosen,
+            job.campaign,
+            job.seed,
+            digest,
+            outlying=outlying,
+            say=steps,
+        )
+        begun += len(chosen)
+    job.write(POSTERIOR, tables.stacked(POSTERIOR, [t for f in fits.values() for t in f.draws]))
+    job.write(PROFILES, tables.stacked(PROFILES, [t for f in fits.values() for t in f.profiles]))
+    job.save(
+        FitResults(
+            base={b: f.base for b, f in fits.items()},
+            noise={b: f.noise for b, f in fits.items()},
+            boundaries={b: f.fits for b, f in fits.items()},
+            comparison={b: f.comparison for b, f in fits.items()},
+            failed={b: f.failed for b, f in fits.items() if f.failed},
+            throttle_collapse={b: f.throttle_collapse for b, f in fits.items()},
+            held_quantity={b: f.held_quantity for b, f in fits.items()},
+            rotor_coefficient={b: f.rotor_coefficient for b, f in fits.items()},
+            influence={b: f.influence for b, f in fits.items()},
+        )
+    )
+    job.save(Results(boundaries={b: f.quoted for b, f in fits.items()}))
     if job.campaign.fit.netcdf:
         write_netcdf(job)
     else:
         # draws of an earlier fit would be taken for this one's
         job.remove("processed/posterior.nc")
-    return Outcome(notes=fits.notes)
+    return Outcome(notes=tuple(note for f in fits.values() for note in f.notes))
 
 
 def write_netcdf(job: Job) -> str:
     """Write posterior.nc; returns its path."""
+    from nearlift.fit import netcdf
     from nearlift.results.fit import FitResults
-    from nearlift.stages import netcdf
     from nearlift.version import __version__
 
     about = {

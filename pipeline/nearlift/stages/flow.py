@@ -12,6 +12,7 @@ from nearlift.run.tables import Product, integer, real, text
 
 if TYPE_CHECKING:
     from nearlift.campaign.manifest import Campaign
+    from nearlift.campaign.piv import PivCase
 
 
 DOWNWASH = Product(
@@ -139,9 +140,15 @@ def run(job: Job) -> Outcome:
     InputRefused
         The files of a case cannot be read, or hold what cannot be.
     """
-    from nearlift.stages.wakes import wakes
+    from nearlift.flow.wakes import wakes
+    from nearlift.readers.velocity_fields import Stream, files_of
 
-    flow_results = wakes(job)
+    def fields(case: PivCase) -> Stream:
+        assert job.campaign.piv is not None
+        files = files_of(job.root, case)
+        return Stream(root=job.root, piv=job.campaign.piv, case=case, files=files)
+
+    flow_results = wakes(job.campaign, fields, job.say)
     job.write(DOWNWASH, DOWNWASH.columns_of(flow_results.downwash))
     job.write(DOWNWASH_PROFILE, tables.stacked(DOWNWASH_PROFILE, flow_results.profiles))
     job.write(FLOW_FIELDS, tables.stacked(FLOW_FIELDS, flow_results.fields))

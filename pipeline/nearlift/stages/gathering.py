@@ -6,11 +6,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from nearlift.observed import boundaries, observe
+from nearlift.report import overlays
 from nearlift.report.evidence import Columns, Evidence
 from nearlift.results.document import Json
 from nearlift.run import tables
 from nearlift.run.engine import Job, versions
-from nearlift.stages import PRODUCTS, overlays
+from nearlift.stages import PRODUCTS
 from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS

@@ -19,8 +19,8 @@ from nearlift.flight.vehicle import Craft
 from nearlift.randomness import generator
 from nearlift.results.fit import FitResults
 from nearlift.run.engine import Job, Say, subprogress
+from nearlift.stages.diagnose import quoted_lifts
 from nearlift.stages.fit import FIT
-from nearlift.stages.quoted_lift import fitted_lift
 
 #: Air density where the manifest gives none, kg/m^3: the paper's.
 AIR = 1.2
@@ -108,7 +108,7 @@ def _fitted(job: Job, chosen: Simulate, key: int) -> tuple[dict[Boundary, Fitted
     rates = Rows()
     for boundary in _flown(job):
         job.say(f"simulate fitted {boundary}")
-        lift = fitted_lift(job, boundary, chosen.draws)
+        lift = quoted_lifts(job).lift(boundary, chosen.draws)
         contact_m = job.campaign.contact_m(boundary)
         how = conditions(
             chosen, boundary, craft, contact_m, key, job.executor.map, job.campaign.vehicle.mass
@@ -124,7 +124,7 @@ def _roll(job: Job, chosen: Simulate) -> Roll | None:
     v = job.campaign.vehicle
     if "sidewall" not in job.read_json(FIT)["boundaries"] or v.rotors != 4 or not v.rotor_spacing:
         return None
-    lift = fitted_lift(job, "sidewall", ROLL_DRAWS)
+    lift = quoted_lifts(job).lift("sidewall", ROLL_DRAWS)
     return roll_beside_wall(
         lift.ratios,
         lift.measured_z_hat[0],

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -14,14 +14,17 @@ from nearlift.likelihood.budget import Component
 from nearlift.reduction import outliers
 from nearlift.results.fit import Influence, Suspect
 from nearlift.rounding import like, plain, plus_minus
-from nearlift.run.tables import Table
 
 #: A standard uncertainty that changes by less than this, in its logarithm, is not worth a word.
 ANOTHER_U = 0.2
 
 
-def screen(fitted: LeastSquaresFit, parts: tuple[Component, ...], trials: Table) -> Influence:
-    """Outlying or influential trials and visits of one boundary."""
+def screen(
+    fitted: LeastSquaresFit, parts: tuple[Component, ...], marked: Collection[str] = ()
+) -> Influence:
+    """Outlying or influential trials and visits of one boundary; `marked` trials were outlying
+    before there was a curve.
+    """
     problem, data = fitted.problem, fitted.problem.data
     left = np.log(data.lift_N) - problem.log_ratio(fitted.theta)
     # trials without repeats could not be compared before there was a curve
@@ -29,12 +32,7 @@ def screen(fitted: LeastSquaresFit, parts: tuple[Component, ...], trials: Table)
     if data.curve is not None:
         left, throttle = left - data.of_trials(fitted.level_coefficients), data.levels[data.level]
     seen = outliers.screen(left, data.z_hat, throttle, data.visit, curve_removed=True)
-    marked = {
-        str(t)
-        for t, text in zip(trials["trial"], trials["quality"], strict=True)
-        if "outlying" in text.split()
-    }
-    outlying = marked.union(data.trial[seen.outlying]) & {*data.trial}
+    outlying = {*marked, *data.trial[seen.outlying]} & {*data.trial}
     odd = {str(t) for t in data.trial[np.abs(np.nan_to_num(seen.sigmas)) > outliers.ODD_TRIAL]}
     odd_visits = outliers.odd_visits(left, data.z_hat, throttle, data.visit)
     influence = influential.screen(fitted, parts, outlying, odd, odd_visits)

@@ -13,20 +13,21 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift import catalogue
 from nearlift.declare import BOUNDARIES
 from nearlift.errors import InputRefused
 from nearlift.results.fit import FitResults
-from nearlift.run import tables
-from nearlift.stages.posteriors import LEVEL, split_level
+from nearlift.results.posterior import LEVEL, split_level
 
+Table = Mapping[str, NDArray[Any]]
 FILE = "posterior.nc"
 #: Of the draws, as attributes.
 DIAGNOSTICS = ("ess", "tau", "acceptance", "noise_dof")
 
 
-def content(draws: tables.Table, fits: FitResults, about: Mapping[str, str]) -> bytes:
+def content(draws: Table, fits: FitResults, about: Mapping[str, str]) -> bytes:
     """Draws of all models as a file, with attributes `about`.
 
     Raises
@@ -67,7 +68,7 @@ def content(draws: tables.Table, fits: FitResults, about: Mapping[str, str]) -> 
     return sink.getvalue()
 
 
-def _model(group: Any, model: str, draws: tables.Table, notes: Mapping[str, object]) -> None:
+def _model(group: Any, model: str, draws: Table, notes: Mapping[str, object]) -> None:
     """Groups `posterior` and `sample_stats` of one model."""
     chains, length = int(draws["chain"].max()) + 1, int(draws["draw"].max()) + 1
     group.attrs.update(notes)

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from nearlift.campaign.manifest import Campaign
 from nearlift.campaign.piv import Piv, PivCase
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.flow import downwash
 from nearlift.flow.case import FlowCase, recorded
 from nearlift.flow.downwash import Cut, check_plausible, wake_speed_m_s
 from nearlift.flow.field import Scene, VelocityField
-from nearlift.readers.velocity_fields import Stream, files_of
-from nearlift.run.engine import Job, subprogress
-from nearlift.run.tables import Table
 
+Table = dict[str, NDArray[Any]]
 #: Air where the manifest gives no density, kg/m^3; it serves a check of the order of magnitude
 #: only.
 USUAL_DENSITY = 1.2
@@ -35,16 +38,35 @@ class Wakes:
     notes: tuple[str, ...]
 
 
-def wakes(job: Job) -> Wakes:
+class Fields(Protocol):
+    """Velocity fields of a case, read one after the other; `refused` files with the reason."""
+
+    @property
+    def files(self) -> list[Path]:
+        """Files of the case."""
+
+    @property
+    def refused(self) -> list[tuple[str, InputRefused]]:
+        """Those that could not be read, so far."""
+
+    def __iter__(self) -> Iterator[VelocityField]:
+        """The fields."""
+
+
+def wakes(
+    campaign: Campaign,
+    fields_of: Callable[[PivCase], Fields],
+    say: Callable[[str, float], None],
+) -> Wakes:
     """Average every case, cut its wake, compare with the control, find the wake's topology."""
-    piv = job.campaign.piv
+    piv = campaign.piv
     if piv is None:
         raise ManifestError(
             "piv", "is missing", "list velocity grids under [piv], or leave this stage out"
         )
     first = sorted(piv.case, key=lambda c: c.name != piv.control)
     cases = {
-        c.name: _worked_out(replace(job, say=subprogress(job.say, i, len(first))), piv, c)
+        c.name: _measured(campaign, piv, c, fields_of(c), partial(_say_part, say, i, len(first)))
         for i, c in enumerate(first)
     }
     control = cases[piv.control]
@@ -71,12 +93,23 @@ def wakes(job: Job) -> Wakes:
     )
 
 
-def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
+def _say_part(
+    say: Callable[[str, float], None], i: int, count: int, text: str, share: float
+) -> None:
+    say(text, (i + share) / count)
+
+
+def _measured(
+    campaign: Campaign,
+    piv: Piv,
+    spec: PivCase,
+    stream: Fields,
+    say: Callable[[str, float], None],
+) -> FlowCase:
     """One pass over the files of a case."""
-    vehicle, where = job.campaign.vehicle, f"piv case {spec.name!r}"
+    vehicle, where = campaign.vehicle, f"piv case {spec.name!r}"
     radius, z_hat = vehicle.rotor_radius, math.inf if spec.z_hat is None else spec.z_hat
-    files = files_of(job.root, spec)
-    stream = Stream(root=job.root, piv=piv, case=spec, files=files)
+    files = stream.files
     half = piv.setting(spec, "mirror")
     rotors = tuple(piv.setting(spec, "rotors"))
     scene = Scene(
@@ -93,7 +126,7 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
         nonlocal read
         for one in stream:
             if read % 25 == 0:
-                job.say(f"flow {spec.name}: {read} of {len(files)} files", read / len(files))
+                say(f"flow {spec.name}: {read} of {len(files)} files", read / len(files))
             read += 1
             yield one
 
@@ -116,7 +149,7 @@ def _worked_out(job: Job, piv: Piv, spec: PivCase) -> FlowCase:
         u_position_m=piv.u_position or mean.dx_m / math.sqrt(12),
         u_scale=piv.u_scale,
     )
-    rig = job.campaign.rig
+    rig = campaign.rig
     density = rig.air_density or USUAL_DENSITY
     expected = wake_speed_m_s(vehicle.mass, rig.gravity, density, vehicle.rotors, radius)
     check_plausible(mean, scene, cut, expected, where)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from nearlift.campaign.forecasts import Detect, LiftReading
-from nearlift.campaign.manifest import boundaries_of
 from nearlift.declare import Boundary
 from nearlift.errors import InputRefused, UsageError
 from nearlift.flight.detection import (
@@ -20,39 +21,37 @@ from nearlift.flight.detection import (
     read_height,
 )
 from nearlift.flight.fitted_lift import FittedLift
+from nearlift.flight.quoted_lift import QuotedLifts
 from nearlift.reduction.quality import rejected
-from nearlift.results.fit import FitResults
-from nearlift.run.engine import Job
-from nearlift.stages.ingest import TRIALS
-from nearlift.stages.quoted_lift import fitted_lift, quoted_levels
 
 DRAWS = 100
 
 
-def proximity(job: Job) -> tuple[list[dict[str, object]], ProximityResult, tuple[str, ...]]:
+def proximity(
+    quoted: QuotedLifts, say: Callable[[str], None]
+) -> tuple[list[dict[str, object]], ProximityResult, tuple[str, ...]]:
     """Ranges over averaging times, payloads and supplies; what a reading at each distance would say
     of it; and the manifest's readings.
     """
-    chosen = job.campaign.detect or Detect()
-    fitted = job.load(FitResults)
+    chosen = quoted.campaign.detect or Detect()
     rows: list[dict[str, object]] = []
     notes = []
     boundaries: dict[Boundary, BoundaryProximity] = {}
     lifts: dict[Boundary, FittedLift] = {}
-    for boundary in boundaries_of(fitted.boundaries):
-        job.say(f"detect {boundary}")
-        lift = lifts[boundary] = fitted_lift(job, boundary, DRAWS)
-        levels, scatter = quoted_levels(job, boundary)
+    for boundary in quoted.boundaries:
+        say(f"detect {boundary}")
+        lift = lifts[boundary] = quoted.lift(boundary, DRAWS)
+        levels, scatter = quoted.levels(boundary)
         floor = float(np.hypot(scatter, np.median([u / value for value, u in levels.values()])))
-        device = sensor(job, boundary, chosen, floor)
-        rows += range_rows(lift, device, chosen, job.campaign.vehicle.rotor_radius)
+        device = sensor(quoted, boundary, chosen, floor)
+        rows += range_rows(lift, device, chosen, quoted.campaign.vehicle.rotor_radius)
         entry = boundaries[boundary] = boundary_proximity(lift, device, chosen)
         if entry.refused:
             notes.append(f"{boundary}: distance cannot be inferred from lift:  {entry.refused}")
     readings: list[HeightReading | RefusedReading] = []
     for i, reading in enumerate(chosen.reading):
         try:
-            readings.append(read(job, reading, lifts.get(reading.boundary)))
+            readings.append(read(quoted, reading, lifts.get(reading.boundary)))
         except (InputRefused, UsageError) as refusal:
             why = f"{refusal.what}; {refusal.remedy}"
             readings.append(RefusedReading(boundary=reading.boundary, refused=why))
@@ -67,7 +66,9 @@ def proximity(job: Job) -> tuple[list[dict[str, object]], ProximityResult, tuple
     return rows, result, tuple(notes)
 
 
-def read(job: Job, reading: LiftReading, lift: FittedLift | None = None) -> HeightReading:
+def read(
+    quoted: QuotedLifts, reading: LiftReading, lift: FittedLift | None = None
+) -> HeightReading:
     """The posterior of z_hat from one reading.
 
     Raises
@@ -77,41 +78,40 @@ def read(job: Job, reading: LiftReading, lift: FittedLift | None = None) -> Heig
     InputRefused
         As `read_height` says.
     """
-    fitted = job.load(FitResults)
-    others = [b for b in fitted.boundaries if b != reading.boundary]
-    if reading.boundary not in fitted.boundaries:
+    others = [b for b in quoted.fits.boundaries if b != reading.boundary]
+    if reading.boundary not in quoted.fits.boundaries:
         raise UsageError(
             "boundary",
             f"nothing was fitted at the {reading.boundary}",
-            f"fitted: {', '.join(fitted.boundaries)}",
+            f"fitted: {', '.join(quoted.fits.boundaries)}",
         )
-    vehicle = job.campaign.vehicle
+    vehicle = quoted.campaign.vehicle
     return read_height(
         reading,
-        fitted_lift(job, reading.boundary, DRAWS) if lift is None else lift,
-        quoted_levels(job, reading.boundary)[0],
-        job.campaign.detect or Detect(),
+        quoted.lift(reading.boundary, DRAWS) if lift is None else lift,
+        quoted.levels(reading.boundary)[0],
+        quoted.campaign.detect or Detect(),
         vehicle.rotor_radius,
-        (vehicle.mass if reading.mass is None else reading.mass) * job.campaign.rig.gravity,
-        [fitted_lift(job, b, 2) for b in others],
+        (vehicle.mass if reading.mass is None else reading.mass) * quoted.campaign.rig.gravity,
+        [quoted.lift(b, 2) for b in others],
     )
 
 
-def sensor(job: Job, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
+def sensor(quoted: QuotedLifts, boundary: Boundary, chosen: Detect, floor: float) -> Sensor:
     """The manifest's sensor; else the bench's load cell, whose records say what averaging does.
-    Averaging leaves the scatter of the
-    bench's trials and the uncertainty of L_inf.
+    Averaging
+    leaves the scatter of the bench's trials and the uncertainty of L_inf.
     """
-    weight = job.campaign.vehicle.mass * job.campaign.rig.gravity
+    weight = quoted.campaign.vehicle.mass * quoted.campaign.rig.gravity
     if chosen.force_noise is not None and chosen.force_bandwidth is not None:
         # white up to the bandwidth: the average over a second has sd / sqrt(2 bandwidth)
         white = chosen.force_noise / weight / float(np.sqrt(2 * chosen.force_bandwidth))
         return Sensor(short_per_sqrt_Hz=white, floor=floor)
-    trials = job.read(TRIALS)
+    trials = quoted.trials
     mine = (
         (trials["boundary"] == boundary) & ~rejected(trials["quality"]) & (trials["u_lift_N"] > 0)
     )
-    rate, noise = job.campaign.load_cell.sample_rate, 0.0
+    rate, noise = quoted.campaign.load_cell.sample_rate, 0.0
     if mine.any() and rate is not None:
         length_s = trials["n"][mine] / rate
         noise = float(np.median(trials["u_lift_N"][mine] * np.sqrt(length_s) / weight))

@@ -1,15 +1,16 @@
-"""Posteriors of the models of one campaign: sampled, kept as rows, and summed up."""
+"""Posterior of one model: sampled, kept as rows, and summarised."""
 
 from __future__ import annotations
 
-import functools
 import math
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from nearlift.campaign.manifest import Campaign
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import FloatArray
 from nearlift.errors import NotConverged
 from nearlift.fit import posterior
 from nearlift.fit.density import Density
@@ -22,83 +23,59 @@ from nearlift.results.posterior import (
     DrawnEstimate,
     PosteriorParameter,
     PosteriorSummary,
+    level_name,
 )
-from nearlift.run.engine import Say
-from nearlift.run.tables import Table
+
+Table = dict[str, NDArray[Any]]
 
 
-@dataclass(kw_only=True)
-class Posteriors:
-    """The posteriors of one campaign as they come."""
+def add_posterior(
+    fitted: LeastSquaresFit,
+    entry: ModelFit,
+    settings: Settings,
+    seed: int,
+    data_sha256: str,
+    *,
+    base: bool,
+    say: Callable[[str, float], None],
+) -> tuple[ModelFit, list[Table], list[str]]:
+    """Entry of fit.json with its posterior, the draws as rows, and notes.
 
-    campaign: Campaign
-    seed: int
-    data_sha256: str
-    parts: list[Table] = field(default_factory=list)
+    The draws of a base model are emcee's, those of L_inf among them; a rival's come from a grid. A
+    rival whose posterior does not converge has none, with a note.
 
-    @functools.cached_property
-    def settings(self) -> Settings:
-        """Effective draws and steps of the manifest."""
-        asked = self.campaign.fit
-        return Settings(ess=asked.ess, steps=asked.steps)
+    Raises
+    ------
+    NotConverged
+        A base model's posterior does not converge.
+    """
+    boundary, name = fitted.problem.data.boundary, fitted.model.name
+    what = f"fit {boundary}: posterior of {name}"
 
-    def added(
-        self, fitted: LeastSquaresFit, entry: ModelFit, base: bool, say: Say
-    ) -> tuple[ModelFit, list[str]]:
-        """An entry of fit.json with its posterior, unless a rival's does not settle; and notes.
+    def count(steps: int) -> None:
+        say(f"{what}, {steps} steps", 0.5)
 
-        Of base models draws of L_inf are kept, too. `say` hears of it as the second half of the
-        model's part.
-        """
-        boundary, name = fitted.problem.data.boundary, fitted.model.name
-        try:
-            density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
-            drawn = self._drawn(density, boundary, name, base, say)
-        except NotConverged as fault:
-            if base:
-                raise
-            return entry, [f"{boundary}: {name} has no posterior: {fault.what}; {fault.remedy}"]
-        columns = {n: drawn.theta[:, :, i] for i, n in enumerate(drawn.names)}
+    say(what, 0.5)
+    try:
+        density = Density(problem=fitted.problem, centre=fitted.theta, dof=fitted.dof_of_all)
+        drawn = posterior.sample(
+            density, settings, seed, boundary, name, chain=base, progress=count
+        )
+    except NotConverged as fault:
         if base:
-            throttles = enumerate(fitted.problem.data.levels)
-            columns |= {level_name(t): drawn.levels_N[:, :, i] for i, t in throttles}
-        self.parts += [
-            _rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()
-        ]
-        summary = _summary(density, drawn, fitted, self.data_sha256)
-        evidence = ValueWithU(value=drawn.log_evidence, u=drawn.u_log_evidence)
-        unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
-        return (
-            replace(entry, log_evidence=evidence, posterior=summary),
-            [f"{boundary}: {text}" for text in unlike],
-        )
-
-    def _drawn(
-        self, density: Density, boundary: Boundary, name: str, base: bool, say: Say
-    ) -> Posterior:
-        """The draws of one model: of a base model by emcee, of a rival from a grid."""
-        what = f"fit {boundary}: posterior of {name}"
-
-        def count(steps: int) -> None:
-            say(f"{what}, {steps} steps", 0.5)
-
-        say(what, 0.5)
-        return posterior.sample(
-            density, self.settings, self.seed, boundary, name, chain=base, progress=count
-        )
-
-
-LEVEL = "L_inf_N"
-
-
-def level_name(throttle: float) -> str:
-    """How L_inf at a throttle (a fraction) is called in posterior.parquet."""
-    return f"{LEVEL}[{throttle:g}]"
-
-
-def split_level(name: str) -> float:
-    """The throttle in such a name."""
-    return float(name.removeprefix(f"{LEVEL}[").removesuffix("]"))
+            raise
+        note = f"{boundary}: {name} has no posterior: {fault.what}; {fault.remedy}"
+        return entry, [], [note]
+    columns = {n: drawn.theta[:, :, i] for i, n in enumerate(drawn.names)}
+    if base:
+        throttles = enumerate(fitted.problem.data.levels)
+        columns |= {level_name(t): drawn.levels_N[:, :, i] for i, t in throttles}
+    rows = [_rows(boundary, name, n, values, drawn.log_prob) for n, values in columns.items()]
+    summary = _summary(density, drawn, fitted, data_sha256)
+    evidence = ValueWithU(value=drawn.log_evidence, u=drawn.u_log_evidence)
+    unlike = [p.unlike_fit for p in summary.parameters.values() if base and p.unlike_fit]
+    entry = replace(entry, log_evidence=evidence, posterior=summary)
+    return entry, rows, [f"{boundary}: {text}" for text in unlike]
 
 
 def _rows(boundary: str, model: str, name: str, values: FloatArray, log_prob: FloatArray) -> Table:
