@@ -20,6 +20,7 @@ from nearlift.errors import UsageError
 from nearlift.isolation import library
 from nearlift.likelihood.problem import usable
 from nearlift.observed import observe
+from nearlift.report import phrases
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.fit import FitResults, ModelFit
@@ -600,7 +601,7 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
         lines = [self.campaign]
         for boundary, result in self.quoted.items():
             lines.append(f"[[{boundary}: {catalogue.model(result.base_model).title}]]")
-            claim = f"effect: {result.claim}" if result.effects else result.claim
+            claim = ("effect: " if result.effects else "") + phrases.claim(result)
             lines.append(f"    verdict: {claim}")
             for size in result.sizes:
                 ends = f"90 %: {plain(size.lo90, 3)} to {plain(size.hi90, 3)}"
@@ -613,7 +614,7 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
                     f"{100 * value:.2g} %" for value in (result.error.before, result.error.after)
                 )
                 lines.append(f"    cross-validated error: {before} before, {after} after")
-            lines += [f"    {result.stated(name)}" for name in result.coefficients]
+            lines += [f"    {phrases.stated(n, c)}" for n, c in result.coefficients.items()]
             if result.correlation is not None:
                 lines += _correlation_lines(
                     result.correlation.parameters, result.correlation.values, scaled=True

@@ -16,6 +16,7 @@ from nearlift import catalogue
 from nearlift.fit.estimator import Estimator
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood import student
+from nearlift.report.phrases import stated, value_with_u
 from nearlift.results.document import as_json, typed
 from nearlift.results.quotation import Results, ends
 from nearlift.stages.diagnose import DIAGNOSIS
@@ -98,11 +99,10 @@ def test_plus_minus_is_printed_only_where_it_says_the_interval(quoted):
         dataclasses.replace(c, lo90=low, hi90=high)
         for low, high in ((0.0848, 0.1012), (0.092, 0.110))
     )
-    assert (even.even, even.estimate) == (True, "0.093 ± 0.005")
-    assert (lopsided.even, lopsided.estimate) == (False, "0.093")
-    assert dataclasses.replace(even, answers=2).estimate == "0.093"
-    both = dataclasses.replace(quoted, coefficients={"K_b": even, "alpha": lopsided})
-    assert [both.stated(n) for n in both.coefficients] == [
+    assert (even.even, value_with_u(even)) == (True, "0.093 ± 0.005")
+    assert (lopsided.even, value_with_u(lopsided)) == (False, "0.093")
+    assert value_with_u(dataclasses.replace(even, answers=2)) == "0.093"
+    assert [stated("K_b", even), stated("alpha", lopsided)] == [
         "K_b = 0.093 ± 0.005",
         "α = 0.093 (90 %: 0.092 to 0.110)",
     ]

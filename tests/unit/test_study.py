@@ -18,6 +18,7 @@ import pytest
 import nearlift
 from nearlift.errors import ManifestError, UsageError
 from nearlift.onboarding.frames import columns_of
+from nearlift.report.phrases import value_with_u
 from nearlift.rounding import plus_minus
 from nearlift.study import Fit
 
@@ -207,7 +208,7 @@ def test_a_diagnosis_says_what_diagnosis_json_says(study):
     K_b = found.quoted["ground"].coefficients["K_b"]
     assert found.coefficients["value"].tolist() == [K_b.value]
     assert f"verdict: {at.verdict}" in str(found)
-    assert K_b.estimate in str(found)
+    assert value_with_u(K_b) in str(found)
     assert len(found.residuals) == len(found.trials)
     Balanced(found._repr_html_())
     assert at.verdict in found._repr_html_()

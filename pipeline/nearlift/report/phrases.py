@@ -8,8 +8,13 @@ from collections.abc import Sequence
 from nearlift.catalogue import titled
 from nearlift.nomenclature import letter, noun
 from nearlift.results.diagnosis import BoundaryDiagnosis
-from nearlift.results.quotation import BoundaryResult, IdentifiedSize
-from nearlift.rounding import like, plain
+from nearlift.results.quotation import (
+    BoundaryResult,
+    CoefficientResult,
+    IdentifiedSize,
+    RestsOn,
+)
+from nearlift.rounding import like, plain, plus_minus
 
 #: P-values below this are printed as a bound.
 LEAST_P = 1e-12
@@ -122,6 +127,32 @@ def _scale(size: IdentifiedSize) -> tuple[float, str]:
     return 1.0, "" if size.unit == "1" else size.unit
 
 
+def value_with_u(c: CoefficientResult) -> str:
+    """``1.98 ± 0.03``; the value alone where the interval has to be printed instead."""
+    return plus_minus(c.value, c.u) if c.even else like(c.value, c.u)
+
+
+def interval90(c: CoefficientResult) -> str:
+    """``1.92 to 2.04``, the interval of 90 %."""
+    return f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
+
+
+def stated(name: str, c: CoefficientResult) -> str:
+    """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it."""
+    ends = "" if c.even else f" (90 %: {interval90(c)})"
+    return f"{letter(name)} = {value_with_u(c)}{ends}"
+
+
+def claim(quoted: BoundaryResult) -> str:
+    """The named effects, or else the verdict."""
+    return " and ".join(quoted.effects) or quoted.verdict.replace("_", " ")
+
+
+def _claim_without(on: RestsOn) -> str:
+    """The verdict without a trial or visit, with the named effects."""
+    return on.verdict + (f" ({' and '.join(on.effects)})" if on.effects else "")
+
+
 def dependence(quoted: BoundaryResult) -> str:
     """The single visit or trial that verdict or headline depend on; empty where there is none."""
     if quoted.most_influential is None:
@@ -133,11 +164,11 @@ def dependence(quoted: BoundaryResult) -> str:
     for name, on in (("trial", quoted.rests_on), ("visit", quoted.rests_on_visit)):
         if on and on.verdict != quoted.verdict:
             shown = trial if trial and trial.id == on.trial else on.moved
-            turns[name, on.moved.id] = shown.place, on.claim
+            turns[name, on.moved.id] = shown.place, _claim_without(on)
     _, turned = turns.pop((kind, moved.id), ("", ""))
     also = "".join(
-        f" Without {name} {place} the verdict is {claim}."
-        for (name, _), (place, claim) in turns.items()
+        f" Without {name} {place} the verdict is {other}."
+        for (name, _), (place, other) in turns.items()
     )
     where = f"{kind} {moved.place}"
     if abs(moved.shift) <= headline.u:

@@ -21,6 +21,18 @@ class Interval:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Intervals:
+    """Ends of the intervals of 68, 90 and 95 %."""
+
+    lo68: Real
+    hi68: Real
+    lo90: Real
+    hi90: Real
+    lo95: Real
+    hi95: Real
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate(Interval):
     """A number in `unit` with its standard uncertainty and 90 % interval. Parameters of a model
     have `at_bound`: whether it is at the end of its range.

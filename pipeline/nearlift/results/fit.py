@@ -12,7 +12,7 @@ from typing import ClassVar, Literal
 from nearlift.declare import Boundary, FloatArray
 from nearlift.results.assumptions import HeldQuantity, RotorCoefficient, ThrottleCollapse
 from nearlift.results.document import IfAny, Json, NumberKey, Real, Unbounded, as_json
-from nearlift.results.estimate import Estimate, Noise, ValueWithU
+from nearlift.results.estimate import Estimate, Intervals, Noise, ValueWithU
 from nearlift.results.levels import LevelFit
 from nearlift.results.posterior import PosteriorSummary
 
@@ -65,19 +65,13 @@ class ExcludedTrial:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ProfileIntervals:
+class ProfileIntervals(Intervals):
     """Intervals of one coefficient by its profile likelihood.
 
     An end is nan where the profile does not rise enough before it stops; `open` names those ends
     (``low``, ``high``) by level. `skew` is upper over lower part of the 90 % interval.
     """
 
-    lo68: Real
-    hi68: Real
-    lo90: Real
-    hi90: Real
-    lo95: Real
-    hi95: Real
     open: Mapping[str, tuple[str, ...]]
     skew: Real
 

@@ -24,10 +24,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from nearlift.declare import Boundary
-from nearlift.nomenclature import letter
 from nearlift.results.document import IfAny, Real, Unbounded
-from nearlift.results.estimate import Interval
-from nearlift.rounding import like, plain, plus_minus
+from nearlift.results.estimate import Interval, Intervals
+from nearlift.rounding import plain
 
 #: Levels of the intervals, in percent.
 LEVELS = (68, 90, 95)
@@ -115,8 +114,8 @@ class Doubt(Interval):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class CoefficientResult:
-    """The value to quote.
+class CoefficientResult(Intervals):
+    """The value to quote, with its intervals within the coefficient's declared range.
 
     Attributes
     ----------
@@ -125,8 +124,6 @@ class CoefficientResult:
         whatever its shape.
     dof : float
         Degrees of freedom behind `u`; 0 where no repeats tell it.
-    lo68 ... hi95 : float
-        Intervals of 68, 90 and 95 %, within the coefficient's declared range.
     holds : str
         What the interval allows for, in a sentence.
     answers : int
@@ -137,12 +134,6 @@ class CoefficientResult:
     u: Unbounded
     dof: Unbounded
     unit: str
-    lo68: Real
-    hi68: Real
-    lo90: Real
-    hi90: Real
-    lo95: Real
-    hi95: Real
     holds: str
     budget: tuple[BudgetLine, ...] = ()
     influence: LargestShifts = LargestShifts()
@@ -157,16 +148,6 @@ class CoefficientResult:
         """
         below, above = self.value - self.lo90, self.hi90 - self.value
         return self.answers == 1 and abs(above - below) <= UNEVEN * (above + below)
-
-    @property
-    def estimate(self) -> str:
-        """``1.98 ± 0.03``; the value alone where the interval has to be printed instead."""
-        return plus_minus(self.value, self.u) if self.even else like(self.value, self.u)
-
-    @property
-    def interval(self) -> str:
-        """``1.92 to 2.04``, the interval of 90 %."""
-        return f"{like(self.lo90, self.u)} to {like(self.hi90, self.u)}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -190,11 +171,6 @@ class RestsOn:
     shift: Real
     verdict: Verdict
     effects: tuple[str, ...] = ()
-
-    @property
-    def claim(self) -> str:
-        """The verdict, with the named effects."""
-        return self.verdict + (f" ({' and '.join(self.effects)})" if self.effects else "")
 
     @property
     def moved(self) -> Shift:
@@ -270,22 +246,6 @@ class BoundaryResult:
     def headline(self) -> str:
         """Name of the first coefficient; empty where the base model has none that is free."""
         return next(iter(self.coefficients), "")
-
-    @property
-    def claim(self) -> str:
-        """The named effects, or else the verdict."""
-        return " and ".join(self.effects) or self.verdict.replace("_", " ")
-
-    @property
-    def headline_text(self) -> str:
-        """The headline as `stated`; empty where there is none."""
-        return self.stated(self.headline) if self.headline else ""
-
-    def stated(self, name: str) -> str:
-        """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it."""
-        c = self.coefficients[name]
-        ends = "" if c.even else f" (90 %: {c.interval})"
-        return f"{letter(name)} = {c.estimate}{ends}"
 
     @property
     def most_influential(self) -> tuple[Literal["visit", "trial"], Shift] | None:

@@ -66,8 +66,8 @@ def verdicts(place: CampaignFolder) -> list[Verdict]:
         cards.append(
             Verdict(
                 boundary=NAMES[boundary],
-                coefficients=tuple(result.stated(name) for name in result.coefficients),
-                claim=f"effect: {result.claim}" if result.effects else result.claim,
+                coefficients=tuple(phrases.stated(n, c) for n, c in result.coefficients.items()),
+                claim=("effect: " if result.effects else "") + phrases.claim(result),
                 tone=TONES[result.verdict],
                 notes=tuple(filter(None, (rivals, interim, phrases.dependence(result)))),
             )

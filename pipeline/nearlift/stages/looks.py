@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from nearlift.errors import NearliftError
 from nearlift.planning.question import VisitQuestion
 from nearlift.reduction.quality import rejected
+from nearlift.report import phrases
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.quotation import Results
 from nearlift.run import tables
@@ -51,11 +52,11 @@ def headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
     """
     for boundary, result in quoted.boundaries.items():
         if result.headline:
-            yield f"{boundary} {result.headline_text}"
+            yield f"{boundary} {phrases.stated(result.headline, result.coefficients[result.headline])}"
         if result.verdict != NOT_DIAGNOSED:
             diagnosed = diagnosis.boundaries.get(boundary)
             interim = diagnosed.look if isinstance(diagnosed, BoundaryDiagnosis) else None
-            yield f"{boundary} {result.claim}" + (f" ({interim.text})" if interim else "")
+            yield f"{boundary} {phrases.claim(result)}" + (f" ({interim.text})" if interim else "")
 
 
 def visits(asked: VisitQuestion, job: Job) -> tuple[str, ...]:

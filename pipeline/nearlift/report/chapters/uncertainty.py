@@ -11,6 +11,7 @@ from nearlift.nomenclature import letter
 from nearlift.report import tables
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place, headline, quotation
+from nearlift.report.phrases import value_with_u
 from nearlift.report.sources import badly_known
 from nearlift.results.fit import ModelScore
 from nearlift.rounding import fixed, plain
@@ -43,7 +44,7 @@ def budget(evidence: Evidence) -> dict[str, object]:
                         shown=shown,
                         main=whole.main & (boundary == b) & (coefficient == name),
                     ),
-                    tables.typeset(f"{letter(name)}, {b}: {c.estimate}"),
+                    tables.typeset(f"{letter(name)}, {b}: {value_with_u(c)}"),
                 ),
                 "badly_known": badly_known(c),
             }

@@ -18,7 +18,7 @@ from nearlift.reduction.quality import code, rejected
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
-from nearlift.report.phrases import SCALES, coverage, listed, sizes
+from nearlift.report.phrases import SCALES, coverage, interval90, listed, sizes, value_with_u
 from nearlift.report.sources import badly_known
 from nearlift.report.tables import escaped
 from nearlift.report.words import rivals_of
@@ -270,8 +270,8 @@ def _results(evidence: Evidence) -> str:
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
         estimates = [
-            f"{mathematics(name)} = {c.estimate}"
-            f" ({f'{coverage(name)}; ' if c.even else ''}90 %: {c.interval})"
+            f"{mathematics(name)} = {value_with_u(c)}"
+            f" ({f'{coverage(name)}; ' if c.even else ''}90 %: {interval90(c)})"
             for name, c in quoted.coefficients.items()
         ]
         for first in [*quoted.coefficients.values()][:1]:

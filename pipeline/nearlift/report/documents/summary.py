@@ -7,6 +7,7 @@ import textwrap
 from nearlift.nomenclature import letter
 from nearlift.report import words
 from nearlift.report.evidence import Evidence
+from nearlift.report.phrases import interval90, value_with_u
 from nearlift.results.quotation import CoefficientResult
 from nearlift.rounding import plain
 from nearlift.stages.ingest import TRIALS
@@ -46,7 +47,7 @@ def _block(brief: words.Brief) -> list[str]:
     for name, c in coefficients.items():
         bound = ", at a bound" if c.at_bound else ""
         lines.append(
-            f"    {names[name]:<{wide}} {values[name]:<{width}}   90 %: {c.interval}{bound}"
+            f"    {names[name]:<{wide}} {values[name]:<{width}}   90 %: {interval90(c)}{bound}"
         )
     for label, text in (
         ("", brief.omits),
@@ -67,7 +68,7 @@ def _value(c: CoefficientResult) -> str:
     """``1.98 +/- 0.03 (1.8 %)``; the value alone where ± would not say the interval."""
     known = c.even and 0 < c.u < abs(c.value)
     part = f" ({plain(100 * abs(c.u / c.value), 2)} %)" if known else ""
-    return c.estimate.replace("±", "+/-") + part
+    return value_with_u(c).replace("±", "+/-") + part
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:

@@ -43,7 +43,7 @@ from nearlift.report.figures.style import (
     plain_text,
 )
 from nearlift.report.figures.style import REFERENCES as DASHES
-from nearlift.report.phrases import coverage, listed
+from nearlift.report.phrases import coverage, listed, stated
 from nearlift.results.fit import ModelFit
 from nearlift.results.quotation import BoundaryResult
 from nearlift.rounding import fixed, plain
@@ -327,7 +327,7 @@ def _moved(fit: ModelFit) -> str:
 
 def _coefficients(quoted: BoundaryResult) -> str:
     """Quoted coefficients, and the meaning of ±."""
-    parts = [quoted.stated(n) for n in quoted.coefficients]
+    parts = [stated(n, c) for n, c in quoted.coefficients.items()]
     parts += [coverage(quoted.headline)] if any("±" in t for t in parts) else []
     return ", ".join(parts)
 
