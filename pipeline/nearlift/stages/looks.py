@@ -51,8 +51,8 @@ def headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
     claim where trials are still to come.
     """
     for boundary, result in quoted.boundaries.items():
-        if result.headline:
-            yield f"{boundary} {phrases.stated(result.headline, result.coefficients[result.headline])}"
+        if name := result.headline:
+            yield f"{boundary} {phrases.stated(name, result.coefficients[name])}"
         if result.verdict != NOT_DIAGNOSED:
             diagnosed = diagnosis.boundaries.get(boundary)
             interim = diagnosed.look if isinstance(diagnosed, BoundaryDiagnosis) else None
