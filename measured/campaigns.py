@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from nearlift.datasets import garofano_soldado_table, pitt_ras_older, registry
+from nearlift.datasets import garofano_soldado, pitt_ras_older, registry
 from nearlift.datasets.fetch import cache_folder, get
 from nearlift.errors import InputRefused
 from nearlift.run.tables import sha256
@@ -21,11 +21,11 @@ TRANSCRIBED: dict[str, tuple[str, Callable[[Path, Path, str], object]]] = {
     ),
     "garofano-soldado-2023": (
         "garofano-soldado-2023/thrust_vs_height.csv",
-        lambda table, folder, name: garofano_soldado_table.convert(table, folder, name=name),
+        lambda table, folder, name: garofano_soldado.write_table(table, folder, name=name),
     ),
     "garofano-soldado-2023-axes": (
         "garofano-soldado-2023/thrust_vs_height.csv",
-        lambda table, folder, name: garofano_soldado_table.convert(
+        lambda table, folder, name: garofano_soldado.write_table(
             table, folder, along_axes=True, name=name
         ),
     ),

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from scipy.optimize import least_squares
 
 from nearlift.cli import main
-from nearlift.datasets.garofano_soldado_table import convert, read
+from nearlift.datasets.garofano_soldado import read_table, write_table
 from nearlift.report.figures.style import REFERENCES, SERIES, Style, context
 
 HERE = Path(__file__).resolve().parent
@@ -43,7 +43,7 @@ FAR = 3.0
 def configurations(table: Path) -> list[dict[str, Any]]:
     """The table by configuration, forces also along the rotors' axes."""
     found: dict[str, dict[str, Any]] = {}
-    for row in read(table):
+    for row in read_table(table):
         alpha, beta = float(row["alpha_deg"]), float(row["beta_deg"])
         at = found.setdefault(
             row["case"],
@@ -84,7 +84,7 @@ def run(table: Path, out: Path) -> dict[str, Any]:
     for name, along_axes in (("garofano-soldado", False), ("garofano-soldado-axes", True)):
         folder = out / name
         if not folder.exists():
-            convert(table, folder, along_axes=along_axes, name=name)
+            write_table(table, folder, along_axes=along_axes, name=name)
         answer = CliRunner().invoke(main, ["run", str(folder), "--out", str(out), "-q"])
         assert answer.exit_code == 0, answer.output
         d = json.loads((out / "processed" / name / "diagnosis.json").read_text())["boundaries"][

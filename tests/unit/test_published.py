@@ -7,7 +7,7 @@ import pytest
 
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
-from nearlift.datasets.garofano_soldado_table import convert
+from nearlift.datasets.garofano_soldado import write_table
 from nearlift.errors import InputRefused, UsageError
 from nearlift.likelihood.covariates import derive
 from nearlift.loop.diagnose import set_up
@@ -30,7 +30,7 @@ def table(tmp_path):
 
 
 def test_a_table_becomes_a_campaign_of_means(table, tmp_path):
-    folder = convert(table, tmp_path / "bench")
+    folder = write_table(table, tmp_path / "bench")
     loaded = manifests.load(folder)
     assert (loaded.name, loaded.trials.order, loaded.vehicle.rotors) == ("bench", "unknown", 2)
     schedule = read_schedule(loaded, folder)
@@ -44,7 +44,7 @@ def test_a_table_becomes_a_campaign_of_means(table, tmp_path):
 
 
 def test_thrust_along_the_axes_is_force_over_both_cosines(table, tmp_path):
-    folder = convert(table, tmp_path / "axes", along_axes=True, name="along-axes")
+    folder = write_table(table, tmp_path / "axes", along_axes=True, name="along-axes")
     loaded = manifests.load(folder)
     assert loaded.name == "along-axes"
     lift = read_schedule(loaded, folder).means["lift_N"]
@@ -67,16 +67,16 @@ def test_thrust_along_the_axes_is_force_over_both_cosines(table, tmp_path):
 def test_a_damaged_table_is_refused(table, tmp_path, text, message):
     table.write_text(text)
     with pytest.raises(InputRefused, match=message):
-        convert(table, tmp_path / "bench")
+        write_table(table, tmp_path / "bench")
     assert not (tmp_path / "bench").exists()
 
 
 def test_nothing_is_overwritten_and_a_missing_table_is_named(table, tmp_path):
-    folder = convert(table, tmp_path / "bench")
+    folder = write_table(table, tmp_path / "bench")
     with pytest.raises(UsageError, match="is not empty"):
-        convert(table, folder)
+        write_table(table, folder)
     with pytest.raises(InputRefused, match="name the published table"):
-        convert(tmp_path / "nowhere.csv", tmp_path / "other")
+        write_table(tmp_path / "nowhere.csv", tmp_path / "other")
 
 
 # ---- order unknown
@@ -133,7 +133,7 @@ def test_at_a_single_throttle_what_l_inf_absorbs_is_no_family():
 
 
 def test_a_manifest_says_run_or_unknown(table, tmp_path):
-    folder = convert(table, tmp_path / "bench")
+    folder = write_table(table, tmp_path / "bench")
     path = folder / "campaign.toml"
     path.write_text(path.read_text().replace('order = "unknown"', 'order = "sorted"'))
     found = nearlift("run", folder, "--dry-run", "--out", tmp_path)

@@ -8,11 +8,11 @@ rotors and cell to settle. Weights are tared by the rows before the rotors turn.
 
 from __future__ import annotations
 
-import csv
 import itertools
 import statistics
 from pathlib import Path
 
+from nearlift.datasets.tables import read_rows, write_campaign
 from nearlift.errors import InputRefused
 
 COLUMNS = ("weight[g]", "pwm", "vbat[V]", "rpm1", "rpm2", "rpm3", "rpm4")
@@ -20,39 +20,6 @@ FULL_PWM = 65535
 #: Rows of the shortest dwell that is a trial: half of it must hold more than a few readings of the
 #: cell.
 LEAST_ROWS = 90
-MANIFEST = """\
-# Measured. A whole Crazyflie 2.1 upside down on a thrust stand, far from every boundary. See SOURCE.txt.
-# No boundary, so `nearlift ingest` is as far as this goes alone; [vehicle.throttle_map] is for the manifest of a campaign with the same craft.
-schema = "nearlift.campaign/1"
-name   = "{name}"
-
-[vehicle]
-name          = "Crazyflie 2.1"
-rotors        = 4
-rotor_radius  = "23 mm"
-rotor_spacing = "65 mm"
-mass          = "27 g"
-throttle_map  = {{ points = [{points}] }}
-
-[rig]
-held            = "throttle"
-distance_datum  = "rotor plane"      # no distance was measured
-distance_offset = "0 mm"
-gravity         = "9.80665 m/s^2"    # of the stand's calibration, not recorded
-
-[records]
-reader = "means"
-
-[trials]
-file = "trials.csv"
-[trials.units]
-distance = "mm"
-throttle = "fraction"
-lift     = "gf"
-lift_sd  = "gf"
-supply   = "V"
-rpm      = "rpm"
-"""
 
 
 def convert(files: dict[str, Path], folder: Path, name: str) -> None:
@@ -97,39 +64,25 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
         f'["{100 * t:.4g} percent", "{statistics.fmean(rpm):.0f} rpm"]'
         for t, rpm in sorted(speeds.items())
     )
-    (folder / "campaign.toml").write_text(
-        MANIFEST.format(name=name, points=points), encoding="utf-8"
-    )
-    (folder / "trials.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_campaign(folder, "crazyflie_stand", lines, name=name, points=points)
 
 
 def _read(path: Path) -> list[tuple[float, int, float, float]]:
     """Weight in g, pulse width, supply in V, mean speed of the rotors that report one in rpm."""
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        lacking = [c for c in COLUMNS if c not in (reader.fieldnames or ())]
-        if lacking:
-            raise InputRefused(
-                str(path),
-                f"lacks the columns {', '.join(lacking)}",
-                f"it has to have {', '.join(COLUMNS)}",
-            )
-        rows = []
-        for number, row in enumerate(reader, 2):
-            try:
-                turning = [rpm for rpm in (float(row[f"rpm{i}"]) for i in range(1, 5)) if rpm > 0]
-                rows.append(
-                    (
-                        float(row["weight[g]"]),
-                        int(row["pwm"]),
-                        float(row["vbat[V]"]),
-                        statistics.fmean(turning) if turning else 0.0,
-                    )
+    rows = []
+    for number, row in enumerate(read_rows(path, COLUMNS), 2):
+        try:
+            turning = [rpm for rpm in (float(row[f"rpm{i}"]) for i in range(1, 5)) if rpm > 0]
+            rows.append(
+                (
+                    float(row["weight[g]"]),
+                    int(row["pwm"]),
+                    float(row["vbat[V]"]),
+                    statistics.fmean(turning) if turning else 0.0,
                 )
-            except (TypeError, ValueError):
-                raise InputRefused(
-                    f"{path}, line {number}",
-                    "is not a row of numbers",
-                    "the file was changed or cut",
-                ) from None
+            )
+        except (TypeError, ValueError):
+            raise InputRefused(
+                f"{path}, line {number}", "is not a row of numbers", "the file was changed or cut"
+            ) from None
     return rows

@@ -1,19 +1,31 @@
-"""Garofano-Soldado et al.: the MATLAB script of their figures as the table that
-`datasets.garofano_soldado_table` makes a campaign of.
+"""Garofano-Soldado et al.: the MATLAB script of their figures as a table, and the table as a
+campaign of means.
 
 The script assigns, per configuration, a row of mean forces and one of standard deviations; the
-heights stand in `z` as multiples of R.
+heights are in `z`, in units of R. The table (``thrust_vs_height.csv``) has 15 tilt configurations
+at ten heights. Neither the order of the runs, the number of samples, nor the spacing of the rotors
+is published: order and spacing are left out of the campaign, and the standard deviation is taken as
+that of the mean, which is cautious.
 """
 
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 from pathlib import Path
 
-from nearlift.datasets import garofano_soldado_table
-from nearlift.errors import InputRefused
+from nearlift.datasets.tables import read_rows, write_campaign
+from nearlift.errors import InputRefused, UsageError
 
+COLUMNS = ("case", "config", "alpha_deg", "beta_deg", "z_over_R", "z_m", "Fz_N", "Fz_std_N")
+NOTES = {
+    False: "vertical force as measured",
+    True: (
+        "vertical force over cos(alpha) cos(beta): thrust along the rotors' axes if it does not"
+        " care about tilt"
+    ),
+}
 #: Of the table that the published numbers make, 149 rows as `table` writes them.
 NUMBERS_SHA256 = "73877bf965146079ee3b7990bd62a96ae6dcfe45038ee6afe61a227a211a9802"
 ROW = re.compile(
@@ -22,7 +34,7 @@ ROW = re.compile(
 )
 HEIGHTS = re.compile(r"^(?P<name>z\w*)\s*=\s*\[(?P<values>[^\[\]]*)\]", re.M)
 RADIUS = re.compile(r"^R\s*=\s*(?P<value>[\d.]+)", re.M)
-#: How the two rotors stand to each other, by what the name of a case says of it.
+#: Tilt of the two rotors relative to each other, by what the name of a case says of it.
 FACING = {None: "coplanar", "_beta": "back_to_back", "_minbeta": "face_to_face"}
 
 
@@ -46,9 +58,7 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
     (folder / "published").mkdir()
     rows = folder / "published" / "thrust_vs_height.csv"
     rows.write_text(text, encoding="utf-8")
-    garofano_soldado_table.convert(
-        rows, folder / "campaign", along_axes=name.endswith("-axes"), name=name
-    )
+    write_table(rows, folder / "campaign", along_axes=name.endswith("-axes"), name=name)
     for made in (folder / "campaign").iterdir():
         made.rename(folder / made.name)
     (folder / "campaign").rmdir()
@@ -71,7 +81,7 @@ def table(script: str, where: str) -> str:
         [float(cell.split("*")[0]) for cell in row["values"].split(",")]
         for row in HEIGHTS.finditer(script)
     ]
-    lines = [",".join(garofano_soldado_table.COLUMNS)]
+    lines = [",".join(COLUMNS)]
     for case, row in rows.items():
         if row["std"]:
             continue
@@ -96,3 +106,53 @@ def table(script: str, where: str) -> str:
 
 def _numbers(cells: str) -> list[float]:
     return [float(cell) for cell in cells.split()]
+
+
+def write_table(
+    table: Path, folder: Path, *, along_axes: bool = False, name: str | None = None
+) -> Path:
+    """Write the table, ``thrust_vs_height.csv``, as a campaign into a new or empty folder, and
+    return that; `InputRefused` where it lacks a column, or a cell is no number, `UsageError` where
+    the folder holds something. With `along_axes` the force is divided by cos(alpha) cos(beta); the
+    campaign has the `name`, or that of the folder.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(
+            str(folder),
+            "is not empty" if folder.is_dir() else "is a file",
+            "name a new folder; nothing is ever overwritten",
+        )
+    lines = ["trial,distance,session,tilt,beta,lift,lift_sd"]
+    for number, row in enumerate(read_table(table), 2):
+        try:
+            alpha, beta, z_m, force, spread = (
+                float(row[c]) for c in ("alpha_deg", "beta_deg", "z_m", "Fz_N", "Fz_std_N")
+            )
+        except ValueError as fault:
+            raise InputRefused(f"{table}, line {number}", str(fault), "correct that cell") from None
+        share = math.cos(math.radians(alpha)) * math.cos(math.radians(beta)) if along_axes else 1.0
+        # tilted towards each other counts positive
+        facing = {"face_to_face": 1, "coplanar": 0, "back_to_back": -1}.get(row["config"])
+        if facing is None:
+            raise InputRefused(
+                f"{table}, line {number}",
+                f"{row['config']!r} is no known configuration",
+                "coplanar, face_to_face or back_to_back",
+            )
+        trial = f"{row['case']}-{float(row['z_over_R']):g}"
+        lines.append(
+            f"{trial},{z_m:.6g},{row['case']},{facing * alpha:g},{beta:g},{force / share:.6g},{spread / share:.6g}"
+        )
+    folder.mkdir(parents=True, exist_ok=True)
+    note = NOTES[along_axes]
+    write_campaign(folder, "garofano_soldado", lines, name=name or folder.name, note=note)
+    return folder
+
+
+def read_table(table: Path) -> list[dict[str, str]]:
+    """Rows of the table, unchanged."""
+    if not table.is_file():
+        raise InputRefused(
+            str(table), "is missing", "name the published table, thrust_vs_height.csv"
+        )
+    return read_rows(table, COLUMNS)

@@ -11,45 +11,11 @@ import datetime
 import re
 from pathlib import Path
 
+from nearlift.datasets.tables import write_campaign
 from nearlift.errors import InputRefused
 
 LEAST_THROTTLE = 0.15
 NAME = re.compile(r"thrust_data_(\d{4}-\d\d-\d\d)_(\d\d-\d\d-\d\d\.\d+)")
-MANIFEST = """\
-# Measured. Pitt-RAS IARC-7 thrust stand, 2017: one 12x6 rotor on a load cell. See SOURCE.txt.
-schema = "nearlift.campaign/1"
-name   = "{name}"
-note   = "Distance was made smaller while the battery fell: the two are confounded by the order of the sweeps."
-
-[vehicle]
-name         = "12x6 rotor, isolated"
-rotors       = 1
-rotor_radius = "152.4 mm"
-mass         = "1 kg"                # not recorded; nothing here depends on it
-
-[rig]
-held            = "throttle"
-distance_datum  = "rotor plane"
-distance_offset = "0 mm"
-arena           = "5 m"              # not recorded
-gravity         = "9.80665 m/s^2"
-
-[load_cell]
-range    = "5 kgf"
-accuracy = "2 gf"                    # of cells of this kind; the stand's own is not recorded
-
-[records]
-reader = "means"
-
-[trials]
-file = "trials.csv"
-[trials.units]
-distance = "m"
-throttle = "fraction"
-lift     = "kgf"
-supply   = "V"
-start    = "s"                       # of the sweep; its steps follow each other about a second apart
-"""
 
 
 def convert(files: dict[str, Path], folder: Path, name: str) -> None:
@@ -78,8 +44,7 @@ def convert(files: dict[str, Path], folder: Path, name: str) -> None:
                 lines.append(
                     f"r{session:02d}-{step:02d},ground,{distance:g},{throttle:.6g},{lift:.6g},{supply:.4g},{session},{seconds:.6f}"
                 )
-    (folder / "campaign.toml").write_text(MANIFEST.format(name=name), encoding="utf-8")
-    (folder / "trials.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_campaign(folder, "pitt_ras", lines, name=name)
 
 
 def _start(path: Path) -> datetime.datetime:

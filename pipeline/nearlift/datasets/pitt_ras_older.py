@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from nearlift.datasets.pitt_ras import LEAST_THROTTLE
+from nearlift.datasets.tables import write_campaign
 from nearlift.errors import InputRefused
 
 ROW = re.compile(r"^\s*\(\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*\)", re.M)
@@ -17,45 +18,6 @@ ROW = re.compile(r"^\s*\(\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+)\s*,\s*([\d.]+
 SWEEP = re.compile(r"^\s*np\.array\(\(", re.M)
 #: Pulse widths of zero and full throttle, us.
 ZERO_US, FULL_US = 1000.0, 2100.0
-MANIFEST = """\
-# Measured. Pitt-RAS IARC-7 thrust stand, 2017: one rotor on a load cell. See SOURCE.txt.
-schema = "nearlift.campaign/1"
-name   = "{name}"
-note   = "Propeller and unit of force are not recorded: 12x6 and gram-force are assumed. A ratio of lifts depends on neither, z over the radius does."
-
-[vehicle]
-name         = "one rotor, propeller not recorded"
-rotors       = 1
-rotor_radius = "152.4 mm"
-mass         = "1 kg"                # not recorded; nothing here depends on it
-
-[rig]
-held            = "throttle"
-distance_datum  = "rotor plane"
-distance_offset = "0 mm"
-gravity         = "9.80665 m/s^2"
-
-[records]
-reader = "means"
-
-[levels]
-by = "curve"                         # no throttle repeats
-of = ["throttle", "supply"]
-
-[trials.units]
-distance = "m"
-throttle = "fraction"
-lift     = "gf"
-supply   = "V"
-[trials.constants]
-boundary = "ground"
-
-[[uncertainty]]
-name  = "rotor radius"
-on    = "rotor_radius"
-value = "20 percent"
-scope = "campaign"
-"""
 #: Sweep, force, pulse width, supply, distance, as the script has them.
 Point = tuple[int, str, str, str, str]
 
@@ -78,5 +40,4 @@ def write(points: list[Point], folder: Path, name: str) -> None:
         throttle = (float(pulse) - ZERO_US) / (FULL_US - ZERO_US)
         if throttle > LEAST_THROTTLE and float(force) > 0:
             lines.append(f"s{sweep}-{i:02d},{distance},{throttle:g},{force},{supply},{sweep}")
-    (folder / "campaign.toml").write_text(MANIFEST.format(name=name), encoding="utf-8")
-    (folder / "trials.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    write_campaign(folder, "pitt_ras_older", lines, name=name)
