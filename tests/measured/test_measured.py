@@ -13,7 +13,7 @@ from measured.__main__ import main
 from measured.campaigns import CAMPAIGNS
 from measured.injections import Case
 from measured.loop import Finding
-from tests.unit.test_datasets import Server, listed
+from tests.datasets.test_datasets import Server, listed
 
 from measured import injections, page
 from nearlift.datasets import pitt_ras_older, registry

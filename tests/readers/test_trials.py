@@ -9,6 +9,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.unit.bench_campaign import (
+    force_mN,
+    run_ingest,
+    small_campaign,
+    write_record,
+    write_schedule,
+)
+from tests.unit.manifests import HEAD, LIVE, UNITS, manifest
 
 from nearlift.errors import InputRefused, ManifestError, NearliftError
 from nearlift.readers import rows as rows_module
@@ -19,9 +27,6 @@ from nearlift.run.engine import Job
 from nearlift.run.tables import sha256
 from nearlift.stages import ingest
 from nearlift.stages.ingest import TRIALS
-
-from .bench_campaign import force_mN, run_ingest, small_campaign, write_record, write_schedule
-from .manifests import HEAD, LIVE, UNITS, manifest
 
 GIVEN: dict[str, Any] = {"trials": {"units": {**UNITS, "supply": "V"}}}
 

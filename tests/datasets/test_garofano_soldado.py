@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign, findings, hsiao
+from tests.unit.small_run import nearlift
 
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
@@ -14,9 +16,6 @@ from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import families
 from nearlift.loop.search_problem import Options
 from nearlift.schedule import read_schedule
-
-from .simulated import campaign, findings, hsiao
-from .small_run import nearlift
 
 HEADER = "case,config,alpha_deg,beta_deg,z_over_R,z_m,Fz_N,Fz_std_N\n"
 ROWS = "A,coplanar,0,0,0.6,0.09906,24.2,0.118\nB,face_to_face,30,0,0.6,0.09906,20.0,0.06\nC,back_to_back,20,10,1.0,0.1651,20.45,0.05\n"

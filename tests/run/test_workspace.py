@@ -8,9 +8,8 @@ import shutil
 from pathlib import Path
 
 import pytest
-
-from . import small_run
-from .small_run import nearlift, state
+from tests.unit import small_run
+from tests.unit.small_run import nearlift, state
 
 
 @pytest.fixture

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from tests.unit.simulated import campaign
+
 from nearlift import catalogue
 from nearlift.fit.least_squares import fit
 from nearlift.fit.models import overdeclared
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
-
-from .simulated import campaign
 
 
 def told(*parts: Component) -> list[str]:

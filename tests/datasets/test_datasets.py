@@ -15,14 +15,13 @@ import urllib.parse
 from pathlib import Path
 
 import pytest
+from tests.unit.small_run import nearlift
 
 from nearlift.campaign import manifest as manifests
 from nearlift.datasets import garofano_soldado, registry
 from nearlift.errors import InputRefused, UsageError
 from nearlift.run.tables import Table, read_table
 from nearlift.stages.ingest import TRIALS
-
-from .small_run import nearlift
 
 SHARED = Path(__file__).parents[3] / "shared"
 # requests leaves a socket to the collector where an answer is refused in the middle; when that runs
