@@ -10,7 +10,7 @@ import difflib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -61,12 +61,6 @@ def _opened(path: Path) -> pq.ParquetFile:
     )
 
 
-def _batches(file: pq.ParquetFile, names: Sequence[str], groups: Any = None) -> Iterator[Any]:
-    yield from file.iter_batches(
-        batch_size=BATCH, row_groups=groups, columns=list(names), use_threads=False
-    )
-
-
 def _is_numeric(kind: pa.DataType) -> bool:
     import pyarrow as pa
 
@@ -86,7 +80,7 @@ def spans(path: Path, wanted: Mapping[str, str]) -> dict[str, tuple[int, int]]:
     at, last = 0, None
     with _opened(path) as file:
         _check_columns(path, file.schema_arrow, wanted)
-        for batch in _batches(file, [TRIAL]):
+        for batch in file.iter_batches(BATCH, columns=[TRIAL], use_threads=False):
             column = batch.column(0)
             if column.null_count:
                 first = at + column.is_null().to_pylist().index(True)
@@ -138,7 +132,8 @@ def rows(path: Path, names: Sequence[str], first: int, end: int) -> list[FloatAr
         ends = np.cumsum(counts)
         group = int(np.searchsorted(ends, first, side="right"))
         at = int(ends[group] - counts[group])
-        for batch in _batches(file, names, range(group, file.num_row_groups)):
+        groups = range(group, file.num_row_groups)
+        for batch in file.iter_batches(BATCH, groups, columns=list(names), use_threads=False):
             part = slice(max(first - at, 0), min(end - at, batch.num_rows))
             if part.start < part.stop:
                 for values, name in zip(held, names, strict=True):

@@ -115,8 +115,10 @@ class Layout:
         """The cells of one line without the blanks around them; labels are kept. `csv.Error` where
         a quote has no other half.
         """
-        if not self.delimited:
-            return line.split() if self.separator == BLANKS else [line.strip()]
+        if self.separator == NONE:
+            return [line.strip()]
+        if self.separator == BLANKS:
+            return line.split()
         # an odd quote begins a cell with a line break in it, or means inches
         halved = line.count('"') % 2 == 1
         cells = next(csv.reader([line], delimiter=self.separator, strict=halved), [])

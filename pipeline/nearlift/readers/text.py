@@ -124,7 +124,7 @@ def _known(head: bytes, said: Dialect, where: str) -> Layout | None:
 def by_layout(content: bytes, layout: Layout, names: Names, where: str) -> Contents:
     """The channels of a text in a known layout."""
     above, rows, cut = _rows_of(content, layout, where)
-    numbers, clocks, notes = _chosen(layout, names, where, _first_row(rows.body, layout))
+    numbers, clocks, notes = _chosen(layout, names, rows)
     arrays, times = parse(rows, layout, numbers, clocks)
     columns = dict(zip(numbers, arrays, strict=True))
     units = dict(enumerate(layout.units))
@@ -225,23 +225,14 @@ def _require_one_kind(channel: Channel, after: Sequence[int], where: str) -> Non
         )
 
 
-def _first_row(body: bytes, layout: Layout) -> list[str]:
-    """The cells of the first row; none where it is no row."""
-    for line in body.split(b"\n", 20)[:20]:
-        text = line.decode("utf-8", "replace")
-        if not layout.skips(text):
-            with contextlib.suppress(csv.Error):
-                return layout.split(text)
-            break
-    return []
-
-
-def _chosen(
-    layout: Layout, names: Names, where: str, row: Sequence[str]
-) -> tuple[list[int], list[int], list[str]]:
+def _chosen(layout: Layout, names: Names, rows: Lines) -> tuple[list[int], list[int], list[str]]:
     """Indices of the columns of numbers to read, and of times of day, by the first row: those that
     `pick` may choose, or all. Notes name the times that cannot be read.
     """
+    top = (line.decode("utf-8", "replace") for line in rows.body.split(b"\n", 20)[:20])
+    row: list[str] = []
+    with contextlib.suppress(csv.Error):
+        row = layout.split(next((line for line in top if not layout.skips(line)), ""))
     cells = row[: len(layout.names)]
     texts = [i for i, cell in enumerate(cells) if layout.value(cell) is None]
     clocks = [i for i in texts if is_time(row[i])] if not layout.labels else []
@@ -258,7 +249,7 @@ def _chosen(
     chosen = {i for name in names for i in fitting(layout.names, name)}
     if not chosen:
         channels = [Channel(name=name, values=np.empty(0)) for name in layout.names]
-        place = f"{where}, line {max(layout.first - 1, 1)}"
+        place = f"{rows.where}, line {max(layout.first - 1, 1)}"
         # refuses: none of them fits
         pick(channels, names[0], "records.force.column", place)
     return sorted(chosen.difference(clocks)), sorted(chosen.intersection(clocks)), []
