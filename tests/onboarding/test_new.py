@@ -1,9 +1,8 @@
-"""What `nearlift inspect` and `nearlift new --from` propose: nothing that no file says, and what can
-be used as it stands.
-"""
+"""The campaign that `nearlift new` writes, empty and from files."""
 
 from __future__ import annotations
 
+import re
 import shutil
 import tomllib
 from pathlib import Path
@@ -11,134 +10,22 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from tests.unit import small_run, written
+from tests.unit import small_run, sweeps, written
 from tests.unit.small_run import nearlift
 
 from nearlift.campaign import manifest as manifests
-from nearlift.campaign.parsing import validated
-from nearlift.campaign.piv import Piv
-from nearlift.onboarding import headings
-from nearlift.onboarding.inspection import inspect
-from nearlift.readers.base import Channel
+from nearlift.onboarding.new import trial_of
 from nearlift.run import tables
 from nearlift.stages.ingest import TRIALS
 
-
-def channels(*columns: tuple[str, str]) -> list[Channel]:
-    return [Channel(name=name, unit=unit, values=np.arange(5.0)) for name, unit in columns]
+FORCE = [float(x) for x in np.round(np.linspace(0.1, 3, 60), 3)]
 
 
-@pytest.mark.parametrize(
-    ("columns", "force"),
-    [
-        ((("u1[N]", "N"), ("u2[N]", "N"), ("fz[mN]", "mN")), "fz[mN]"),
-        ((("u1[N]", "N"), ("u2[N]", "N")), None),
-        ((("thrust_cmd", "N"), ("thrust", "N")), "thrust"),
-        ((("motor 1 (N)", "N"), ("F", "N")), "F"),
-        ((("setpoint", "N"), ("t", "s")), None),
-        ((("Thrust target (gf)", "gf"), ("Thrust (gf)", "gf")), "Thrust (gf)"),
-        ((("pwm", ""), ("vbat", "V"), ("thrust_g", "g")), "thrust_g"),
-        # no telling which
-        ((("A", "N"), ("B", "N")), None),
-        ((("fz1", "N"), ("fz2", "N")), None),
-        ((("motor thrust (N)", "N"), ("rpm", "rpm")), "motor thrust (N)"),
-    ],
-)
-def test_a_motors_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
-    found = headings.likely_force(channels(*columns))
-    assert (found and found.name) == force
-
-
-@pytest.mark.parametrize(
-    ("name", "meant"),
-    [
-        ("t_s", ("t", "s")),
-        ("h_m", ("h", "m")),
-        ("vbat_V", ("vbat", "V")),
-        ("Thrust (gf)", ("Thrust", "gf")),
-        ("fz_n", ("fz", "N")),
-        ("millis", ("millis", "ms")),
-        # counts, and names that end like a unit by chance
-        ("sample_n", ("sample_n", "")),
-        ("m_1", ("m_1", "")),
-        ("_s", ("_s", "")),
-        ("rows", ("rows", "")),
-    ],
-)
-def test_units_stand_in_names(name, meant):
-    assert headings.named(name) == meant
-
-
-def test_units_from_names_reach_the_block_with_the_rate_of_the_clock(tmp_path):
-    lines = "".join(f"{i / 200},{0.1},{3.9},{9.5 + i % 3}\n" for i in range(60))
-    path = written.put(tmp_path, "a.csv", ("t_s,h_m,vbat_V,thrust_g\n" + lines).encode())
-    block = tomllib.loads(nearlift("inspect", path).stdout.split("\n\n", 1)[1])
-    assert block["load_cell"]["sample_rate"] == "200 Hz"
-    assert block["records"]["force"] == {"column": "thrust_g", "unit": "gf", "sign": 1}
-    assert block["records"]["time"] == {"column": "t_s", "unit": "s"}
-
-
-def test_a_rate_that_cannot_be_is_no_rate(tmp_path):
-    """Microseconds under a header that says ms; the clock is left out, or every record would be
-    refused for its unit.
-    """
-    lines = "".join(f"{10_000 * i},{200 + i % 3}\n" for i in range(60))
-    path = written.put(tmp_path, "a.csv", ("t[ms],fz[mN]\n" + lines).encode())
-    told = nearlift("inspect", path).stdout
-    assert "note: the file says 0.1 Hz, which no load cell has" in told
-    assert "its clock is in us (100 Hz)" in told
-    block = tomllib.loads(told.split("\n\n", 1)[1])
-    assert block["load_cell"]["sample_rate"] == "FILL IN Hz"
-    assert "time" not in block["records"]
-    made = nearlift("new", tmp_path / "c", "--from", path)
-    assert 'sample_rate = "FILL IN Hz"' in made.stdout
-    for rate, clock in ((100.0, "s"), (1.0, "s"), (1e6, "us")):
-        assert not headings.doubtful_rate(rate, channels(("t", clock))[0])
-    assert headings.doubtful_rate(3e6, None)
-
-
-GRID = (
-    'TITLE="a" VARIABLES="X mm", "Y mm", "U m/s", "V m/s", "CHC", ZONE I=6, J=5, F=POINT\n'
-    + "".join(
-        f"{2 * i}, {2 * j}, {0.1 * i - 0.2}, {-1 - 0.1 * j}, 1\n"
-        for j in range(5)
-        for i in range(6)
-    )
-)
-
-
-def test_a_velocity_grid_gets_a_piv_section_that_can_be_filled_in(tmp_path):
-    path = written.put(tmp_path, "free.vec", GRID.encode())
-    told = nearlift("inspect", path).stdout
-    assert "velocity grid, TSI Insight" in told
-    assert "[records]" not in told
-    text = told.split("\n\n", 1)[1]
-    for blank, value in (
-        ('thrust   = "FILL IN"', 'thrust = "+y"'),
-        ('"FILL IN mm"', '"1 mm"'),
-        ('z_hat    = "FILL IN"', "z_hat = 1.5"),
-    ):
-        text = text.replace(blank, value)
-    section = validated(Piv, tomllib.loads(text)["piv"], "it")
-    assert (section.control, section.format) == ("free", "insight")
-    assert section.case[0].files == "piv/free/*.vec"
-    refused = nearlift("new", tmp_path / "c", "--from", path)
-    assert (refused.exit_code, "no record of force" in refused.stderr) == (2, True)
-    assert not (tmp_path / "c").exists()
-
-
-def test_a_grid_in_pixels_is_asked_for_its_scale(tmp_path):
-    rows = "".join(
-        f"{16 * i} {16 * j} 0.5 -2.5 {30 + i}\n" for j in range(1, 5) for i in range(1, 6)
-    )
-    section = tomllib.loads(
-        nearlift("inspect", written.put(tmp_path, "a.txt", rows.encode())).stdout.split("\n\n", 1)[
-            1
-        ]
-    )["piv"]
-    assert section["format"] == "openpiv"
-    blank = {key for key, value in section.items() if "FILL IN" in str(value)}
-    assert {"length_unit", "velocity_unit", "scale", "frame_time"} <= blank
+def record(rest_s: float, rise_s: float, rate: float, seed: int, length_s: float = 4.0):
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(length_s * rate)) / rate
+    rise = 1 - np.exp(-np.maximum(t - rest_s, 0) / max(rise_s, 1e-9))
+    return t, 300 * np.where(t >= rest_s, rise, 0) + rng.normal(0, 1.0, len(t)) - 12
 
 
 TABLE = "surface;distance_cm;pwm;rpm_mean;fz_n\n" + "".join(
@@ -278,13 +165,128 @@ def test_one_long_table_of_parquet_makes_a_campaign(tmp_path):
 
 
 def test_compressed_records_keep_both_endings_out_of_the_trials_name():
-    from nearlift.onboarding.new import trial_of
-
     assert [trial_of(name) for name in ("a.csv", "a.1.txt.gz", "a")] == ["a", "a.1", "a"]
 
 
-def test_a_record_of_a_logger_is_neither_grid_nor_table(tmp_path):
-    force = [float(x) for x in np.round(np.linspace(0.1, 3, 60), 3)]
-    for name, (write, _, _, suffix) in written.WRITERS.items():
-        found = inspect(written.put(tmp_path, f"{name}.{suffix}", write(force)))
-        assert (found.grid, found.table) == (None, None), name
+def test_new_from_files_writes_what_they_say_and_marks_the_rest(tmp_path):
+    paths = [written.put(tmp_path, f"rig/run {i}.lvm", written.lvm(FORCE)) for i in range(3)]
+    answer = nearlift("new", tmp_path / "camp\u00e4gne", "--from", *paths)
+    assert answer.exit_code == 0
+    made = tomllib.loads((tmp_path / "camp\u00e4gne" / "campaign.toml").read_text(encoding="utf-8"))
+    assert made["name"] == "campagne"
+    assert made["records"] == {
+        "reader": "lvm",
+        "files": "trials/{trial}.lvm",
+        "force": {"column": "Force", "unit": "N", "sign": 1},
+        "time": {"column": "X_Value", "unit": "s"},
+    }
+    assert made["load_cell"]["sample_rate"] == "1000 Hz"
+    assert "FILL IN" in made["rig"]["gravity"]
+    rows = (tmp_path / "camp\u00e4gne" / "trials.csv").read_text().splitlines()
+    assert rows[1:] == [f"run {i},FILL IN,FILL IN,FILL IN,4" for i in range(3)]
+    assert (tmp_path / "camp\u00e4gne" / "trials" / "run 2.lvm").read_bytes() == paths[
+        2
+    ].read_bytes()
+    assert "still to fill in:" in answer.stdout
+    # what is not filled in is refused by key
+    blank = nearlift("run", tmp_path / "camp\u00e4gne", "--out", tmp_path)
+    assert blank.exit_code == 2
+    for key in (
+        "vehicle.name: 'FILL IN'",
+        "rig.distance_datum: 'FILL IN'",
+        "rig.gravity: 'FILL IN m/s^2'",
+        "load_cell.tare: 'FILL IN s'",
+    ):
+        assert f"{key} is still to be filled in" in blank.stderr
+    again = nearlift("new", tmp_path / "camp\u00e4gne", "--from", *paths)
+    assert (again.exit_code, "is there already" in again.stderr) == (2, True)
+
+
+def test_new_from_a_folder_takes_all_its_files(tmp_path):
+    for i in range(3):
+        written.put(tmp_path, f"rig/{i}.lvm", written.lvm(FORCE))
+    written.put(tmp_path, "rig/.hidden", b"no record")
+    assert nearlift("new", tmp_path / "c", "--from", tmp_path / "rig").exit_code == 0
+    assert [
+        row.partition(",")[0]
+        for row in (tmp_path / "c" / "trials.csv").read_text().splitlines()[1:]
+    ] == ["0", "1", "2"]
+    (tmp_path / "none").mkdir()
+    empty = nearlift("new", tmp_path / "d", "--from", tmp_path / "none")
+    assert (empty.exit_code, "holds no files" in empty.stderr) == (2, True)
+    assert not (tmp_path / "d").exists()
+
+
+def test_new_from_files_in_the_folder_leaves_them_where_they_are(tmp_path):
+    paths = [written.put(tmp_path, f"c/data/{i}.csv", written.rcbenchmark(FORCE)) for i in range(2)]
+    assert nearlift("new", tmp_path / "c", "--from", *paths).exit_code == 0
+    assert (
+        tomllib.loads((tmp_path / "c" / "campaign.toml").read_text(encoding="utf-8"))["records"][
+            "files"
+        ]
+        == "data/{trial}.csv"
+    )
+    assert not (tmp_path / "c" / "trials").exists()
+
+
+def test_new_from_sweeps_cuts_them_and_asks_for_no_throttle(tmp_path):
+    throttle = np.repeat([0, 40, 60, 80, 0], 320)
+    lift = 12 * throttle**1.5 + np.random.default_rng(1).normal(0, 2, len(throttle))
+    table = np.c_[np.arange(len(throttle)) / 80, throttle, lift]
+    (tmp_path / "sweeps").mkdir()
+    for k in range(2):
+        path = tmp_path / "sweeps" / f"r{k}.csv"
+        np.savetxt(path, table, "%.4f", ",", header="t,throttle,force", comments="")
+    answer = nearlift("new", tmp_path / "stand", "--from", tmp_path / "sweeps")
+    assert answer.exit_code == 0
+    made = tomllib.loads((tmp_path / "stand" / "campaign.toml").read_text())
+    assert made["records"]["files"] == "trials/{record}.csv"
+    assert made["segments"]["by"] == "throttle"
+    assert set(made["trials"]["units"]) == {"distance"}
+    schedule = (tmp_path / "stand" / "trials.csv").read_text().splitlines()
+    assert schedule == ["record,boundary,distance", "r0,FILL IN,FILL IN", "r1,FILL IN,FILL IN"]
+
+
+def test_new_refuses_a_mixture(tmp_path):
+    a, b = (
+        written.put(tmp_path, "a.lvm", written.lvm(FORCE)),
+        written.put(tmp_path, "b.csv", written.rcbenchmark(FORCE)),
+    )
+    answer = nearlift("new", tmp_path / "c", "--from", a, b)
+    assert (answer.exit_code, "with other channels than a.lvm" in answer.stderr) == (4, True)
+    assert not (tmp_path / "c").exists()
+    for words in ((tmp_path / "c", "--from"), (tmp_path / "c", a)):
+        assert nearlift("new", *words).exit_code == 2
+
+
+def test_new_takes_along_what_records_and_lists_hold(tmp_path: Path) -> None:
+    (tmp_path / "rig").mkdir()
+    for k in range(3):
+        t, force = record(1.0, 0.02, 100, k)
+        own = {"t_s": t, "thrust_g": force, "Voltage (V)": np.full(len(t), 16.0 - 0.5 * k)}
+        (tmp_path / "rig" / f"r{k}.csv").write_text(sweeps.text_of(own))
+    lines = "".join(f"r{k}.csv,ground,{20 + k},50,{1 + k}\n" for k in range(3))
+    (tmp_path / "rig" / "list.csv").write_text("file,surface,h_mm,thr_pct,Day\n" + lines)
+    (tmp_path / "rig" / "README.txt").write_text("Kind: records of a bench\n")
+    made = nearlift("new", tmp_path / "c", "--from", tmp_path / "rig")
+    assert made.exit_code == 0, made.output
+    assert "supply, the mean of 'Voltage (V)'" in made.stdout
+    assert "not taken as records: README.txt" in made.stdout
+    rows = (tmp_path / "c" / "trials.csv").read_text().splitlines()
+    assert rows[0] == "trial,boundary,distance,throttle,session,file,supply"
+    assert rows[3] == "r2,ground,22,50,3,r2.csv,15"
+    units = tomllib.loads((tmp_path / "c" / "campaign.toml").read_text())["trials"]["units"]
+    assert units == {"distance": "mm", "throttle": "percent", "supply": "V"}
+
+
+def test_every_new_manifest_asks_how_well_radius_and_spacing_are_known(tmp_path):
+    files = [
+        written.put(tmp_path, "t.csv", TABLE.encode()),
+        written.put(tmp_path, "r.lvm", written.lvm(FORCE)),
+    ]
+    for i, more in enumerate(([], ["--from", files[0]], ["--from", files[1]])):
+        made = nearlift("new", tmp_path / str(i), *more)
+        assert "[[uncertainty]] of rotor radius and rotor spacing" in made.stdout
+        text = (tmp_path / str(i) / "campaign.toml").read_text()
+        for on in ("rotor_radius", "rotor_spacing"):
+            assert re.search(rf'# on    = "{on}".*\n# value = "FILL IN percent"', text)

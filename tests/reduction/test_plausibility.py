@@ -223,3 +223,42 @@ def test_a_campaign_that_never_leaves_the_ground_is_told_so() -> None:
     assert plausibility.only_near(table()) == []
     near["boundary"][0] = "none"
     assert plausibility.only_near(near) == []
+
+
+def lifts(lift, quality=None):
+    n = len(lift)
+    return {
+        "boundary": np.full(n, "ground", dtype=object),
+        "z_hat": np.full(n, 10.0),
+        "throttle": np.full(n, 0.5),
+        "lift_N": np.asarray(lift, dtype=float),
+        "quality": np.asarray(quality if quality is not None else [""] * n, dtype=object),
+    }
+
+
+def test_a_lift_that_is_not_there_is_told_from_one_that_is():
+    found = plausibility.without_lift(lifts([0.2, 0.21, 0.19, -0.0004, 0.000018, 0.0]))
+    assert found.tolist() == [False, False, False, True, True, True]
+
+
+def test_a_trial_rejected_for_another_reason_is_left_to_it():
+    found = plausibility.without_lift(
+        lifts([0.2, 0.21, np.nan, -1.0], ["", "", "NO_DATA", "SATURATED"])
+    )
+    assert not found.any()
+
+
+def test_ten_times_the_weight_gets_a_note_and_a_usual_one_none():
+    assert (
+        "which is unusual"
+        in plausibility.odd_weight(lifts([4.2, 4.1]), 0.265, "mN", "records.force.unit")[0]
+    )
+    assert plausibility.odd_weight(lifts([0.41, 0.42]), 0.265, "mN", "records.force.unit") == []
+
+
+def test_a_campaign_of_unsettled_records_is_told_what_to_look_at():
+    assert (
+        "is `tare` too short"
+        in plausibility.mostly_unsettled(lifts([0.2] * 4, ["unsettled"] * 3 + [""]))[0]
+    )
+    assert plausibility.mostly_unsettled(lifts([0.2] * 4, ["unsettled"] + [""] * 3)) == []

@@ -549,3 +549,10 @@ def test_a_stumbling_clock() -> None:
 def test_another_rate_is_refused(clock: np.ndarray, match: str) -> None:
     with pytest.raises(InputRefused, match=match):
         reduced(record(np.random.default_rng(17)), time_s=clock, where="a.csv")
+
+
+def test_a_stopped_head_left_in_the_record_is_noticed():
+    rng = np.random.default_rng(0)
+    head, live = rng.normal(0, 1e-3, 300), rng.normal(0.2, 1e-3, 1000)
+    assert "unsettled" in reduce_record(np.r_[head, live], Conditions(rate_Hz=1000.0)).codes
+    assert "unsettled" not in reduce_record(live, Conditions(rate_Hz=1000.0)).codes

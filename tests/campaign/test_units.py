@@ -1,6 +1,8 @@
 """Units become SI once, and a unit that cannot be meant is refused with the ones that can."""
 
 import math
+import subprocess
+import sys
 
 import pytest
 from hypothesis import given
@@ -92,3 +94,29 @@ def test_plausible_unit_of_a_bare_number():
     assert units.plausible(92, "fraction", 0.0, 1.0) == ["percent"]
     assert units.plausible(1e9, "length", 0.01, 1.5) == []
     assert units.plausible(1.0, "mass", 0.0, 10.0) == []  # nothing usual is listed for it
+
+
+@pytest.mark.parametrize(
+    ("unit", "dimension"),
+    [own for own in units.COMMON if own != ("us", "throttle")],
+    ids=lambda v: str(v),
+)
+def test_common_units_are_pints(monkeypatch: pytest.MonkeyPatch, unit: str, dimension: str) -> None:
+    want = units.COMMON[unit, dimension]
+    monkeypatch.setattr(units, "COMMON", {})
+    units._to_si.cache_clear()
+    try:
+        assert units.to_si(unit, dimension, "here") == want
+    finally:
+        units._to_si.cache_clear()
+
+
+def test_a_usual_manifest_does_not_load_pint() -> None:
+    use = 'units.quantity("23 mm", "length", "k"); units.to_si("degC", "temperature", "k")'
+    program = f'import sys; from nearlift import units; {use}; print("pint" in sys.modules)'
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", program], capture_output=True, text=True, check=True
+        ).stdout
+        == "False\n"
+    )

@@ -1,0 +1,60 @@
+"""The quantity and unit that a heading states, and which channel is the force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nearlift.onboarding import headings
+from nearlift.readers.base import Channel
+
+
+def channels(*columns: tuple[str, str]) -> list[Channel]:
+    return [Channel(name=name, unit=unit, values=np.arange(5.0)) for name, unit in columns]
+
+
+@pytest.mark.parametrize(
+    ("columns", "force"),
+    [
+        ((("u1[N]", "N"), ("u2[N]", "N"), ("fz[mN]", "mN")), "fz[mN]"),
+        ((("u1[N]", "N"), ("u2[N]", "N")), None),
+        ((("thrust_cmd", "N"), ("thrust", "N")), "thrust"),
+        ((("motor 1 (N)", "N"), ("F", "N")), "F"),
+        ((("setpoint", "N"), ("t", "s")), None),
+        ((("Thrust target (gf)", "gf"), ("Thrust (gf)", "gf")), "Thrust (gf)"),
+        ((("pwm", ""), ("vbat", "V"), ("thrust_g", "g")), "thrust_g"),
+        # no telling which
+        ((("A", "N"), ("B", "N")), None),
+        ((("fz1", "N"), ("fz2", "N")), None),
+        ((("motor thrust (N)", "N"), ("rpm", "rpm")), "motor thrust (N)"),
+    ],
+)
+def test_a_motors_command_is_no_force_and_of_two_forces_none_is_picked(columns, force):
+    found = headings.likely_force(channels(*columns))
+    assert (found and found.name) == force
+
+
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [
+        ("t_s", ("t", "s")),
+        ("h_m", ("h", "m")),
+        ("vbat_V", ("vbat", "V")),
+        ("Thrust (gf)", ("Thrust", "gf")),
+        ("fz_n", ("fz", "N")),
+        ("millis", ("millis", "ms")),
+        # counts, and names that end like a unit by chance
+        ("sample_n", ("sample_n", "")),
+        ("m_1", ("m_1", "")),
+        ("_s", ("_s", "")),
+        ("rows", ("rows", "")),
+    ],
+)
+def test_units_stand_in_names(name, meant):
+    assert headings.named(name) == meant
+
+
+def test_a_load_cell_has_a_usual_rate():
+    for rate, clock in ((100.0, "s"), (1.0, "s"), (1e6, "us")):
+        assert not headings.doubtful_rate(rate, channels(("t", clock))[0])
+    assert headings.doubtful_rate(3e6, None)

@@ -1,0 +1,135 @@
+"""A table of means or of trials is seen by its shape, and several tables are named."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from tests.unit import small_run, written
+from tests.unit.small_run import nearlift
+
+from nearlift.onboarding.inspection import inspect
+
+
+def block_of(*words: object) -> dict[str, object]:
+    """The manifest's tables that `inspect` prints."""
+    answer = nearlift("inspect", *words)
+    assert answer.exit_code == 0, answer.output
+    return tomllib.loads(answer.stdout.split("\n\n", 1)[1])
+
+
+def table(distance: str, throttle: str, lift: str, more: str = "") -> bytes:
+    """A table of means under such headings: four distances at three throttles."""
+    rows = [f"{distance},{throttle},{lift}{',' + more if more else ''}"]
+    for h in (20, 35, 60, 200):
+        for t in (40, 55, 70):
+            rows.append(f"{h},{t},{t * t / 10 + 400 / h:.2f}{',1.5' if more else ''}")
+    return ("\n".join(rows) + "\n").encode()
+
+
+@pytest.mark.parametrize(
+    ("heading", "unit"),
+    [
+        ("Thrust mean (g)", "gf"),
+        ("Avg Thrust (g)", "gf"),
+        ("thrust_mean_g", "gf"),
+        ("thrust_avg", "FILL IN"),
+        ("Average thrust [gf]", "gf"),
+        ("F_mean [N]", "N"),
+        ("T (N)", "N"),
+        ("F (N)", "N"),
+        ("Thrust (lbs)", "lbf"),
+        ("Thrust (g)", "gf"),
+        ("Mean thrust", "FILL IN"),
+        ("Lift (N)", "N"),
+        ("lift_gf", "gf"),
+        ("Schub [mN]", "mN"),
+        ("measured by cell (kg)", "kgf"),
+        ("Thrust (lbf) avg", "lbf"),
+        ("F", "FILL IN"),
+    ],
+)
+def test_a_table_of_means_is_seen_by_its_shape(tmp_path: Path, heading: str, unit: str) -> None:
+    content = table("Height (mm)", "Throttle (%)", heading, "Std dev (g)")
+    path = written.put(tmp_path, "t.csv", content)
+    found = block_of(path)
+    assert found["records"] == {"reader": "means"}
+    assert found["trials"]["units"]["lift"] == unit
+    assert found["trials"]["units"]["lift_sd"] == "gf"
+    assert nearlift("new", tmp_path / "c", "--from", path).exit_code == 0
+    header = (tmp_path / "c" / "trials.csv").read_text().splitlines()[0]
+    assert header == "trial,distance,throttle,lift,lift_sd"
+
+
+@pytest.mark.parametrize(
+    ("distance", "throttle", "units"),
+    [
+        ("h/R", "Signal (us)", {"distance": "R", "throttle": "us"}),
+        ("z/R", "duty", {"distance": "R", "throttle": "FILL IN"}),
+        ("Height above floor [mm]", "ESC throttle (%)", {"distance": "mm", "throttle": "percent"}),
+        ("d_cm", "PWM (us)", {"distance": "cm", "throttle": "us"}),
+        ("Bodenabstand (mm)", "Gas (%)", {"distance": "mm", "throttle": "percent"}),
+        ("gap/R", "Throttle %", {"distance": "R", "throttle": "percent"}),
+        ("h_over_R", "duty_pct", {"distance": "R", "throttle": "percent"}),
+    ],
+)
+def test_distance_and_throttle_as_tables_call_them(
+    tmp_path: Path, distance: str, throttle: str, units: dict[str, str]
+) -> None:
+    path = written.put(tmp_path, "t.csv", table(distance, throttle, "F [N]"))
+    found = block_of(path)
+    assert found["records"] == {"reader": "means"}
+    assert {k: found["trials"]["units"][k] for k in units} == units
+
+
+def test_a_maximum_next_to_a_mean_is_no_lift_and_two_cells_are_no_table_of_means(
+    tmp_path: Path,
+) -> None:
+    lines = table("h_mm", "thr_pct", "Max thrust (g)", "Mean thrust (g)")
+    assert block_of(written.put(tmp_path, "a.csv", lines))["records"] == {"reader": "means"}
+    made = nearlift("new", tmp_path / "c", "--from", tmp_path / "a.csv")
+    assert made.exit_code == 0
+    assert (tmp_path / "c" / "trials.csv").read_text().splitlines()[1].endswith(
+        ",180.00,1.5"
+    ) is False
+    both = table("h_mm", "thr_pct", "left (N)", "right (N)")
+    assert block_of(written.put(tmp_path, "b.csv", both)).get("records") != {"reader": "means"}
+
+
+def test_a_record_in_steps_that_logs_its_distance_is_no_table_of_means(tmp_path: Path) -> None:
+    rows = [f"{20 if i < 400 else 60},{50},{3 + (i % 7) / 10}" for i in range(800)]
+    path = written.put(tmp_path, "r.csv", "\n".join(["h_mm,thr_pct,thrust_g", *rows, ""]).encode())
+    assert inspect(path).table is None
+
+
+def test_distances_in_rotor_radii_are_read_as_such(tmp_path: Path) -> None:
+    root = small_run.write_means(tmp_path / "raw", 24)
+    text = (root / "campaign.toml").read_text()
+    rows = (root / "trials.csv").read_text().splitlines()
+    place = rows[0].split(",").index("distance")
+    cells = [row.split(",") for row in rows[1:]]
+    for row in cells:
+        row[place] = f"{float(row[place]) / 23:.6f}"
+    (root / "trials.csv").write_text("\n".join([rows[0], *map(",".join, cells)]) + "\n")
+    (root / "campaign.toml").write_text(text.replace('distance = "mm"', 'distance = "R"'))
+    from nearlift.campaign import manifest as manifests
+    from nearlift.schedule import read_schedule
+
+    schedule = read_schedule(manifests.load(root), root)
+    expected = [float(row[place]) for row in cells]
+    assert schedule.z_hat == pytest.approx(expected, rel=1e-5)
+
+
+STACKED = "h_mm,T_g\n20,300\n30,280\n60,250\n\nh_mm,T_g\n20,410\n30,390\n60,350\n"
+ASIDE = "h_mm,T_g,,h_mm,T_g\n20,300,,20,410\n30,280,,30,390\n60,250,,60,350\n"
+DASHES = "h_mm,-,T_g,-\n20,1,300,1\n30,1,280,1\n60,1,250,1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [(STACKED, "holds 2 tables"), (ASIDE, "two tables side by side"), (DASHES, "side by side")],
+)
+def test_several_tables_in_one_file_are_said(tmp_path: Path, text: str, said: str) -> None:
+    answer = nearlift("inspect", written.put(tmp_path, "a.csv", text.encode()))
+    assert (answer.exit_code, said in answer.stderr) == (4, True), answer.stderr

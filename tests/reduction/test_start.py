@@ -1,0 +1,43 @@
+"""The start of the rotors in a record, and a converter's counter that wraps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from nearlift.reduction.start import start_of
+from nearlift.reduction.wrap import wrap_of
+
+
+def record(rest_s: float, rise_s: float, rate: float, seed: int, length_s: float = 4.0):
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(length_s * rate)) / rate
+    rise = 1 - np.exp(-np.maximum(t - rest_s, 0) / max(rise_s, 1e-9))
+    return t, 300 * np.where(t >= rest_s, rise, 0) + rng.normal(0, 1.0, len(t)) - 12
+
+
+@pytest.mark.parametrize(
+    ("rest", "rise", "rate"), [(1.0, 0.0, 80), (1.0, 0.1, 80), (0.5, 0.02, 1000), (2.0, 0.2, 10)]
+)
+def test_the_start_of_the_rotors_is_measured(rest: float, rise: float, rate: float) -> None:
+    _, force = record(rest, rise, rate, 1, 8.0)
+    force[5] = 8e6
+    found = start_of(force, rate)
+    assert found is not None
+    assert abs(found.rest_ends / rate - rest) <= max(0.11 * rise, 1 / rate) + 1 / rate
+    assert found.steady_from / rate >= rest + 1.8 * rise
+    assert found.steady_from / rate <= rest + 5 * rise + 2 / rate
+    assert start_of(force[round(rest * rate) + round(rise * rate * 8) :], rate) is None
+
+
+def test_a_counter_that_wraps_is_said_and_no_other_step() -> None:
+    _, force = record(1.0, 0.0, 80, 2)
+    assert wrap_of(force) is None
+    wrapped = np.where(np.arange(len(force)) >= 120, force - 39946, force)
+    assert wrap_of(wrapped) == pytest.approx(39946, rel=0.02)
+    counts = np.round(8_300_000 + 420 * force)
+    wrapping = np.where(counts > (1 << 23) - 1, counts - (1 << 24), counts)
+    assert wrap_of(wrapping) == pytest.approx(1 << 24, rel=0.02)
+    spike = force.copy()
+    spike[100] = -39946
+    assert wrap_of(spike) is None
