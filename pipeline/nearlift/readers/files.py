@@ -88,7 +88,7 @@ def _checked(root: Path, relative: str, key: str) -> tuple[Path, int | None]:
             "is a loop of symbolic links" if loop else f"cannot be read: {fault}",
             "put a readable file into the campaign's folder",
         ) from None
-    if not real.startswith(_prefix(root)) or ".." in path.parts[len(root.parts) :]:
+    if not real.startswith(_prefix(root.absolute())) or ".." in path.parts[len(root.parts) :]:
         raise InputRefused(
             f"{key} = {relative!r}",
             f"leads outside the campaign's folder, to {real}",
