@@ -285,7 +285,7 @@ def design(call: Call, campaign: Path, noise_from: str | None, write: Path | Non
     For CAMPAIGN before it is run: detectable effects, confounded effects, and changes to the plan.
     The plan is the folder's schedule, or the manifest's [design].
     """
-    from nearlift.report.figures.design import text
+    from nearlift.report.forecasts import design as text
     from nearlift.results.document import as_json
     from nearlift.stages import forecasts
 
@@ -611,7 +611,7 @@ def serve(call: Call, folder: Path, port: int) -> None:
 
 def _explain(call: Call, campaign: Path, given: Mapping[str, object]) -> None:
     """Describe an effect, its detectable size in this campaign, and what is confounded with it."""
-    from nearlift.report.figures.explain import text
+    from nearlift.report.forecasts import effect as text
     from nearlift.results.document import as_json
     from nearlift.stages import forecasts
 

@@ -166,7 +166,7 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
     listed = [entry for folder in finished(out, names) for entry in entries(folder)]
     compared = CampaignComparison(shared=tuple(shared), groups=grouped(listed, shared))
     target = out / "reports" / FOLDER
-    rows = forest.summarise(compared)
+    rows = forest.table(compared)
     for kind, drawn in for_print(forest.draw, rows).items():
         tables.write_whole(target / f"forest.{kind}", drawn)
     said = [

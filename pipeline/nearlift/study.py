@@ -165,7 +165,7 @@ class Study:
         with self._open("serial", keep=False) as job:
             evidence = gather(job)
         rows = spec.table(evidence)
-        if not rows:
+        if rows.empty:
             raise UsageError(
                 name,
                 "cannot be drawn: this campaign does not have what it shows",

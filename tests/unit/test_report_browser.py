@@ -192,7 +192,7 @@ def test_residuals_are_every_trial_and_the_means_of_the_printed_figure(page, add
     """Against distance, supply and approach: as many means as the figure's table has."""
     page.open(address)
     unfold(page, "residuals")
-    table = residuals.summarise(gather(job), every=True)
+    table = residuals.table(gather(job), every=True)
     for covariate, word in (
         ("supply_V", "supply (V)"),
         ("approach", "approach"),

@@ -20,7 +20,7 @@ from nearlift.flight.fitted_lift import FittedLift
 from nearlift.flight.monte_carlo import settings_of, tabulate
 from nearlift.flight.vehicle import CRAZYFLIE_AS_PRINTED, gains_for, poles
 from nearlift.report.figures.fig6 import touching
-from nearlift.report.figures.files import render
+from nearlift.report.figures.files import drawn, render
 from nearlift.report.figures.style import Style
 from nearlift.report.registry import FIGURES
 from nearlift.run.engine import Job, stage_of
@@ -126,11 +126,10 @@ def test_figures_and_chapter(flown):
     for spec in FIGURES:
         if spec.name not in ("fig6", "safety"):
             continue
-        table = spec.summarise(evidence)
-        assert len({len(c) for c in table.values()}) == 1
+        table = spec.table(evidence)
         assert render(spec.draw, table, Style())["png"].startswith(b"\x89PNG")
         assert "alving the step changes" in spec.caption(evidence, table)
-        assert "z_hat" in spec.alt(evidence, table)
+        assert "ground" in spec.alt(table)
     text = small_run.chapter(evidence, "safety")
     levels = re.findall(r"<summary>(\w+): set-points by risk(.*?)</details>", text, re.DOTALL)
     assert [boundary for boundary, _ in levels] == ["Ground", "Ceiling"]
@@ -326,8 +325,10 @@ def test_nothing_is_advised_where_lift_nearer_than_measured_decides(remake, monk
     assert level["held"] > level["hi90"]
     (spec,) = (s for s in FIGURES if s.name == "safety")
     evidence = gather(job)
-    told = spec.caption(evidence, spec.summarise(evidence))
+    told = spec.caption(evidence, spec.table(evidence))
     assert "No set-point is advised for a risk of 50 %" in told
+    figure = drawn(spec.draw, spec.table(evidence), Style())
+    assert "no set-point is advised" in [t.get_text() for ax in figure.axes for t in ax.texts]
     assert "no advice: it depends" in small_run.chapter(evidence, "safety")
 
 

@@ -20,12 +20,12 @@ from nearlift.declare import Boundary
 from nearlift.errors import UsageError
 from nearlift.nomenclature import VERDICTS, letter
 from nearlift.reduction.quality import rejected
-from nearlift.report.evidence import Columns, Evidence, where
+from nearlift.report.evidence import Evidence, pick, where
 from nearlift.report.figures.fig2 import force_unit
-from nearlift.report.figures.fig2 import summarise as fig2_table
+from nearlift.report.figures.fig2 import table as fig2_table
 from nearlift.report.figures.forest import interval
 from nearlift.report.figures.residuals import residuals as trial_residuals
-from nearlift.report.figures.residuals import summarise as residual_table
+from nearlift.report.figures.residuals import table as residual_table
 from nearlift.rounding import plain, plus_minus
 from nearlift.stages.ingest import TRIALS
 from nearlift.stages.reduce import LIFT
@@ -120,7 +120,7 @@ def _ramp(n: int) -> list[str]:
 
 def fig2(evidence: Evidence) -> Chart:
     """A view for each boundary; the legend shows and hides throttles."""
-    table = pd.DataFrame(fig2_table(evidence))
+    table = fig2_table(evidence)
     views: dict[str, Spec] = {
         b: _fig2_view(table[table["panel"] == b], cells(evidence, b), b)
         for b in evidence.boundaries
@@ -212,7 +212,7 @@ def cells(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
     """Points of Figure 2 at one boundary, with their trials and quality in words."""
     lift, trials = (where(evidence.table(p), boundary=boundary) for p in (LIFT, TRIALS))
     scale, unit = force_unit(evidence)
-    table = where(fig2_table(evidence), panel=boundary, kind="data")
+    table = pick(fig2_table(evidence), panel=boundary, kind="data")
     cell = {(t, z): i for i, (t, z) in enumerate(zip(lift["throttle"], lift["z_hat"], strict=True))}
     data, throttles = evidence.observations[boundary], np.asarray(trials["throttle"], dtype=float)
     if data.curve is not None:
@@ -260,7 +260,7 @@ def cells(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
 
 def residuals(evidence: Evidence) -> Chart:
     """A view for each boundary: every trial against the covariate that the reader chooses."""
-    table = pd.DataFrame(residual_table(evidence, every=True))
+    table = residual_table(evidence, every=True)
     views: dict[str, Spec] = {
         b: _residual_view(evidence, b, table[table["panel"] == b])
         for b in evidence.boundaries
@@ -340,7 +340,7 @@ def _residual_view(evidence: Evidence, boundary: Boundary, table: pd.DataFrame) 
 
 def _dots(evidence: Evidence, boundary: Boundary, table: pd.DataFrame) -> pd.DataFrame:
     """Trials with a column for each covariate."""
-    data, _, _ = trial_residuals(evidence, boundary)
+    data = trial_residuals(evidence, boundary).data
     rows = table[table["kind"] == "trial"]
     wide = rows.pivot(index="trial", columns="covariate", values="x")
     keep = np.unique(np.linspace(0, data.n - 1, min(data.n, MOST_DOTS)).round().astype(int))
@@ -355,9 +355,9 @@ def _dots(evidence: Evidence, boundary: Boundary, table: pd.DataFrame) -> pd.Dat
 # campaigns compared
 
 
-def forest(table: Columns) -> Chart:
+def forest(table: pd.DataFrame) -> Chart:
     """A view for each coefficient: a line for each campaign, the population beneath."""
-    groups: Any = pd.DataFrame(table).groupby(["panel", "coefficient"], sort=False)
+    groups: Any = table.groupby(["panel", "coefficient"], sort=False)
     views = {f"{b}: {letter(c)}": _forest_view(rows, b, c) for (b, c), rows in groups}
     return Chart(name="forest", label="One coefficient over campaigns", views=views, mark="line")
 
@@ -368,7 +368,8 @@ def _forest_view(rows: pd.DataFrame, boundary: str, coefficient: str) -> Spec:
     name = letter(coefficient)
     known: Any = rows.to_dict("list")
     judged = [VERDICTS.get(v, "") for v in known["verdict"]]
-    values = [interval(known, i) for i in range(len(rows))]
+    ends = (known[end] for end in ("value", "lo90", "hi90"))
+    values = [interval(*numbers) for numbers in zip(*ends, strict=True)]
     words = [
         f"{label}: {name} = {value}" + f"; {verdict}" * bool(verdict)
         for label, value, verdict in zip(known["label"], values, judged, strict=True)

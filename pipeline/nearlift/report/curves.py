@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray, LiftModel
 from nearlift.likelihood import student
 from nearlift.likelihood.problem import lift_ratio
@@ -60,32 +59,25 @@ def uncertainty(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
-    """L / L_inf - 1 of a base model over distance, arrays of shape (n,).
+    """L / L_inf - 1 of a model over recorded distance, arrays of shape (n,).
 
     Attributes
     ----------
     middle, low, high : array
-        The posterior's pointwise median and central 90 %; where there is no posterior, least
-        squares with the band that the covariance of its parameters implies. `low` and `high` are
-        nan where the intervals of the coefficients have no end.
+        The curve and its 90 % band; nan where the intervals of the coefficients have no end.
     least_squares : array
-    sampled : bool
-        Whether `middle` is the posterior's.
+        The base fit's curve where it is another one.
     """
 
     middle: FloatArray
     low: FloatArray
     high: FloatArray
     least_squares: FloatArray
-    sampled: bool
 
     def parts(self, span: float) -> bool:
-        """Whether least squares differs visibly from `middle` in a panel whose data span so much; a
-        prior, a curve that bends, or structure that is carried parts them.
-        """
-        return bool(
-            np.nanmax(np.abs(self.least_squares - self.middle), initial=0.0) > VISIBLE * span
-        )
+        """Whether least squares differs visibly from `middle` where the data span so much."""
+        apart = np.nanmax(np.abs(self.least_squares - self.middle), initial=0.0)
+        return bool(apart > VISIBLE * span)
 
 
 def posterior_quantiles(
@@ -114,26 +106,14 @@ def posterior_quantiles(
     return low, middle, high
 
 
-def stood(evidence: Evidence, boundary: Boundary, fit: ModelFit, z_hat: FloatArray) -> FloatArray:
-    """Recorded distances corrected by the fitted height error."""
-    return z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
-
-
-def fitted(evidence: Evidence, boundary: Boundary, name: str, z_hat: FloatArray) -> FloatArray:
-    """L / L_inf of a model at recorded distances by least squares, at the corrected distances."""
-    model, fit = catalogue.model(name), evidence.fits.boundaries[boundary][name]
-    arguments = {**evidence.known(boundary, model), **fit.values}
-    return ratio(model, stood(evidence, boundary, fit, z_hat), arguments)
-
-
-def band(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
-    """The base model's curve at recorded distances as believed, with its 90 % band, and as least
-    squares has it, both at the corrected distances.
+def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
+    """The base fit at recorded distances, with its height error: pointwise median and 90 % of the
+    posterior, or least squares with the band of its covariance.
     """
     model, fit = evidence.base(boundary)
-    plain = fitted(evidence, boundary, model.name, z_hat) - 1
-    z_hat = stood(evidence, boundary, fit, z_hat)
     known = evidence.known(boundary, model)
+    z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m
+    plain = ratio(model, z_hat, {**known, **fit.values}) - 1
     drawn = posterior_quantiles(evidence, boundary, model, z_hat, known)
     if drawn is None:
         reach = quantile90(fit) * uncertainty(model, z_hat, known, fit.values, fit.covariance)
@@ -141,8 +121,7 @@ def band(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
     low, middle, high = drawn
     if endless(fit):
         low = high = np.full_like(middle, np.nan)
-    sampled = middle is not plain
-    return Curve(middle=middle, low=low, high=high, least_squares=plain, sampled=sampled)
+    return Curve(middle=middle, low=low, high=high, least_squares=plain)
 
 
 def endless(fit: ModelFit) -> bool:

@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from nearlift import catalogue
@@ -33,6 +34,8 @@ if TYPE_CHECKING:
 Columns = dict[str, NDArray[Any]]
 #: The same, to be read.
 Rows = Mapping[str, NDArray[Any]]
+#: A part of a table: a value, or one for each row, by column.
+Part = dict[str, Any]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +87,10 @@ class Evidence:
         if product.file not in self.tables:
             raise _missing(product)
         return self.tables[product.file]
+
+    def frame(self, product: Product, **values: object) -> pd.DataFrame:
+        """Rows of a table product in which these columns have these values."""
+        return pick(pd.DataFrame(self.table(product)), **values)
 
     def document(self, product: Product) -> dict[str, Any]:
         """A JSON product; `ProductError` if it does not exist."""
@@ -181,18 +188,15 @@ def lift_inf_N(fit: ModelFit, data: Observations, drawn: bool = False) -> FloatA
     return np.array([known.get(float(f"{t:g}"), np.nan) for t in data.levels])[data.level]
 
 
-def stack(parts: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> Columns:
-    """Parts of a table, one below the other; its columns in that order, else as the first part has
-    them.
+def frame(parts: Sequence[Part], columns: Sequence[str]) -> pd.DataFrame:
+    """Parts of a table, one below the other.
 
     A single value fills every row of its part. What a part lacks is empty there: nan among
     numbers, no text among texts.
     """
     sizes = [max((len(v) for v in part.values() if np.ndim(v)), default=1) for part in parts]
-    return {
-        name: _joined([part.get(name) for part in parts], sizes)
-        for name in columns or (parts[0] if parts else ())
-    }
+    joined = {name: _joined([part.get(name) for part in parts], sizes) for name in columns}
+    return pd.DataFrame(joined)
 
 
 def _joined(values: Sequence[Any], sizes: Sequence[int]) -> NDArray[Any]:
@@ -208,22 +212,25 @@ def _joined(values: Sequence[Any], sizes: Sequence[int]) -> NDArray[Any]:
     return np.concatenate(filled) if filled else np.zeros(0)
 
 
-def select(table: Rows, rows: Any) -> Columns:
-    """The rows of a mask."""
-    return {name: column[rows] for name, column in table.items()}
+def pick(table: pd.DataFrame, **values: object) -> pd.DataFrame:
+    """Rows in which these columns have these values, numbered from 0."""
+    keep = np.ones(len(table), dtype=bool)
+    for name, value in values.items():
+        keep &= (table[name] == value).to_numpy()
+    return table[keep].reset_index(drop=True)
+
+
+def groups(table: pd.DataFrame, *columns: str) -> list[tuple[Any, ...]]:
+    """Different combinations of values of these columns, in the order in which they come."""
+    return records(table[list(columns)].drop_duplicates())
+
+
+def records(table: pd.DataFrame) -> list[Any]:
+    """Rows with their columns as attributes."""
+    return list(table.itertuples(index=False))
 
 
 def where(table: Rows, **values: object) -> Columns:
     """The rows in which these columns have these values."""
-    return select(table, np.all([table[name] == value for name, value in values.items()], axis=0))
-
-
-def single(table: Rows, rows: Any) -> dict[str, Any]:
-    """The one row of a mask, its values as Python's own."""
-    return {name: column[rows].item() for name, column in table.items()}
-
-
-def distinct(*columns: NDArray[Any]) -> list[Any]:
-    """The values of a column in the order in which they come; of several columns, the tuples."""
-    values = [column.tolist() for column in columns]
-    return list(dict.fromkeys(values[0] if len(values) == 1 else zip(*values, strict=True)))
+    keep = np.all([table[name] == value for name, value in values.items()], axis=0)
+    return {name: column[keep] for name, column in table.items()}

@@ -36,7 +36,6 @@ from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT, POSTERIOR
 from nearlift.stages.flow import FLOW_PRODUCTS
 from nearlift.stages.ingest import TRIALS
-from nearlift.stages.reduce import LIFT
 from nearlift.stages.simulate import SAFETY
 
 
@@ -175,13 +174,6 @@ CHAPTERS: tuple[Chapter, ...] = (
         part="data",
         needs=(FIT, TRIALS),
         figures=_figures("residuals"),
-    ),
-    Chapter(
-        name="carried",
-        title="Other measured forces and moments",
-        part="data",
-        needs=(LIFT,),
-        figures=_figures("carried"),
     ),
     Chapter(
         name="noise",

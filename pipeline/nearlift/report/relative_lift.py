@@ -1,8 +1,10 @@
-"""Lift over the fitted L_inf, cell by cell, with the line of the model that is quoted.
+"""Lift over the fitted L_inf, cell by cell, with the curve of the model that is quoted.
 
-Where the loop named an effect, a trial deviates from the line by the residual that the whole model
-leaves, which is its lift with the effect at that trial's covariates taken out: the points that
-belong to a line of distance alone. Without one it is the lift itself.
+An effect that depends on distance alone, such as a height offset or a stagnation zone, belongs to
+the vehicle and its place: it is drawn in the curve, and the cells are as measured. An effect along
+anything else, such as supply voltage or time, belongs to the rig: a curve over distance cannot show
+it, so each trial is corrected for it. Both follow from the residual of the whole model: a trial
+deviates from the curve by what that model leaves.
 """
 
 from __future__ import annotations
@@ -10,10 +12,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from nearlift.declare import Boundary, FloatArray, LiftModel
+from nearlift import catalogue
+from nearlift.declare import Boundary, FloatArray, LiftModel, compose
 from nearlift.likelihood import student
 from nearlift.report import curves
 from nearlift.report.evidence import Evidence, lift_inf_N, where
@@ -22,7 +26,7 @@ from nearlift.results.quotation import BoundaryResult
 from nearlift.stages.diagnose import LOOP_RESIDUALS
 from nearlift.stages.reduce import LIFT
 
-#: Relative step of a distance by which a curve's slope is taken.
+#: Relative step of a distance, and of a coefficient, by which a slope is taken.
 STEP = 1e-4
 
 
@@ -34,11 +38,13 @@ class RelativeLift:
     ----------
     throttle, z_hat, delta_L : array
     u : array
-        Standard uncertainty of `delta_L` from the scatter of trials, visits and heights; that of
-        L_inf, which a throttle's cells share, is not in it.
+        Standard uncertainty of `delta_L` from the scatter of trials, visits and heights, without
+        that of L_inf, which a throttle's cells share.
     u_L_inf : float
         The largest standard uncertainty of a throttle's L_inf, as a fraction of it, from the same
         scatter.
+    covariance : ParameterCovariance or None
+        Of the drawn model's parameters, from the same scatter.
     """
 
     throttle: FloatArray
@@ -46,6 +52,32 @@ class RelativeLift:
     delta_L: FloatArray
     u: FloatArray
     u_L_inf: float
+    covariance: ParameterCovariance | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QuotedModel:
+    """The quoted model as a curve over distance.
+
+    Attributes
+    ----------
+    model : LiftModel
+        The base model with the effects of the vehicle.
+    values : mapping
+        Everything that it takes besides distance.
+    in_curve, in_points : tuple of str
+        Effects that the curve has, and those that the points are corrected for.
+    """
+
+    model: LiftModel
+    values: Mapping[str, Any]
+    in_curve: tuple[str, ...]
+    in_points: tuple[str, ...]
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """All effects of the quoted model that are dealt with."""
+        return self.in_curve + self.in_points
 
 
 def by_fit(evidence: Evidence) -> bool:
@@ -53,66 +85,97 @@ def by_fit(evidence: Evidence) -> bool:
     return evidence.campaign.report.reference == "fit"
 
 
-def named(evidence: Evidence, boundary: Boundary) -> tuple[str, ...]:
-    """The effects of the quoted model that are taken out of the cells: where these are referred to
-    its L_inf, and where residuals exist.
-    """
-    taken_out = by_fit(evidence) and evidence.has(LOOP_RESIDUALS)
-    return evidence.quoted(boundary).effects if taken_out else ()
+def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
+    """The model whose curve belongs to the cells."""
+    base, fit = evidence.base(boundary)
+    quoted, data = evidence.quoted(boundary), evidence.observations[boundary]
+    diagnosed = evidence.diagnosed(boundary)
+    sized = {e.name: e.parameters for e in diagnosed.effects} if diagnosed else {}
+    taken = quoted.effects if by_fit(evidence) and evidence.has(LOOP_RESIDUALS) else ()
+    known = {"radius_m": data.radius_m} | evidence.known(boundary, base)
+    of_distance = {"z_hat", "radius_m", *evidence.campaign.geometry()}
+    model = base
+    in_curve: list[str] = []
+    sizes: dict[str, float] = {}
+    for name in taken:
+        effect, parameters = catalogue.effect(name), sized.get(name, {})
+        drawable = effect.acts_on != "force" and {*effect.needs} <= of_distance
+        if drawable and all(p.name in parameters for p in effect.parameters):
+            model = compose(model, effect)
+            in_curve.append(name)
+            sizes |= {p: e.value for p, e in parameters.items()}
+    coefficients = {n: c.value for n, c in quoted.coefficients.items()}
+    values = {**evidence.campaign.geometry(), **known, **fit.values, **coefficients, **sizes}
+    asked = {*model.needs, *(p.name for p in model.parameters)}
+    return QuotedModel(
+        model=model,
+        values={n: v for n, v in values.items() if n in asked},
+        in_curve=tuple(in_curve),
+        in_points=tuple(n for n in taken if n not in in_curve),
+    )
 
 
-def as_quoted(evidence: Evidence, boundary: Boundary) -> bool:
-    """Whether the line is that of the quoted coefficients where these are not the base fit's."""
+def is_base_fit(evidence: Evidence, boundary: Boundary) -> bool:
+    """Whether the curve is the base fit's own."""
     unexplained = by_fit(evidence) and evidence.quoted(boundary).verdict == "unexplained"
-    return unexplained or bool(named(evidence, boundary))
+    return not (unexplained or quoted_model(evidence, boundary).effects)
 
 
 def line(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> curves.Curve:
-    """The line that belongs to the cells: the quoted model's L / L_inf - 1 over distance, its
-    effects aside, and its 90 % band.
+    """The curve that belongs to the cells: the quoted model's L / L_inf - 1 at recorded distances,
+    without the effects that the cells are corrected for.
+
+    Its 90 % band is that of the quoted coefficients. Where it has an effect, these allow for rivals
+    that draw other curves; the band is then that of the cells' scatter.
     """
-    model, fit = evidence.base(boundary)
-    quoted, known = evidence.quoted(boundary), evidence.known(boundary, model)
-    if not as_quoted(evidence, boundary):
-        return curves.band(evidence, boundary, z_hat)
-    values = {**known, **fit.values, **{n: c.value for n, c in quoted.coefficients.items()}}
-    middle = curves.ratio(model, z_hat, values) - 1
-    plain = curves.fitted(evidence, boundary, model.name, z_hat) - 1
-    plain = middle if named(evidence, boundary) else plain
-    low, high = _band(quoted, model, z_hat, values, middle)
-    return curves.Curve(middle=middle, low=low, high=high, least_squares=plain, sampled=False)
-
-
-def _band(
-    quoted: BoundaryResult,
-    model: LiftModel,
-    z_hat: FloatArray,
-    values: Mapping[str, float],
-    middle: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
-    """Ends of the 90 % band of a curve by the quoted coefficients; nan where they have no end."""
-    among = quoted.correlation
-    free = [n for n in among.parameters if n in quoted.coefficients]
-    rows = [among.parameters.index(n) for n in free]
-    u = np.array([quoted.coefficients[n].u for n in free])
-    covariance = np.outer(u, u) * np.array(among.values)[np.ix_(rows, rows)]
-    if not np.isfinite(covariance).all() or not free:
-        none = np.full_like(middle, np.nan)
-        return none, none
-    if len(free) == 1:
+    if is_base_fit(evidence, boundary):
+        return curves.base_curve(evidence, boundary, z_hat)
+    drawn = quoted_model(evidence, boundary)
+    middle = _middle(evidence, boundary, z_hat)
+    plain = middle
+    if not drawn.effects:
+        plain = curves.base_curve(evidence, boundary, z_hat).least_squares
+    quoted = evidence.quoted(boundary)
+    free = [n for n in quoted.correlation.parameters if n in quoted.coefficients]
+    spread = np.full_like(middle, np.nan)
+    if len(free) == 1 and not drawn.in_curve:
         # one coefficient moves the whole curve: the band is its interval, however uneven
         c = quoted.coefficients[free[0]]
-        ends = [curves.ratio(model, z_hat, {**values, free[0]: x}) - 1 for x in (c.lo90, c.hi90)]
-        return np.minimum(*ends), np.maximum(*ends)
-    spread = curves.uncertainty(
-        model, z_hat, values, values, ParameterCovariance.named(free, covariance)
-    )
-    return middle - student.NORMAL_90 * spread, middle + student.NORMAL_90 * spread
+        ends = ({**drawn.values, free[0]: x} for x in (c.lo90, c.hi90))
+        one, other = (curves.ratio(drawn.model, z_hat, values) - 1 for values in ends)
+        low, high = np.minimum(one, other), np.maximum(one, other)
+        return curves.Curve(middle=middle, low=low, high=high, least_squares=plain)
+    covariance = _quoted_covariance(quoted, free)
+    if drawn.in_curve:
+        covariance = relative_lift(evidence, boundary).covariance
+    if covariance is not None:
+        values = drawn.values
+        spread = curves.uncertainty(drawn.model, z_hat, values, values, covariance)
+    reach = student.NORMAL_90 * spread
+    return curves.Curve(middle=middle, low=middle - reach, high=middle + reach, least_squares=plain)
+
+
+def _middle(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> FloatArray:
+    """The curve without its band."""
+    if is_base_fit(evidence, boundary):
+        return curves.base_curve(evidence, boundary, z_hat).middle
+    drawn = quoted_model(evidence, boundary)
+    return curves.ratio(drawn.model, z_hat, drawn.values) - 1
+
+
+def _quoted_covariance(quoted: BoundaryResult, free: list[str]) -> ParameterCovariance | None:
+    """Covariance of these quoted coefficients; None where one has no end."""
+    rows = [quoted.correlation.parameters.index(n) for n in free]
+    u = np.array([quoted.coefficients[n].u for n in free])
+    if not free or not np.isfinite(u).all():
+        return None
+    correlation = np.array(quoted.correlation.values)[np.ix_(rows, rows)]
+    return ParameterCovariance.named(free, np.outer(u, u) * correlation)
 
 
 def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
-    """Every cell's lift over the fitted L_inf, or over that of the farthest station, of unknown
-    uncertainty.
+    """Every cell's lift over the fitted L_inf; or over that of the farthest station, whose
+    uncertainty is not known.
     """
     if not by_fit(evidence):
         table = where(evidence.table(LIFT), boundary=boundary)
@@ -125,11 +188,12 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
         )
     data = evidence.observations[boundary]
     data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
-    if named(evidence, boundary):
+    drawn = quoted_model(evidence, boundary)
+    if drawn.effects:
         table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
         left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
         residual = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
-        log_ratio = np.log1p(line(evidence, boundary, data.z_hat).middle) + residual
+        log_ratio = np.log1p(_middle(evidence, boundary, data.z_hat)) + residual
         diagnosed = evidence.diagnosed(boundary)
     else:
         level = lift_inf_N(evidence.base(boundary)[1], data, drawn=True)
@@ -144,43 +208,46 @@ def relative_lift(evidence: Evidence, boundary: Boundary) -> RelativeLift:
     of_trial = (
         (data.u_lift_N / data.lift_N) ** 2 + noise.relative**2 + (noise.force_N / data.lift_N) ** 2
     )
-    curve = line(evidence, boundary, cell[1])
-    beyond = line(evidence, boundary, cell[1] * (1 + STEP))
-    slope = np.nan_to_num((np.log1p(beyond.middle) - np.log1p(curve.middle)) / (STEP * cell[1]))
+    here, beyond = (_middle(evidence, boundary, cell[1] * x) for x in (1, 1 + STEP))
+    slope = np.nan_to_num((np.log1p(beyond) - np.log1p(here)) / (STEP * cell[1]))
     visits = np.bincount(np.unique(np.stack([index, data.visit]), axis=1)[0], minlength=len(n))
     shared = ((slope * noise.height_m / data.radius_m) ** 2 + noise.common**2) / visits
     variance = np.bincount(index, of_trial) / n**2 + shared
     ratio = np.exp(np.bincount(index, log_ratio) / n)
+    u_L_inf, covariance = _least_squares(drawn, cell[0], cell[1], variance)
     return RelativeLift(
         throttle=cell[0],
         z_hat=cell[1],
         delta_L=ratio - 1,
         u=ratio * np.sqrt(variance),
-        u_L_inf=_u_of_levels(evidence, boundary, cell[0], cell[1], variance),
+        u_L_inf=u_L_inf,
+        covariance=covariance,
     )
 
 
-def _u_of_levels(
-    evidence: Evidence,
-    boundary: Boundary,
-    throttle: FloatArray,
-    z_hat: FloatArray,
-    variance: FloatArray,
-) -> float:
-    """Least squares over the cells for every throttle's log L_inf and the coefficients."""
-    model, fit = evidence.base(boundary)
+def _least_squares(
+    drawn: QuotedModel, throttle: FloatArray, z_hat: FloatArray, variance: FloatArray
+) -> tuple[float, ParameterCovariance | None]:
+    """Least squares over the cells for every throttle's log L_inf and the coefficients: the largest
+    uncertainty of the former, the covariance of the latter.
+    """
     levels, level = np.unique(throttle, return_inverse=True)
-    known = {**evidence.known(boundary, model), **fit.values}
     columns = [level == i for i in range(len(levels))]
-    for name in (p.name for p in model.parameters):
-        step = STEP * max(abs(known[name]), STEP)
+    names = [p.name for p in drawn.model.parameters]
+    for name in names:
+        value = drawn.values[name]
+        # an offset is a few millimetres, in metres
+        step = STEP * max(abs(value), STEP)
         up, down = (
-            np.log(curves.ratio(model, z_hat, {**known, name: known[name] + s}))
+            np.log(curves.ratio(drawn.model, z_hat, {**drawn.values, name: value + s}))
             for s in (step, -step)
         )
         columns.append(np.nan_to_num(up - down) / (2 * step))
     weighted = np.stack(columns, axis=1) / np.sqrt(variance)[:, None]
     scale = np.sqrt((weighted**2).sum(axis=0))
     scale[scale == 0] = 1.0
-    covariance = np.linalg.pinv((weighted / scale).T @ (weighted / scale))
-    return float((np.sqrt(np.diagonal(covariance)) / scale)[: len(levels)].max(initial=0.0))
+    inverse = np.linalg.pinv((weighted / scale).T @ (weighted / scale))
+    covariance = inverse / np.outer(scale, scale)
+    n = len(levels)
+    of_levels = float(np.sqrt(np.diagonal(covariance)[:n]).max(initial=0.0))
+    return of_levels, ParameterCovariance.named(names, covariance[n:, n:]) if names else None

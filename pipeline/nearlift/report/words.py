@@ -19,7 +19,7 @@ from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
 from nearlift.reduction.quality import rejected
 from nearlift.report import relative_lift
-from nearlift.report.evidence import Evidence, where
+from nearlift.report.evidence import Evidence, pick
 from nearlift.report.figures import downwash
 from nearlift.report.phrases import (
     SCALES,
@@ -305,18 +305,19 @@ def reach(evidence: Evidence, boundary: Boundary) -> str:
 
 def flow(evidence: Evidence, boundary: Boundary) -> str:
     """Downwash that PIV measured near a boundary, and what the base lift model implies."""
-    table = downwash.summarise(evidence) if evidence.has(DOWNWASH, FIT) else {}
-    rows = where(table, panel=boundary, kind="measured") if table else {}
-    if not rows or not len(rows["z_hat"]):
+    if not evidence.has(DOWNWASH, FIT):
+        return ""
+    rows = pick(downwash.table(evidence), panel=boundary, kind="measured")
+    if not len(rows):
         return ""
     # cuts of the inflow first, then the nearest
-    i = min(range(len(rows["z_hat"])), key=lambda k: (rows["label"][k] != "", rows["z_hat"][k]))
+    row = rows.assign(wake=rows["label"] != "").sort_values(["wake", "z_hat"]).iloc[0]
     z_hat, measured, low, high = (
-        float(rows[n][i]) for n in ("z_hat", "reduction_percent", "lo90_percent", "hi90_percent")
+        float(row[n]) for n in ("z_hat", "reduction_percent", "lo90_percent", "hi90_percent")
     )
     implied = downwash.implied(evidence, boundary, z_hat)
     model = f"; the lift model implies {fixed(implied, 1)} %" if math.isfinite(implied) else ""
-    wake = " in the wake" if rows["label"][i] else ""
+    wake = " in the wake" if row["label"] else ""
     return (
         f"PIV at ẑ = {plain(z_hat, 3)}: {fixed(measured, 1)} % less downwash{wake}"
         f" (90 %: {fixed(low, 1)} to {fixed(high, 1)}){model}."

@@ -55,7 +55,7 @@ def design(job: Job, *, earlier: Path | None = None, write: Path | None = None) 
     outlook, drawn = design(job.campaign, made, job.seed, str(target), floors)
     tables.write_whole(target, schedule_text(drawn, job.campaign).encode())
     content = {"json": tables.json_bytes(outlook)} | for_print(
-        figure.draw, figure.rows(outlook), job.campaign
+        figure.draw, figure.table(outlook), job.campaign
     )
     files = [job.publish(f"design/design.{kind}", data) for kind, data in content.items()]
     return replace(outlook, files=tuple(map(str, files)))
@@ -114,12 +114,10 @@ def explain(job: Job, name: str) -> EffectAccount:
     account, curves = explain(name, trials, job.campaign, diagnoses, job.seed)
     if not curves:
         return account
-    from nearlift.report.evidence import stack
     from nearlift.report.figures import explain as figure
     from nearlift.stages.gathering import for_print
 
-    rows = stack([figure.rows(of_size) for of_size in curves])
-    content = for_print(figure.draw, rows, job.campaign)
+    content = for_print(figure.draw, figure.table(curves), job.campaign)
     files = [job.publish(f"explain/{name}.{kind}", data) for kind, data in content.items()]
     return replace(account, files=tuple(map(str, files)))
 

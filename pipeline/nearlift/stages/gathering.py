@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from nearlift.observed import boundaries, observe
 from nearlift.report import overlays
-from nearlift.report.evidence import Columns, Evidence
+from nearlift.report.evidence import Evidence
 from nearlift.results.document import Json
 from nearlift.run import tables
 from nearlift.run.engine import Job, versions
@@ -18,6 +18,8 @@ from nearlift.stages.ingest import TRIALS
 from nearlift.stages.trial_table import trial_table
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from nearlift.campaign.manifest import Campaign
     from nearlift.report.figures.files import Draw
 
@@ -65,7 +67,9 @@ def gather(job: Job) -> Evidence:
     )
 
 
-def for_print(draw: Draw, table: Columns, campaign: Campaign | None = None) -> dict[str, bytes]:
+def for_print(
+    draw: Draw, table: pd.DataFrame, campaign: Campaign | None = None
+) -> dict[str, bytes]:
     """The files of one figure that is not part of the report: pdf, png and csv, in the style that a
     campaign asks for.
     """

@@ -1,21 +1,22 @@
-"""Sources of error: the fall of each coefficient's uncertainty if that source were
-known exactly; a panel per coefficient, a bar per source.
+"""Sources of error: the fall of each coefficient's uncertainty if that source were known exactly; a
+panel per coefficient, a bar per source.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter, mathematics
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
+from nearlift.report.evidence import Evidence, groups, pick, records
+from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, effects, headed, note
+from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style
 from nearlift.report.tables import fall
 from nearlift.results.quotation import CoefficientResult
 from nearlift.stages.fit import FIT
@@ -24,108 +25,78 @@ from nearlift.stages.fit import FIT
 #: not drawn; what was declared always is.
 LEAST = 0.002
 COLUMNS = ("panel", "parameter", "component", "type", "fall_percent", "u", "u_without")
-LOOKS: dict[str, dict[str, Any]] = {
+LOOKS: dict[str, Look] = {
     kind: {"facecolor": colour, "hatch": hatch, "edgecolor": "white", "linewidth": 0.0}
     for kind, colour, hatch in (("A", SERIES[0][0], ""), ("B", SERIES[1][0], "////"))
 }
 MEANINGS = {"A": "type A: from repeats", "B": "type B: declared"}
 
 
-def summarise(evidence: Evidence) -> Columns:
-    """A row for each bar: `panel` (boundary), `parameter`, `component`, `type` (A from repeats, B
-    declared), `fall_percent` of the coefficient's standard uncertainty if the source were known
-    exactly, `u` that it adds, `u_without` it. Every panel has every component, the largest fall
-    first; numbers are NaN where a coefficient has no such source.
+def table(evidence: Evidence) -> pd.DataFrame:
+    """A row for each bar: `fall_percent` of the coefficient's standard uncertainty if the component
+    were known exactly, `u` that it adds, `u_without` it; the largest fall first.
     """
-    budgets = [
-        (b, name, c)
-        for b in evidence.boundaries
-        for name, c in evidence.quoted(b).coefficients.items()
-        if c.budget
-    ]
-    return bars(budgets)
-
-
-def bars(budgets: Sequence[tuple[Boundary, str, CoefficientResult]]) -> Columns:
-    """The table of these coefficients' budgets."""
-    falls: dict[str, list[float]] = {}
-    kinds: dict[str, str] = {}
-    for _, _, coefficient in budgets:
-        for line in coefficient.budget:
-            falls.setdefault(line.source, []).append(fall(line, coefficient.u))
-            kinds[line.source] = line.kind
-    shown = sorted(
-        (c for c in falls if max(falls[c]) >= LEAST or kinds[c] == "B"),
-        key=lambda c: -sum(falls[c]),
+    return bars(
+        [
+            (b, name, c)
+            for b in evidence.boundaries
+            for name, c in evidence.quoted(b).coefficients.items()
+        ]
     )
-    rows = []
-    for boundary, name, coefficient in budgets:
-        lines = {line.source: line for line in coefficient.budget}
-        for source in shown:
-            head = (boundary, name, source, kinds[source])
-            row: dict[str, object] = dict(zip(COLUMNS, head, strict=False))
-            if source in lines:
-                line = lines[source]
-                percent = 100 * fall(line, coefficient.u)
-                row |= {"fall_percent": percent, "u": line.u, "u_without": line.u_without}
-            rows.append(row)
-    return stack(rows, COLUMNS)
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def bars(budgets: Sequence[tuple[Boundary, str, CoefficientResult]]) -> pd.DataFrame:
+    """The table of these coefficients' budgets."""
+    rows = [
+        (b, name, part.source, part.kind, 100 * fall(part, c.u), part.u, part.u_without)
+        for b, name, c in budgets
+        for part in c.budget
+    ]
+    every = pd.DataFrame(rows, columns=list(COLUMNS))
+    of_source = every.groupby("component")["fall_percent"]
+    shown = (of_source.transform("max") >= 100 * LEAST) | (every["type"] == "B")
+    every = every.assign(total=-of_source.transform("sum"))[shown]
+    # panels as they come, sources by their sum
+    order = every.groupby(["panel", "parameter"], sort=False).ngroup()
+    every = every.assign(order=order).sort_values(["order", "total"], kind="stable")
+    return every[list(COLUMNS)].reset_index(drop=True)
+
+
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, with the largest source of each coefficient."""
     words = []
-    for panel, name in distinct(table["panel"], table["parameter"]):
-        mine = where(table, panel=panel, parameter=name)
-        top = np.nanargmax(mine["fall_percent"])
-        source, percent = mine["component"][top], mine["fall_percent"][top]
-        words.append(f"{letter(name)} ({panel}): {source}, {percent:.0f} %")
+    for panel, name in groups(table, "panel", "parameter"):
+        mine = pick(table, panel=panel, parameter=name)
+        top = mine.sort_values("fall_percent", kind="stable").iloc[-1]
+        words.append(f"{letter(name)} ({panel}): {top['component']}, {top['fall_percent']:.0f} %")
     return (
         "Fall of each coefficient's standard uncertainty if one source of error were known exactly."
         " Type A: from repeats. Type B: stated in the manifest. Sources are correlated, so the"
-        " falls do not add. Largest:"
-        f" {'; '.join(words)}."
+        f" falls do not add. Largest: {'; '.join(words)}."
     )
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description for screen readers."""
-    n = len(distinct(table["panel"], table["parameter"]))
-    return (
-        f"Horizontal bars in {n} panel{'s' if n != 1 else ''}. "
-        + caption(evidence, table).split("Largest: ")[1]
-    )
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """Panels side by side share the list of sources."""
-    panels = distinct(table["panel"], table["parameter"])
-    components = distinct(table["component"])
-    height = min((0.19 * len(components) + 0.75) * look.text_pt / 8, look.height_in)
-    figure = Figure(figsize=(look.double_in, height), layout="constrained")
-    # names of sources reach to the figure's edge, and a printer's cut would take their first letter
-    figure.set_layout_engine("constrained", rect=(0.012, 0.0, 0.976, 1.0))
-    axes = figure.subplots(1, len(panels), squeeze=False, sharey=True)[0]
-    titles = headed([f"{mathematics(parameter)}, {boundary}" for boundary, parameter in panels])
-    for title, ax, (boundary, parameter) in zip(titles, axes, panels, strict=False):
-        mine = where(table, panel=boundary, parameter=parameter)
-        for y, (percent, kind) in enumerate(zip(mine["fall_percent"], mine["type"], strict=True)):
-            if np.isnan(percent):
-                # no source of this coefficient
-                continue
-            ax.barh(y, percent, height=0.7, **LOOKS[kind])
-            note(ax, _percent(percent), (percent, y), (3, 0), va="center")
-        ax.set_yticks(range(len(components)), [effects(c) for c in components])
-        ax.set_ylim(len(components) - 0.4, -0.6)
-        ax.set_xlim(0, 124)
-        ax.set_xticks([0, 50, 100])
+    panels = groups(table, "panel", "parameter")
+    total = table.groupby("component", sort=False)["fall_percent"].sum()
+    components = list(total.sort_values(ascending=False, kind="stable").index)
+    height = (0.19 * len(components) + 0.75) * look.text_pt / 8
+    figure, axes = style.canvas(look, 1, len(panels), height, look.double_in, sharey=True)
+    titles = style.lettered([f"{mathematics(name)}, {boundary}" for boundary, name in panels])
+    for title, ax, (boundary, name) in zip(titles, axes[0], panels, strict=True):
+        for row in records(pick(table, panel=boundary, parameter=name)):
+            y = components.index(row.component)
+            ax.barh(y, row.fall_percent, height=0.7, **LOOKS[str(row.type)])
+            style.note(ax, _percent(row.fall_percent), (row.fall_percent, y), (3, 0), va="center")
+        ax.set_yticks(range(len(components)), [style.effects(c) for c in components])
+        ax.set(ylim=(len(components) - 0.4, -0.6), xlim=(0, 124), xticks=[0, 50, 100], title=title)
         ax.tick_params(axis="y", length=0)
-        ax.set_title(title)
     words = "fall of the standard uncertainty if the source were known exactly (%)"
     figure.supxlabel(words, fontsize=look.text_pt)
     kinds = [kind for kind in LOOKS if np.any(table["type"] == kind)]
     handles = [Patch(label=MEANINGS[kind], **LOOKS[kind]) for kind in kinds]
-    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    figure.legend(handles=handles, loc="outside upper center", ncols=2)
     return figure
 
 
@@ -139,8 +110,9 @@ FIGURE = FigureSpec(
     name="budget",
     title="Whose error it is",
     needs=(FIT,),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="fall_percent",
+    within=("panel", "parameter"),
 )

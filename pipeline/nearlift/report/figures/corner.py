@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from corner.core import corner_impl
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift import units
-from nearlift.declare import Boundary, FloatArray
+from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
+from nearlift.report.evidence import Evidence, frame, pick
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, headed, labelled
+from nearlift.report.figures.style import DEFAULT, SERIES, Style, labelled, lettered
 from nearlift.rounding import plain
 from nearlift.stages.fit import FIT, POSTERIOR
 
@@ -30,57 +30,50 @@ REGIONS = (0.5, 0.9, 0.99)
 SAMPLERS = {"grid": "a grid", "emcee": "emcee", "none": "its closed form"}
 
 
-def draws(evidence: Evidence, boundary: Boundary) -> dict[str, FloatArray]:
-    """Draws of the base model's parameters, and of L_inf at the highest throttle, (n,) each; in
-    mN unless the manifest asks for another unit.
+def draws(evidence: Evidence, boundary: Boundary) -> pd.DataFrame:
+    """Draws of the base model, a column for each parameter and for L_inf at the highest throttle,
+    in mN unless the manifest asks for another unit.
     """
     model, _ = evidence.base(boundary)
-    table = where(evidence.table(POSTERIOR), boundary=boundary, model=model.name)
-    drawn = {n: where(table, parameter=n)["value"] for n in distinct(table["parameter"])}
-    levels = [n for n in drawn if n.startswith("L_inf_N")]
-    shown = {n: x for n, x in drawn.items() if n not in levels}
+    long = evidence.frame(POSTERIOR, boundary=boundary, model=model.name)
+    wide = {n: x.to_numpy() for n, x in long.groupby("parameter", sort=False)["value"]}
+    levels = [str(n) for n in wide if str(n).startswith("L_inf_N")]
     asked = evidence.campaign.report.units.force
     unit = "mN" if asked == "auto" else asked
     newtons, _ = units.to_si(unit, "force", "report.units.force")
-    return shown | {n.replace("_N[", f"_{unit}["): drawn[n] / newtons for n in levels[-1:]}
+    shown = {str(n): x for n, x in wide.items() if n not in levels}
+    shown |= {n.replace("_N[", f"_{unit}["): wide[n] / newtons for n in levels[-1:]}
+    return pd.DataFrame(shown)
 
 
-def summarise(evidence: Evidence) -> Columns:
+def table(evidence: Evidence) -> pd.DataFrame:
     """A row for each draw of each parameter: `panel` (boundary), `name`, `draw`, `value`."""
     parts = []
     for boundary in evidence.boundaries:
-        for name, x in draws(evidence, boundary).items():
-            kept = np.unique(np.linspace(0, len(x) - 1, min(len(x), MOST_DRAWS)).astype(int))
-            parts.append({"panel": boundary, "name": name, "draw": kept, "value": x[kept]})
-    return stack(parts, COLUMNS)
+        wide = draws(evidence, boundary)
+        kept = np.unique(np.linspace(0, len(wide) - 1, min(len(wide), MOST_DRAWS)).astype(int))
+        for name, x in wide.items():
+            parts.append({"panel": boundary, "name": name, "draw": kept, "value": x.iloc[kept]})
+    return frame(parts, COLUMNS)
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, numbers included."""
     parts = [
         "Posterior of each base model: histograms of the draws; contours hold 50, 90 and 99 %."
     ]
     for boundary in evidence.boundaries:
-        drawn = draws(evidence, boundary)
-        model, fit = evidence.base(boundary)
-        n = next((len(x) for x in drawn.values()), 0)
-        pairs = [
-            (_correlation(x, y), _word(a), _word(b))
-            for (a, x), (b, y) in itertools.combinations(drawn.items(), 2)
-        ]
-        text = (
-            f"{boundary.capitalize()}: {model.title}, {n} draws by"
-            f" {SAMPLERS[fit.posterior.sampler if fit.posterior else 'none']}"
-        )
-        if pairs:
-            strongest, a, b = max(pairs, key=lambda pair: abs(pair[0]))
-            text += f"; strongest correlation {plain(strongest, 2)}, of {a} and {b}"
+        wide, (model, fit) = draws(evidence, boundary), evidence.base(boundary)
+        sampler = SAMPLERS[fit.posterior.sampler if fit.posterior else "none"]
+        text = f"{boundary.capitalize()}: {model.title}, {len(wide)} draws by {sampler}"
+        # nan where a parameter has no spread
+        r = np.nan_to_num(np.tril(wide.corr().to_numpy(), -1))
+        if r.any():
+            i, j = divmod(int(np.argmax(np.abs(r))), len(r))
+            names = [_word(str(wide.columns[k])) for k in (j, i)]
+            text += f"; strongest correlation {plain(float(r[i, j]), 2)}, of {' and '.join(names)}"
         parts.append(f"{text}.")
     return " ".join(parts)
-
-
-def _correlation(x: FloatArray, y: FloatArray) -> float:
-    return float(np.corrcoef(x, y)[0, 1]) if np.ptp(x) > 0 and np.ptp(y) > 0 else 0.0
 
 
 def _word(name: str) -> str:
@@ -89,33 +82,26 @@ def _word(name: str) -> str:
     return letter(name)
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description for screen readers."""
-    parts = [
-        f"{b.capitalize()}: {', '.join(_word(name) for name in draws(evidence, b))}."
-        for b in evidence.boundaries
-    ]
-    return f"Corner plots of the posteriors. {' '.join(parts)}"
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """A triangle of panels for each boundary."""
-    boundaries = distinct(table["panel"])
-    names = {b: distinct(where(table, panel=b)["name"]) for b in boundaries}
-    sizes = [len(names[b]) for b in boundaries]
+    boundaries = list(table["panel"].unique())
+    wide = [
+        pick(table, panel=b).pivot(index="draw", columns="name", values="value")[
+            pick(table, panel=b)["name"].unique()
+        ]
+        for b in boundaries
+    ]
+    sizes = [w.shape[1] for w in wide]
     figure = Figure(figsize=(look.double_in, look.double_in * max(sizes) / sum(sizes) + 0.2))
     blocks: Any = figure.subfigures(1, len(boundaries), squeeze=False, width_ratios=sizes)
-    for title, boundary, block in zip(headed(boundaries), boundaries, blocks[0], strict=True):
-        rows = where(table, panel=boundary)
-        drawn = np.stack([where(rows, name=n)["value"] for n in names[boundary]], axis=1)
-        centre, reach = drawn.mean(axis=0), np.ptp(drawn, axis=0)
-        low, high = drawn.min(axis=0), drawn.max(axis=0)
+    for title, drawn, block in zip(lettered(boundaries), wide, blocks[0], strict=True):
+        low, high = drawn.min(), drawn.max()
         # a parameter without spread still has a place
-        room = np.where(reach > 0, 0.0, 1e-3 * np.maximum(np.abs(centre), 1e-6))
+        room = (1e-3 * drawn.mean().abs().clip(lower=1e-6)).where(low == high, 0.0)
         corner_impl(
-            drawn,
+            drawn.to_numpy(),
             fig=block,
-            labels=[_label(n) for n in names[boundary]],
+            labels=[_label(str(n)) for n in drawn],
             levels=REGIONS,
             range=list(zip(low - room, high + room, strict=True)),
             color=SERIES[0][0],
@@ -126,9 +112,8 @@ def draw(table: Rows, look: Style) -> Figure:
             label_kwargs={"fontsize": look.text_pt},
             quiet=True,
         )
-        block.subplots_adjust(
-            left=0.32 / len(names[boundary]) + 0.08, bottom=0.2, top=0.9, wspace=0.16
-        )
+        left = 0.32 / drawn.shape[1] + 0.08
+        block.subplots_adjust(left=left, bottom=0.2, top=0.9, wspace=0.16)
         block.suptitle(title, fontsize=look.text_pt, x=0.02, ha="left")
         for ax in block.axes:
             ax.tick_params(labelsize=look.text_pt - 1.5, labelrotation=0)
@@ -150,8 +135,9 @@ FIGURE = FigureSpec(
     name="corner",
     title="Posterior of the base models",
     needs=(FIT, POSTERIOR),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="value",
+    within=("panel", "name"),
 )

@@ -1,5 +1,5 @@
-"""From how far a boundary shows in lift, against averaging time, and what a reading says of the
-distance; a column per boundary.
+"""From how far a boundary shows in lift, against averaging time, and the distance that a reading
+implies; a column per boundary.
 """
 
 from __future__ import annotations
@@ -7,14 +7,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib import rcParams
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from nearlift import nomenclature
 from nearlift.declare import BOUNDARIES
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
+from nearlift.report.evidence import Evidence, Part, frame, pick, records
+from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import BAND, FITTED, SERIES, Style, grid, plain_log, words_alone
+from nearlift.report.figures.style import DEFAULT, FITTED, SERIES, Look, Style
 from nearlift.rounding import plain
 from nearlift.stages.detect import DETECTION, PROXIMITY
 
@@ -24,46 +27,43 @@ COLUMNS = (
 )
 
 
-def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each: `row` (range, located, reading), `panel` (boundary),
-    `case` (what weight and supply are known to, in words), `payload_percent`, `voltage_percent`,
-    `x`, `y`, `lo90`, `hi90`. In `range`, x is the averaging time in s and y the range in z_hat
-    (nan: none); in `located`, x is the true z_hat and y the posterior's median; in `reading`, y is
-    what one of the manifest's readings says.
+def table(evidence: Evidence) -> pd.DataFrame:
+    """Everything that is drawn, a row each.
+
+    In `row` range, x is the averaging time in s and y the range in z_hat (nan: none), `case` the
+    knowledge of weight and supply in words; floor is the words at the end of the best curve. In
+    located, x is the true z_hat and y the posterior's median; in reading, y is the distance by one
+    of the manifest's readings.
     """
     content = evidence.document(PROXIMITY)
-    parts = []
+    parts: list[Part] = []
     for side in (b for b in BOUNDARIES if b in content["boundaries"]):
-        table = where(evidence.table(DETECTION), boundary=side)
-        least = (table["voltage"].min(), table["payload"].min())
-        for voltage, payload in sorted(distinct(table["voltage"], table["payload"])):
-            if voltage != least[0] and payload != least[1]:
-                # each alone shows what it costs; both together are in the product
-                continue
-            curve = where(table, payload=payload, voltage=voltage)
-            parts.append(
-                {
-                    "row": "range",
-                    "panel": side,
-                    "case": case(payload, voltage),
-                    "payload_percent": 100 * payload,
-                    "voltage_percent": 100 * voltage,
-                    "x": curve["averaging_s"],
-                    "y": curve["range_z_hat"],
-                    "lo90": curve["lo90"],
-                    "hi90": curve["hi90"],
-                }
-            )
+        detected, every = content["boundaries"][side], evidence.frame(DETECTION, boundary=side)
+        least = every["voltage"].min(), every["payload"].min()
+        # each alone shows what it costs; both together are in the product
+        one = (every["voltage"] == least[0]) | (every["payload"] == least[1])
+        of_case = every[one].groupby(["voltage", "payload"], sort=True)
+        for i, (_, curve) in enumerate(of_case):
+            payload, voltage = (float(curve[name].iloc[0]) for name in ("payload", "voltage"))
+            known = {"payload_percent": 100 * payload, "voltage_percent": 100 * voltage}
+            about = {"panel": side, "case": case(payload, voltage), **known}
+            values = {"y": curve["range_z_hat"], "lo90": curve["lo90"], "hi90": curve["hi90"]}
+            parts.append({"row": "range", **about, "x": curve["averaging_s"], **values})
+            last = curve.iloc[-1]
+            if i == 0 and np.isfinite(last["range_z_hat"]):
+                words = {"case": f"noise floor {plain(100 * detected['floor'], 2)} %"}
+                end = {"x": last["averaging_s"], "y": last["range_z_hat"]}
+                parts.append({"row": "floor", "panel": side, **words, **end})
         parts += [
             {"row": "located", "panel": side, "x": located["z_hat"], **_median(located)}
-            for located in content["boundaries"][side].get("located", [])
+            for located in detected.get("located", [])
         ]
         parts += [
             {"row": "reading", "panel": side, **_median(read["z_hat"])}
             for read in content["readings"]
             if read["boundary"] == side and "refused" not in read
         ]
-    return stack(parts, COLUMNS)
+    return frame(parts, COLUMNS)
 
 
 def _median(estimate: dict[str, float]) -> dict[str, float]:
@@ -80,23 +80,25 @@ def case(payload: float, voltage: float) -> str:
     return ", ".join(known) if known else "weight and supply known exactly"
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, with rates and sensor."""
     content = evidence.document(PROXIMITY)
-    across = "; shaded across: the manifest's readings" if "reading" in table["row"] else ""
-    drawn = (
-        "Above: the farthest distance at which a boundary is detected with"
-        f" {100 * content['false_alarm_rate']:g} % false alarms and"
-        f" {100 * content['miss_rate']:g} % misses, against averaging time. Lines: standard"
-        " uncertainty of weight or supply voltage. Bands: 90 % over the model's uncertainty."
-        " Alarms are one-sided: more lift near ground and ceiling, less near a wall. One decision"
-        f" every {content['averaging_s']:g} s gives"
-        f" {3600 * content['false_alarm_rate'] / content['averaging_s']:g} false alarms an hour."
-        " No curve: not detected at any measured distance. Below: distance from a reading averaged"
-        f" over {content['averaging_s']:g} s (median and 90 %, weight and supply known"
-        f" best){across}."
-    )
-    parts = [drawn]
+    across = "; shaded across: the manifest's readings" if (table["row"] == "reading").any() else ""
+    parts = [
+        (
+            "Above: the farthest distance at which a boundary is detected with"
+            f" {100 * content['false_alarm_rate']:g} % false alarms and"
+            f" {100 * content['miss_rate']:g} % misses, against averaging time. Lines: standard"
+            " uncertainty of weight or supply voltage. Bands: 90 % over the model's"
+            " uncertainty. Averaging does not lower the noise floor. Alarms are one-sided: more"
+            " lift near ground and ceiling, less near a wall. One decision every"
+            f" {content['averaging_s']:g} s gives"
+            f" {3600 * content['false_alarm_rate'] / content['averaging_s']:g} false alarms an"
+            " hour. No curve: not detected at any measured distance. Below: distance from a"
+            f" reading averaged over {content['averaging_s']:g} s (median and 90 %, weight and"
+            f" supply known best){across}."
+        )
+    ]
     for side, detected in content["boundaries"].items():
         largest, noise, floor = (
             100 * detected[k] for k in ("largest_change", "short_per_sqrt_Hz", "floor")
@@ -113,107 +115,79 @@ def caption(evidence: Evidence, table: Columns) -> str:
     return " ".join(parts)
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description for screen readers."""
-    rows = evidence.table(DETECTION)
-    parts = []
-    for side in distinct(rows["boundary"]):
-        ranges = where(rows, boundary=side)["range_z_hat"]
-        known = ranges[np.isfinite(ranges)]
-        parts.append(
-            f"{side}: noticed from z_hat {known.min():.2g} to {known.max():.2g} away"
-            if len(known)
-            else f"{side}: never noticed"
-        )
-    return "Detection range against averaging time. " + "; ".join(parts) + "."
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """Two panels for each boundary."""
-    sides = distinct(table["panel"])
-    width, columns = (look.double_in, 4) if len(sides) > 1 else (1.2 * look.single_in, 2)
-    figure = Figure(figsize=(width, 0.68 * look.double_in), layout="constrained")
-    axes = figure.subplots(2, len(sides), squeeze=False)
-    for letter, ax, row, side in grid(axes, ("range", "located"), sides):
-        rows = where(table, row=row, panel=side)
-        ax.set_title(f"{letter}) {side}")
-        if row == "range":
-            _range(ax, rows)
-        else:
-            _located(ax, rows, where(table, row="reading", panel=side))
+    sides = list(table["panel"].unique())
+    several = len(sides) > 1
+    width = look.double_in if several else 1.2 * look.single_in
+    figure, axes = style.canvas(look, 2, len(sides), 0.68 * look.double_in, width)
+    titles = style.lettered([*sides, *sides])
+    for i, (side, upper, lower) in enumerate(zip(sides, *axes, strict=True)):
+        mine = pick(table, panel=side)
+        _range(upper, pick(mine, row="range"), pick(mine, row="floor"))
+        _located(lower, pick(mine, row="located"), pick(mine, row="reading"))
+        upper.set_title(titles[i])
+        lower.set_title(titles[len(sides) + i])
     axes[0, 0].set_ylabel("detection range " + nomenclature.label("z_hat"))
     axes[1, 0].set_ylabel("located " + nomenclature.label("z_hat"))
     handles, names = axes[0, 0].get_legend_handles_labels()
-    columns = min(len(names), columns)
+    columns = min(len(names), 4 if several else 2)
     figure.legend(handles, names, loc="outside upper center", ncols=columns)
     return figure
 
 
-def _range(ax: Any, rows: Rows) -> None:
+def _range(ax: Axes, rows: pd.DataFrame, floor: pd.DataFrame) -> None:
     ax.set_xscale("log")
-    for (shade, marker), case in zip(SERIES, distinct(rows["case"]), strict=False):
-        curve = where(rows, case=case)
-        worse = curve["voltage_percent"][0] > rows["voltage_percent"].min()
-        ax.plot(
-            curve["x"],
-            curve["y"],
-            color=shade,
-            marker=marker,
-            markerfacecolor="white",
-            linestyle=(0, (4, 1.5)) if worse else "-",
-            label=case,
-            zorder=3,
-        )
-        known = select(curve, np.isfinite(curve["y"]))
-        ax.fill_between(
-            known["x"], known["lo90"], known["hi90"], color=shade, alpha=0.2, linewidth=0
-        )
+    missed = []
+    for (shade, marker), name in zip(SERIES, rows["case"].unique(), strict=False):
+        curve = pick(rows, case=name)
+        worse = curve["voltage_percent"].iloc[0] > rows["voltage_percent"].min()
+        dashes: Any = (0, (4, 1.5)) if worse else "-"
+        mark: Look = {"marker": marker, "markerfacecolor": "white", "zorder": 3}
+        ax.plot(curve.x, curve.y, color=shade, linestyle=dashes, label=name, **mark)
+        seen = curve[np.isfinite(curve["y"])]
+        style.band(ax, seen.x, seen.lo90, seen.hi90, shade, alpha=0.2)
+        if not len(seen):
+            missed.append(name)
     ax.set_ylim(bottom=0)
-    somewhere = distinct(rows["case"][np.isfinite(rows["y"])])
-    undetected = [c for c in distinct(rows["case"]) if c not in somewhere]
-    if not somewhere:
+    small: Look = {"fontsize": rcParams["legend.fontsize"], "color": "0.35"}
+    if len(missed) == rows["case"].nunique():
         ax.set_ylim(0, 1)
-        words_alone(ax, "not detected")
-    elif undetected:
-        ax.text(
-            0.96,
-            0.04,
-            "\n".join(["not detected with", *undetected]),
-            transform=ax.transAxes,
-            ha="right",
-            va="bottom",
-            fontsize=rcParams["legend.fontsize"],
-            color="0.35",
-        )
+        style.words_alone(ax, "not detected")
+    elif missed:
+        words = "\n".join(["not detected with", *missed])
+        ax.text(0.96, 0.04, words, transform=ax.transAxes, ha="right", va="bottom", **small)
+    for row in records(floor):
+        ax.set_ylim(top=1.12 * ax.get_ylim()[1])
+        style.note(ax, str(row.case), (row.x, row.y), (0, 4), ha="right", color="0.35", zorder=4)
     ax.set_xlim(rows["x"].min() / 1.5, rows["x"].max() * 1.5)
     ax.set_xlabel("averaging time (s)")
-    plain_log(ax.xaxis)
+    style.plain_log(ax.xaxis)
 
 
-def _located(ax: Any, rows: Rows, read: Rows) -> None:
+def _located(ax: Axes, rows: pd.DataFrame, read: pd.DataFrame) -> None:
     ax.set_xlabel("true " + nomenclature.label("z_hat"))
-    if not len(rows["x"]):
-        words_alone(ax, "not inverted: the model folds")
+    if not len(rows):
+        style.words_alone(ax, "not inverted: the model folds")
         return
-    ax.set_xscale("log")
-    ax.set_yscale("log")
-    ax.fill_between(rows["x"], rows["lo90"], rows["hi90"], color=BAND, linewidth=0)
-    ax.plot(rows["x"], rows["y"], color=FITTED)
-    ax.plot(rows["x"], rows["x"], color="0.45", linestyle=(0, (1, 1.2)))
-    ends = (read[end] for end in ("y", "lo90", "hi90"))
-    for (shade, _), y, low, high in zip(SERIES, *ends, strict=False):
-        ax.axhspan(low, high, color=shade, alpha=0.25, linewidth=0)
-        ax.axhline(y, color=shade, linewidth=0.8)
+    ax.set(xscale="log", yscale="log")
+    style.band(ax, rows.x, rows.lo90, rows.hi90)
+    ax.plot(rows.x, rows.y, color=FITTED)
+    ax.plot(rows.x, rows.x, color="0.45", linestyle=(0, (1, 1.2)))
+    for (shade, _), row in zip(SERIES, records(read), strict=False):
+        ax.axhspan(row.lo90, row.hi90, color=shade, alpha=0.25, linewidth=0)
+        ax.axhline(row.y, color=shade, linewidth=0.8)
     for axis in (ax.xaxis, ax.yaxis):
-        plain_log(axis)
+        style.plain_log(axis)
 
 
 FIGURE = FigureSpec(
     name="detection",
     title="How far away a boundary shows",
     needs=(DETECTION, PROXIMITY),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="y",
+    within=("row", "panel"),
 )

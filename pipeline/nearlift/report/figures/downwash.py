@@ -6,16 +6,17 @@ import math
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
 from nearlift import catalogue
 from nearlift.declare import Boundary, FloatArray
 from nearlift.flow.downwash import NOT_AT_THE_DISK
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
+from nearlift.report.evidence import Evidence, Part, frame, pick
+from nearlift.report.figures import style
 from nearlift.report.figures.flow_panels import origin
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import REFERENCES, SERIES, Style, distance, headed, plain_log
-from nearlift.rounding import fixed, plain
+from nearlift.report.figures.style import DEFAULT, REFERENCES, SERIES, Look, Style
 from nearlift.stages.fit import FIT
 from nearlift.stages.flow import DOWNWASH, FLOW
 
@@ -31,40 +32,33 @@ COLUMNS = ("panel", "kind", "label", "z_hat", "reduction_percent", "lo90_percent
 LEVEL_RAD = 1e-4
 
 
-def summarise(evidence: Evidence) -> Columns:
+def table(evidence: Evidence) -> pd.DataFrame:
     """A row for each point: `kind` is measured (the label says why a cut is not at the disk) or
     model; reductions of downwash in percent of the control's.
     """
-    table = evidence.table(DOWNWASH)
-    level = np.abs(np.asarray(table["tilt_rad"], dtype=float)) < LEVEL_RAD
-    usable = (table["rotor"] == "all") & level & np.isfinite(table["reduction"])
-    parts: list[dict[str, object]] = []
+    cuts = evidence.frame(DOWNWASH, rotor="all")
+    cuts = cuts[(cuts["tilt_rad"].abs() < LEVEL_RAD) & np.isfinite(cuts["reduction"])]
+    parts: list[Part] = []
     for boundary in BOUNDARIES:
-        mine = usable & (table["boundary"] == boundary)
-        if not mine.any():
+        mine = pick(cuts, boundary=boundary)
+        if not len(mine):
             continue
-        z_hat = np.asarray(table["z_hat"][mine], dtype=float)
-        warned = [{*str(w).split()} & {*NOT_AT_THE_DISK} for w in table["warnings"][mine]]
+        z_hat = mine["z_hat"].to_numpy(dtype=float)
+        warned = [{*str(w).split()} & {*NOT_AT_THE_DISK} for w in mine["warnings"]]
         ends = {"reduction": "", "lo90": "_lo90", "hi90": "_hi90"}
-        parts.append(
-            {
-                "panel": boundary,
-                "kind": "measured",
-                "label": [" ".join(sorted(w)) for w in warned],
-                "z_hat": z_hat,
-                **{f"{n}_percent": 100 * table[f"reduction{end}"][mine] for n, end in ends.items()},
-            }
-        )
+        values = {f"{n}_percent": 100 * mine[f"reduction{end}"] for n, end in ends.items()}
+        said = {"label": [" ".join(sorted(w)) for w in warned], "z_hat": z_hat}
+        parts.append({"panel": boundary, "kind": "measured", **said, **values})
         grid = np.geomspace(0.8 * z_hat.min(), 1.25 * z_hat.max(), POINTS)
         for name, label in MODELS.items():
             model = catalogue.model(name)
             if model.boundary != boundary or model.downwash is None:
                 continue
-            curve = {"z_hat": grid, "reduction_percent": reduction(evidence, name, grid)}
             fitted = name in evidence.fits.boundaries.get(boundary, {}) and model.parameters
-            shown = f"{label}, fitted" if fitted else label
-            parts.append({"panel": boundary, "kind": "model", "label": shown, **curve})
-    return stack(parts, COLUMNS)
+            drawn = {"label": f"{label}, fitted" if fitted else label, "z_hat": grid}
+            drawn["reduction_percent"] = reduction(evidence, name, grid)
+            parts.append({"panel": boundary, "kind": "model", **drawn})
+    return frame(parts, COLUMNS)
 
 
 def reduction(evidence: Evidence, name: str, z_hat: FloatArray) -> FloatArray:
@@ -77,7 +71,7 @@ def reduction(evidence: Evidence, name: str, z_hat: FloatArray) -> FloatArray:
         return np.full(np.shape(z_hat), np.nan)
     fit = evidence.fits.boundaries.get(model.boundary, {}).get(name)
     values = fit.values if fit else {p.name: p.value for p in model.parameters}
-    known: dict[str, Any] = {n: geometry[n] for n in model.needs} | dict(values)
+    known: Look = {n: geometry[n] for n in model.needs} | dict(values)
     with np.errstate(invalid="ignore", divide="ignore"):
         velocity = np.asarray(model.downwash(z_hat, **known), dtype=float)
     return 100 * (1 - np.broadcast_to(velocity, np.shape(z_hat)))
@@ -91,61 +85,45 @@ def implied(evidence: Evidence, boundary: Boundary, z_hat: float) -> float:
     return float(reduction(evidence, base, np.array([z_hat]))[0])
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption."""
-    cases = [
-        n for n in evidence.document(FLOW)["cases"] if n in set(evidence.table(DOWNWASH)["case"])
-    ]
+    measured = set(evidence.table(DOWNWASH)["case"])
+    cases = [n for n in evidence.document(FLOW)["cases"] if n in measured]
     return (
         "Reduction of the downwash beneath the rotors against the control, at equal thrust."
         " Symbols: PIV with 90 % intervals; hollow where the cut is not at the disk. Lines: inflow"
-        f" at the disk that lift models imply. {origin(evidence, cases)}"
+        " at the disk that lift models imply, fitted without effects."
+        f" {origin(evidence, cases)}"
     )
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description for screen readers."""
-    rows = where(table, kind="measured")
-    each = zip(*(rows[n] for n in COLUMNS[3:]), rows["panel"], strict=True)
-    parts = [
-        f"{panel}, ẑ = {plain(float(z), 3)}: {fixed(value, 1)} % ({fixed(low, 1)} to"
-        f" {fixed(high, 1)})"
-        for z, value, low, high, panel in each
-    ]
-    return f"Measured reductions of downwash. {'; '.join(parts)}."
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """A panel for each boundary."""
-    panels = distinct(table["panel"])
-    factor, label = distance(look)
-    width = look.single_in if len(panels) == 1 else look.double_in
-    figure = Figure(figsize=(width, 2.4 * look.double_in / 6.75), layout="constrained")
-    axes = figure.subplots(1, len(panels), squeeze=False)[0]
-    colour, marker = SERIES[0]
-    for title, panel, ax in zip(headed(panels), panels, axes, strict=True):
-        ax.set_xscale("log")
-        ax.axhline(0, color="0.6", linewidth=0.5, zorder=0.1)
-        rows, curves = (where(table, panel=panel, kind=kind) for kind in ("measured", "model"))
+    panels = list(table["panel"].unique())
+    factor, label = look.distance
+    height = 2.4 * look.double_in / 6.75
+    figure, axes = style.canvas(look, 1, len(panels), height)
+    for title, panel, ax in zip(style.lettered(panels), panels, axes[0], strict=True):
+        style.zero(ax)
+        rows, curves = (pick(table, panel=panel, kind=kind) for kind in ("measured", "model"))
         for at_disk, fill, name in (
-            (True, colour, "PIV"),
+            (True, SERIES[0][0], "PIV"),
             (False, "white", "PIV, not at the disk"),
         ):
-            mine = {n: x[(rows["label"] == "") == at_disk] for n, x in rows.items()}
+            mine = rows[(rows["label"] == "") == at_disk]
             value = mine["reduction_percent"]
             if len(value):
                 reach = [value - mine["lo90_percent"], mine["hi90_percent"] - value]
-                look_of: dict[str, Any] = {"color": colour, "markerfacecolor": fill, "label": name}
-                ax.errorbar(factor * mine["z_hat"], value, reach, fmt=marker, **look_of, zorder=3)
-        for (grey, dashes), name in zip(REFERENCES, distinct(curves["label"]), strict=False):
-            curve = where(curves, label=name)
-            style: dict[str, Any] = {"color": grey, "linestyle": dashes, "label": name}
-            ax.plot(factor * curve["z_hat"], curve["reduction_percent"], **style)
-        plain_log(ax.xaxis)
+                mark: Look = {"markerfacecolor": fill, "label": name}
+                style.bars(ax, factor * mine.z_hat, value, reach, SERIES[0], **mark)
+        for (grey, dashes), name in zip(REFERENCES, curves["label"].unique(), strict=False):
+            curve = pick(curves, label=name)
+            dashed: Any = {"color": grey, "linestyle": dashes, "label": name}
+            ax.plot(factor * curve.z_hat, curve.reduction_percent, **dashed)
+        style.log_distance(ax, f"distance {label}")
         ax.set_title(title)
-        ax.set_xlabel(f"distance {label}")
         ax.legend(loc="upper right")
-    axes[0].set_ylabel("reduction of downwash (%)")
+    axes[0, 0].set_ylabel("reduction of downwash (%)")
     return figure
 
 
@@ -153,8 +131,9 @@ FIGURE = FigureSpec(
     name="downwash",
     title="Downwash by PIV, and by lift models",
     needs=(FIT, DOWNWASH, FLOW),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="reduction_percent",
+    within=("panel", "kind"),
 )

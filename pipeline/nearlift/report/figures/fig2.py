@@ -1,19 +1,21 @@
 """Figure 2: Delta L against distance at each boundary, with theory and the quoted model; below, the
-same less the fitted curve.
+same less the curve.
 
-Symbols are lift over the fitted L_inf, corrected for identified effects, so that they belong to the
-line and to the quoted number. With ``[report] reference = "farthest"`` they are the cells of
-lift.parquet, whose L_inf is the farthest station (or free air), and the line is the base model's.
+Cells and curve are those of `relative_lift`. With ``[report] reference = "farthest"`` the symbols
+are the cells of lift.parquet, whose L_inf is the farthest station (or free air), and the curve is
+the base model's.
 """
 
 from __future__ import annotations
 
 import math
+import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib import rcParams
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -25,27 +27,20 @@ from nearlift import catalogue, units
 from nearlift.catalogue import titled
 from nearlift.declare import Boundary, FloatArray
 from nearlift.nomenclature import INDEXED, letter
-from nearlift.report import curves, relative_lift
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
+from nearlift.report import curves
+from nearlift.report.evidence import Evidence, Part, frame, groups, pick
+from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import (
-    BAND,
-    FITTED,
-    NESTED,
-    OVERLAYS,
-    SEQUENTIAL,
-    SERIES,
-    Style,
-    circles,
-    distance,
-    headed,
-    plain_log,
-    plain_text,
-)
-from nearlift.report.figures.style import REFERENCES as DASHES
+from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style, plain_text
 from nearlift.report.phrases import coverage, listed, stated
-from nearlift.results.fit import ModelFit
-from nearlift.results.quotation import BoundaryResult
+from nearlift.report.relative_lift import (
+    RelativeLift,
+    by_fit,
+    is_base_fit,
+    line,
+    quoted_model,
+    relative_lift,
+)
 from nearlift.rounding import fixed, plain
 from nearlift.stages.fit import FIT, POSTERIOR
 from nearlift.stages.ingest import TRIALS
@@ -56,8 +51,6 @@ POINTS = 240
 PQUAD_SPACING_HAT = 3.0
 #: Other plausible spacings, for the caption.
 PQUAD_RANGE = (2.5, 4.0)
-#: Kind of a least-squares curve where the posterior's differs.
-LEAST_SQUARES = "least squares"
 #: A trial or visit is marked if a coefficient without it moves by this many standard uncertainties.
 INFLUENTIAL = 0.5
 #: A departure of this much at the farthest station is visible, and explained.
@@ -72,6 +65,13 @@ COLUMNS = (
     *("delta_L_percent", "u_delta_L_percent", "lo90_percent", "hi90_percent", "above_fit_percent"),
 )
 SHORT = {"cheeseman_bennett": "C-B", "sanchez_cuevas": "S-C", "hsiao_chirarattananon": "H-C"}
+#: Letters of a legend's line at most.
+WIDEST = 22
+#: About zero: how well L_inf is known.
+UNSURE = "#CFE3F3"
+OVERLAYS = ("x", "+", "1", "2", "*")
+#: Size of each series' symbols over the style's: throttles often coincide, and all stay visible.
+NESTED = (1.3, 1.15, 1.0, 0.85, 0.7, 0.6)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,6 +80,7 @@ class Reference:
 
     model: str
     label: str
+    note: str
     arguments: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -91,10 +92,31 @@ def pquad(spacing_hat: float = PQUAD_SPACING_HAT) -> dict[str, float]:
 
 
 REFERENCES = (
-    Reference(model="cheeseman_bennett", label="C-B (theory)", arguments={"k": 1.0}),
-    Reference(model="sanchez_cuevas", label="S-C, K_b = 2", arguments={"K_b": 2.0}),
-    Reference(model="sanchez_cuevas", label="S-C (PQuad)", arguments=pquad()),
-    Reference(model="hsiao_chirarattananon", label="H-C (theory)", arguments={"alpha": 0.125}),
+    Reference(
+        model="cheeseman_bennett",
+        label="C-B (theory)",
+        note="C-B: Cheeseman and Bennett, one rotor.",
+        arguments={"k": 1.0},
+    ),
+    Reference(
+        model="sanchez_cuevas",
+        label="S-C, K_b = 2",
+        note="S-C, K_b = 2: Sanchez-Cuevas et al. for this vehicle's rotor spacing.",
+        arguments={"K_b": 2.0},
+    ),
+    Reference(
+        model="sanchez_cuevas",
+        label="S-C (PQuad)",
+        note="S-C (PQuad): the same for r = 120 mm. Its unpublished rotor spacing is taken as"
+        f" {PQUAD_SPACING_HAT:g} r = {PQUAD_SPACING_HAT * 120:.0f} mm.",
+        arguments=pquad(),
+    ),
+    Reference(
+        model="hsiao_chirarattananon",
+        label="H-C (theory)",
+        note="H-C: Hsiao and Chirarattananon with α = 0.125.",
+        arguments={"alpha": 0.125},
+    ),
 )
 
 
@@ -106,104 +128,11 @@ def force_unit(evidence: Evidence) -> tuple[float, str]:
     return 1.0 / units.to_si(unit, "force", "report.units.force")[0], unit
 
 
-def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each.
-
-    `kind` is data, band, model, least squares, overlay, influence (a ringed cell) or L_inf (ends of
-    the band of its uncertainty, without a Delta L). `above_fit_percent` is Delta L less the fitted
-    curve's, `u_delta_L_percent` one standard uncertainty.
-    """
-    table = stack(
-        [
-            {"panel": boundary, **part}
-            for boundary in evidence.boundaries
-            for part in _panel(evidence, boundary)
-        ],
-        COLUMNS,
-    )
-    kept = np.isfinite(table["delta_L_percent"]) | (table["kind"] == "L_inf")
-    return select(table, kept & (table["z_hat"] > 0))
-
-
-def _panel(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    if boundary not in evidence.table(LIFT)["boundary"]:
-        return []
-    over = relative_lift.relative_lift(evidence, boundary)
-    positive = over.z_hat[over.z_hat > 0]
-    ends = np.array([positive.min(), positive.max()])
-    grid = np.geomspace(ends[0], ends[1], POINTS)
-    parts: list[dict[str, object]] = []
-    if np.isfinite(over.u_L_inf):
-        level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * over.u_L_inf}
-        parts.append({"kind": "L_inf", "z_hat": ends, **level})
-    parts += _influence(evidence, boundary, over)
-    parts.append(
-        {
-            "kind": "data",
-            "label": [f"{100 * t:.3g} %" for t in over.throttle],
-            "corrected_for": " + ".join(map(titled, relative_lift.named(evidence, boundary))),
-            "throttle_fraction": over.throttle,
-            "z_hat": over.z_hat,
-            "delta_L_percent": 100 * over.delta_L,
-            "u_delta_L_percent": 100 * over.u,
-        }
-    )
-    parts += [
-        {
-            "kind": "overlay",
-            "label": overlay.label,
-            "z_hat": points["z_hat"],
-            "delta_L_percent": 100 * points["delta_L"],
-            "u_delta_L_percent": 100 * points["u"],
-        }
-        for overlay, points in evidence.overlays
-        if overlay.boundary == boundary
-    ]
-    for theory in references(evidence, boundary):
-        model = catalogue.model(theory.model)
-        geometry = evidence.campaign.geometry()
-        known = {n: geometry[n] for n in model.needs if n not in theory.arguments}
-        change = 100 * (curves.ratio(model, grid, {**known, **theory.arguments}) - 1)
-        drawn = {"z_hat": grid, "delta_L_percent": change}
-        parts.append({"kind": "model", "label": theory.label, **drawn})
-    span = float(np.nanmax(over.delta_L) - np.nanmin(over.delta_L))
-    parts += _fit(evidence, boundary, grid, span)
-    for part in parts:
-        drawn_at: Any = part.get("delta_L_percent", ())
-        if np.size(drawn_at):
-            z_hat = np.atleast_1d(np.asarray(part["z_hat"], dtype=float))
-            fitted = 100 * relative_lift.line(evidence, boundary, z_hat).middle
-            part["above_fit_percent"] = np.asarray(drawn_at) - fitted
-    return parts
-
-
 def references(evidence: Evidence, boundary: Boundary) -> list[Reference]:
     """The curves of the literature that suit this vehicle."""
     several = evidence.campaign.vehicle.rotors > 1
     known = ((r, catalogue.model(r.model)) for r in REFERENCES)
     return [r for r, model in known if model.boundary == boundary and (several or not model.needs)]
-
-
-def _fit(
-    evidence: Evidence, boundary: Boundary, grid: FloatArray, span: float
-) -> list[dict[str, object]]:
-    """The model's curve and band, and least squares where that differs visibly."""
-    model, _ = evidence.base(boundary)
-    short = SHORT.get(model.name, model.title)
-    curve = relative_lift.line(evidence, boundary, grid)
-    parts: list[dict[str, object]] = [
-        {
-            "kind": "band",
-            "label": "fitted",
-            "delta_L_percent": 100 * curve.middle,
-            "lo90_percent": 100 * curve.low,
-            "hi90_percent": 100 * curve.high,
-        }
-    ]
-    if curve.parts(span):
-        change = 100 * curve.least_squares
-        parts.append({"kind": LEAST_SQUARES, "label": LEAST_SQUARES, "delta_L_percent": change})
-    return [{**part, "z_hat": grid, "label": f"{short}, {part['label']}"} for part in parts]
 
 
 def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, str, float]]:
@@ -218,12 +147,86 @@ def influential(evidence: Evidence, boundary: Boundary) -> list[tuple[str, str, 
     ]
 
 
-def _influence(
-    evidence: Evidence, boundary: Boundary, over: relative_lift.RelativeLift
-) -> list[dict[str, object]]:
+def table(evidence: Evidence) -> pd.DataFrame:
+    """Everything that is drawn, a row each.
+
+    `kind` is data, band (the curve with its ends), model, least squares, overlay, influence (a
+    ringed cell) or L_inf (ends of the band of its uncertainty, without a Delta L).
+    `above_fit_percent` is Delta L less the curve's; `u_delta_L_percent` one standard uncertainty.
+    """
+    parts = [
+        {"panel": boundary, **part}
+        for boundary in evidence.boundaries
+        if boundary in evidence.table(LIFT)["boundary"]
+        for part in _panel(evidence, boundary)
+    ]
+    rows = frame(parts, COLUMNS)
+    kept = np.isfinite(rows["delta_L_percent"]) | (rows["kind"] == "L_inf")
+    return pick(rows[kept & (rows["z_hat"] > 0)])
+
+
+def _panel(evidence: Evidence, boundary: Boundary) -> list[Part]:
+    over, drawn = relative_lift(evidence, boundary), quoted_model(evidence, boundary)
+    at = over.z_hat[over.z_hat > 0]
+    z_hat = np.geomspace(at.min(), at.max(), POINTS)
+    curve = line(evidence, boundary, z_hat)
+    base, _ = evidence.base(boundary)
+    short = SHORT.get(base.name, base.title)
+    name = " with ".join([short, *(titled(e) for e in drawn.in_curve)])
+    parts: list[Part] = [
+        {
+            "kind": "data",
+            "label": [f"{100 * t:.3g} %" for t in over.throttle],
+            "corrected_for": " + ".join(map(titled, drawn.in_points)),
+            "throttle_fraction": over.throttle,
+            "z_hat": over.z_hat,
+            "delta_L_percent": 100 * over.delta_L,
+            "u_delta_L_percent": 100 * over.u,
+        },
+        {
+            "kind": "band",
+            "label": f"{name}, fitted",
+            "z_hat": z_hat,
+            "delta_L_percent": 100 * curve.middle,
+            "lo90_percent": 100 * curve.low,
+            "hi90_percent": 100 * curve.high,
+        },
+        *_literature(evidence, boundary, z_hat),
+        *_influence(evidence, boundary, over),
+    ]
+    if curve.parts(float(np.nanmax(over.delta_L) - np.nanmin(over.delta_L))):
+        other = {"kind": "least squares", "label": f"{short}, least squares", "z_hat": z_hat}
+        parts.append({**other, "delta_L_percent": 100 * curve.least_squares})
+    for overlay, points in evidence.overlays:
+        if overlay.boundary == boundary:
+            shown = {"delta_L_percent": "delta_L", "u_delta_L_percent": "u"}
+            values = {column: 100 * points[name] for column, name in shown.items()}
+            measured = {"kind": "overlay", "label": overlay.label, "z_hat": points["z_hat"]}
+            parts.append({**measured, **values})
+    for part in parts:
+        places = np.asarray(part["z_hat"], dtype=float)
+        fitted = 100 * line(evidence, boundary, places).middle
+        part["above_fit_percent"] = part["delta_L_percent"] - fitted
+    if np.isfinite(over.u_L_inf):
+        level = {"label": "uncertainty of L_inf", "u_delta_L_percent": 100 * over.u_L_inf}
+        parts.append({"kind": "L_inf", "z_hat": z_hat[[0, -1]], **level})
+    return parts
+
+
+def _literature(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> list[Part]:
+    geometry, parts = evidence.campaign.geometry(), []
+    for theory in references(evidence, boundary):
+        model = catalogue.model(theory.model)
+        known = {n: geometry[n] for n in model.needs if n not in theory.arguments}
+        change = 100 * (curves.ratio(model, z_hat, {**known, **theory.arguments}) - 1)
+        named = {"kind": "model", "label": theory.label}
+        parts.append({**named, "z_hat": z_hat, "delta_L_percent": change})
+    return parts
+
+
+def _influence(evidence: Evidence, boundary: Boundary, over: RelativeLift) -> list[Part]:
     """The cells of what moves a coefficient by at least `INFLUENTIAL`."""
-    data = evidence.observations[boundary]
-    parts = []
+    data, parts = evidence.observations[boundary], []
     for name, kind, which, shift in influential(evidence, boundary):
         if abs(shift) < INFLUENTIAL:
             continue
@@ -231,108 +234,103 @@ def _influence(
         throttle = data.levels[data.level][mine]
         places = set(zip(throttle.tolist(), data.z_hat[mine].tolist(), strict=True))
         at = np.array([p in places for p in zip(over.throttle, over.z_hat, strict=True)])
-        parts.append(
-            {
-                "kind": "influence",
-                "label": f"{kind} {which}: {name} by {fixed(shift, 1)} u",
-                "z_hat": over.z_hat[at],
-                "delta_L_percent": 100 * over.delta_L[at],
-            }
-        )
+        ring = {"kind": "influence", "label": f"{kind} {which}: {name} by {fixed(shift, 1)} u"}
+        parts.append({**ring, "z_hat": over.z_hat[at], "delta_L_percent": 100 * over.delta_L[at]})
     return parts
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption of the figure, numbers included."""
+    fitted = by_fit(evidence)
     symbols = (
         "Symbols: cell means over the fitted L∞. Bars: 1 standard uncertainty from scatter."
         " Blue band: uncertainty of L∞, common to all points of a throttle."
-        if relative_lift.by_fit(evidence)
+        if fitted
         else "Symbols: cell means. Bars: 1 standard uncertainty from scatter, correlated at a"
         " throttle through L∞."
     )
+    drawn = {r.label: r for b in evidence.boundaries for r in references(evidence, b)}
     parts = [
         "Relative change of lift, ΔL = (L − L∞)/L∞, against distance over rotor radius.",
-        "Lower panels: the same less the fitted curve.",
+        "Lower panels: the same less the curve.",
         symbols,
         _line_note(evidence, table),
+        *(r.note for r in drawn.values()),
     ]
-    drawn = {r.label for b in evidence.boundaries for r in references(evidence, b)}
-    if "C-B (theory)" in drawn:
-        parts.append("C-B: Cheeseman and Bennett, one rotor.")
-    if "S-C, K_b = 2" in drawn:
-        parts.append("S-C, K_b = 2: Sanchez-Cuevas et al. for this vehicle's rotor spacing.")
     if "S-C (PQuad)" in drawn:
         model, near = catalogue.model("sanchez_cuevas"), np.array([1.0])
         ratios = [float(curves.ratio(model, near, pquad(d))[0]) for d in PQUAD_RANGE]
         ends = [f"{100 * (ratio - 1):.1f} %" for ratio in ratios]
         parts.append(
-            "S-C (PQuad): the same for r = 120 mm. Its unpublished rotor"
-            f" spacing is taken as {PQUAD_SPACING_HAT:g} r ="
-            f" {PQUAD_SPACING_HAT * 120:.0f} mm. From {PQUAD_RANGE[0]:g} r to"
-            f" {PQUAD_RANGE[1]:g} r the curve at ẑ = 1 runs from {ends[0]} to {ends[1]}."
+            f"From {PQUAD_RANGE[0]:g} r to {PQUAD_RANGE[1]:g} r the PQuad's curve at ẑ = 1 runs"
+            f" from {ends[0]} to {ends[1]}."
         )
-    if "H-C (theory)" in drawn:
-        parts.append("H-C: Hsiao and Chirarattananon with α = 0.125.")
-    note = _fit_note if relative_lift.by_fit(evidence) else _reference_note
+    note = fit_note if fitted else _reference_note
     parts += [note(evidence, boundary) for boundary in evidence.boundaries]
     return " ".join(p for p in parts if p)
 
 
-def _line_note(evidence: Evidence, table: Columns) -> str:
+def _line_note(evidence: Evidence, table: pd.DataFrame) -> str:
     """Note on line and shade, and on where least squares differs."""
     if not evidence.has(POSTERIOR):
         return (
             "Solid line and shade: base model by least squares, with the pointwise 90 % band of"
             " its parameters."
         )
-    apart = distinct(where(table, kind=LEAST_SQUARES)["panel"])
+    apart = table[table["kind"] == "least squares"]["panel"].unique()
     also = (
         f" Thin line ({', '.join(apart)}): least squares, which differs visibly."
-        if apart
+        if len(apart)
         else " Least squares gives the same line."
     )
-    if plainly := [b for b in evidence.boundaries if relative_lift.as_quoted(evidence, b)]:
-        also += f" {listed(plainly).capitalize()}: the quoted coefficients and their 90 % band."
+    if other := [b for b in evidence.boundaries if not is_base_fit(evidence, b)]:
+        also += f" {listed(other).capitalize()}: the quoted model and its 90 % band."
     said = f"Solid line and shade: pointwise median and central 90 % of the posterior.{also}"
     if endless := [b for b in evidence.boundaries if curves.endless(evidence.base(b)[1])]:
         said += f" No band ({', '.join(endless)}): the coefficients have unbounded intervals."
     return said
 
 
-def _fit_note(evidence: Evidence, boundary: Boundary) -> str:
+def fit_note(evidence: Evidence, boundary: Boundary) -> str:
     """Note on a panel: model, coefficients, corrections and u(L_inf)."""
-    model, entry = evidence.base(boundary)
-    coefficients = _coefficients(evidence.quoted(boundary))
+    model, _ = evidence.base(boundary)
+    coefficients, drawn = _coefficients(evidence, boundary), quoted_model(evidence, boundary)
     quoted = f" ({coefficients})" if coefficients else ""
-    effects = relative_lift.named(evidence, boundary)
-    out, moved = "", _moved(entry)
-    if effects:
-        out, moved = f" Points and line are corrected for {' and '.join(effects)}.", ""
-    u = 100 * relative_lift.relative_lift(evidence, boundary).u_L_inf
+    moved = _moved(evidence, boundary)
+    if drawn.effects:
+        moved = ""
+    if drawn.in_points:
+        moved += f" The points are corrected for {listed([titled(e) for e in drawn.in_points])}."
+    if drawn.in_curve:
+        moved += (
+            f" The points are as measured. The line includes"
+            f" {listed([titled(e) for e in drawn.in_curve])}, its band the scatter alone."
+        )
+    u = 100 * relative_lift(evidence, boundary).u_L_inf
     return (
-        f"{boundary.capitalize()}: {model.title}{quoted}.{out} u(L∞) = {plain(u, 2)} % from"
-        f" scatter.{moved}{_influence_note(evidence, boundary)}"
+        f"{boundary.capitalize()}: {model.title}{quoted}.{moved} u(L∞) = {plain(u, 2)} % from"
+        f" scatter.{influence_note(evidence, boundary)}"
     )
 
 
-def _moved(fit: ModelFit) -> str:
+def _moved(evidence: Evidence, boundary: Boundary) -> str:
     """Note on a line that is drawn at the fitted height."""
-    offset_m = curves.height_found_m(fit)
+    offset_m = curves.height_found_m(evidence.base(boundary)[1])
     if not offset_m:
         return ""
     side = f"{abs(1e3 * offset_m):.2g} mm {'farther' if offset_m > 0 else 'nearer'}"
     return f" The line is drawn at the fitted height, {side} than recorded."
 
 
-def _coefficients(quoted: BoundaryResult) -> str:
+def _coefficients(evidence: Evidence, boundary: Boundary) -> str:
     """Quoted coefficients, and the meaning of ±."""
+    quoted = evidence.quoted(boundary)
     parts = [stated(n, c) for n, c in quoted.coefficients.items()]
     parts += [coverage(quoted.headline)] if any("±" in t for t in parts) else []
     return ", ".join(parts)
 
 
-def _influence_note(evidence: Evidence, boundary: Boundary) -> str:
+def influence_note(evidence: Evidence, boundary: Boundary) -> str:
     """Note on rings, or on the largest influence where there is none."""
     shifts = influential(evidence, boundary)
     marked = [
@@ -349,29 +347,28 @@ def _influence_note(evidence: Evidence, boundary: Boundary) -> str:
 
 
 def _reference_note(evidence: Evidence, boundary: Boundary) -> str:
-    model, entry = evidence.base(boundary)
-    quoted = evidence.quoted(boundary)
-    coefficients = _coefficients(quoted)
+    """Note on a panel whose L_inf is the farthest station, or free air."""
+    model, _ = evidence.base(boundary)
+    coefficients, quoted = _coefficients(evidence, boundary), evidence.quoted(boundary)
     if coefficients and quoted.effects:
-        effects = " and ".join(quoted.effects)
-        coefficients += f", corrected for {effects}; the line is not"
+        coefficients += f", corrected for {' and '.join(quoted.effects)}; the line is not"
     bracket = f" ({coefficients})" if coefficients else ""
-    over = relative_lift.relative_lift(evidence, boundary)
+    over = relative_lift(evidence, boundary)
     known = np.isfinite(over.delta_L)
     if not (known & (over.z_hat > 0)).any():
         return ""
-    head = f"{boundary.capitalize()}: {model.title}{bracket};"
+    head, moved = f"{boundary.capitalize()}: {model.title}{bracket};", _moved(evidence, boundary)
     if np.isinf(evidence.observations[boundary].z_hat).any():
-        return f"{head} L∞ of the data from trials in free air.{_moved(entry)}"
+        return f"{head} L∞ of the data from trials in free air.{moved}"
     far = float(over.z_hat[known].max())
     lacking = ", ".join(f"{100 * t:.3g} %" for t in np.unique(over.throttle[~known]))
     without = f" No trial far away at {lacking} throttle, hence no ΔL." if lacking else ""
-    there = float(curves.band(evidence, boundary, np.array([far])).middle[0])
+    there = float(curves.base_curve(evidence, boundary, np.array([far])).middle[0])
     apart = " The data are offset from the curve by that." if abs(there) > VISIBLE else ""
     return (
         f"{head} L∞ of the data from the farthest station, ẑ = {plain(far, 3)}. There ΔL is 0 by"
         f" construction, and the fit is {fixed(100 * there, 2)} %.{apart}"
-        f"{_shared_far(evidence, boundary)}{without}{_moved(entry)}"
+        f"{_shared_far(evidence, boundary)}{without}{moved}"
     )
 
 
@@ -379,12 +376,8 @@ def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
     """Note on throttles that share few visits of the far station."""
     data = evidence.observations[boundary]
     far = data.z_hat == data.z_hat.max()
-    visits = len(np.unique(data.visit[far]))
-    if (
-        visits > FEW_FAR
-        or len(data.levels) < 2
-        or len(np.unique(data.throttle[far])) < len(data.levels)
-    ):
+    visits, levels = len(np.unique(data.visit[far])), len(data.levels)
+    if visits > FEW_FAR or levels < 2 or len(np.unique(data.throttle[far])) < levels:
         return ""
     return (
         f" All throttles share {'one visit' if visits == 1 else f'the {visits} visits'} of that"
@@ -392,143 +385,104 @@ def _shared_far(evidence: Evidence, boundary: Boundary) -> str:
     )
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description of the picture for screen readers."""
-    parts = []
-    for boundary in distinct(table["panel"]):
-        mine = where(table, panel=boundary, kind="data")
-        z, delta = mine["z_hat"], mine["delta_L_percent"]
-        if not len(z):
-            continue
-        top, levels = int(np.argmax(np.abs(delta))), len(distinct(mine["label"]))
-        parts.append(
-            f"Near the {boundary}, {levels} throttle{'s' if levels > 1 else ''}, ẑ from"
-            f" {plain(float(z.min()), 3)} to {plain(float(z.max()), 3)}: ΔL runs from"
-            f" {plain(float(delta.min()), 3)} % to {plain(float(delta.max()), 3)} %, strongest at ẑ"
-            f" = {plain(float(z[top]), 3)}."
-        )
-    beside = np.isin(table["kind"], ["model", "band", LEAST_SQUARES, "overlay"])
-    lines = distinct(table["label"][beside])
-    panels = f"{len(parts)} panel{'s' if len(parts) != 1 else ''}"
-    return (
-        f"Lift change against distance, {panels}. {' '.join(parts)} Also drawn: {'; '.join(lines)}."
-    )
-
-
-Corner = Literal["upper right", "lower right"]
-#: About zero: how well L_inf is known.
-UNSURE = "#CFE3F3"
-
-
-def draw(table: Rows, look: Style) -> Figure:
-    """A column for each boundary: Delta L above, the same less the fitted curve below."""
-    panels = distinct(table["panel"])
-    factor, label = distance(look)
-    table = {**table, "z_hat": factor * table["z_hat"]}
-    width = look.single_in if len(panels) == 1 else look.double_in
-    height = {1: 1.2, 2: 0.66, 3: 0.56}[len(panels)] * width
-    figure = Figure(figsize=(width, height), layout="constrained")
-    axes = figure.subplots(2, len(panels), squeeze=False, sharex="col", height_ratios=(2.6, 1))
-    throttles = np.unique(where(table, kind="data")["throttle_fraction"])
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
+    """A column for each boundary: Delta L above, the same less the curve below."""
+    panels = list(table["panel"].unique())
+    factor, label = look.distance
+    table = table.assign(z_hat=factor * table["z_hat"])
+    share = {1: 1.2, 2: 0.66}.get(len(panels), 0.56)
+    height = share * (look.single_in if len(panels) == 1 else look.double_in)
+    figure, axes = style.canvas(look, 2, len(panels), height, sharex="col", height_ratios=(2.6, 1))
+    throttles = np.unique(table[table["kind"] == "data"]["throttle_fraction"])
     shade = None
     if len(throttles) > len(SERIES):
-        ends = Normalize(100 * throttles.min(), 100 * throttles.max())
-        shade = ScalarMappable(ends, SEQUENTIAL)
-    for title, boundary, (ax, below) in zip(headed(panels), panels, axes.T, strict=True):
-        rows = where(table, panel=boundary)
-        loc: Corner = "lower right" if boundary == "sidewall" else "upper right"
-        ax.legend(*_lines(ax, rows, "delta_L_percent", throttles, shade), loc=loc)
+        # many levels of one quantity: even in lightness, also to colour-blind eyes
+        shade = ScalarMappable(Normalize(100 * throttles.min(), 100 * throttles.max()), "cividis")
+    for title, boundary, (ax, below) in zip(style.lettered(panels), panels, axes.T, strict=True):
+        rows = pick(table, panel=boundary)
+        handles = _lines(ax, rows, "delta_L_percent", throttles, shade)
+        loc: Any = "lower right" if boundary == "sidewall" else "upper right"
+        ax.legend(list(handles.values()), list(handles), loc=loc)
         _lines(below, rows, "above_fit_percent", throttles, shade)
         corrected = next((t for t in rows["corrected_for"] if t), "")
         ax.set_title(title + (f", corrected for {plain_text(corrected)}" if corrected else ""))
-        below.set_xlabel(f"distance {label}")
-        plain_log(ax.xaxis)
+        style.log_distance(below, f"distance {label}")
     axes[0, 0].set_ylabel(r"$\Delta L$ (%)")
     axes[1, 0].set_ylabel(r"$\Delta L -$ fit (%)")
     if shade is not None:
         figure.colorbar(shade, ax=axes.ravel().tolist(), label="throttle (%)", pad=0.02, aspect=30)
         return figure
-    handles = [Line2D([], [], linestyle="none")]
-    handles += [
-        Line2D([], [], color=c, marker=m, linestyle="none", markerfacecolor="white")
-        for (c, m), _ in zip(SERIES, throttles, strict=False)
-    ]
-    names = ["throttle:", *(f"{100 * t:.3g} %" for t in throttles)]
-    look_of = {"columnspacing": 0.8, "handletextpad": 0.1, "handlelength": 1.4}
-    figure.legend(handles, names, loc="outside upper center", ncols=len(names), **look_of)
+    handles = {"throttle:": Line2D([], [], linestyle="none")}
+    for (colour, marker), throttle in zip(SERIES, throttles, strict=False):
+        mark: Look = {"color": colour, "marker": marker, "markerfacecolor": "white"}
+        handles[f"{100 * throttle:.3g} %"] = Line2D([], [], linestyle="none", **mark)
+    figure.legend(
+        list(handles.values()), list(handles), loc="outside upper center", ncols=len(handles),
+        columnspacing=0.8, handletextpad=0.1, handlelength=1.4,
+    )  # fmt: skip
     return figure
 
 
 def _lines(
-    ax: Axes, rows: Rows, y: str, throttles: Any, shade: ScalarMappable | None
-) -> tuple[list[Any], list[str]]:
-    """One panel of the column `y`; handles and names of its legend."""
-    of = {kind: where(rows, kind=kind) for kind in set(rows["kind"].tolist())}
-    none = select(rows, np.zeros(len(rows["kind"]), dtype=bool))
-    curve, level = of.get("band", none), of.get("L_inf", none)
+    ax: Axes, rows: pd.DataFrame, y: str, throttles: FloatArray, shade: ScalarMappable | None
+) -> Look:
+    """Draw one panel of the column `y`; handles of its legend by name."""
     ax.set_xscale("log")
-    zero = ax.axhline(0, color="0.6", linewidth=0.5, zorder=0.1)
-    line = ax.plot(curve["z_hat"], curve[y], color=FITTED, linewidth=0.8, zorder=3)
+    zero, size = style.zero(ax), rcParams["lines.markersize"]
+    curve, data = pick(rows, kind="band"), pick(rows, kind="data")
+    fitted = ax.plot(curve.z_hat, curve[y], color=style.FITTED, linewidth=0.8, zorder=3)[0]
     for i, throttle in enumerate(throttles):
-        # throttles often coincide: each next symbol is smaller, so that all are visible
-        size = NESTED[i] * rcParams["lines.markersize"] if shade is None else 2.2
-        colour, marker = SERIES[i] if shade is None else (shade.to_rgba(100 * throttle), "o")
-        fill = {"markerfacecolor": "white"} if shade is None else {"alpha": 0.7}
-        mine = where(of.get("data", none), throttle_fraction=throttle)
-        _bars(ax, mine, y, fmt=marker, color=colour, markersize=size, zorder=4, **fill)
-    handles: list[Any] = [line[0]]
-    names = [_label(label) for label in distinct(curve["label"])]
-    for mark, label in zip(OVERLAYS, distinct(of.get("overlay", none)["label"]), strict=False):
-        mine = where(of["overlay"], label=label)
-        handles.append(_bars(ax, mine, y, fmt=mark, color="0.25", zorder=2))
-        names.append(_label(label))
+        mine = pick(data, throttle_fraction=throttle)
+        series: Any = SERIES[i % len(SERIES)]
+        look: Look = {"markerfacecolor": "white"}
+        look["markersize"] = NESTED[i % len(NESTED)] * size
+        if shade is not None:
+            series, look = (shade.to_rgba(100 * throttle), "o"), {"markersize": 2.2, "alpha": 0.7}
+        style.bars(ax, mine.z_hat, mine[y], mine.u_delta_L_percent, series, zorder=4, **look)
+    handles: Look = {}
+    overlays = pick(rows, kind="overlay")
+    for mark, label in zip(OVERLAYS, overlays["label"].unique(), strict=False):
+        mine = pick(overlays, label=label)
+        of = style.bars(ax, mine.z_hat, mine[y], mine.u_delta_L_percent, ("0.25", mark), zorder=2)
+        handles[_label(label)] = of
     # theory, and the band of a fit that determines little, may leave the panel
-    ax.set_ylim(ax.get_ylim())
-    ax.set_xlim(ax.get_xlim())
-    shift = curve[y] - curve["delta_L_percent"]
-    low, high = (curve[end] + shift for end in ("lo90_percent", "hi90_percent"))
-    if np.isfinite(low).any():
-        band = ax.fill_between(curve["z_hat"], low, high, color=BAND, linewidth=0, zorder=1)
-        handles[0], names[0] = (band, line[0]), f"{names[0]}, 90 %"
-    thin = 0.5 * rcParams["lines.linewidth"]
-    fitted, theories = of.get(LEAST_SQUARES, none), of.get("model", none)
-    for label in distinct(fitted["label"]):
-        handles += ax.plot(fitted["z_hat"], fitted[y], color=FITTED, linewidth=thin, zorder=2.8)
-        names.append(_label(label))
-    for (colour, dashes), label in zip(DASHES, distinct(theories["label"]), strict=False):
-        theory = where(theories, label=label)
-        look: dict[str, Any] = {"color": colour, "linestyle": dashes, "zorder": 3.2}
-        handles += ax.plot(theory["z_hat"], theory[y], **look)
-        names.append(_label(label))
-    ring = of.get("influence", none)
-    if len(ring["z_hat"]):
-        size, width = (2.6, 0.8) if shade is None else (1.2, 0.5)
-        look = {"markerfacecolor": "none", "markeredgewidth": width, "zorder": 5}
-        size *= rcParams["lines.markersize"]
-        handles += circles(ax, ring["z_hat"], ring[y], FITTED, markersize=size, **look)
-        names.append("influential")
-    if len(level["z_hat"]) and y == "delta_L_percent":
-        u = float(level["u_delta_L_percent"][0])
-        handles.append((ax.axhspan(-u, u, color=UNSURE, linewidth=0, zorder=0), zero))
-        names.append(r"uncertainty of $L_\infty$")
-    return handles, names
+    ax.set(xlim=ax.get_xlim(), ylim=ax.get_ylim())
+    shift, name = curve[y] - curve["delta_L_percent"], _label(curve["label"].iloc[0])
+    first: Look = {name: fitted}
+    if curve["lo90_percent"].notna().any():
+        low, high = curve["lo90_percent"] + shift, curve["hi90_percent"] + shift
+        first = {f"{name}, 90 %": (style.band(ax, curve.z_hat, low, high), fitted)}
+    thin: Look = {"color": style.FITTED, "linewidth": 0.5 * rcParams["lines.linewidth"]}
+    for (label,) in groups(pick(rows, kind="least squares"), "label"):
+        mine = pick(rows, label=label)
+        handles[_label(label)] = ax.plot(mine.z_hat, mine[y], zorder=2.8, **thin)[0]
+    theories = pick(rows, kind="model")
+    for (colour, dashes), label in zip(style.REFERENCES, theories["label"].unique(), strict=False):
+        mine = pick(theories, label=label)
+        dashed: Any = {"color": colour, "linestyle": dashes, "zorder": 3.2}
+        handles[_label(label)] = ax.plot(mine.z_hat, mine[y], **dashed)[0]
+    ring, wide = pick(rows, kind="influence"), 2.6 if shade is None else 1.2
+    if len(ring):
+        look = {"markersize": wide * size, "markerfacecolor": "none", "color": style.FITTED}
+        handles["influential"] = ax.plot(ring.z_hat, ring[y], "o", zorder=5, **look)[0]
+    level = pick(rows, kind="L_inf")
+    if len(level) and y == "delta_L_percent":
+        u = level["u_delta_L_percent"].iloc[0]
+        span = ax.axhspan(-u, u, color=UNSURE, linewidth=0, zorder=0)
+        handles[r"uncertainty of $L_\infty$"] = (span, zero)
+    return first | handles
 
 
 def _label(text: str) -> str:
-    return INDEXED.sub(r"$\1_\2$", plain_text(text))
-
-
-def _bars(ax: Axes, mine: Rows, y: str, **look: Any) -> Any:
-    thin = {"elinewidth": 0.6, "markeredgewidth": 0.8}
-    return ax.errorbar(mine["z_hat"], mine[y], mine["u_delta_L_percent"], **thin | look)
+    return INDEXED.sub(r"$\1_\2$", "\n".join(textwrap.wrap(plain_text(text), WIDEST)))
 
 
 FIGURE = FigureSpec(
     name="fig2",
     title="Lift change near each boundary",
     needs=(TRIALS, LIFT, FIT),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="delta_L_percent",
 )

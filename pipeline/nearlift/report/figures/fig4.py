@@ -8,17 +8,17 @@ from typing import Any
 
 import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 from nearlift.campaign.piv import PivCase
 from nearlift.flow.field import VelocityField, difference
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, stack, where
-from nearlift.report.figures import flow_panels as flow_panel
+from nearlift.report.evidence import Evidence, frame, groups, pick
+from nearlift.report.figures import flow_panels
 from nearlift.report.figures.flow_panels import field_rows, manifest, origin, title
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import Style
-from nearlift.rounding import plain
+from nearlift.report.figures.style import DEFAULT, Style, lettered
 from nearlift.stages.flow import FLOW, FLOW_FIELDS
 
 LEVEL = 1e-3
@@ -34,13 +34,13 @@ def cases(evidence: Evidence) -> list[PivCase]:
 
 def as_field(evidence: Evidence, name: str) -> VelocityField:
     """The mean field of one case."""
-    table = where(evidence.table(FLOW_FIELDS), case=name)
+    table = evidence.frame(FLOW_FIELDS, case=name)
     x, y = np.unique(table["x_m"]), np.unique(table["y_m"])
-    vx, vy = (table[name].reshape(len(y), len(x)) for name in ("vx_m_s", "vy_m_s"))
+    vx, vy = (table[name].to_numpy().reshape(len(y), len(x)) for name in ("vx_m_s", "vy_m_s"))
     return VelocityField(x_m=x, y_m=y, vx_m_s=vx, vy_m_s=vy)
 
 
-def summarise(evidence: Evidence) -> Columns:
+def table(evidence: Evidence) -> pd.DataFrame:
     """Rows as in Figure 3's upper panels; `value_m_s` is airspeed less the control's, nan where
     either has no vector. Empty where no case lies near a boundary.
     """
@@ -49,10 +49,10 @@ def summarise(evidence: Evidence) -> Columns:
     for case in cases(evidence):
         less = difference(as_field(evidence, case.name), control).ravel()
         parts += field_rows(evidence, case, title(case), less)
-    return stack(parts, flow_panel.COLUMNS)
+    return frame(parts, flow_panels.COLUMNS)
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption."""
     return (
         "Change of time-averaged airspeed from the control (blue: slower, red: faster), with the"
@@ -63,43 +63,28 @@ def caption(evidence: Evidence, table: Columns) -> str:
     )
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Text alternative of the figure."""
-    parts = []
-    for case in cases(evidence):
-        value = where(table, panel=case.name, kind="node")["value_m_s"]
-        low, high = (plain(float(end), 2) for end in (np.nanmin(value), np.nanmax(value)))
-        parts.append(f"{case.boundary} {plain(case.z_hat or 0.0, 3)}: {low} to {high} m/s")
-    return (
-        "Maps of the change of airspeed from the control. Range at each distance over rotor radius:"
-        f" {'; '.join(parts)}."
-    )
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """Panels in the order of the table, broken into rows where the boundary changes."""
-    labels = dict(distinct(table["panel"], table["label"]))
+    panels = groups(pick(table, kind="node"), "panel", "label")
+    titles = dict(zip((name for name, _ in panels), lettered([t for _, t in panels]), strict=True))
     lines = [
-        [name for name, label in labels.items() if label.startswith(boundary)]
-        for boundary in dict.fromkeys(label.split(",")[0] for label in labels.values())
+        [name for name, label in panels if label.startswith(boundary)]
+        for boundary in dict.fromkeys(label.split(",")[0] for _, label in panels)
     ]
-    across = max(len(line) for line in lines)
-    figure, axes = flow_panel.sheet(table, look, len(lines), across)
-    letters = iter("abcdefghijklmnopqrstuvwxyz")
+    figure, axes = flow_panels.sheet(table, look, len(lines), max(map(len, lines)))
     for line, places in zip(lines, axes, strict=True):
+        mine = table[(table["kind"] == "node") & table["panel"].isin(line)]
+        top = float(mine["value_m_s"].abs().quantile(0.995))
         shade: Any = None
-        mine = (table["kind"] == "node") & np.isin(table["panel"], line)
-        top = float(np.nanquantile(np.abs(table["value_m_s"][mine]), 0.995))
-        norm = Normalize(-top, top)
         for ax in places[len(line) :]:
             ax.set_axis_off()
         for name, ax in zip(line, places, strict=False):
-            rows, colours = where(table, panel=name), matplotlib.colormaps["RdBu_r"]
-            shade = flow_panel.field(ax, rows, colours, norm, line_pt=0.35, density=0.5)
-            flow_panel.outline(ax, rows)
-            ax.set_title(f"{next(letters)}) {labels[name]}")
-        words, beside = "airspeed change from\ncontrol (m/s)", places.tolist()
-        figure.colorbar(shade, ax=beside, label=words, pad=0.01, aspect=14, extend="both")
+            rows, colours = pick(table, panel=name), matplotlib.colormaps["RdBu_r"]
+            norm = Normalize(-top, top)
+            shade = flow_panels.field(ax, rows, colours, norm, line_pt=0.35, density=0.5)
+            ax.set_title(titles[name])
+        bar: Any = {"label": "airspeed change from\ncontrol (m/s)", "pad": 0.01, "aspect": 14}
+        figure.colorbar(shade, ax=places.tolist(), extend="both", **bar)
     return figure
 
 
@@ -107,8 +92,8 @@ FIGURE = FigureSpec(
     name="fig4",
     title="Change of airspeed from the control",
     needs=(FLOW_FIELDS, FLOW),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="value_m_s",
 )

@@ -6,80 +6,82 @@ from __future__ import annotations
 
 from typing import Any
 
-import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from nearlift import catalogue, nomenclature
 from nearlift.declare import Boundary
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
+from nearlift.report.evidence import Evidence, Part, frame, pick
+from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import SERIES, Style, grid, plain_text
+from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style, plain_text
 from nearlift.stages.simulate import CRASH_RATES, FLIGHTS, SAFETY
 
 SIDES: tuple[Boundary, ...] = ("ground", "ceiling")
-ROWS = ("histories", "paper", "converged")
+TITLES = {"histories": "sample flights", "paper": "as printed", "converged": "converged step"}
 #: Of a sample flight so much is shown before and after the crash that it is about, s.
 BEFORE_S, AFTER_S = 20.0, 10.0
-COLUMNS = ("row", "panel", "kind", "label", "exponent", "flight", "x", "y", "lo90", "hi90")
-NONE = "#000000"
+COLUMNS = (
+    *("row", "panel", "kind", "label", "exponent", "flights"),
+    *("x", "y", "lo90", "hi90"),
+)
 COST = {"cost_paper": (0, (4, 1.5)), "cost": (0, (1, 1.2))}
 COST_COLOUR = SERIES[1][0]
-TITLES = {"histories": "sample flights", "paper": "as printed", "converged": "converged step"}
+#: Without a model, with it, and with other powers of its ratio, weak to strong.
+NONE, MODEL = "#000000", SERIES[0][0]
+POWERS = (SERIES[2][0], SERIES[3][0], SERIES[4][0], "#7F3B08")
 
 
-def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each: `row` (histories, paper, converged), `panel`
-    (boundary), `kind` (flight, crash, cost_paper, cost), `label` (model), `exponent` of the ratio,
-    `flight`, `x` (time in s or set-point), `y` (z_hat, crash rate or relative cost), `lo90` and
-    `hi90` of a crash rate. A flight that crashed ends at z_hat = 0, on the line through its last
-    two heights.
+def table(evidence: Evidence) -> pd.DataFrame:
+    """Everything that is drawn, a row each.
+
+    `kind` is flight (x the time in s, y z_hat), crash (x the set-point, y a crash rate) or
+    cost_paper, cost (a relative power); `exponent` of the model's ratio, 0 without a model;
+    `flights` at each set-point. A flight that crashed ends at z_hat = 0.
     """
-    parts = []
+    rates = evidence.frame(CRASH_RATES)
+    parts: list[Part] = []
     for side in SIDES:
         parts += [{"row": "histories", "panel": side, **part} for part in _sample(evidence, side)]
-        for preset in ROWS[1:]:
-            shared = {"row": preset, "panel": side}
-            parts += [{**shared, **part} for part in _curves(evidence, side, preset)]
-    return stack(parts, COLUMNS)
+        for preset in ("paper", "converged"):
+            flown = pick(rates, preset=preset, boundary=side)
+            for exponent in flown["exponent"].unique():
+                curve = pick(flown, exponent=exponent)
+                shared = {
+                    "row": preset,
+                    "panel": side,
+                    "label": curve["model"].iloc[0],
+                    "exponent": exponent,
+                    "x": curve["target_z_hat"],
+                }
+                ends = {"y": curve["rate"], "lo90": curve["lo90"], "hi90": curve["hi90"]}
+                parts.append({**shared, "kind": "crash", "flights": curve["flights"], **ends})
+                if exponent == 1:
+                    parts += [{**shared, "kind": kind, "y": curve[kind]} for kind in COST]
+    return frame(parts, COLUMNS)
 
 
-def _sample(evidence: Evidence, side: str) -> list[dict[str, object]]:
+def _sample(evidence: Evidence, side: str) -> list[Part]:
     """The first flight near a boundary, by each model."""
-    flights = where(evidence.table(FLIGHTS), boundary=side)
-    models = distinct(flights["model"])
+    flights = evidence.frame(FLIGHTS, boundary=side)
+    first = pick(flights, flight=flights["flight"].min())
+    end = first.groupby("model")["t_s"].max().min() if len(first) else 0.0
+    near = first[first["t_s"].between(end - BEFORE_S, end + AFTER_S)]
     parts = []
-    for flight in flights["flight"][:1].tolist():
-        first = where(flights, flight=flight)
-        end = min(where(first, model=model)["t_s"].max() for model in distinct(first["model"]))
-        near = select(first, (first["t_s"] >= end - BEFORE_S) & (first["t_s"] <= end + AFTER_S))
-        for model in ("none", *(m for m in models if m != "none")):
-            flown = where(near, model=model)
-            t_s, z_hat = touching(flown["t_s"], flown["z_hat"])
-            label = "none" if model == "none" else catalogue.model(model).title
-            parts.append({"kind": "flight", "label": label, "flight": flight, "x": t_s, "y": z_hat})
-    return parts
-
-
-def _curves(evidence: Evidence, side: str, preset: str) -> list[dict[str, object]]:
-    """Crash rates of a preset at each power of the ratio, and costs of the model itself."""
-    rates = where(evidence.table(CRASH_RATES), preset=preset, boundary=side)
-    parts = []
-    for exponent in distinct(rates["exponent"]):
-        curve = where(rates, exponent=exponent)
-        shared = {"label": str(curve["model"][0]), "exponent": exponent, "x": curve["target_z_hat"]}
-        ends = {"lo90": curve["lo90"], "hi90": curve["hi90"]}
-        parts.append({"kind": "crash", **shared, "y": curve["rate"], **ends})
-        if exponent == 1.0:
-            parts += [{"kind": kind, **shared, "y": curve[kind]} for kind in COST]
+    for model in sorted(near["model"].unique(), key=lambda name: name != "none"):
+        flown = pick(near, model=model)
+        t_s, z_hat = touching(flown["t_s"].to_numpy(), flown["z_hat"].to_numpy())
+        label = "none" if model == "none" else catalogue.model(model).title
+        parts.append({"kind": "flight", "label": label, "x": t_s, "y": z_hat})
     return parts
 
 
 def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
     """A flight up to where it touched: a last height below zero, a step after the touch, becomes
-    the touch.
+    the touch, on the line through the last two heights.
     """
     if len(z_hat) < 2 or z_hat[-1] > 0:
         return t_s, z_hat
@@ -87,21 +89,21 @@ def touching(t_s: Any, z_hat: Any) -> tuple[Any, Any]:
     return np.append(t_s[:-1], t_s[-2] + share * (t_s[-1] - t_s[-2])), np.append(z_hat[:-1], 0.0)
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, with the limits of validity."""
-    presets = evidence.safety.presets
-    flights = {flown.flights for p in presets.values() for flown in p.boundaries.values()}
-    counts = " or ".join(str(f) for f in sorted(flights))
-    text = (
-        "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and controller. First"
-        " row: the seconds around a crash (cross) in the first flight that the model decides. Both"
-        " curves have the same gusts. Below: share of flights that touch the boundary against"
-        " set-point, without a model and with powers of the model's ratio;"
-        f" {counts} flights a point. Shade: 90 % binomial interval. Right axis: relative power to"
-        " hover, (L/L∞)^(−3/2) as in the paper (dashed) and L∞/L as in its theories (dotted)."
-    )
-    parts = [text]
-    for name, preset in presets.items():
+    counts = " or ".join(f"{n:.0f}" for n in sorted(table["flights"].dropna().unique()))
+    parts = [
+        (
+            "Flights of the paper's vehicle (27 g, spacing 90 mm) with its models and"
+            " controller. First row: the seconds around a crash (cross) in the first flight"
+            " that the model decides. Both curves have the same gusts. Below: share of flights"
+            " that touch the boundary against set-point, without a model and with powers of the"
+            f" model's ratio. {counts} flights a point; the paper flew 1000. Shade: 90 %"
+            " binomial interval. Right axis: relative power to hover, (L/L∞)^(−3/2) as in the"
+            " paper (dashed) and L∞/L as in its theories (dotted)."
+        )
+    ]
+    for name, preset in evidence.safety.presets.items():
         tests = [flown.convergence for flown in preset.boundaries.values()]
         worst = max(test.worst for test in tests)
         verdict = "its rates depend on the time step"
@@ -114,69 +116,48 @@ def caption(evidence: Evidence, table: Columns) -> str:
     return " ".join(parts)
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description for screen readers."""
-    parts = []
-    for name, preset in evidence.safety.presets.items():
-        for side, flown in preset.boundaries.items():
-            half = {e.exponent: e.value for e in flown.levels if e.risk == 0.5}
-            if half:
-                parts.append(
-                    f"{name}, {side}: half of the flights crash at z_hat {half[0.0]:.2f} without"
-                    f" and {half[1.0]:.2f} with the model"
-                )
-    return "Crash rates against set-point. " + "; ".join(parts) + "."
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """A row of panels for the flights and one for each preset that was flown."""
-    rows = [r for r in ROWS if (table["row"] == r).any()]
-    sides = distinct(table["panel"])
-    height = min(look.double_in * 0.33 * len(rows) + 0.25, look.height_in)
-    figure = Figure(figsize=(look.double_in, height), layout="constrained")
-    axes = figure.subplots(len(rows), len(sides), squeeze=False)
-    for letter, ax, row, side in grid(axes, rows, sides):
-        panel = where(table, row=row, panel=side)
-        if row == "histories":
-            _histories(ax, panel, side)
-        else:
-            _rates(ax, panel, last=side == sides[-1])
-        ax.set_title(f"{letter}) {side}, {TITLES[row]}")
-    exponents = sorted(distinct(where(table, kind="crash")["exponent"]))
-    handles = [Line2D([], [], color=colour(e, exponents), linewidth=1.3) for e in exponents]
+    rows = [r for r in TITLES if (table["row"] == r).any()]
+    sides = list(table["panel"].unique())
+    height = look.double_in * 0.33 * len(rows) + 0.25
+    figure, axes = style.canvas(look, len(rows), len(sides), height, look.double_in)
+    titles = iter(style.lettered([f"{side}, {TITLES[row]}" for row in rows for side in sides]))
+    exponents = sorted(pick(table, kind="crash")["exponent"].unique())
+    powers = [e for e in exponents if e not in (0, 1)]
+    colours = dict(zip(powers, POWERS, strict=False)) | {0.0: NONE, 1.0: MODEL}
+    for row, line in zip(rows, axes, strict=True):
+        for side, ax in zip(sides, line, strict=True):
+            panel = pick(table, row=row, panel=side)
+            title = next(titles)
+            if row == "histories":
+                _histories(ax, panel, side)
+            else:
+                _rates(ax, panel, colours, labelled=side == sides[-1])
+                title += f", {panel['flights'].max():.0f} flights a point"
+            ax.set_title(title)
     special = {0.0: "no model ($L = L_\\infty$)", 1.0: "model, $L/L_\\infty$"}
-    names = [special.get(e, f"$(L/L_\\infty)^{{{e:g}}}$") for e in exponents]
-    handles += [Line2D([], [], color=COST_COLOUR, linestyle=s) for s in COST.values()]
-    names += ["power $(L/L_\\infty)^{-3/2}$", "power $(L/L_\\infty)^{-1}$"]
-    figure.legend(handles, names, loc="outside lower center", ncols=-(-len(names) // 2))
+    legend: dict[str, tuple[str, Any]]
+    legend = {special.get(e, f"$(L/L_\\infty)^{{{e:g}}}$"): (colours[e], "-") for e in exponents}
+    words = ("power $(L/L_\\infty)^{-3/2}$", "power $(L/L_\\infty)^{-1}$")
+    legend |= {w: (COST_COLOUR, s) for w, s in zip(words, COST.values(), strict=True)}
+    handles = [Line2D([], [], color=c, linestyle=s) for c, s in legend.values()]
+    figure.legend(handles, list(legend), loc="outside lower center", ncols=-(-len(legend) // 2))
     return figure
 
 
-def colour(exponent: float, exponents: list[float]) -> Any:
-    """Black without a model, blue for the model, else from dark to light with the power."""
-    if exponent == 0:
-        return NONE
-    if exponent == 1:
-        return SERIES[0][0]
-    powers = [e for e in exponents if e not in (0, 1)]
-    share = powers.index(exponent) / max(len(powers) - 1, 1)
-    return matplotlib.colormaps["plasma"](0.1 + 0.75 * share)
-
-
-def _histories(ax: Axes, rows: Rows, side: str) -> None:
-    for label in distinct(rows["label"]):
-        mine = where(rows, label=label)
-        x, y = mine["x"], mine["y"]
-        shade = NONE if label == "none" else SERIES[0][0]
-        ax.plot(x, y, color=shade, linewidth=0.8)
-        if len(y) and y[-1] <= 0:
-            ax.plot(
-                x[-1:], y[-1:], marker="x", color=shade, markersize=5, markeredgewidth=1.2, zorder=5
-            )
+def _histories(ax: Axes, rows: pd.DataFrame, side: str) -> None:
+    for label in rows["label"].unique():
+        mine = pick(rows, label=label)
+        shade = NONE if label == "none" else MODEL
+        name = "no model" if label == "none" else f"with {plain_text(label)}"
+        ax.plot(mine.x, mine.y, color=shade, linewidth=0.8, label=name)
+        touched = mine[mine["y"] <= 0]
+        mark: Look = {"markersize": 5, "markeredgewidth": 1.2, "zorder": 5}
+        ax.plot(touched.x, touched.y, "x", color=shade, **mark)
     ax.set_xlim(rows["x"].min(), rows["x"].max())
     ax.axhline(0, color="0.45", linewidth=1.6, zorder=0)
-    # room for the legend beyond the flights, and for the boundary with its crosses on this side of
-    # the frame
+    # room for the legend, and for the boundary with its crosses on this side of the frame
     top = 1.22 * float(rows["y"].max())
     ax.set_ylim(-0.09 * top, top)
     ax.set_xlabel("time (s)")
@@ -184,33 +165,26 @@ def _histories(ax: Axes, rows: Rows, side: str) -> None:
     if side == "ceiling":
         # as one sees it: the ceiling above
         ax.invert_yaxis()
-    model = next((name for name in rows["label"] if name != "none"), "model")
-    handles = [Line2D([], [], color=NONE), Line2D([], [], color=SERIES[0][0])]
-    names = ["no model", f"with {plain_text(model)}"]
-    ax.legend(handles, names, loc="lower right" if side == "ceiling" else "upper right", ncols=2)
+    ax.legend(loc="lower right" if side == "ceiling" else "upper right", ncols=2)
 
 
-def _rates(ax: Axes, rows: Rows, last: bool) -> None:
-    crash = where(rows, kind="crash")
-    exponents = sorted(distinct(crash["exponent"]))
-    for e in exponents:
-        mine = where(crash, exponent=e)
-        shade, width = colour(e, exponents), 0.8
-        if e in (0, 1):
-            width, low, high = 1.3, 100 * mine["lo90"], 100 * mine["hi90"]
-            ax.fill_between(mine["x"], low, high, color=shade, alpha=0.25, linewidth=0)
-        ax.plot(mine["x"], 100 * mine["y"], color=shade, linewidth=width)
+def _rates(ax: Axes, rows: pd.DataFrame, colours: dict[float, str], labelled: bool) -> None:
+    for exponent, shade in colours.items():
+        mine = pick(rows, kind="crash", exponent=exponent)
+        style.band(ax, mine.x, 100 * mine.lo90, 100 * mine.hi90, shade, alpha=0.14)
+        width = 1.3 if exponent in (0, 1) else 0.9
+        ax.plot(mine.x, 100 * mine.y, color=shade, linewidth=width)
     ax.set_ylim(-2, 102)
     ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
     for kind, dashes in COST.items():
-        mine = where(rows, kind=kind)
-        right.plot(mine["x"], mine["y"], color=COST_COLOUR, linestyle=dashes)
+        mine = pick(rows, kind=kind)
+        right.plot(mine.x, mine.y, color=COST_COLOUR, linestyle=dashes)
     right.set_ylim(0.5, 1.02)
     right.tick_params(axis="y", colors=COST_COLOUR)
     ax.tick_params(axis="y", right=False)
-    if last:
+    if labelled:
         right.set_ylabel("relative power to hover", color=COST_COLOUR)
 
 
@@ -218,8 +192,9 @@ FIGURE = FigureSpec(
     name="fig6",
     title="Crash rates and energy, as the paper has them",
     needs=(CRASH_RATES, FLIGHTS, SAFETY),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="y",
+    within=("row", "panel"),
 )

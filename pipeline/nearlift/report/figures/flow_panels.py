@@ -5,11 +5,12 @@ colour and streamlines on an axis.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import matplotlib
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap, Normalize
 from matplotlib.figure import Figure
@@ -19,8 +20,9 @@ from nearlift.campaign.piv import Piv, PivCase
 from nearlift.declare import FloatArray
 from nearlift.flow.downwash import NOT_AT_THE_DISK
 from nearlift.flow.field import Scene
-from nearlift.report.evidence import Evidence, Rows, single, where
-from nearlift.report.figures.style import SERIES, Style
+from nearlift.report.evidence import Evidence, Part, pick
+from nearlift.report.figures import style
+from nearlift.report.figures.style import SERIES, Look, Style
 from nearlift.rounding import fixed
 from nearlift.stages.flow import DOWNWASH, DOWNWASH_PROFILE, FLOW, FLOW_FIELDS
 
@@ -51,20 +53,20 @@ def title(case: PivCase, tilted: bool = False) -> str:
 
 def field_rows(
     evidence: Evidence, case: PivCase, label: str, value: FloatArray | None = None
-) -> list[dict[str, object]]:
+) -> list[Part]:
     """One panel: its nodes coloured by speed (or by `value`), its rotors and its boundary."""
     r = evidence.campaign.vehicle.rotor_radius
-    flow = where(evidence.table(FLOW_FIELDS), case=case.name)
-    vx, vy = flow["vx_m_s"], flow["vy_m_s"]
+    flow = evidence.frame(FLOW_FIELDS, case=case.name)
     rotors = tuple(manifest(evidence).setting(case, "rotors"))
-    parts: list[dict[str, object]] = [
+    speed = np.hypot(flow["vx_m_s"], flow["vy_m_s"])
+    parts: list[Part] = [
         {
             "kind": "node",
             "x_hat": flow["x_m"] / r,
             "y_hat": flow["y_m"] / r,
-            "vx_m_s": vx,
-            "vy_m_s": vy,
-            "value_m_s": np.hypot(vx, vy) if value is None else value,
+            "vx_m_s": flow["vx_m_s"],
+            "vy_m_s": flow["vy_m_s"],
+            "value_m_s": speed if value is None else value,
             "flag": flow["stagnant"],
         }
     ]
@@ -78,20 +80,14 @@ def field_rows(
             rotors_m=rotors,
             radius_m=r,
         )
-        parts.append(
-            {
-                "kind": "boundary",
-                "x_hat": ends / r,
-                "y_hat": place.boundary_y_m(ends) / r,
-                "flag": 1.0 if case.boundary == "ground" else -1.0,
-            }
-        )
+        line = {"x_hat": ends / r, "y_hat": place.boundary_y_m(ends) / r}
+        parts.append({"kind": "boundary", **line, "flag": 1 if case.boundary == "ground" else -1})
     return [{"panel": case.name, "label": label, **part} for part in parts]
 
 
-def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> dict[str, object]:
+def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> Part:
     """The cut of one case; `flag` is 1 where it was mirrored."""
-    profile = where(evidence.table(DOWNWASH_PROFILE), case=name)
+    profile = evidence.frame(DOWNWASH_PROFILE, case=name)
     return {
         "panel": panel,
         "kind": kind,
@@ -103,15 +99,15 @@ def profile_rows(evidence: Evidence, name: str, panel: str, kind: str) -> dict[s
     }
 
 
-def cut(evidence: Evidence, name: str, rotor: str = "all") -> dict[str, Any]:
+def cut(evidence: Evidence, name: str, rotor: str = "all") -> Part:
     """The row of downwash.parquet of one case."""
-    table = evidence.table(DOWNWASH)
-    return single(table, (table["case"] == name) & (table["rotor"] == rotor))
+    [row] = evidence.frame(DOWNWASH, case=name, rotor=rotor).to_dict("records")
+    return {str(column): value for column, value in row.items()}
 
 
-def reduction_text(row: dict[str, Any]) -> str:
-    """``8.7 % (90 %: 3.4 to 13.9)``, and where that does not speak of the disk, so; a dash where
-    the cut has no vectors.
+def reduction_text(row: Part) -> str:
+    """``8.7 % (90 %: 3.4 to 13.9)``, and where that is not at the disk, a note; a dash where the
+    cut has no vectors.
     """
     if not math.isfinite(row["reduction"]):
         return "–"
@@ -145,33 +141,41 @@ def speeds() -> Colormap:
     return LinearSegmentedColormap.from_list("speeds", base(np.linspace(0.0, 0.78, 128)))
 
 
-def grid(node: Rows, name: str) -> tuple[Any, Any, Any]:
-    """Axes and a masked map of one column of nodes; the axes are exactly even, as streamlines want
+def highest(table: pd.DataFrame) -> Normalize:
+    """Scale of speeds up to the fastest but a thousandth of all nodes."""
+    return Normalize(0, float(pick(table, kind="node")["value_m_s"].quantile(0.999)))
+
+
+def _map(node: pd.DataFrame, name: str) -> tuple[Any, Any, Any]:
+    """Axes and a masked map of one column of nodes; the axes are exactly even, as streamlines need
     them.
     """
-    x, y = np.unique(node["x_hat"]), np.unique(node["y_hat"])
-    values = np.ma.masked_invalid(np.asarray(node[name], dtype=float).reshape(len(y), len(x)))
-    return np.linspace(x[0], x[-1], len(x)), np.linspace(y[0], y[-1], len(y)), values
+    grid = node.pivot(index="y_hat", columns="x_hat", values=name)
+    x, y = (np.unique(node[name]) for name in ("x_hat", "y_hat"))
+    x, y = (np.linspace(ends[0], ends[-1], len(ends)) for ends in (x, y))
+    return x, y, np.ma.masked_invalid(grid.to_numpy(dtype=float))
 
 
-def limits(table: Rows) -> tuple[tuple[float, float], tuple[float, float]]:
+def limits(table: pd.DataFrame) -> tuple[tuple[float, float], tuple[float, float]]:
     """Common limits of all panels: the nodes, and a quarter of a radius below them for the
     boundary.
     """
-    node = where(table, kind="node")
+    node = pick(table, kind="node")
     x, y = node["x_hat"], node["y_hat"]
     return (x.min(), x.max()), (y.min() - 0.25, y.max() + 0.1)
 
 
-def sheet(table: Rows, look: Style, down: int, across: int) -> tuple[Figure, Any]:
+def sheet(
+    table: pd.DataFrame, look: Style, down: int, across: int, more_in: float = 0.35
+) -> tuple[Figure, Any]:
     """Panels in rows and columns over the whole width, all with the same limits; the axes that they
     share are labelled at its edges.
     """
     (x0, x1), (y0, y1) = limits(table)
     tall = (look.double_in - 0.95) / across * (y1 - y0) / (x1 - x0)
-    height = min(down * (tall + 0.25) + 0.35, look.height_in)
-    figure = Figure(figsize=(look.double_in, height), layout="constrained")
-    axes = figure.subplots(down, across, squeeze=False, sharex=True, sharey=True)
+    height = down * (tall + 0.25) + more_in
+    shared: Part = {"sharex": True, "sharey": True}
+    figure, axes = style.canvas(look, down, across, height, look.double_in, **shared)
     axes[0, 0].set(xlim=(x0, x1), ylim=(y0, y1))
     for ax in axes[:, 0]:
         ax.set_ylabel(Y)
@@ -182,57 +186,41 @@ def sheet(table: Rows, look: Style, down: int, across: int) -> tuple[Figure, Any
 
 def field(
     ax: Axes,
-    rows: Rows,
+    rows: pd.DataFrame,
     cmap: Colormap,
     norm: Normalize,
     line_pt: float = 0.45,
     density: float = 0.6,
 ) -> Any:
-    """Draw one panel and hand back what a colour bar needs."""
-    node = where(rows, kind="node")
-    x, y, value = grid(node, "value_m_s")
+    """Draw one panel with the outline of its stagnation zone; returns what a colour bar needs."""
+    node, wall = pick(rows, kind="node"), pick(rows, kind="boundary")
+    x, y, value = _map(node, "value_m_s")
     ax.set_facecolor(UNOBSERVED)
     wide, high = (x[1] - x[0]) / 2, (y[1] - y[0]) / 2
     ends = (x[0] - wide, x[-1] + wide, y[0] - high, y[-1] + high)
-    shade = ax.imshow(
-        value, cmap=cmap, norm=norm, extent=ends, origin="lower", interpolation="nearest", zorder=0
-    )
-    _, _, vx = grid(node, "vx_m_s")
-    _, _, vy = grid(node, "vy_m_s")
-    stream = ax.streamplot(
-        x, y, vx, vy, color=LINES, linewidth=line_pt, density=density, num_arrows=0, zorder=2
-    )
+    look: Look = {"origin": "lower", "interpolation": "nearest", "zorder": 0}
+    shade = ax.imshow(value, cmap=cmap, norm=norm, extent=ends, **look)
+    (*_, vx), (*_, vy) = _map(node, "vx_m_s"), _map(node, "vy_m_s")
+    drawn: Look = {"color": LINES, "linewidth": line_pt, "density": density}
+    stream = ax.streamplot(x, y, vx, vy, num_arrows=0, zorder=2, **drawn)
     _heads(ax, stream.lines.get_segments())
-    for end in pairs(where(rows, kind="rotor")):
+    for end in pairs(pick(rows, kind="rotor")):
         ax.plot(*end, color="black", linewidth=2.0, solid_capstyle="butt", zorder=4)
-    wall = where(rows, kind="boundary")
-    if len(wall["x_hat"]):
-        outside = -50.0 if wall["flag"][0] > 0 else 50.0
-        ax.fill_between(
-            wall["x_hat"],
-            wall["y_hat"],
-            outside,
-            facecolor="white",
-            edgecolor="0.55",
-            hatch="/////",
-            linewidth=0,
-            zorder=3,
-        )
-        ax.plot(wall["x_hat"], wall["y_hat"], color="black", linewidth=1.0, zorder=3.5)
+    if len(wall):
+        outside = -50.0 if wall["flag"].iloc[0] > 0 else 50.0
+        hatched: Look = {"facecolor": "white", "edgecolor": "0.55", "hatch": "/////"}
+        ax.fill_between(wall.x_hat, wall.y_hat, outside, linewidth=0, zorder=3, **hatched)
+        ax.plot(wall.x_hat, wall.y_hat, color="black", linewidth=1.0, zorder=3.5)
+    *_, zone = _map(node, "flag")
+    if zone.max() > 0:
+        ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
     ax.set_aspect("equal")
     ax.xaxis.set_major_locator(MultipleLocator(2))
     ax.yaxis.set_major_locator(MultipleLocator(1))
     return shade
 
 
-def outline(ax: Axes, rows: Rows) -> None:
-    """Outline of the stagnation zone of one panel."""
-    x, y, zone = grid(where(rows, kind="node"), "flag")
-    if zone.max() > 0:
-        ax.contour(x, y, zone.filled(0), levels=[0.5], colors=[ZONE], linewidths=1.1, zorder=5)
-
-
-def _heads(ax: Axes, lines: Sequence[Any]) -> None:
+def _heads(ax: Axes, lines: Iterable[Any]) -> None:
     """An arrow head on the middle of each line, all as one artist."""
     middle = np.array([line[len(line) // 2 - 1 : len(line) // 2 + 1] for line in lines])
     if not len(middle):
@@ -240,32 +228,16 @@ def _heads(ax: Axes, lines: Sequence[Any]) -> None:
     along = middle[:, 1] - middle[:, 0]
     length = np.hypot(along[:, 0], along[:, 1])
     seen = length > 0
+    heads: Look = {"headwidth": 4.5, "headlength": 5, "headaxislength": 5, "minlength": 0}
+    size: Part = {"angles": "xy", "units": "inches", "scale_units": "inches"}
+    direction = along[seen] / length[seen, None]
     ax.quiver(
-        *middle[seen, 0].T,
-        *(along[seen] / length[seen, None]).T,
-        angles="xy",
-        scale_units="inches",
-        scale=18,
-        pivot="mid",
-        color=LINES,
-        zorder=2.1,
-        units="inches",
-        width=0.009,
-        headwidth=4.5,
-        headlength=5,
-        headaxislength=5,
-        minlength=0,
-    )
+        *middle[seen, 0].T, *direction.T, scale=18, width=0.009, pivot="mid", color=LINES,
+        zorder=2.1, **heads, **size,
+    )  # fmt: skip
 
 
-def pairs(rows: Rows) -> list[tuple[Any, Any]]:
+def pairs(rows: pd.DataFrame) -> Iterator[tuple[Any, Any]]:
     """Line segments from rows that come two by two."""
-    return [
-        (rows["x_hat"][i : i + 2], rows["y_hat"][i : i + 2])
-        for i in range(0, len(rows["x_hat"]), 2)
-    ]
-
-
-def highest(table: Rows) -> float:
-    """Upper end of a colour scale of speeds: the fastest but a thousandth of all nodes."""
-    return float(np.nanquantile(where(table, kind="node")["value_m_s"], 0.999))
+    for i in range(0, len(rows), 2):
+        yield rows["x_hat"][i : i + 2], rows["y_hat"][i : i + 2]

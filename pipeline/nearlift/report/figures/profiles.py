@@ -5,14 +5,16 @@ the parabola that a standard uncertainty implies.
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from nearlift.nomenclature import letter, mathematics
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
+from nearlift.report.evidence import Evidence, Part, frame, groups, pick
+from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
-from nearlift.report.figures.style import REFERENCES, SERIES, Style, headed
+from nearlift.report.figures.style import DEFAULT, REFERENCES, SERIES, Look, Style
 from nearlift.stages.fit import FIT, PROFILES
 
 #: Profiles are drawn up to this rise of chi2.
@@ -20,40 +22,36 @@ TOP = 6.5
 LEVELS = {68: SERIES[2], 90: SERIES[4], 95: SERIES[1]}
 #: Halves of a 90 % interval that differ by more than this are called lopsided.
 LOPSIDED = 0.1
-COLUMNS = 4
+ACROSS = 4
+COLUMNS = ("panel", "parameter", "unit", "kind", "x", "rise", "quadratic")
 
 
-def summarise(evidence: Evidence) -> Columns:
-    """A row for each point of a curve and each interval: `panel` (boundary), `parameter`, `unit`,
-    `kind` (``profile``, or ``68``, ``90``, ``95`` for the ends of an interval), `x`, `rise` of
-    chi2, of an interval the profile's at that end, `quadratic` the parabola's. An open end has no
-    row.
+def table(evidence: Evidence) -> pd.DataFrame:
+    """A row for each point of a curve and each interval: `kind` is ``profile``, or ``68``, ``90``,
+    ``95`` for the ends of an interval; `rise` of chi2 of the profile, `quadratic` of the parabola.
+    An open end has no row.
     """
-    table = evidence.table(PROFILES)
-    table = select(table, np.minimum(table["rise"], table["quadratic"]) < TOP + 3)
-    rows = []
+    parts: list[Part] = []
     for boundary in evidence.boundaries:
         model, entry = evidence.base(boundary)
+        every = evidence.frame(PROFILES, boundary=boundary, model=model.name)
+        every = every[every[["rise", "quadratic"]].min(axis=1) < TOP + 3]
         for name, interval in entry.profiles.items():
-            curve = where(table, boundary=boundary, model=model.name, parameter=name)
-            x, rise, quadratic = (curve[c] for c in ("value", "rise", "quadratic"))
-            if not len(x):
+            curve = pick(every, parameter=name).rename(columns={"value": "x"})
+            if not len(curve):
                 continue
-            parts = [{"kind": "profile", "x": x, "rise": rise, "quadratic": quadratic}]
+            of = {"panel": boundary, "parameter": name, "unit": entry.parameters[name].unit}
+            drawn = {c: curve[c].to_numpy() for c in ("x", "rise", "quadratic")}
+            parts.append({**of, "kind": "profile", **drawn})
             for level in LEVELS:
                 ends = np.array([getattr(interval, f"{end}{level}") for end in ("lo", "hi")])
                 ends = ends[np.isfinite(ends)]
-                there = {
-                    "rise": np.interp(ends, x, rise),
-                    "quadratic": np.interp(ends, x, quadratic),
-                }
-                parts.append({"kind": str(level), "x": ends, **there})
-            shared = {"panel": boundary, "parameter": name, "unit": entry.parameters[name].unit}
-            rows += [{**shared, **part} for part in parts]
-    return stack(rows)
+                there = {c: np.interp(ends, drawn["x"], drawn[c]) for c in ("rise", "quadratic")}
+                parts.append({**of, "kind": str(level), "x": ends, **there})
+    return frame(parts, COLUMNS)
 
 
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, with the cases where the parabola misleads."""
     lopsided, straight, open_ends = [], [], []
     for boundary in evidence.boundaries:
@@ -67,78 +65,51 @@ def caption(evidence: Evidence, table: Columns) -> str:
             else:
                 straight.append(what)
     said = (
-        ("the parabola suffices for", ", ".join(straight)),
-        ("upper over lower half of the 90 % interval:", "; ".join(lopsided)),
-        ("no end of the profile:", "; ".join(open_ends)),
+        ("The parabola suffices for", ", ".join(straight)),
+        ("Upper over lower half of the 90 % interval:", "; ".join(lopsided)),
+        ("No end of the profile:", "; ".join(open_ends)),
     )
-    text = ". ".join(f"{head[0].upper()}{head[1:]} {which}" for head, which in said if which)
+    text = " ".join(f"{head} {which}." for head, which in said if which)
     return (
         "Rise of chi² above its minimum with one coefficient fixed and everything else optimised"
         " (line). Dashed: the parabola of its standard uncertainty. Base fits, without effects."
-        " Marks: ends of the 68, 90 and 95 % intervals."
-        f" {text}."
+        f" Marks: ends of the 68, 90 and 95 % intervals. {text}"
     )
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description for screen readers."""
-    n = len(distinct(table["panel"], table["parameter"]))
-    return (
-        f"Curves of chi² against the coefficient in {n} panel{'s' if n != 1 else ''}, each with a"
-        " parabola. " + caption(evidence, table).rsplit("intervals. ", 1)[1]
-    )
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """Panels in rows of four, one axis of chi2."""
-    panels = distinct(table["panel"], table["parameter"])
-    columns = min(len(panels), COLUMNS)
-    rows = -(-len(panels) // columns)
-    width = look.single_in if columns == 1 else look.double_in
-    height = 1.9 * look.double_in / 6.75 * rows + (0.25 if columns > 1 else 0.4)
-    figure = Figure(figsize=(width, min(height, look.height_in)), layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharey=True)
+    panels = groups(table, "panel", "parameter", "unit")
+    across = min(len(panels), ACROSS)
+    down = -(-len(panels) // across)
+    height = 1.9 * look.double_in / 6.75 * down + 0.4
+    figure, axes = style.canvas(look, down, across, height, sharey=True)
     for ax in axes.flat[len(panels) :]:
         ax.set_axis_off()
-    titles = headed([boundary for boundary, _ in panels])
-    for ax, title, (boundary, parameter) in zip(axes.flat, titles, panels, strict=False):
-        mine = where(table, panel=boundary, parameter=parameter)
-        _panel(ax, mine, look)
-        unit = str(mine["unit"][0])
-        ax.set_xlabel(mathematics(parameter) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
+    titles = style.lettered([boundary for boundary, *_ in panels])
+    for ax, title, (boundary, name, unit) in zip(axes.flat, titles, panels, strict=False):
+        _panel(ax, pick(table, panel=boundary, parameter=name))
+        ax.set_xlabel(mathematics(name) + (f" ({unit})" if unit != "1" else ""), labelpad=1)
         ax.set_title(title)
     for line in axes:
         line[0].set_ylabel(r"rise of $\chi^2$")
-    handles, labels = axes.flat[0].get_legend_handles_labels()
-    figure.legend(
-        handles, labels, loc="outside upper center", ncols=len(labels) if columns > 1 else 3
-    )
+    handles, names = axes.flat[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside upper center", ncols=5 if across > 1 else 3)
     return figure
 
 
-def _panel(ax: Axes, rows: Rows, look: Style) -> None:
-    curve, (grey, dashes) = where(rows, kind="profile"), REFERENCES[0]
-    x, rise = curve["x"], curve["rise"]
-    ax.plot(x, curve["quadratic"], color=grey, linestyle=dashes, label="parabola", zorder=1)
-    ax.plot(x, rise, color=SERIES[0][0], label="profile", zorder=2)
+def _panel(ax: Axes, rows: pd.DataFrame) -> None:
+    curve, (grey, dashes) = pick(rows, kind="profile"), REFERENCES[0]
+    ax.plot(curve.x, curve.quadratic, color=grey, linestyle=dashes, label="parabola", zorder=1)
+    ax.plot(curve.x, curve.rise, color=SERIES[0][0], label="profile", zorder=2)
     for level, (colour, marker) in LEVELS.items():
-        ends = where(rows, kind=str(level))
-        ax.plot(
-            ends["x"],
-            ends["rise"],
-            marker,
-            color=colour,
-            markersize=look.marker_pt + 0.6,
-            markeredgecolor="white",
-            markeredgewidth=0.4,
-            label=f"{level} %",
-            zorder=3,
-        )
-        ax.vlines(ends["x"], 0, ends["rise"], color=colour, linewidth=0.6, zorder=1)
+        ends = pick(rows, kind=str(level))
+        mark: Look = {"markeredgecolor": "white", "markeredgewidth": 0.4, "zorder": 3}
+        ax.plot(ends.x, ends.rise, marker, color=colour, label=f"{level} %", **mark)
+        ax.vlines(ends.x, 0, ends.rise, color=colour, linewidth=0.6, zorder=1)
     ax.set_ylim(0, TOP)
-    low, high = x[rise < TOP].min(), x[rise < TOP].max()
-    margin = 0.06 * (high - low)
-    ax.set_xlim(low - margin, high + margin)
+    low, high = curve["x"][curve["rise"] < TOP].agg(["min", "max"])
+    ax.set_xlim(low - 0.06 * (high - low), high + 0.06 * (high - low))
     ax.xaxis.set_major_locator(MaxNLocator(4))
 
 
@@ -146,8 +117,9 @@ FIGURE = FigureSpec(
     name="profiles",
     title="Profile likelihoods",
     needs=(FIT, PROFILES),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="rise",
+    within=("panel", "parameter"),
 )

@@ -7,6 +7,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -14,117 +15,99 @@ from matplotlib.patches import Patch
 
 from nearlift import nomenclature
 from nearlift.flight.fitted import FittedFlights
-from nearlift.report.evidence import Columns, Evidence, Rows, distinct, select, stack, where
-from nearlift.report.figures.fig6 import COLUMNS, SIDES
+from nearlift.report.evidence import Evidence, Part, frame, pick, records
+from nearlift.report.figures import style
+from nearlift.report.figures.fig6 import SIDES
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import (
     BAND,
+    DEFAULT,
     FITTED,
     REFERENCES,
     SERIES,
+    Look,
     Style,
-    grid,
-    plain_log,
     plain_text,
 )
 from nearlift.stages.simulate import CRASH_RATES, SAFETY
 
 #: A rate of zero is drawn at half a crash, since the axis is logarithmic.
 FLOOR = 0.5
-COST = SERIES[1][0]
-#: Where the vehicle touches, and nearer.
-NEARER, TOUCHED = "#000000", "#D9D9D9"
-PAPER = (0, (4, 1.5))
-PAPER_COLOUR = "#5C2400"
+COLUMNS = ("row", "panel", "kind", "label", "x", "y", "lo90", "hi90")
+COST, TOUCHED = SERIES[1][0], "#D9D9D9"
+PAPER: Look = {"color": "#5C2400", "linestyle": (0, (4, 1.5))}
+NO_EFFECT: Look = {"color": REFERENCES[0][0], "linestyle": REFERENCES[0][1]}
 
 
-def summarise(evidence: Evidence) -> Columns:
-    """Everything that is drawn, a row each: `row` (crash, front), `panel` (boundary), `kind` (none,
-    model, held, contact, cost, advised), `label`, `x`, `y`, `lo90`, `hi90`. In `crash`, x is the
-    set-point and y a crash rate (90 % over model and flights; `held`: with lift held below the
-    nearest station) or a relative power (over the uncertainty of the held quantity), and `contact`
-    is the height of contact; in `front`, x is the relative power, y the crash rate, and `advised`
-    the lowest set-points for the stated risks, at the rate of other flights.
+def table(evidence: Evidence) -> pd.DataFrame:
+    """Everything that is drawn, a row each.
+
+    In `row` crash, x is the set-point and y a crash rate (`kind` none, model, held below the
+    nearest station) or a relative power (cost, cost_paper), and contact is the height of contact.
+    In front, x is the relative power, y the crash rate, and advised the lowest set-points for the
+    stated risks, at the rate of other flights; without x where none is advised.
     """
-    rates, fitted = evidence.table(CRASH_RATES), evidence.safety.fitted
+    rates, fitted = evidence.frame(CRASH_RATES, preset="fitted"), evidence.safety.fitted
     parts = []
     for side in SIDES:
-        flown = where(rates, preset="fitted", boundary=side)
-        if side in fitted and len(flown["rate"]):
-            for row, curves in (("crash", _crashes), ("front", _risks)):
-                rows = curves(flown, fitted[side])
-                parts += [{"row": row, "panel": side, **part} for part in rows]
-    return stack(parts, COLUMNS)
+        flown = pick(rates, boundary=side)
+        if side in fitted and len(flown):
+            parts += [{"panel": side, **part} for part in _curves(flown, fitted[side])]
+    return frame(parts, COLUMNS)
 
 
-def _best(rates: Columns, reading: str = "form") -> Columns:
-    """Rows of the fitted coefficients with one `reading` of lift nearer than measured."""
-    return where(rates, member=-1, below_nearest=reading)
-
-
-def _crashes(rates: Columns, fitted: FittedFlights) -> list[dict[str, object]]:
-    """Crash rates and relative costs against set-point."""
-    none, best = where(rates, exponent=0), _best(rates)
-    x, label = best["target_z_hat"], fitted.title
-    low, high = _band(rates)
-    ends = {"x": none["target_z_hat"], "lo90": none["lo90"], "hi90": none["hi90"]}
+def _curves(rates: pd.DataFrame, fitted: FittedFlights) -> list[Part]:
+    none = pick(rates, exponent=0)
+    best, held = (pick(rates, member=-1, below_nearest=reading) for reading in ("form", "held"))
+    # 90 % over model and flights: each draw's rate widened by its own binomial interval, and never
+    # within that of the fitted model
+    draws = rates[rates["member"] >= 0].groupby("target_z_hat")
+    x, label, floor = best["target_z_hat"], fitted.title, FLOOR / fitted.flights
+    low, high = draws["lo90"].quantile(0.05), draws["hi90"].quantile(0.95)
+    band = {
+        "lo90": np.minimum(low.reindex(x).to_numpy(), best["lo90"]),
+        "hi90": np.maximum(high.reindex(x).to_numpy(), best["hi90"]),
+    }
     costs = {"lo90": best["cost_lo"], "hi90": best["cost_hi"]}
-    return [
-        {"kind": "none", "label": "no boundary effect", "y": none["rate"], **ends},
-        {"kind": "model", "label": label, "x": x, "y": best["rate"], "lo90": low, "hi90": high},
-        {"kind": "held", "label": label, "x": x, "y": _best(rates, "held")["rate"]},
+    alone = {"label": "no boundary effect", "x": none["target_z_hat"], "y": none["rate"]}
+    crash: list[Part] = [
+        {"kind": "none", **alone, "lo90": none["lo90"], "hi90": none["hi90"]},
+        {"kind": "model", "label": label, "x": x, "y": best["rate"], **band},
+        {"kind": "held", "label": label, "x": x, "y": held["rate"]},
         {"kind": "contact", "label": "touches", "x": fitted.contact_z_hat, "y": 0.0},
         {"kind": "cost", "label": fitted.held, "x": x, "y": best["cost"], **costs},
         {"kind": "cost_paper", "label": "paper", "x": x, "y": best["cost_paper"]},
     ]
-
-
-def _risks(rates: Columns, fitted: FittedFlights) -> list[dict[str, object]]:
-    """Crash rate against relative power, and the lowest set-point for each stated risk."""
-    best, floor = _best(rates), FLOOR / fitted.flights
-    low, high = _band(rates)
-    front = {"y": best["rate"], "lo90": low, "hi90": high}
-    shown = {name: np.maximum(rate, floor) for name, rate in front.items()}
+    risk = {name: np.maximum(rate, floor) for name, rate in ({"y": best["rate"]} | band).items()}
+    front: list[Part] = [{"kind": "model", "label": label, "x": best["cost"], **risk}]
+    for level in fitted.levels:
+        part: Part = {"kind": "advised", "label": f"{100 * level.risk:g}: none"}
+        if level.advised:
+            part["label"] = f"{100 * level.risk:g}: z_hat {level.value:.2f}"
+            part |= {"x": level.relative_power, "y": max(level.crashes / fitted.flights, floor)}
+            part |= {"lo90": max(level.rate_lo90, floor), "hi90": level.rate_hi90}
+        front.append(part)
     return [
-        {"kind": "model", "label": fitted.title, "x": best["cost"], **shown},
-        *(
-            {
-                "kind": "advised",
-                "label": f"{100 * level.risk:g}: z_hat {level.value:.2f}",
-                "x": level.relative_power,
-                "y": max(level.crashes / fitted.flights, floor),
-                "lo90": max(level.rate_lo90, floor),
-                "hi90": level.rate_hi90,
-            }
-            for level in fitted.levels
-            if level.advised
-        ),
+        {"row": row, **part}
+        for row, parts in (("crash", crash), ("front", front))
+        for part in parts
     ]
 
 
-def _band(rates: Columns) -> tuple[Any, Any]:
-    """Ends of a 90 % band over model and flights: 5 and 95 % of the draws' rates, each widened by
-    its own binomial interval, but never within that of the fitted model's own.
-    """
-    best, draws = _best(rates), select(rates, rates["member"] >= 0)
-    n = len(best["rate"])
-    low = np.percentile(draws["lo90"].reshape(-1, n), 5, axis=0)
-    high = np.percentile(draws["hi90"].reshape(-1, n), 95, axis=0)
-    return np.minimum(low, best["lo90"]), np.maximum(high, best["hi90"])
-
-
-def caption(evidence: Evidence, table: Columns) -> str:
+def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     """Caption, by boundary."""
-    text = (
-        "Simulated flights with the fitted models. Controller and gusts are the paper's, scaled to"
-        " this vehicle, unless the manifest gives its own. Above: crash rate against set-point"
-        " with the 90 % band of model and flights. Dotted: L/L∞ constant below the nearest station."
-        " Line and shade: contact. Right axis: relative power to hover, for the held quantity (with"
-        " its uncertainty) and as in the paper (dashed). Supply sag acts with and without a"
-        " boundary. Below: power against risk; a rate of zero is drawn at half a crash. Symbols:"
-        " lowest set-points for the stated risks, with 90 % intervals of the crash rate."
-    )
-    parts = [text]
+    parts = [
+        (
+            "Simulated flights with the fitted models. Controller and gusts are the paper's,"
+            " scaled to this vehicle, unless the manifest gives its own. Above: crash rate"
+            " against set-point with the 90 % band of model and flights. Dotted: L/L∞ constant"
+            " below the nearest station. Line and shade: contact. Right axis: relative power to"
+            " hover, for the held quantity (with its uncertainty) and as in the paper (dashed)."
+            " Supply sag acts with and without a boundary. Below: power against risk; a rate of"
+            " zero is drawn at half a crash. Symbols: lowest set-points for the stated risks,"
+            " with 90 % intervals of the crash rate."
+        )
+    ]
     for side, fit in evidence.safety.fitted.items():
         parts.append(
             f"{side.capitalize()}: {fit.title}, {fit.draws} draws from {fit.draws_from},"
@@ -143,117 +126,96 @@ def caption(evidence: Evidence, table: Columns) -> str:
     return " ".join(parts)
 
 
-def alt(evidence: Evidence, table: Columns) -> str:
-    """Description for screen readers."""
-    parts = [
-        f"{side}, touched at z_hat {fit.contact_z_hat:.2f}: a risk of {e.risk:g} at z_hat"
-        f" {e.value:.2f}"
-        for side, fit in evidence.safety.fitted.items()
-        for e in fit.levels
-        if np.isfinite(e.value)
-    ]
-    return "Crash rate and power against set-point. " + "; ".join(parts) + "."
-
-
-def draw(table: Rows, look: Style) -> Figure:
+def draw(table: pd.DataFrame, look: Style = DEFAULT) -> Figure:
     """Two panels for each boundary."""
-    sides = distinct(table["panel"])
+    sides = list(table["panel"].unique())
     width = look.double_in if len(sides) > 1 else look.single_in * 1.3
-    figure = Figure(figsize=(width, 0.72 * look.double_in), layout="constrained")
-    axes = figure.subplots(2, len(sides), squeeze=False)
-    for letter, ax, row, side in grid(axes, ("crash", "front"), sides):
-        rows = where(table, row=row, panel=side)
-        (_crash if row == "crash" else _front)(ax, rows)
-        label = plain_text(where(rows, kind="model")["label"][0])
-        ax.set_title(f"{letter}) {side}, {label}")
-    held = plain_text(where(table, kind="cost")["label"][0])
-    grey, dashes = REFERENCES[0]
-    legend: dict[str, Any] = {
-        "no boundary effect": _line(grey, dashes),
-        "fitted model": (Patch(color=BAND), _line(FITTED)),
-        "held below the nearest station": _line(FITTED, ":"),
-        "the vehicle touches": (Patch(color=TOUCHED, linewidth=0), _line(NEARER)),
-        f"power, {held} held": (Patch(color=COST, alpha=0.2, linewidth=0), _line(COST)),
-        "power, $(L/L_\\infty)^{-3/2}$": _line(PAPER_COLOUR, PAPER),
+    figure, axes = style.canvas(look, 2, len(sides), 0.72 * look.double_in, width)
+    models = [plain_text(pick(table, panel=side, kind="model")["label"].iloc[0]) for side in sides]
+    names = [f"{side}, {model}" for side, model in zip(sides, models, strict=True)]
+    titles = style.lettered([*names, *names])
+    for i, (side, upper, lower) in enumerate(zip(sides, *axes, strict=True)):
+        _crash(upper, pick(table, row="crash", panel=side))
+        _front(lower, pick(table, row="front", panel=side))
+        upper.set_title(titles[i])
+        lower.set_title(titles[len(sides) + i])
+    held = plain_text(pick(table, kind="cost")["label"].iloc[0])
+    black: Look = {"color": FITTED}
+    legend: Look = {
+        "no boundary effect": Line2D([], [], **NO_EFFECT),
+        "fitted model": (Patch(color=BAND), Line2D([], [], **black)),
+        "held below the nearest station": Line2D([], [], linestyle=":", **black),
+        "the vehicle touches": (Patch(color=TOUCHED, linewidth=0), Line2D([], [], **black)),
+        f"power, {held} held": (
+            Patch(color=COST, alpha=0.2, linewidth=0),
+            Line2D([], [], color=COST),
+        ),
+        "power, $(L/L_\\infty)^{-3/2}$": Line2D([], [], **PAPER),
     }
-    handles, columns = list(legend.values()), 3 if len(sides) > 1 else 2
-    figure.legend(handles, list(legend), loc="outside lower center", ncols=columns)
+    columns = 3 if len(sides) > 1 else 2
+    figure.legend(list(legend.values()), list(legend), loc="outside lower center", ncols=columns)
     return figure
 
 
-def _line(colour: str, dashes: Any = "-") -> Line2D:
-    return Line2D([], [], color=colour, linestyle=dashes)
-
-
-def _band_of(ax: Axes, rows: Rows) -> None:
-    """The 90 % band of a crash rate, in percent."""
-    low, high = 100 * rows["lo90"], 100 * rows["hi90"]
-    ax.fill_between(rows["x"], low, high, color=BAND, linewidth=0, zorder=1)
-
-
-def _crash(ax: Axes, rows: Rows) -> None:
-    grey, dashes = REFERENCES[0]
-    for kind, shade, style in (("none", grey, dashes), ("model", FITTED, "-")):
-        mine = where(rows, kind=kind)
-        _band_of(ax, mine)
-        ax.plot(mine["x"], 100 * mine["y"], color=shade, linestyle=style, zorder=3)
-    held, cost, paper = (where(rows, kind=kind) for kind in ("held", "cost", "cost_paper"))
-    contact = where(rows, kind="contact")["x"][0]
-    ax.plot(held["x"], 100 * held["y"], color=FITTED, linestyle=":", zorder=3)
+def _crash(ax: Axes, rows: pd.DataFrame) -> None:
+    of = {kind: pick(rows, kind=kind) for kind in rows["kind"].unique()}
+    for kind, line in (("none", NO_EFFECT), ("model", {"color": FITTED})):
+        mine = of[kind]
+        style.band(ax, mine.x, 100 * mine.lo90, 100 * mine.hi90)
+        ax.plot(mine.x, 100 * mine.y, zorder=3, **line)
+    ax.plot(of["held"].x, 100 * of["held"].y, color=FITTED, linestyle=":", zorder=3)
+    contact = float(of["contact"]["x"].iloc[0])
     left = max(0.0, contact - 0.1)
     ax.axvspan(left, contact, color=TOUCHED, linewidth=0, zorder=0)
-    ax.axvline(contact, color=NEARER, zorder=2)
+    ax.axvline(contact, color=FITTED, zorder=2)
     ax.set_xlim(left=left)
     ax.set_ylim(-2, 102)
     ax.set_xlabel(f"set-point {nomenclature.label('target_z_hat')}")
     ax.set_ylabel("crash rate (%)")
     right: Any = ax.twinx()
-    right.fill_between(cost["x"], cost["lo90"], cost["hi90"], color=COST, alpha=0.2, linewidth=0)
-    right.plot(cost["x"], cost["y"], color=COST)
-    right.plot(paper["x"], paper["y"], color=PAPER_COLOUR, linestyle=PAPER)
+    cost, paper = of["cost"], of["cost_paper"]
+    style.band(right, cost.x, cost.lo90, cost.hi90, COST, alpha=0.2)
+    right.plot(cost.x, cost.y, color=COST)
+    right.plot(paper.x, paper.y, **PAPER)
     right.set_ylim(right.get_ylim()[0], 1.02)
     right.tick_params(axis="y", colors=COST)
     ax.tick_params(axis="y", right=False)
     right.set_ylabel("relative power", color=COST)
 
 
-def _front(ax: Axes, rows: Rows) -> None:
-    model, advised = (where(rows, kind=kind) for kind in ("model", "advised"))
+def _front(ax: Axes, rows: pd.DataFrame) -> None:
+    model, advised = pick(rows, kind="model"), pick(rows, kind="advised")
     ax.set_yscale("log")
     ax.set_ylim(0.7 * 100 * model["lo90"].min(), 140)
-    plain_log(ax.yaxis)
-    _band_of(ax, model)
-    ax.plot(model["x"], 100 * model["y"], color=FITTED, zorder=2, marker=".", markersize=2.5)
-    ends = (advised[name] for name in ("x", "y", "lo90", "hi90", "label"))
-    for (shade, marker), x, y, low, high, label in zip(SERIES, *ends, strict=False):
-        risk, _, station = label.partition(": z_hat ")
-        ax.errorbar(
-            [x],
-            [100 * y],
-            yerr=[[100 * (y - min(low, y))], [100 * (max(high, y) - y)]],
-            color=shade,
-            marker=marker,
-            markersize=5,
-            markerfacecolor="white",
-            linestyle="none",
-            zorder=4,
-            label=f"risk of {risk} %: $\\hat{{z}}_0$ = {station}",
+    style.plain_log(ax.yaxis)
+    style.band(ax, model.x, 100 * model.lo90, 100 * model.hi90)
+    ax.plot(model.x, 100 * model.y, color=FITTED, zorder=2, marker=".", markersize=2.5)
+    for series, row in zip(SERIES, records(advised), strict=False):
+        risk, _, station = str(row.label).partition(": ")
+        advised_here = np.isfinite(row.x)
+        words = (
+            f"$\\hat{{z}}_0$ = {station.split()[-1]}" if advised_here else "no set-point advised"
         )
+        reach = [[100 * max(row.y - row.lo90, 0)], [100 * max(row.hi90 - row.y, 0)]]
+        mark: Look = {"markersize": 5, "markerfacecolor": "white", "zorder": 4}
+        name = f"risk of {risk} %: {words}"
+        style.bars(ax, [row.x], [100 * row.y], reach, series, label=name, **mark)
     ax.set_xlabel("relative power to hover")
     ax.set_ylabel("crash rate (%)")
-    if len(advised["x"]):
+    if advised["x"].notna().any():
         middle = (model["x"].min() + model["x"].max()) / 2
         ax.legend(loc="upper right" if advised["x"].mean() < middle else "lower left")
     else:
-        ax.text(0.5, 0.5, "no set-point is advised", transform=ax.transAxes, ha="center")
+        style.words_alone(ax, "no set-point is advised")
 
 
 FIGURE = FigureSpec(
     name="safety",
     title="Crash rates and energy of the fitted models",
     needs=(CRASH_RATES, SAFETY),
-    summarise=summarise,
+    rows=table,
     draw=draw,
     caption=caption,
-    alt=alt,
+    shows="y",
+    within=("row", "panel", "kind"),
 )

@@ -1,52 +1,75 @@
-"""Figure of the report: its products, table, caption and drawing."""
+"""Figure of the report: its products, table, caption and drawing.
+
+A figure is one file of this folder with three functions: `table`, of exactly what is drawn (its
+CSV), `caption`, and `draw`, which returns a matplotlib Figure.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from nearlift.campaign.manifest import Campaign
-from nearlift.report.evidence import Columns, Evidence
+import numpy as np
+import pandas as pd
+
+from nearlift.report.evidence import Evidence, groups, pick
 from nearlift.report.figures.files import Draw
+from nearlift.rounding import plain
 from nearlift.run.tables import Product
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FigureSpec:
-    """One figure. It is made when every product in `needs` exists, and its summary has rows.
+    """One figure. It is made when every product in `needs` exists, and its table has rows.
 
     Attributes
     ----------
     name, title : str
         File name without suffix; heading.
     needs : tuple of Product
-    summarise : callable
+    rows : callable
         Evidence to the table of exactly what is drawn.
     draw : callable
         Table and style to a figure.
-    caption, alt : callable
+    caption : callable
         Evidence and table to text, its numbers computed from them.
-    asked : callable
-        Whether a manifest's choices ask for it, beyond the stages that make its products; one that
-        is not asked for is not missed.
+    shows : str
+        Column of the values that are drawn, for the text alternative.
+    within : tuple of str
+        Columns that name a panel.
     """
 
     name: str
     title: str
     needs: tuple[Product, ...]
-    summarise: Callable[[Evidence], Columns]
+    rows: Callable[[Evidence], pd.DataFrame]
     draw: Draw
-    caption: Callable[[Evidence, Columns], str]
-    alt: Callable[[Evidence, Columns], str]
-    asked: Callable[[Campaign], bool] = lambda campaign: True
+    caption: Callable[[Evidence, pd.DataFrame], str]
+    shows: str
+    within: tuple[str, ...] = ("panel",)
 
-    def table(self, evidence: Evidence) -> Columns:
+    def table(self, evidence: Evidence) -> pd.DataFrame:
         """Table of what is drawn; empty where a product or every row is missing."""
-        rows = self.summarise(evidence) if evidence.has(*self.needs) else {}
-        return rows if any(len(column) for column in rows.values()) else {}
+        return self.rows(evidence) if evidence.has(*self.needs) else pd.DataFrame()
 
-    def captioned(self, evidence: Evidence, table: Columns) -> str:
+    def captioned(self, evidence: Evidence, table: pd.DataFrame) -> str:
         """Caption, which says where records are simulated."""
         said = self.caption(evidence, table)
         simulated = evidence.campaign.simulated and "simulated" not in said.lower()
         return f"Simulated records, not measured. {said}" if simulated else said
+
+    def alt(self, table: pd.DataFrame) -> str:
+        """Text alternative: the range of the values in each panel."""
+        return alternative(self.title, table, self.shows, self.within)
+
+
+def alternative(title: str, table: pd.DataFrame, shows: str, within: tuple[str, ...]) -> str:
+    """Title, and the range of a column in each panel of a table."""
+    parts = []
+    for key in groups(table, *within):
+        values = pick(table, **dict(zip(within, key, strict=True)))[shows]
+        values = values[np.isfinite(values)]
+        if len(values):
+            ends = {plain(float(end), 3): None for end in (values.min(), values.max())}
+            parts.append(f"{', '.join(map(str, key))}: {' to '.join(ends)}.")
+    return " ".join([f"{title}.", f"Range of {shows.replace('_', ' ')} in each panel.", *parts])

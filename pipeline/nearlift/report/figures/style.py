@@ -1,8 +1,7 @@
-"""The look of figures: column widths, type, colours and markers, in matplotlib's own fonts."""
+"""The look of figures: column widths, type, colours and markers, and the marks that they share."""
 
 from __future__ import annotations
 
-import itertools
 import string
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -12,6 +11,7 @@ from typing import Any
 import matplotlib
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter, NullLocator
 
@@ -21,6 +21,8 @@ from nearlift.catalogue import titled
 from nearlift.errors import UsageError
 from nearlift.report.phrases import along
 
+#: Arguments of matplotlib.
+Look = dict[str, Any]
 #: Metres per inch.
 INCH_M = 0.0254
 #: Dots per inch of a PNG, and of what is a raster in a PDF.
@@ -54,6 +56,14 @@ class Style:
     radius_mm: float | None = None
     simulated: bool = False
 
+    @property
+    def distance(self) -> tuple[float, str]:
+        """Factor from distance over rotor radius to what is shown, and the label of its axis."""
+        return (1.0, r"$\hat{z}$") if self.radius_mm is None else (self.radius_mm, "$z$ (mm)")
+
+
+DEFAULT = Style()
+
 
 #: Okabe and Ito's colours that are clear on white, each with its own marker, so that greyscale
 #: keeps them apart.
@@ -65,8 +75,6 @@ SERIES = (
     ("#E69F00", "v"),
     ("#56B4E9", "P"),
 )
-#: Size of each series' symbols over the style's.
-NESTED = (1.3, 1.15, 1.0, 0.85, 0.7, 0.6)
 #: Theory in grey and black, with different dashes.
 REFERENCES = (
     ("#555555", (0, (5, 2))),
@@ -75,7 +83,8 @@ REFERENCES = (
 )
 FITTED = "#000000"
 BAND = "#C2C2C2"
-OVERLAYS = ("x", "+", "1", "2", "*")
+#: The noise of a single trial.
+FLOOR = "0.88"
 #: A cloud of more dots than this is a raster in the PDF.
 CLOUD = 3000
 #: Numbers in each decade of a logarithmic axis, by how many times its lower end the upper is.
@@ -84,8 +93,6 @@ SUBS: tuple[tuple[float, tuple[float, ...]], ...] = (
     (20.0, (1.0, 2.0, 5.0)),
     (0.0, (1.0, 2.0, 3.0, 5.0)),
 )
-#: Many levels of one quantity: even in lightness, also to colour-blind eyes.
-SEQUENTIAL = "cividis"
 
 
 def style_of(campaign: Campaign) -> Style:
@@ -101,8 +108,8 @@ def style_of(campaign: Campaign) -> Style:
 
 @contextmanager
 def context(look: Style) -> Iterator[None]:
-    """The settings of matplotlib for one look, put back afterwards; the user's own settings have no
-    part in it.
+    """The settings of matplotlib for one look, put back afterwards. The user's own settings have no
+    effect.
     """
     with matplotlib.rc_context():
         matplotlib.rcdefaults()
@@ -150,11 +157,15 @@ def _settings(look: Style) -> dict[str, object]:
     }
 
 
-def distance(look: Style) -> tuple[float, str]:
-    """Factor from distance over rotor radius to what is shown, and the label of its axis."""
-    if look.radius_mm is None:
-        return 1.0, r"$\hat{z}$"
-    return look.radius_mm, "$z$ (mm)"
+def canvas(
+    look: Style, down: int, across: int, height_in: float, width_in: float = 0.0, **more: Any
+) -> tuple[Figure, Any]:
+    """A figure of rows and columns of panels, and its axes; one column wide if it has one panel
+    across, and no higher than a page.
+    """
+    width = width_in or (look.single_in if across == 1 else look.double_in)
+    figure = Figure(figsize=(width, min(height_in, look.height_in)), layout="constrained")
+    return figure, figure.subplots(down, across, squeeze=False, **more)
 
 
 def plain_log(axis: Axis) -> None:
@@ -168,41 +179,42 @@ def plain_log(axis: Axis) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
+def log_distance(ax: Axes, label: str) -> None:
+    """A logarithmic axis of distance whose data are drawn."""
+    ax.set_xscale("log")
+    plain_log(ax.xaxis)
+    ax.set_xlabel(label)
+
+
+def zero(ax: Axes) -> Line2D:
+    """A line at zero behind everything."""
+    return ax.axhline(0, color="0.5", linewidth=0.5, zorder=0.5)
+
+
 def dots(ax: Axes, x: Any, y: Any, colour: str = SERIES[0][0]) -> None:
     """Trials as a cloud."""
-    ax.plot(
-        x,
-        y,
-        ".",
-        color=colour,
-        markersize=2.0,
-        markeredgewidth=0,
-        alpha=0.45,
-        zorder=1,
-        rasterized=len(x) > CLOUD,
-    )
+    look: Look = {"markersize": 2.0, "markeredgewidth": 0, "alpha": 0.45, "zorder": 1}
+    ax.plot(x, y, ".", color=colour, rasterized=len(x) > CLOUD, **look)
 
 
-def circles(ax: Axes, x: Any, y: Any, colour: str, **more: Any) -> list[Line2D]:
-    """Open circles."""
-    look: dict[str, Any] = {"color": colour, "markerfacecolor": "white", "markeredgewidth": 0.8}
-    return ax.plot(x, y, "o", **look | more)
+def bars(ax: Axes, x: Any, y: Any, u: Any, series: tuple[str, str], **more: Any) -> Any:
+    """Symbols with their error bars; `u` is one standard uncertainty, or both reaches."""
+    colour, marker = series
+    look: Look = {"color": colour, "elinewidth": 0.7, "markeredgewidth": 0.7, "zorder": 3}
+    return ax.errorbar(x, y, u, fmt=marker, **look | more)
 
 
-def grid(
-    axes: Any, rows: Sequence[str], columns: Sequence[str]
-) -> Iterator[tuple[str, Any, str, str]]:
-    """Letter, axes, row and column of each panel of a grid, line by line."""
-    places = itertools.product(rows, columns)
-    for letter, ax, (row, column) in zip(string.ascii_lowercase, axes.flat, places, strict=False):
-        yield letter, ax, row, column
+def band(ax: Axes, x: Any, low: Any, high: Any, colour: str = BAND, **more: Any) -> Any:
+    """A shade between two curves."""
+    look: Look = {"color": colour, "linewidth": 0, "zorder": 1}
+    return ax.fill_between(x, low, high, **look | more)
 
 
-def headed(panels: Sequence[str]) -> list[str]:
-    """Titles of panels side by side; lettered where there are several."""
-    if len(panels) == 1:
-        return [*panels]
-    return [f"{a}) {name}" for a, name in zip(string.ascii_lowercase, panels, strict=False)]
+def lettered(titles: Sequence[str]) -> list[str]:
+    """Titles of panels with their letters; without where there is one."""
+    if len(titles) == 1:
+        return [*titles]
+    return [f"{a}) {name}" for a, name in zip(string.ascii_lowercase, titles, strict=False)]
 
 
 def note(
@@ -231,9 +243,7 @@ def effects(name: str) -> str:
 
 
 def labelled(name: str, unit: str | None = None) -> str:
-    """An axis label: the symbol of a coefficient, with its unit or with that given; what has no
-    symbol is set as it is named.
-    """
+    """An axis label: the symbol of a coefficient with a unit; its name where it has no symbol."""
     try:
         return nomenclature.label(name, unit)
     except UsageError:
@@ -241,8 +251,8 @@ def labelled(name: str, unit: str | None = None) -> str:
 
 
 def quantity(name: str, unit: str | None = None) -> str:
-    """An axis label: the words and the symbol of a column such as `supply_V`; what has no symbol is
-    set as it is named.
+    """An axis label: the words and the symbol of a column such as `supply_V`; its name where it has
+    no symbol.
     """
     try:
         symbol = nomenclature.symbol(name)

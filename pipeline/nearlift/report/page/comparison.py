@@ -7,10 +7,13 @@ from __future__ import annotations
 from collections.abc import Collection
 from dataclasses import dataclass
 
+import pandas as pd
+
 from nearlift.nomenclature import VERDICTS, letter
 from nearlift.report import charts
-from nearlift.report.evidence import Columns, distinct, where
+from nearlift.report.evidence import groups, pick, records
 from nearlift.report.figures import forest
+from nearlift.report.figures.spec import alternative
 from nearlift.report.page.render import Picture, rendered
 
 TITLE = "Campaigns compared"
@@ -29,12 +32,14 @@ class ForestLine:
     verdict: str
 
 
-def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str] = ()) -> bytes:
+def page(
+    table: pd.DataFrame, reports: Collection[str] = (), remarks: Collection[str] = ()
+) -> bytes:
     """index.html of a comparison.
 
     Parameters
     ----------
-    table : Columns
+    table : DataFrame
         Of `figures.forest`.
     reports : collection of str
         Campaigns whose own report is next to this one, to be linked.
@@ -42,9 +47,8 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
         What to hold against the groups.
     """
     drawn = charts.forest(table)
-    picture = Picture(
-        name="forest", title=TITLE, caption=forest.caption(table), alt=forest.alt(table)
-    )
+    alt = alternative(TITLE, table, "value", ("panel", "coefficient", "label"))
+    picture = Picture(name="forest", title=TITLE, caption=forest.caption(table), alt=alt)
     return rendered(
         "comparison.html.j2",
         [drawn],
@@ -55,19 +59,19 @@ def page(table: Columns, reports: Collection[str] = (), remarks: Collection[str]
     )
 
 
-def _tables(table: Columns, reports: Collection[str]) -> dict[str, list[ForestLine]]:
+def _tables(table: pd.DataFrame, reports: Collection[str]) -> dict[str, list[ForestLine]]:
     """Lines by title: a table for each boundary and coefficient."""
     tables = {}
-    for boundary, coefficient in distinct(table["panel"], table["coefficient"]):
-        rows = where(table, panel=boundary, coefficient=coefficient)
+    for boundary, coefficient in groups(table, "panel", "coefficient"):
+        rows = pick(table, panel=boundary, coefficient=coefficient)
         tables[f"{boundary.capitalize()}: {letter(coefficient)}"] = [
             ForestLine(
-                label=str(rows["label"][i]),
-                linked=campaign and rows["label"][i] in reports,
-                vehicle=str(rows["vehicle"][i]),
-                value=forest.interval(rows, i),
-                verdict=VERDICTS[rows["verdict"][i]] if campaign else "",
+                label=row.label,
+                linked=row.kind == "campaign" and row.label in reports,
+                vehicle=row.vehicle,
+                value=forest.interval(row.value, row.lo90, row.hi90),
+                verdict=VERDICTS[row.verdict] if row.kind == "campaign" else "",
             )
-            for i, campaign in enumerate((rows["kind"] == "campaign").tolist())
+            for row in records(rows)
         ]
     return tables

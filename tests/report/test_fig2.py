@@ -13,20 +13,20 @@ import shutil
 
 import numpy as np
 import pytest
+from tests.unit import quoted
 
 from nearlift import catalogue
 from nearlift.errors import InputRefused, ManifestError
 from nearlift.report import curves, relative_lift, words
-from nearlift.report.figures import fig2, residuals
+from nearlift.report.evidence import pick as rows
+from nearlift.report.figures import binning, fig2, residuals
 from nearlift.report.tables import csv as to_csv
 from nearlift.results.quotation import LargestShifts, Shift
-from nearlift.rounding import decimals, plus_minus, siunitx
+from nearlift.rounding import plus_minus
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
 from nearlift.stages.gathering import gather
 from nearlift.stages.reduce import LIFT
-
-from . import quoted
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +36,7 @@ def evidence(small_job):
 
 @pytest.fixture(scope="module")
 def table(evidence):
-    return fig2.summarise(evidence)
+    return fig2.table(evidence)
 
 
 @pytest.fixture(scope="module")
@@ -48,13 +48,8 @@ def by_farthest(evidence):
     )
 
 
-def rows(table, **wanted):
-    keep = np.all([table[k] == v for k, v in wanted.items()], axis=0)
-    return {k: v[keep] for k, v in table.items()}
-
-
 def test_by_the_farthest_station_data_are_the_cells_of_lift_parquet_in_percent(by_farthest):
-    cells, table = by_farthest.table(LIFT), fig2.summarise(by_farthest)
+    cells, table = by_farthest.table(LIFT), fig2.table(by_farthest)
     for boundary in ("ground", "ceiling", "sidewall"):
         drawn, mine = rows(table, panel=boundary, kind="data"), cells["boundary"] == boundary
         np.testing.assert_allclose(drawn["delta_L_percent"], 100 * cells["delta_L"][mine])
@@ -135,8 +130,49 @@ def test_points_at_scattered_heights_stand_about_the_line_by_their_bars(evidence
     assert abs(float(away @ away) - n) < 4 * np.sqrt(2 * n)
     # sixty trials a throttle, and the coefficient's slope beside the level
     assert noise / np.sqrt(60) < over.u_L_inf < 3 * noise / np.sqrt(60)
-    assert relative_lift.named(made, "ground") == effects
-    assert ("are corrected for" in fig2._fit_note(made, "ground")) == bool(effects)
+    assert relative_lift.quoted_model(made, "ground").in_points == effects
+    assert ("are corrected for" in fig2.fit_note(made, "ground")) == bool(effects)
+
+
+def test_an_effect_of_distance_is_in_the_line_and_the_points_are_as_measured(evidence):
+    """An offset of 0.1 rotor radii at a ceiling: the line is the model at recorded distance plus
+    offset, the points are lift over L_inf at recorded distance.
+    """
+    made = copy.deepcopy(evidence)
+    data, (model, _) = made.observations["ceiling"], made.base("ceiling")
+    offset_m, alpha = 0.1 * data.radius_m, 0.125
+    level = {t: 0.1 + t for t in data.levels.tolist()}
+    levels = np.array([level[t] for t in data.throttle.tolist()])
+    far = np.random.default_rng(2).normal(0, 0.004, data.n)
+    lift = levels * model(data.z_hat + 0.1, alpha=alpha) * np.exp(far)
+    own = made.document(RESULTS)["boundaries"]["ceiling"]
+    own["effects"], own["correlation"] = ["height_offset"], {"parameters": [], "values": []}
+    own["coefficients"]["alpha"] |= {"value": alpha}
+    size = {"offset_m": {"value": offset_m, "lo90": 0.0, "hi90": 2 * offset_m}}
+    block = {"verdict": "effect", "effects": [{"name": "height_offset", "parameters": size}]}
+    residual = {"boundary": np.full(data.n, "ceiling", dtype=object), "trial": data.trial}
+    made = dataclasses.replace(
+        made,
+        observations={**made.observations, "ceiling": dataclasses.replace(data, lift_N=lift)},
+        tables={**made.tables, LOOP_RESIDUALS.file: residual | {"before": far, "after": far}},
+        documents={**made.documents, DIAGNOSIS.file: quoted.diagnosis({"ceiling": block})},
+    )
+    table = fig2.table(made)
+    band, points = (rows(table, panel="ceiling", kind=kind) for kind in ("band", "data"))
+    moved = 100 * (model(band["z_hat"].to_numpy() + 0.1, alpha=alpha) - 1)
+    np.testing.assert_allclose(band["delta_L_percent"], moved, rtol=1e-9)
+    assert set(band["label"]) == {"H-C with height offset, fitted"}
+    for row in points.itertuples():
+        mine = (data.z_hat == row.z_hat) & np.isclose(data.throttle, row.throttle_fraction)
+        measured = np.exp(np.mean(np.log(lift[mine] / levels[mine]))) - 1
+        assert row.delta_L_percent == pytest.approx(100 * measured)
+    assert (points["corrected_for"] == "").all()
+    # scatter of 0.4 % of lift in so many trials
+    width = (band["hi90_percent"] - band["lo90_percent"]) / (100 + band["delta_L_percent"])
+    assert 0 < width.max() < 0.01
+    assert "The points are as measured. The line includes height offset" in fig2.caption(
+        made, table
+    )
 
 
 def test_theory_curves_take_the_published_values(table):
@@ -167,8 +203,8 @@ def test_the_line_is_drawn_for_where_the_rotor_stood(evidence):
     entry["height_error"] = {"value": 2e-4, "u": 1e-4, "unit": "m"}
     still, entry = quoted.fitted(evidence, "ceiling")
     entry.pop("height_error", None)
-    again = fig2.summarise(moved)
-    plain, shifted = (rows(t, panel="ceiling", kind="band") for t in (fig2.summarise(still), again))
+    again = fig2.table(moved)
+    plain, shifted = (rows(t, panel="ceiling", kind="band") for t in (fig2.table(still), again))
     np.testing.assert_array_equal(shifted["z_hat"], plain["z_hat"])
     model, fit = moved.base("ceiling")
     stood = shifted["z_hat"] + 2e-4 / moved.observations["ceiling"].radius_m
@@ -196,7 +232,8 @@ def test_band_holds_90_percent_of_draws_from_the_parameters(evidence, table):
         )
         - 1
     )
-    inside = ((curve >= band["lo90_percent"]) & (curve <= band["hi90_percent"])).mean(axis=0)
+    low, high = (band[f"{end}90_percent"].to_numpy() for end in ("lo", "hi"))
+    inside = ((curve >= low) & (curve <= high)).mean(axis=0)
     near = band["z_hat"] < 1
     assert np.all(np.abs(inside[near] - 0.9) < 0.03)
 
@@ -218,8 +255,8 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     moved, entry = quoted.fitted(moved, "ground")
     told = entry["posterior"]["parameters"]["K_b"]
     told |= {"median": float(np.median(value[mine])), "lo90": 0.9, "hi90": 1.1, "u": 0.06}
-    table = fig2.summarise(moved)
-    line, fitted = (rows(table, panel="ground", kind=kind) for kind in ("band", fig2.LEAST_SQUARES))
+    table = fig2.table(moved)
+    line, fitted = (rows(table, panel="ground", kind=kind) for kind in ("band", "least squares"))
     known = moved.known("ground", model)
     at_median = 100 * (model(line["z_hat"], **known, K_b=float(np.median(value[mine]))) - 1)
     np.testing.assert_allclose(line["delta_L_percent"], at_median, rtol=1e-6)
@@ -242,9 +279,9 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     assert f"(K_b = {plus_minus(own.value, own.u)}, k = 1)" in text
     moved, entry = quoted.fitted(moved, "ground")
     entry["posterior"]["parameters"]["K_b"]["lo90"] = entry["parameters"]["K_b"]["lo90"] = None
-    endless = rows(fig2.summarise(moved), panel="ground", kind="band")
+    endless = rows(fig2.table(moved), panel="ground", kind="band")
     assert np.isnan(endless["lo90_percent"]).all()
-    assert "No band (ground)" in fig2.caption(moved, fig2.summarise(moved))
+    assert "No band (ground)" in fig2.caption(moved, fig2.table(moved))
 
 
 def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evidence, monkeypatch):
@@ -258,8 +295,8 @@ def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evid
         type(evidence), "quoted", lambda self, b: away if b == "ground" else before(self, b)
     )
     model, fit = evidence.base("ground")
-    table = fig2.summarise(evidence)
-    line, plain = (rows(table, panel="ground", kind=kind) for kind in ("band", fig2.LEAST_SQUARES))
+    table = fig2.table(evidence)
+    line, plain = (rows(table, panel="ground", kind=kind) for kind in ("band", "least squares"))
     known = evidence.known("ground", model)
     for column, value in (("delta_L_percent", 1.5), ("lo90_percent", 1.4), ("hi90_percent", 2.5)):
         drawn = 100 * (model(line["z_hat"], **known, K_b=value) - 1)
@@ -269,7 +306,7 @@ def test_where_structure_stays_unexplained_line_and_band_are_what_is_quoted(evid
 
 
 def test_symbols_that_hang_on_a_few_visits_are_said_to(by_farthest, monkeypatch):
-    evidence, table = by_farthest, fig2.summarise(by_farthest)
+    evidence, table = by_farthest, fig2.table(by_farthest)
     data = evidence.observations["ground"]
     visits = len(np.unique(data.visit[data.z_hat == data.z_hat.max()]))
     monkeypatch.setattr(fig2, "FEW_FAR", visits)
@@ -284,20 +321,24 @@ def test_what_a_coefficient_hangs_on_is_ringed(evidence, monkeypatch):
     """A trial that moves K_b by more than half its uncertainty marks its cell, one that moves it
     less none.
     """
-    own = evidence.quoted("ground")
+    own, before = evidence.quoted("ground"), type(evidence).quoted
     trial = str(evidence.observations["ground"].trial[3])
     u = own.coefficients["K_b"].u
     for share, count in ((0.6, 1), (0.4, 0)):
         leaning = LargestShifts(trial=Shift(id=trial, shift=-share * u))
         told = {"K_b": dataclasses.replace(own.coefficients["K_b"], influence=leaning)}
         moved = dataclasses.replace(own, coefficients=told)
-        monkeypatch.setattr(type(evidence), "quoted", lambda *_, moved=moved: moved)
-        ring = rows(fig2.summarise(evidence), panel="ground", kind="influence")
+        monkeypatch.setattr(
+            type(evidence),
+            "quoted",
+            lambda self, b, moved=moved: moved if b == "ground" else before(self, b),
+        )
+        ring = rows(fig2.table(evidence), panel="ground", kind="influence")
         assert len(ring["z_hat"]) == count
         if count:
             assert ring["z_hat"][0] == evidence.observations["ground"].z_hat[3]
             assert set(ring["label"]) == {f"trial {trial}: K_b by −0.6 u"}
-        text = fig2._influence_note(evidence, "ground")
+        text = fig2.influence_note(evidence, "ground")
         assert ("Rings" in text) == bool(count)
         assert ("more than 0.4 u" in text) == (not count)
 
@@ -308,11 +349,10 @@ def test_every_row_of_the_table_can_be_drawn(evidence, table, by_farthest):
     known = relative_lift.relative_lift(evidence, "ground").u_L_inf
     assert level["u_delta_L_percent"].tolist() == pytest.approx(2 * [100 * known])
     assert np.isnan(level["delta_L_percent"]).all()
-    far = fig2.summarise(by_farthest)
-    assert "L_inf" not in far["kind"]
+    far = fig2.table(by_farthest)
+    assert not (far["kind"] == "L_inf").any()
     for drawn in (table, far):
-        others = drawn["kind"] != "L_inf"
-        assert np.isfinite(drawn["delta_L_percent"][others]).all()
+        assert np.isfinite(drawn["delta_L_percent"][drawn["kind"] != "L_inf"]).all()
     band = rows(table, panel="ground", kind="band")
     np.testing.assert_allclose(band["above_fit_percent"], 0, atol=1e-12)
 
@@ -335,7 +375,7 @@ def test_caption_says_what_is_assumed_and_what_the_bars_are(evidence, table, by_
         "u(L∞) = ",
     ):
         assert said in text
-    table = fig2.summarise(by_farthest)
+    table = fig2.table(by_farthest)
     text = fig2.caption(by_farthest, table)
     assert "farthest station" in text
     model, fit = evidence.base("ground")
@@ -356,7 +396,7 @@ def test_one_rotor_is_not_compared_with_a_quadrotor(make_job):
         boundaries=("ground",),
         vehicle={"name": "one", "rotors": 1, "rotor_radius": "23 mm", "mass": "27 g"},
     )
-    table = fig2.summarise(gather(job))
+    table = fig2.table(gather(job))
     assert set(table["label"][table["kind"] == "model"]) == {"C-B (theory)"}
     assert "PQuad" not in fig2.caption(gather(job), table)
 
@@ -368,7 +408,7 @@ def test_overlay_is_drawn_and_refusals_say_where(make_job, tmp_path):
         gather(job)
     file = job.root / "other.csv"
     file.write_text("# digitised\nz_hat,delta_L,u\n1.5,0.1,0.01\n2,0.05,\n")
-    table = fig2.summarise(gather(job))
+    table = fig2.table(gather(job))
     drawn = rows(table, kind="overlay")
     np.testing.assert_allclose(drawn["delta_L_percent"], [10, 5])
     np.testing.assert_allclose(drawn["u_delta_L_percent"], [1, np.nan])
@@ -397,7 +437,7 @@ def test_an_overlay_is_a_file_or_a_campaign_of_the_workspace(make_job):
     other.mkdir()
     shutil.copy(job.processed / LIFT.file, other / LIFT.file)
     evidence = gather(job)
-    table = fig2.summarise(evidence)
+    table = fig2.table(evidence)
     np.testing.assert_allclose(rows(table, label="other")["z_hat"], [1.5, 2.0])
     cells = evidence.table(LIFT)
     np.testing.assert_allclose(rows(table, label="pitt")["delta_L_percent"], 100 * cells["delta_L"])
@@ -429,13 +469,14 @@ def test_csv_holds_what_is_drawn_and_no_formula(table):
 def test_residuals_are_those_of_the_fit(evidence):
     for boundary in ("ground", "ceiling", "sidewall"):
         _, fit = evidence.base(boundary)
-        _, residual, sigma = residuals.residuals(evidence, boundary)
-        assert np.sqrt(np.mean(residual**2)) == pytest.approx(fit.rmse, rel=1e-6)
-        assert 0.7 < np.mean((residual / sigma) ** 2) < 1.3
+        of = residuals.residuals(evidence, boundary)
+        assert of.base is None
+        assert np.sqrt(np.mean(of.quoted**2)) == pytest.approx(fit.rmse, rel=1e-6)
+        assert 0.7 < np.mean((of.quoted / of.sigma) ** 2) < 1.3
 
 
 def test_bins_hold_every_trial_once_and_their_means_are_right(evidence):
-    table = residuals.summarise(evidence, every=True)
+    table = residuals.table(evidence, every=True)
     mine = rows(table, panel="ground", covariate="supply_V")
     trials, means = rows(mine, kind="trial"), rows(mine, kind="bin")
     assert means["n_trials"].sum() == len(trials["x"])
@@ -450,45 +491,40 @@ def test_bins_hold_every_trial_once_and_their_means_are_right(evidence):
 def test_a_mean_never_stands_in_a_gap_of_its_covariate():
     rng = np.random.default_rng(0)
     x = np.concatenate([rng.uniform(0, 1, 300), rng.uniform(9, 10, 300)])
-    label = residuals.bins(x)
+    label = binning.bins(x)
     centres = np.bincount(label, x) / np.bincount(label)
     assert not np.any((centres > 1) & (centres < 9))
     assert set(label) == set(range(label.max() + 1))
-    assert residuals.bins(np.array([1.0, -1.0, 1.0])).tolist() == [1, 0, 1]
+    assert binning.bins(np.array([1.0, -1.0, 1.0])).tolist() == [1, 0, 1]
+
+
+def test_where_an_effect_is_quoted_the_base_fit_is_shown_too(evidence):
+    data = evidence.observations["ground"]
+    own = copy.deepcopy(evidence.document(RESULTS))
+    own["boundaries"]["ground"]["effects"] = ["supply_sag"]
+    wave = 0.02 * np.cos(np.arange(data.n))
+    left = {"boundary": np.full(data.n, "ground", dtype=object), "trial": data.trial}
+    made = dataclasses.replace(
+        evidence,
+        tables={**evidence.tables, LOOP_RESIDUALS.file: left | {"before": wave, "after": 0 * wave}},
+        documents={
+            **evidence.documents,
+            RESULTS.file: own,
+            DIAGNOSIS.file: quoted.diagnosis({"ground": {"verdict": "effect"}}),
+        },
+    )
+    table = residuals.table(made)
+    of = {k: rows(table, panel="ground", covariate="z_hat", kind=k) for k in ("bin", "base")}
+    assert np.abs(of["bin"]["residual_percent"]).max() < 1e-12
+    mean = np.average(of["base"]["residual_percent"], weights=of["base"]["n_trials"])
+    assert mean == pytest.approx(100 * wave.mean())
+    assert not (rows(table, panel="ceiling")["kind"] == "base").any()
+    assert "Hollow squares" in residuals.caption(made, table)
 
 
 def test_captions_count_the_rejected(evidence):
-    text = residuals.caption(evidence, residuals.summarise(evidence))
+    text = residuals.caption(evidence, residuals.table(evidence))
     assert "1 rejected (not shown)" in text
-
-
-def test_fit_and_table_agree_on_the_base(evidence):
-    assert {b: evidence.base(b)[0].name for b in evidence.boundaries} == evidence.document(FIT)[
-        "base"
-    ]
-
-
-@pytest.mark.parametrize(
-    ("value", "u", "text"),
-    [
-        (2.0561, 0.0812, "2.06(8)"),
-        (2.0561, 0.0149, "2.056(15)"),
-        (1234.5, 21.0, "1234(21)"),
-        (-0.00123, 0.0004, "-0.0012(4)"),
-        (3.0, float("nan"), "3"),
-    ],
-)
-def test_siunitx(value, u, text):
-    assert siunitx(value, u) == text
-
-
-def test_rounding():
-    assert decimals(0.0195) == 3
-    assert decimals(0.0295) == 2
-    assert decimals(0.098) == 2
-    assert plus_minus(-0.0001, 0.02) == "0.000 ± 0.020"
-    assert decimals(0.00257) == 4
-    assert plus_minus(-4.2, 29.0) == "−4 ± 29"
 
 
 def test_the_distance_of_a_change_of_two_percent_is_printed(evidence):
