@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from nearlift import catalogue
-from nearlift.fit import collapse, information, least_squares, predictive, profiles
+from nearlift.fit import collapse, deletion, information, least_squares, profiles
 from nearlift.loop import diagnose as loop
 from nearlift.loop import search
 from nearlift.loop.candidate import Candidate
@@ -36,7 +36,7 @@ def scattered(data, stops=None):
 def fitted(data):
     found = least_squares.fit(GROUND, data)
     profiles.likelihood_profiles(found)
-    predictive.leave_visit_out(found)
+    deletion.influence(found)
     information.uncertainty_budget(found)
     collapse.examine(
         found.problem,

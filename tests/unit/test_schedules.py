@@ -11,8 +11,8 @@ import pytest
 from nearlift import catalogue
 from nearlift.errors import NearliftError
 from nearlift.fit import profiles
+from nearlift.fit.deletion import influence
 from nearlift.fit.least_squares import fit
-from nearlift.fit.predictive import leave_visit_out
 from nearlift.loop.diagnose import Options, diagnose
 
 from .simulated import campaign
@@ -107,7 +107,7 @@ def answers(work):
 def fitted(data):
     found = fit(GROUND, data)
     profiles.likelihood_profiles(found)
-    leave_visit_out(found)
+    influence(found)
 
 
 #: With pairs a search takes three times as long; half of the drawn schedules are searched so anyway.

@@ -22,6 +22,7 @@ from nearlift.declare import FloatArray
 from nearlift.fit.least_squares import LeastSquaresFit
 from nearlift.likelihood.problem import Problem
 from nearlift.results import IntArray
+from nearlift.results.fit import ModelScore
 
 #: Fraction of its information that a block must keep, after projecting out L_inf and coefficients,
 #: to be predictable from the rest: the square root of the floating-point precision, 1.5e-8.
@@ -29,48 +30,69 @@ DETERMINED = 1e-8
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Deletion:
-    """Deletion quantities of m visits of b trials each.
+class DeletionDiagnostics:
+    """Effect of leaving out one trial or one visit, and its prediction from all others.
+
+    What the others do not determine, such as the only visit at some throttle, is nan; so are the
+    shifts of a coefficient that is not free.
 
     Attributes
     ----------
-    index : (m, b) int array
-        Indices of the trials.
-    information : (m, b, b)
-        P_BB.
-    weighed : (m, b)
-        (P y)_B.
-    gain : (m, p, b)
-        Change of each coefficient per unit change of a trial's log lift; 0 for a coefficient at its
-        bound or without finite uncertainty.
-    whole : (m,)
-        Largest eigenvalue of the visit's information before anything is projected out.
+    names : tuple of str
+        The p coefficients.
+    trial : (n,) object array of str
+        Ids, as in the observations.
+    of_trial : (n, p)
+        Change of each coefficient, in its unit.
+    residual : (n,)
+        Error of predicting the trial's log lift from all others, over its standard deviation.
+    visit : (v,) int array
+        Labels, ascending.
+    of_visit : (v, p)
+        As `of_trial`.
+    count : (v,) int array
+        Trials of the visit.
+    chi2 : (v,)
+        Squared Mahalanobis length of the error of predicting the visit from all others.
+    log_density : (v,)
+        Log predictive density of the visit's log lifts, jointly.
+    squares : (v,)
+        Sum of squared errors of the predicted log lifts.
     """
 
-    index: IntArray
-    information: FloatArray
-    weighed: FloatArray
-    gain: FloatArray
-    whole: FloatArray
+    names: tuple[str, ...]
+    trial: NDArray[Any]
+    of_trial: FloatArray
+    residual: FloatArray
+    visit: IntArray
+    of_visit: FloatArray
+    count: IntArray
+    chi2: FloatArray
+    log_density: FloatArray
+    squares: FloatArray
+
+    @property
+    def predicted(self) -> NDArray[np.bool_]:
+        """The visits that the others determine, (v,)."""
+        return np.isfinite(self.log_density)
 
 
-def visits(fit: LeastSquaresFit) -> tuple[Deletion, ...]:
-    """Deletion quantities of every visit of a fit, grouped by visit size.
+def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
+    """Deletion diagnostics of a fit; its coefficients with a finite uncertainty that are not at a
+    bound are free.
+    """
+    estimates = fit.estimates.values()
+    free = [i for i, e in enumerate(estimates) if not e.at_bound and np.isfinite(e.u)]
+    return influence_on(fit.problem, fit.theta, free)
+
+
+def influence_on(problem: Problem, theta: FloatArray, free: Sequence[int]) -> DeletionDiagnostics:
+    """Deletion diagnostics of any likelihood at its optimum `theta` (p,), in closed form.
 
     Time and memory grow with the trials, not with their square. Shared unknowns are estimated from
-    the other visits as far as those determine them.
+    the other trials as far as those determine them.
     """
-    return visits_of(fit.problem, fit.theta, _free(fit))
-
-
-def _free(fit: LeastSquaresFit) -> list[int]:
-    """Indices of the coefficients with a finite uncertainty that are not at a bound."""
-    return [i for i, e in enumerate(fit.estimates.values()) if not e.at_bound and np.isfinite(e.u)]
-
-
-def visits_of(problem: Problem, theta: FloatArray, free: Sequence[int]) -> tuple[Deletion, ...]:
-    """`visits` of any likelihood at its optimum `theta` (p,), the coefficients `free` estimated."""
-    data, covariance = problem.data, problem.covariance
+    data, covariance, p = problem.data, problem.covariance, len(theta)
     jacobian = problem.jacobian(theta)[:, list(free)]
     length = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
     known = covariance.shared
@@ -83,90 +105,89 @@ def visits_of(problem: Problem, theta: FloatArray, free: Sequence[int]) -> tuple
     curved += z.T @ weighed
     inverse = np.linalg.pinv(curved, rcond=1e-13, hermitian=True)
     rest = weighed_y - weighed @ (inverse @ (weighed.T @ y))
-    gains = np.zeros((data.n, len(theta)))
-    gains[:, free] = weighed @ inverse[:, size - len(free) :] / length
-    result = []
+    gains = np.zeros((data.n, p))
+    gains[:, list(free)] = weighed @ inverse[:, size - len(free) :] / length
+    of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
+    by_visit: list[tuple[Any, ...]] = []
+    # P_BB, (P y)_B and G_B of all visits B of one size at once
     for index, precision in covariance.precision_blocks():
-        columns = weighed[index]
-        result.append(
-            Deletion(
-                index=index,
-                information=precision - columns @ inverse @ columns.swapaxes(-1, -2),
-                weighed=rest[index],
-                gain=gains[index].swapaxes(-1, -2),
-                whole=np.linalg.eigvalsh(precision).max(axis=1),
+        whole = np.linalg.eigvalsh(precision).max(axis=1)
+        columns, error, gain = weighed[index], rest[index], gains[index].swapaxes(-1, -2)
+        information = precision - columns @ inverse @ columns.swapaxes(-1, -2)
+        diagonal = np.diagonal(information, axis1=1, axis2=2)
+        safe = np.where(diagonal > DETERMINED * whole[:, None], diagonal, np.nan)
+        residual[index] = error / np.sqrt(safe)
+        of_trial[index] = -(gain * (error / safe)[:, None]).swapaxes(-1, -2)
+        value, vector = np.linalg.eigh(information)
+        value = np.where((value.min(axis=1) > DETERMINED * whole)[:, None], value, np.nan)
+        turned = np.einsum("mij,mi->mj", vector, error)
+        predicted = np.einsum("mij,mj->mi", vector, turned / value)
+        chi2 = (turned**2 / value).sum(axis=1)
+        constant = np.log(value).sum(axis=1) - index.shape[1] * np.log(2 * np.pi)
+        by_visit.append(
+            (
+                data.visit[index[:, 0]],
+                -np.einsum("mpi,mi->mp", gain, predicted),
+                np.full(len(index), index.shape[1], dtype=np.int64),
+                chi2,
+                0.5 * (constant - chi2),
+                (predicted**2).sum(axis=1),
             )
         )
-    return tuple(result)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class DeletionDiagnostics:
-    """Change of each coefficient, in its unit, on leaving out one trial or one visit.
-
-    Attributes
-    ----------
-    names : tuple of str
-        The p coefficients.
-    trial : (n,) object array of str
-        Ids, as in the observations.
-    of_trial : (n, p)
-        nan where the trial is not predictable from the others, or for a coefficient that is not
-        free.
-    residual : (n,)
-        Error of predicting the trial's log lift from all others, over its standard deviation; nan
-        where not predictable.
-    visit : (v,) int array
-        Labels, ascending.
-    of_visit : (v, p)
-        As `of_trial`.
-    chi2 : (v,)
-        Squared Mahalanobis length of the error of predicting the visit from all others; nan where
-        not predictable.
-    """
-
-    names: tuple[str, ...]
-    trial: NDArray[Any]
-    of_trial: FloatArray
-    residual: FloatArray
-    visit: IntArray
-    of_visit: FloatArray
-    chi2: FloatArray
-
-
-def influence(fit: LeastSquaresFit) -> DeletionDiagnostics:
-    """Deletion diagnostics of a fit in closed form, its scatter held fixed."""
-    return influence_on(fit.problem, fit.theta, _free(fit))
-
-
-def influence_on(problem: Problem, theta: FloatArray, free: Sequence[int]) -> DeletionDiagnostics:
-    """`influence` on any likelihood at its optimum, as `visits_of`."""
-    data, names, p = problem.data, problem.names, len(theta)
+    visit, of_visit, count, chi2, log_density, squares = (
+        np.concatenate(each) for each in zip(*by_visit, strict=True)
+    )
+    order = np.argsort(visit, kind="stable")
     fixed = [i for i in range(p) if i not in free]
-    of_trial, residual = np.full((data.n, p), np.nan), np.full(data.n, np.nan)
-    labels, shifts, squares = [], [], []
-    for block in visits_of(problem, theta, free):
-        diagonal = np.diagonal(block.information, axis1=1, axis2=2)
-        determined = diagonal > DETERMINED * block.whole[:, None]
-        safe = np.where(determined, diagonal, np.nan)
-        residual[block.index] = block.weighed / np.sqrt(safe)
-        of_trial[block.index] = -(block.gain * (block.weighed / safe)[:, None]).swapaxes(-1, -2)
-        value, vector = np.linalg.eigh(block.information)
-        determined = value.min(axis=1) > DETERMINED * block.whole
-        turned = np.einsum("mij,mi->mj", vector, block.weighed)
-        value = np.where(determined[:, None], value, np.nan)
-        shifts.append(-np.einsum("mpi,mij,mj->mp", block.gain, vector, turned / value))
-        squares.append((turned**2 / value).sum(axis=1))
-        labels.append(data.visit[block.index[:, 0]])
-    order = np.argsort(np.concatenate(labels), kind="stable")
-    of_visit = np.concatenate(shifts)[order]
     of_trial[:, fixed] = of_visit[:, fixed] = np.nan
     return DeletionDiagnostics(
-        names=names,
+        names=problem.names,
         trial=data.trial,
         of_trial=of_trial,
         residual=residual,
-        visit=np.concatenate(labels)[order],
-        of_visit=of_visit,
-        chi2=np.concatenate(squares)[order],
+        visit=visit[order],
+        of_visit=of_visit[order],
+        count=count[order],
+        chi2=chi2[order],
+        log_density=log_density[order],
+        squares=squares[order],
     )
+
+
+def score(held: DeletionDiagnostics, reference: DeletionDiagnostics) -> ModelScore:
+    """Predictive scores of a model relative to a reference, over visits in which both predict the
+    same trials.
+
+    Shared unknowns are estimated from the other visits as far as those determine them. A model is
+    therefore not scored on the errors alone.
+    """
+    _, rows, other = np.intersect1d(
+        held.visit, reference.visit, assume_unique=True, return_indices=True
+    )
+    same = (
+        held.predicted[rows]
+        & reference.predicted[other]
+        & (held.count[rows] == reference.count[other])
+    )
+    rows, other = rows[same], other[same]
+    v = len(rows)
+    excess = held.log_density[rows] - reference.log_density[other]
+    n, a, b = held.count[rows], held.squares[rows], reference.squares[other]
+    rmse, reference_rmse = (_rmse(squares.sum(), n.sum()) for squares in (a, b))
+    without = [_rmse(squares.sum() - squares, n.sum() - n) for squares in (a, b)]
+    apart = without[0] - without[1]
+    spread = np.sqrt((v - 1) / v * ((apart - apart.mean()) ** 2).sum()) if v > 1 else np.nan
+    return ModelScore(
+        visits=v,
+        skipped=int((~held.predicted).sum()),
+        elpd=float(held.log_density[rows].sum()),
+        d_elpd=float(excess.sum()),
+        u_d_elpd=float(np.sqrt(v) * excess.std(ddof=1)) if v > 1 else float("nan"),
+        rmse=float(rmse) if v else float("nan"),
+        d_rmse=float(rmse - reference_rmse) if v else float("nan"),
+        u_d_rmse=float(spread),
+    )
+
+
+def _rmse(squares: Any, count: Any) -> Any:
+    return np.sqrt(squares / np.maximum(count, 1))

@@ -250,7 +250,11 @@ def free_exponent(problem: Problem, theta: FloatArray) -> tuple[float, float, fl
     at_bound = np.any(best - low < 1e-4 * size) or np.any(high - best < 1e-4 * size)
     if at_bound or np.linalg.cond(information) > 1e12:
         return float("nan"), float("nan"), chi2
-    return float(best[-1]), float(np.sqrt(np.linalg.inv(information)[-1, -1]) * size[-1]), chi2
+    u = float(np.sqrt(np.linalg.inv(information)[-1, -1]) * size[-1])
+    # along so flat a valley the search's last place is no estimate
+    if u > high[-1] - low[-1]:
+        return float("nan"), float("nan"), chi2
+    return float(best[-1]), u, chi2
 
 
 def logged(data: Observations) -> dict[str, FloatArray]:

@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from nearlift.campaign.manifest import Campaign
 from nearlift.declare import LiftModel
 from nearlift.errors import NotConverged
-from nearlift.fit import assumptions, inputs, profiles, screening
+from nearlift.fit import assumptions, deletion, inputs, profiles, screening
 from nearlift.fit.base_result import base_result
 from nearlift.fit.least_squares import LeastSquaresFit, fit
 from nearlift.fit.posterior import Settings
 from nearlift.fit.posterior_summary import add_posterior
-from nearlift.fit.predictive import VisitScores, leave_visit_out, score
 from nearlift.fit.profiles import Profile
 from nearlift.fit.summary import summary
 from nearlift.likelihood import budget
@@ -125,8 +124,8 @@ def fit_boundary(
     notes += [*more, *overdeclared(result)]
     # after its posterior, whose shape may be a doubt
     quoted = base_result(result, entry)
-    fits, failed, held_out = {base.name: entry}, dict[str, str](), dict[str, VisitScores]()
-    held_out[base.name] = leave_visit_out(result)
+    fits, failed = {base.name: entry}, dict[str, str]()
+    held_out = {base.name: deletion.influence(result)}
     for model in models[1:]:
         say[model.name](f"fit {boundary}: {model.name}", 0.0)
         try:
@@ -135,7 +134,7 @@ def fit_boundary(
             failed[model.name] = fault.what
             notes.append(f"{boundary}: {model.name} was not fitted: {fault.what}")
             continue
-        held_out[model.name] = leave_visit_out(rival)
+        held_out[model.name] = deletion.influence(rival)
         fits[model.name], more_rows, more_draws, more = fitted(model, rival)
         rows, draws, notes = rows + more_rows, draws + more_draws, notes + more
     if not result.noise.source.startswith(REPEATS):
@@ -168,14 +167,14 @@ def _profile_rows(boundary: str, model: str, profile: Profile) -> Table:
 
 
 def _compare(
-    base: str, fits: Mapping[str, ModelFit], held_out: Mapping[str, VisitScores]
+    base: str, fits: Mapping[str, ModelFit], held_out: Mapping[str, deletion.DeletionDiagnostics]
 ) -> ModelComparison:
     """Scores of the models of one boundary, each against the base."""
     return ModelComparison(
         reference=base,
         models={
             name: replace(
-                score(held, held_out[base]),
+                deletion.score(held, held_out[base]),
                 aic=fits[name].aic,
                 bic=fits[name].bic,
                 r2=fits[name].r2,

@@ -9,6 +9,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.unit.manifests import raw_manifest
+from tests.unit.simulated import campaign
 
 from nearlift import catalogue
 from nearlift.campaign import manifest
@@ -20,9 +22,6 @@ from nearlift.likelihood.budget import Component
 from nearlift.report import sources, words
 from nearlift.results import Noise
 from nearlift.results.outlook import SilentEffect
-
-from .manifests import raw_manifest
-from .simulated import campaign
 
 MODEL = catalogue.model("sanchez_cuevas")
 #: What `simulated.campaign` puts in.

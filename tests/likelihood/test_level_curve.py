@@ -10,6 +10,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.unit import small_run
+from tests.unit.simulated import GEOMETRY, RADIUS, campaign, findings, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.campaign import manifest as manifests
@@ -24,9 +26,6 @@ from nearlift.loop import confirmation
 from nearlift.results import Noise, Observations
 from nearlift.results.document import as_json, typed
 from nearlift.results.fit import ModelFit
-
-from . import small_run
-from .simulated import GEOMETRY, RADIUS, campaign, findings, sanchez_cuevas
 
 BASE = catalogue.model("sanchez_cuevas")
 KNOWN = Noise(relative=0.004, force_N=3e-4)

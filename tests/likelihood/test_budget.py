@@ -8,6 +8,9 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit import manifests, sweeps
+from tests.unit.manifests import raw_manifest
+from tests.unit.simulated import RADIUS, campaign, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.campaign import manifest
@@ -17,10 +20,6 @@ from nearlift.likelihood import budget
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import height_slope
 from nearlift.results import Noise, Observations
-
-from . import manifests, sweeps
-from .manifests import raw_manifest
-from .simulated import RADIUS, campaign, sanchez_cuevas
 
 MODEL = catalogue.model("sanchez_cuevas")
 SCATTER = Noise(relative=0.004)

@@ -8,12 +8,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign
 
 from nearlift import catalogue
 from nearlift.fit import influential, least_squares
 from nearlift.likelihood.budget import Component
-
-from .simulated import campaign
 
 MODEL = catalogue.model("sanchez_cuevas")
 PARTS = (

@@ -9,13 +9,12 @@ import dataclasses
 import lmfit
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign, hsiao
 
 from nearlift import catalogue
 from nearlift.fit import profiles
 from nearlift.fit.least_squares import fit
 from nearlift.results import Noise
-
-from .simulated import campaign, hsiao
 
 SCATTER = Noise(relative=0.01)
 

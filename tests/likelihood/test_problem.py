@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.unit.simulated import L_INF, RADIUS, THROTTLES, campaign, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
@@ -19,8 +20,6 @@ from nearlift.likelihood import budget
 from nearlift.likelihood.covariance import Covariance
 from nearlift.likelihood.problem import Problem, need, usable
 from nearlift.results import Noise, Observations
-
-from .simulated import L_INF, RADIUS, THROTTLES, campaign, sanchez_cuevas
 
 MODEL = catalogue.model("sanchez_cuevas")
 FREE = catalogue.model("sanchez_cuevas_free_exponent")

@@ -1,20 +1,19 @@
-"""Leave-one-visit-out scores: the closed form against dense algebra and against refits, and that it
-tells models apart.
-"""
+"""Deletion in closed form: shifts and predictions are those of dense algebra and of refits."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
+from tests.unit.simulated import campaign, hsiao
 
 from nearlift import catalogue
-from nearlift.fit import predictive
+from nearlift.fit.deletion import DeletionDiagnostics, influence, score
 from nearlift.fit.least_squares import fit
 from nearlift.likelihood.budget import Component
 from nearlift.results import Noise
-
-from .simulated import campaign, hsiao
 
 SCATTER = Noise(relative=0.004, force_N=3e-4, height_m=1e-4, common=0.001)
 PARTS = (
@@ -66,8 +65,8 @@ def test_the_closed_form_is_the_dense_prediction(case):
     about = 2e-4 if case == "height error" else 0.0
     data = campaign(3, visits=3, **kind)
     found = fit(catalogue.model(name), data, parts, SCATTER, offset_m=about)
-    held = predictive.leave_visit_out(found)
-    assert held.skipped == 0
+    held = influence(found)
+    assert held.predicted.all()
     assert held.visit.tolist() == sorted(set(found.problem.data.visit.tolist()))
     for v in (0, 5, 11):
         density, squares = brute(found, v)
@@ -80,7 +79,7 @@ def test_the_closed_form_is_a_refit_without_the_visit():
     data = campaign(3, visits=4)
     model = catalogue.model("sanchez_cuevas")
     found = fit(model, data, (), SCATTER, offset_m=0.0)
-    held = predictive.leave_visit_out(found)
+    held = influence(found)
     for v in (0, 7, 20):
         rest = data.visit != v
         again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], 0.0)
@@ -102,8 +101,8 @@ def test_a_wrong_model_foretells_worse_and_a_needless_parameter_gains_nothing():
             "cheeseman_bennett_fixed",
         )
     }
-    held = {n: predictive.leave_visit_out(f) for n, f in fits.items()}
-    scores = {n: predictive.score(h, held["sanchez_cuevas"]) for n, h in held.items()}
+    held = {n: influence(f) for n, f in fits.items()}
+    scores = {n: score(h, held["sanchez_cuevas"]) for n, h in held.items()}
     own = scores["sanchez_cuevas"]
     assert (own.d_elpd, own.u_d_elpd, own.d_rmse, own.u_d_rmse) == (0, 0, 0, 0)
     assert own.visits == 80
@@ -115,16 +114,30 @@ def test_a_wrong_model_foretells_worse_and_a_needless_parameter_gains_nothing():
     assert own.rmse == pytest.approx(0.0045, rel=0.2)
 
 
+def scored(visit, count, **scores):
+    """Deletion diagnostics of which only the prediction of visits matters."""
+    one = np.ones(len(visit))
+    return DeletionDiagnostics(
+        names=("k",),
+        trial=visit.astype(str).astype(object),
+        of_trial=one[:, None],
+        residual=one,
+        visit=visit,
+        of_visit=one[:, None],
+        count=count,
+        chi2=one,
+        **scores,
+    )
+
+
 def test_the_standard_error_is_the_scatter_between_visits():
     rng = np.random.default_rng(1)
     visit, n = np.arange(50), np.full(50, 4)
     a, b = (
-        predictive.VisitScores(
-            visit=visit, log_density=rng.normal(size=50), squares=rng.chisquare(4, 50), n=n
-        )
+        scored(visit, n, log_density=rng.normal(size=50), squares=rng.chisquare(4, 50))
         for _ in range(2)
     )
-    found = predictive.score(a, b)
+    found = score(a, b)
     excess = a.log_density - b.log_density
     assert found.d_elpd == pytest.approx(excess.sum())
     assert found.u_d_elpd == pytest.approx(np.sqrt(50 * excess.var(ddof=1)))
@@ -138,15 +151,11 @@ def test_the_standard_error_is_the_scatter_between_visits():
 
 def test_only_visits_that_both_predict_are_compared():
     def held(visits, n=4):
-        return predictive.VisitScores(
-            visit=np.array(visits),
-            log_density=np.ones(len(visits)),
-            squares=np.ones(len(visits)),
-            n=np.full(len(visits), n),
-        )
+        ones = np.ones(len(visits))
+        return scored(np.array(visits), n * ones, log_density=ones, squares=ones)
 
-    assert predictive.score(held([1, 2, 3, 5]), held([0, 2, 3, 5])).visits == 3
-    assert predictive.score(held([1, 2], n=3), held([1, 2])).visits == 0
+    assert score(held([1, 2, 3, 5]), held([0, 2, 3, 5])).visits == 3
+    assert score(held([1, 2], n=3), held([1, 2])).visits == 0
 
 
 def test_a_visit_that_nothing_foretells_is_left_out():
@@ -154,6 +163,85 @@ def test_a_visit_that_nothing_foretells_is_left_out():
     data = campaign(3, visits=3)
     only = (data.throttle == 0.92) & (data.visit != 4)
     found = fit(catalogue.model("sanchez_cuevas"), data.take(~only), (), SCATTER)
-    held = predictive.leave_visit_out(found)
-    assert held.skipped == 1
-    assert 4 not in held.visit
+    held = influence(found)
+    assert held.visit[~held.predicted].tolist() == [4]
+    assert score(held, held).skipped == 1
+
+
+def estimated(found, keep):
+    """The coefficients from some of the trials by dense least squares about the fit's own optimum,
+    the covariance as it is.
+    """
+    problem = found.problem
+    data, covariance = problem.data, problem.covariance.dense()[np.ix_(keep, keep)]
+    x = np.hstack([np.eye(len(data.levels))[data.level], problem.jacobian(found.theta)])[keep]
+    y = (np.log(data.lift_N) - problem.log_ratio(found.theta))[keep]
+    return np.linalg.lstsq(
+        x.T @ np.linalg.solve(covariance, x), x.T @ np.linalg.solve(covariance, y), rcond=None
+    )[0][len(data.levels) :]
+
+
+@pytest.mark.parametrize("case", [name for name in CASES if name != "none"])
+def test_shifts_are_those_of_dense_least_squares_without_the_trial_or_the_visit(case):
+    name, kind, parts = CASES[case]
+    about = 2e-4 if case == "height error" else 0.0
+    data = campaign(3, visits=3, **kind)
+    found = fit(catalogue.model(name), data, parts, SCATTER, offset_m=about)
+    moved, data = influence(found), found.problem.data
+    u = np.sqrt(np.diag(found.covariance))
+    whole = estimated(found, np.ones(data.n, dtype=bool))
+    for i in (0, 17, 60):
+        without = estimated(found, np.arange(data.n) != i)
+        np.testing.assert_allclose(
+            moved.of_trial[i] / u, (without - whole) / u, rtol=1e-5, atol=1e-7
+        )
+    for v in (0, 5, 11):
+        apart = data.visit != moved.visit[v]
+        without = estimated(found, apart)
+        np.testing.assert_allclose(
+            moved.of_visit[v] / u, (without - whole) / u, rtol=1e-5, atol=1e-7
+        )
+
+
+@pytest.mark.parametrize("size", [0.0, 0.03, -0.05])
+def test_shifts_are_those_of_a_fit_without_the_trial(size):
+    """The curve is bent, so a trial that moves K_b by several u is foretold to a tenth of that, an
+    ordinary one to a hundredth of u.
+    """
+    data = campaign(3, visits=4)
+    nearest = int(np.argmin(data.z_hat + (data.throttle < 0.9)))
+    data = replace(data, lift_N=data.lift_N * np.where(np.arange(data.n) == nearest, 1 + size, 1.0))
+    model = catalogue.model("sanchez_cuevas")
+    found = fit(model, data, (), SCATTER, offset_m=0.0)
+    rest = np.arange(data.n) != nearest
+    again = fit(model, data.take(rest), (), SCATTER, found.slope[rest], 0.0)
+    shift, u = again.theta[0] - found.theta[0], found.estimates["K_b"].u
+    assert influence(found).of_trial[nearest, 0] == pytest.approx(shift, rel=0.1, abs=0.01 * u)
+
+
+def test_deletion_residuals_are_standard_normal_under_the_declared_scatter():
+    """40 campaigns of 160 trials: the mean square of 6400 residuals is 1 within 0.09, five standard
+    errors.
+    """
+    squares = []
+    for seed in range(40):
+        data = campaign(seed, height=1e-4)
+        scatter = Noise(relative=0.004, force_N=3e-4, height_m=1e-4)
+        data = replace(data, u_lift_N=np.zeros(data.n))
+        squares.append(
+            influence(
+                fit(catalogue.model("sanchez_cuevas"), data, (), scatter, offset_m=0.0)
+            ).residual
+            ** 2
+        )
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.09)
+
+
+def test_what_the_others_do_not_determine_has_no_influence_to_tell():
+    data = campaign(3, visits=4)
+    alone = np.arange(data.n) == 7
+    data = replace(data, throttle=np.where(alone, 0.6, data.throttle))
+    moved = influence(fit(catalogue.model("sanchez_cuevas"), data, (), SCATTER, offset_m=0.0))
+    assert np.isnan(moved.residual[alone]).all()
+    assert np.isnan(moved.of_trial[alone]).all()
+    assert np.isfinite(moved.residual[~alone]).all()

@@ -9,6 +9,7 @@ import dataclasses
 import numpy as np
 import pydantic
 import pytest
+from tests.unit.simulated import STATIONS, THROTTLES, campaign
 
 from nearlift import catalogue
 from nearlift.fit import least_squares
@@ -16,8 +17,6 @@ from nearlift.likelihood import noise, semiseparable, variance_components
 from nearlift.likelihood.covariates import derive
 from nearlift.likelihood.problem import Problem, height_slope
 from nearlift.results import Noise, Observations
-
-from .simulated import STATIONS, THROTTLES, campaign
 
 MODEL, VALUES, THETA = catalogue.model("sanchez_cuevas"), {"K_b": 2.0}, np.array([2.0])
 

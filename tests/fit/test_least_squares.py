@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 import scipy.stats
+from tests.unit.simulated import GEOMETRY, L_INF, THROTTLES, campaign, hsiao, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.declare import Check, LiftModel, Parameter, Source, uniform
@@ -22,8 +23,6 @@ from nearlift.likelihood import noise
 from nearlift.likelihood.budget import Component
 from nearlift.likelihood.problem import Problem
 from nearlift.results import Noise, Observations
-
-from .simulated import GEOMETRY, L_INF, THROTTLES, campaign, hsiao, sanchez_cuevas
 
 MODEL = catalogue.model("sanchez_cuevas")
 CEILING = campaign(4, boundary="ceiling", ratio=hsiao, stations=(0.2, 0.5, 1.0, 2.0, 8.0))
