@@ -87,7 +87,7 @@ def diagnosed(campaign: Campaign, data: Observations) -> Finding:
     """
     base, _ = choice(campaign, data.boundary)
     parts, options = budget.components(campaign), Options()
-    ground, library, _ = set_up(data, base, parts, options)
+    ground, _, _ = set_up(data, base, parts, options)
     decided = decide(ground, True, options.false_alarm_rate)
     answer, problem = decided.answer, decided.answer.problem
     floor = noise.floor(problem.data, problem.noise, problem.slope)
@@ -95,8 +95,7 @@ def diagnosed(campaign: Campaign, data: Observations) -> Finding:
     if decided.scored is not None:
         error = confirmation.error(answer, decided.scored, floor)
         before, after = ((e.held_out_rmse, e.lo90, e.hi90) for e in (error.before, error.after))
-    declared = coefficients.declared_sizes(parts, library)
-    name, c = next(iter(coefficients.answers(answer, declared).estimates().after.items()))
+    name, c = next(iter(coefficients.answers(answer).estimates().after.items()))
     return Finding(
         verdict=answer.verdict,
         effects=tuple((e.name, tuple(e.rivals)) for e in named_effects(problem, answer)),

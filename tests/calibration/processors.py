@@ -63,7 +63,7 @@ LARGER = {
 #: column, list or family; its place has a star.
 DIFFERENCES = re.compile(
     r"(.*\.budget\[)\d+(\]\.u)|(.*\.models\.)\w+\.(?:u_)?(?:d_)?(rmse|elpd)"
-    r"|(.*\.candidates\[)\d+(\]\.(?:gain|log_evidence|plausibility))|(.*\.(?:silent|limits)\[)\d+(\]\.share(?:_visible)?)"
+    r"|(.*\.candidates\[)\d+(\]\.(?:gain|log_evidence))|(.*\.(?:silent|limits)\[)\d+(\]\.share(?:_visible)?)"
     r"|(rise|before|after|held_out_before|held_out_after)()"
 )
 #: Probabilities: one of exp(-x) has x times the relative error of x, which is compared.

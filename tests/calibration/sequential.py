@@ -218,7 +218,7 @@ def coefficient(boundary: str, seed: int) -> dict[str, Any]:
     rate = InterimLook(trials=half, scheduled=len(order)).level(Options().false_alarm_rate)
     early = decide(_set_up(pool.run(order[:half])), False, rate).answer
     answer = decide(_set_up(pool.run(order)), False, Options().false_alarm_rate).answer
-    quoted = coefficients.answers(answer, {}).estimates().after
+    quoted = coefficients.answers(answer).estimates().after
     name, true = next(iter(pool.campaign.truth.theta.items()))
     return {
         **counts,

@@ -8,7 +8,10 @@ from scipy.stats import multivariate_normal
 from tests.unit.simulated import campaign
 
 from nearlift import catalogue
+from nearlift.likelihood import budget
 from nearlift.loop import weigh
+from nearlift.loop.admission import stated_prior
+from nearlift.loop.candidate import WIDE
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.search import Answer, search_to_convergence
 from nearlift.loop.search_problem import Options
@@ -31,7 +34,7 @@ def answer(gain=None) -> Answer:
 
 
 def likeliest(found):
-    return weigh.weigh(found)[0]
+    return found.probabilities[0]
 
 
 def test_evidence_of_a_family_is_the_mean_over_its_sizes():
@@ -50,7 +53,7 @@ def test_evidence_of_a_family_is_the_mean_over_its_sizes():
 
 @pytest.mark.parametrize("gain", [None, sagging, first_of_a_visit_low])
 def test_probabilities_sum_to_one_and_fall(gain):
-    listed = weigh.weigh(answer(gain))
+    listed = answer(gain).probabilities
     assert sum(e.probability for e in listed) == pytest.approx(1.0)
     alone = [e.probability for e in listed if not e.other]
     assert alone == sorted(alone, reverse=True)
@@ -72,8 +75,7 @@ def test_probability_of_an_answer_is_that_of_its_verdict():
     ):
         found = answer(gain)
         assert found.verdict == verdict
-        listed = weigh.weigh(found)
-        assert weigh.probability_of(found, listed) >= listed[0].probability > 0.5
+        assert found.probability >= found.probabilities[0].probability > 0.3
 
 
 def test_first_order_evidence_of_an_effect_is_its_gain_by_least_squares():
@@ -86,3 +88,24 @@ def test_first_order_evidence_of_an_effect_is_its_gain_by_least_squares():
     gain = problem.base_fit.chi2 - np.sum(left**2)
     expected = 0.5 * (gain - np.log(problem.data.n))
     assert weigh.first_order(problem)["supply_sag"] == pytest.approx(expected, abs=1e-3)
+
+
+def test_the_set_is_the_smallest_that_holds_its_probability():
+    log = weigh.TEMPERATURE * np.log([[0.04, 0.5], [0.5, 0.05], [0.46, 0.45]])
+    assert weigh.in_credible_set(log).T.tolist() == [[False, True, True], [True, False, True]]
+    excluded = np.full((2, 1), -np.inf)
+    assert not weigh.in_credible_set(excluded).any()
+
+
+def test_an_effect_of_stated_size_pays_for_a_larger_one():
+    (effect,) = [e for e in catalogue.effects() if e.name == "height_offset"]
+    part = budget.Component(name="datum", on="height", standard=1e-4, scope="boundary")
+    stated = stated_prior(effect, (part,))
+    assert [p.prior.scale for p in stated.parameters] == [1e-4]
+    assert stated_prior(effect, ()) == effect
+    problem = set_up(campaign(1, datum=5e-4), GROUND, (part,), Options())[0]
+    (candidate,) = (e for e, _ in problem.library if e.name == "height_offset")
+    fitted = problem.explain((candidate,)).fitted
+    size = fitted.vector[-1]
+    assert problem.stated_penalty(fitted) == pytest.approx(0.5 * (size / (WIDE * 1e-4)) ** 2)
+    assert problem.stated_penalty(problem.base_fit) == 0.0

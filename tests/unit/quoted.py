@@ -58,7 +58,7 @@ EMPTY_PARTS: Mapping[str, Mapping[str, Any]] = {
 }
 EMPTY_CANDIDATE = {
     **dict.fromkeys(("accepted", "at_bound"), False),
-    **dict.fromkeys(("log_evidence", "plausibility", "left_in")),
+    **dict.fromkeys(("log_evidence", "left_in")),
     "sizes": {},
 }
 

@@ -98,6 +98,6 @@ def restated(explanation, **fields):
     if "over_none" in fields:
         unnamed = evidence.log - fields.pop("over_none")
         evidence = dataclasses.replace(evidence, unnamed=unnamed)
-    own = {n: fields.pop(n) for n in ("exact", "discrepant", "plausibility") if n in fields}
+    own = {n: fields.pop(n) for n in ("exact", "discrepant") if n in fields}
     evidence = dataclasses.replace(evidence, **own)
     return dataclasses.replace(explanation, evidence=evidence, **fields)

@@ -85,7 +85,7 @@ def test_trials_and_places_are_named_by_the_distances_recorded():
     answer = search_to_convergence(stage)
     offered = [p.text for p in separation.menu(stage.as_recorded)]
     assert "more visits at the closest distance, z_hat = 0.1" in offered
-    quoted = result(answer, coefficients.answers(answer, {}), None).coefficients["alpha"]
+    quoted = result(answer, coefficients.answers(answer), None).coefficients["alpha"]
     named = quoted.influence.trial, quoted.influence.visit
     assert all(one.z_hat in data.z_hat for one in named)
 

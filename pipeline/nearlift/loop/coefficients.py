@@ -10,9 +10,9 @@ import numpy as np
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.fit import information
-from nearlift.likelihood import budget, student
+from nearlift.likelihood import student
 from nearlift.likelihood.subspace import left_singular, orthonormal
-from nearlift.loop import confirmation, discrepancy, few_visits
+from nearlift.loop import confirmation, discrepancy, few_visits, weigh
 from nearlift.loop.candidate import WIDE
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.search import Answer
@@ -79,35 +79,9 @@ def inverse(information: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.pinv(information / unit, rcond=1e-13) / unit)
 
 
-def declared_sizes(
-    parts: tuple[budget.Component, ...], library: tuple[Effect, ...]
-) -> dict[str, float]:
-    """Declared standard uncertainty of each effect that is the error of a budget input, over its
-    prior's scale.
-
-    It is the root sum of squares of the components that all trials share.
-    """
-    sizes = {}
-    for effect in library:
-        declared = [
-            p.standard
-            for p in parts
-            if p.on == effect.error_of and p.scope in ("boundary", "campaign")
-        ]
-        if declared:
-            prior = next(p for p in effect.parameters if not p.grid).prior
-            sizes[effect.name] = float(np.hypot.reduce(declared)) / prior.scale
-    return sizes
-
-
-def constrained_columns(
-    problem: SearchProblem, chosen: tuple[str, ...], declared: dict[str, float]
-) -> FloatArray:
-    """Every effect that was not named, at its physical prior's size, as unit-variance columns (n,
-    t).
-
-    `declared` overrides the size (in units of the prior) where the bench declares how well it knows
-    an effect.
+def constrained_columns(problem: SearchProblem, chosen: tuple[str, ...]) -> FloatArray:
+    """Every effect that was not named, at its physical or stated prior's size, as unit-variance
+    columns (n, t).
     """
     columns = [np.zeros((problem.data.n, 0))]
     for effect in {e.name: e for e, _ in problem.library}.values():
@@ -121,7 +95,7 @@ def constrained_columns(
         shapes = [c for e, c in problem.library if e.name == effect.name]
         # one unknown size whose shape is unknown too: each shape carries its share of the variance
         for c in shapes:
-            columns.append(c * physical * declared.get(effect.name, 1.0) / np.sqrt(len(shapes)))
+            columns.append(c * physical / np.sqrt(len(shapes)))
     return np.hstack(columns)
 
 
@@ -201,7 +175,7 @@ class Answers:
         return LoopCoefficients(before=before, after=after, carried=self.carried)
 
 
-def answers(answer: Answer, declared: dict[str, float]) -> Answers:
+def answers(answer: Answer) -> Answers:
     """Coefficients before and after the loop; where visits are few, with jackknife uncertainties
     over visits.
     """
@@ -226,7 +200,7 @@ def answers(answer: Answer, declared: dict[str, float]) -> Answers:
         (name, known_by(fitted, form_discrepancy)) for name, fitted, form_discrepancy in fits
     )
     chosen = answer.accepted[0].effects if answer.accepted else ()
-    unseen = np.hstack([fits[0][2], constrained_columns(problem, chosen, declared)])
+    unseen = np.hstack([fits[0][2], constrained_columns(problem, chosen)])
     exactly, constrained = spread(problem, best), spread(problem, best, unseen)
     if problem.independent:
         # the jackknife over visits does not show the variance from undetected effects
@@ -238,19 +212,12 @@ def answers(answer: Answer, declared: dict[str, float]) -> Answers:
         dof=np.full(p, few_visits.freedom(problem)) if problem.independent else _freedom(problem),
         before=known_by(problem.base_fit),
         members=members,
-        weights=weights(answer),
+        weights=weigh.relative(problem, answer.accepted) if answer.accepted else np.ones(1),
         conditional=members[0][1] if carried or problem.independent else exactly,
         constrained=constrained,
         carried=carried,
         unnamed=unnamed,
     )
-
-
-def weights(answer: Answer) -> FloatArray:
-    """Relative probability of each accepted explanation, (m,); 1 for the base fit alone."""
-    from scipy.special import softmax
-
-    return softmax([e.evidence.plausibility for e in answer.accepted] or [0.0])
 
 
 def _freedom(problem: SearchProblem) -> FloatArray:

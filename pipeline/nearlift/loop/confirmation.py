@@ -180,6 +180,22 @@ def improves(problem: SearchProblem, scored: HeldOut) -> bool:
     return bool(gained.sum() > np.sqrt(len(gained)) * gained.std(ddof=1))
 
 
+def each_helps(problem: SearchProblem, scored: HeldOut, named: tuple[Effect, ...]) -> bool:
+    """Whether each member of a pair reduces the held-out `misfit` of the other; true of one effect.
+
+    A second effect that only imitates an error of the first one's form makes predictions worse.
+    """
+    if len(named) < 2:
+        return True
+    together = misfit(problem, problem.assumed_noise, scored, scored.named).sum()
+    for effect in named:
+        others = tuple(e for e in named if e is not effect)
+        alone = held_out(problem, None, others)
+        if misfit(problem, problem.assumed_noise, scored, alone.named).sum() <= together:
+            return False
+    return True
+
+
 def misfit(
     problem: SearchProblem, noise: Noise, scored: HeldOut, residual: FloatArray
 ) -> FloatArray:

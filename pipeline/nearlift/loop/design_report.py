@@ -78,7 +78,7 @@ def outlook(
                 for rival, chance in confounded(row).items()
             ]
     value, u = coefficients.spread(problem, problem.base_fit)
-    unseen = coefficients.constrained_columns(problem, (), {})
+    unseen = coefficients.constrained_columns(problem, ())
     _, u_wide = coefficients.spread(problem, problem.base_fit, unseen)
     return BoundaryOutlook(
         base_model=problem.base.name,

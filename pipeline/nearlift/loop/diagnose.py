@@ -28,9 +28,8 @@ from nearlift.loop import (
     few_visits,
     separation,
     stability,
-    weigh,
 )
-from nearlift.loop.admission import admit, could_act, few
+from nearlift.loop.admission import admit, could_act, few, stated_prior
 from nearlift.loop.candidate import library_columns
 from nearlift.loop.confirmation import Progress, ignore_progress
 from nearlift.loop.datum import Datum, datum
@@ -109,7 +108,6 @@ def diagnose(
         the base model cannot be fitted.
     """
     ground, library, untestable = set_up(data, base, parts, options, effects)
-    declared = coefficients.declared_sizes(parts, library)
     rate = options.false_alarm_rate if look is None else look.level(options.false_alarm_rate)
     decided = decide(ground, confirm, rate, progress=progress)
     answer, refuted, scored = decided.answer, decided.refuted, decided.scored
@@ -131,19 +129,18 @@ def diagnose(
         error = confirmation.error(
             answer, scored, noise.floor(problem.data, problem.noise, problem.slope)
         )
-    answers = coefficients.answers(answer, declared)
+    answers = coefficients.answers(answer)
     estimates, limits = (
         answers.estimates(),
         absorption.unidentifiable_coefficients(problem, answer.best),
     )
-    weighed = weigh.weigh(answer)
     findings = BoundaryDiagnosis(
         base_model=problem.base.name,
         false_alarm_rate=problem.options.false_alarm_rate,
         verdict=answer.verdict,
         effects=named_effects(problem, answer),
         explanations=tuple(e.effects for e in answer.accepted) or None,
-        probabilities=weighed,
+        probabilities=answer.probabilities,
         partial=partial(problem, answer) if answer.verdict == "unexplained" else None,
         contradicted=answer.contradicted or None,
         wander=answer.random_walk_gain or None,
@@ -176,11 +173,11 @@ def diagnose(
             *separation.to_part_visits(limits),
         ),
     )
-    quoted = result(answer, answers, error, weigh.probability_of(answer, weighed))
+    quoted = result(answer, answers, error)
     if confirm:
 
         def without(label: NDArray[Any]) -> Callable[[str], stability.Without | None]:
-            return lambda one: _without(ground, label != one, rate, decided, declared)
+            return lambda one: _without(ground, label != one, rate, decided)
 
         quoted = stability.with_decisive_trial(
             quoted, without(ground.data.trial), stability.trials_to_try(answer, quoted)
@@ -251,7 +248,10 @@ def decide(
         unconfirmed = (
             scored is not None
             and bool(answer.accepted)
-            and not confirmation.improves(answer.problem, scored)
+            and not (
+                confirmation.improves(answer.problem, scored)
+                and confirmation.each_helps(ground, scored, named)
+            )
         )
         if answer.verdict == "adequate" and not early:
             answer = dataclasses.replace(
@@ -270,7 +270,6 @@ def _without(
     keep: NDArray[np.bool_],
     rate: float,
     like: Decided,
-    declared: dict[str, float],
 ) -> stability.Without | None:
     """The diagnosis of the trials `keep` alone; None where they cannot be diagnosed."""
     whole = like.answer.problem
@@ -299,7 +298,7 @@ def _without(
         # where visits are few, they decide, and no evidence
         shortlist = None if whole.independent else like.answer.shortlist(named, ~keep)
         answer = decide(problem, True, rate, like, shortlist).answer
-        after = coefficients.answers(answer, declared).estimates().after
+        after = coefficients.answers(answer).estimates().after
     except NotConverged:
         return None
     return stability.Without(
@@ -349,7 +348,7 @@ def set_up(
     absorbed = {
         e.name for e, c in library_columns(base, between, kept, first.theta) if not tells(c, kept)
     }
-    between = tuple(e for e in between if e.name not in absorbed)
+    between = tuple(stated_prior(e, parts) for e in between if e.name not in absorbed)
     if few(kept, base):
         options = dataclasses.replace(options, pairs=False)
     acting = inputs.acting(parts, base, first.theta)

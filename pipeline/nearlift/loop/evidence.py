@@ -12,7 +12,7 @@ probability.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -40,23 +40,20 @@ class ExplanationEvidence:
     """Log evidence of an explanation, in natural logarithms.
 
     `exact` is with an exact form, `discrepant` with a discrepant one. Both use unit information, so
-    that the width of a declared prior does not matter; they decide which explanations belong to the
-    set. `unnamed` is the evidence of the null: the base model, with a random-walk gain if that is
-    likelier. `plausibility` uses the declared priors and is the mean over both forms; it ranks the
-    set.
+    that the width of a declared prior does not matter. `unnamed` is the evidence of the null: the
+    base model, with a random-walk gain if that is likelier.
     """
 
     exact: float
     discrepant: float
     unnamed: float
-    plausibility: float
 
     @classmethod
     def of_score(cls, score: float) -> ExplanationEvidence:
         """A log score on visits left out, relative to the base model's, in the place of all: it
         knows of no prior and no form.
         """
-        return cls(exact=score, discrepant=score, unnamed=0.0, plausibility=score)
+        return cls(exact=score, discrepant=score, unnamed=0.0)
 
     @property
     def log(self) -> float:
@@ -72,10 +69,6 @@ class ExplanationEvidence:
     def form_share(self) -> float:
         """Probability that the form is discrepant rather than exact."""
         return float(np.exp(self.discrepant - np.logaddexp(self.exact, self.discrepant)))
-
-    def min_log_bayes_factor(self, other: ExplanationEvidence) -> float:
-        """Log Bayes factor over another explanation: the smaller of both form models."""
-        return min(self.exact - other.exact, self.discrepant - other.discrepant)
 
 
 class RandomEffectsWhitener:
@@ -192,17 +185,8 @@ class Linearised:
         )
 
     def by_priors(self, scores: FloatArray) -> Integrated:
-        """The scores with the coefficients projected out and all else integrated over; its
-        likelihood is the evidence that ranks. An entry at a bound moves no further, but was as
-        free to be anywhere else.
-        """
-        integrated = self.integrated(scores, self.coefficients, self.free)
-        if len(self.free) == len(self.entries):
-            return integrated
-        held = np.setdiff1d(self.entries, self.free)
-        columns = self.jacobian[:, held] * self.fitted.candidate.prior[1][held]
-        log_det = RandomEffectsWhitener(np.hstack([integrated.deform.columns, columns])).log_det
-        return replace(integrated, log_det=log_det)
+        """The scores with the coefficients projected out and all else integrated over."""
+        return self.integrated(scores, self.coefficients, self.free)
 
     def by_unit_information(self, scores: FloatArray) -> Integrated:
         """The scores with coefficients and `bic_charged` parameters projected out.
@@ -265,11 +249,6 @@ class LinearFit:
     def log(self) -> float:
         """Log evidence by unit information, without the penalty for a random-walk gain."""
         return float(self.here.log(self.left_by_unit_information)[0]) + self.outside
-
-    @property
-    def plausibility(self) -> float:
-        """Log evidence by the priors."""
-        return float(self.left.log_likelihood[0]) + self.outside
 
     @property
     def outside(self) -> float:

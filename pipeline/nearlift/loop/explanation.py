@@ -14,8 +14,6 @@ from nearlift.loop.evidence import CREDIT, ExplanationEvidence
 from nearlift.loop.random_walk_gain import waves
 from nearlift.loop.structure import Structure
 
-#: Stricter level of the lack-of-fit test where no explanation passes at 0.05.
-LACK_OF_FIT_P = 0.005
 #: Least share of the variance of a form's uncertainty that is kept: the evidence for a form as
 #: printed is against smooth deformations, and knows nothing of others.
 LEAST_SHARE = 0.2
@@ -48,8 +46,8 @@ class Explanation:
         """Whether it may be named: nothing is left beyond the threshold, each name is `needed` and
         plainly likelier than none.
 
-        `confirmed` is set where something else decides: visits left out (`few_visits`), a wider
-        form (`retry_with_wider_form`), or the lack of any other (`accept_marginal_misfit`).
+        `confirmed` is set where something else decides: visits left out (`few_visits`), or the
+        share of the structure (`search.accept_inexact`).
         """
         if not self.eligible:
             return False
@@ -58,30 +56,14 @@ class Explanation:
         return self.left is not None and not self.left.present and self.evidence.over_none > CREDIT
 
     @property
-    def by_chance(self) -> bool:
-        """Whether it fails the lack-of-fit test at 0.05, but passes at `LACK_OF_FIT_P`."""
-        return self.left is not None and self.left.present and not self.refuted
-
-    @property
-    def refuted(self) -> bool:
-        """Whether it fails the lack-of-fit test at `LACK_OF_FIT_P`, or was not tested."""
-        return self.left is None or self.left.p_value <= LACK_OF_FIT_P
-
-    @property
-    def tenable(self) -> bool:
-        """Whether it is accepted, or rejected only by a lack-of-fit test with p > 0.005."""
-        plain = self.eligible and self.evidence.over_none > CREDIT
-        return self.accepted or (plain and self.by_chance)
-
-    @property
     def eligible(self) -> bool:
         """Whether each effect is `needed`, and no parameter at its bound."""
         return self.needed and not self.fitted.at_bound
 
     @property
-    def eligible_as_rival(self) -> bool:
-        """Whether it may be a rival: ln BF > 0, no parameter at its bound, each effect needed."""
-        return (
+    def may_be_named(self) -> bool:
+        """Whether it may be named or be a rival, if any explanation is accepted."""
+        return self.accepted or (
             self.evidence.over_none > 0
             and not self.fitted.at_bound
             and (self.needed or len(self.effects) == 1)

@@ -19,6 +19,7 @@ from nearlift.declare import Effect, FloatArray
 from nearlift.fit import solver
 from nearlift.likelihood import noise
 from nearlift.likelihood.finite import where_finite
+from nearlift.loop import weigh
 from nearlift.loop.candidate_fit import Fitted, search
 from nearlift.loop.confirmation import FEW_VISITS
 from nearlift.loop.evidence import ExplanationEvidence
@@ -27,7 +28,6 @@ from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.visibility import visible
 from nearlift.results import IntArray, Observations
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 
 #: Fewest visits: `gain_is_significant` needs three, and each fold lacks one.
 MIN_VISITS = 4
@@ -177,12 +177,8 @@ def run(problem: SearchProblem) -> Answer:
         best, to_beat = leader.fitted.candidate.effects, errors[leader.name]
     singles, pairs = (*rounds, (), ())[:2]
     accepted = [e for e in pairs if e.accepted] or [e for e in singles if e.accepted]
-    most = max((e.evidence.log for e in accepted), default=0.0)
-    rivals = [e for e in accepted if 2 * (most - e.evidence.log) <= RIVAL_MAX_2LNB]
-    rivals.sort(key=lambda e: -e.evidence.plausibility)
-    return Answer(
-        problem=working, first=first, singles=singles, pairs=pairs, accepted=tuple(rivals)
-    )
+    rivals = weigh.credible_set(working, accepted)
+    return Answer(problem=working, first=first, singles=singles, pairs=pairs, accepted=rivals)
 
 
 def _explanation(

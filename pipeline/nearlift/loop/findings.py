@@ -129,14 +129,6 @@ def _search_rounds(answer: Answer) -> tuple[LoopRound, ...]:
         return tuple(_sweep(tried, answer) for tried in (answer.singles, answer.pairs) if tried)
     best = answer.accepted[0] if answer.accepted else None
     enough = "nothing is left beyond the threshold"
-    if best is not None and best.by_chance:
-        enough = f"what it leaves may be chance (p = {answer.problem.left_by(best).p_value:.2g})"
-    elif best is not None and best.confirmed:
-        share = min(best.gain / answer.problem.excess, 1.0)
-        enough = (
-            f"accounts for {100 * share:.0f} % of the structure; the declared form is not quite the"
-            " true one"
-        )
     alone = [s for s in answer.singles if s.accepted]
     singles = _listing(answer.problem, answer.singles)
     if best is not None and alone and len(best.effects) == 1:
@@ -184,7 +176,6 @@ def _listing(
                 sizes=_sizes(e),
                 at_bound=e.fitted.at_bound,
                 log_evidence=e.evidence.log,
-                plausibility=e.evidence.plausibility,
                 left_in=next(iter(left.foremost()), None) if left.present else None,
             )
         )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
 from nearlift.likelihood.subspace import orthonormal
-from nearlift.loop import structure
+from nearlift.loop import structure, weigh
 from nearlift.loop.candidate_fit import Fitted, fit, search
 from nearlift.loop.evidence import CREDIT, Linearised, mean_evidence
 from nearlift.loop.random_walk_gain import log_evidence_gain
@@ -24,7 +24,7 @@ from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.size_parameter import LIMIT_POWER, NamingProbability, SizeParameter
 from nearlift.loop.visibility import SILENT, visibility, visible
 from nearlift.randomness import generator
-from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB
+from nearlift.results.diagnosis import FORM_SD
 from nearlift.results.explanation import Power
 
 #: Draws of the noise; a chance of 80 % is then known to 1.3 %.
@@ -207,7 +207,7 @@ class DesignPower:
         elsewhere = self._elsewhere(size_parameter, size)
         seen = self.seen(self.visible(size_parameter, size) + elsewhere)
         base = fit(problem.candidate(), problem.space, log_lift, problem.base_fit.vector)
-        none = mean_evidence(*self._evidence(base, elsewhere)[:2])
+        none = self._evidence(base, elsewhere)
         structure = self._left(base, elsewhere)
         by_name: dict[str, tuple[FloatArray, FloatArray]] = {}
         for effect in self.candidates:
@@ -216,27 +216,23 @@ class DesignPower:
             if fits:
                 each = np.stack([self._evidence(f, elsewhere) for f in fits])
                 left = np.stack([self._left(f, elsewhere) for f in fits])
-                pick = mean_evidence(each[:, 0], each[:, 1]).argmax(axis=0)[None]
+                pick = each.argmax(axis=0)[None]
                 by_name[effect.name] = (
-                    np.take_along_axis(each, pick[:, None], 0)[0],
+                    np.take_along_axis(each, pick, 0)[0],
                     np.take_along_axis(left, pick, 0)[0],
                 )
         names = list(by_name)
-        # (effects, 2, draws) by both form models, and (effects, draws) by the priors
-        every = np.stack([by_name[n][0] for n in names])
-        by_form, order = every[:, :2], every[:, 2]
-        table = mean_evidence(by_form[:, 0], by_form[:, 1]) - none
+        table = np.stack([by_name[n][0] for n in names]) - none
         gain = structure - np.stack([by_name[n][1] for n in names])
         accepted = (
             (table > CREDIT)
             & seen
             & problem.explains_enough(gain, structure - self._basis.shape[1])
         )
-        best = np.where(accepted, table, -np.inf).argmax(axis=0)
-        leads = np.take_along_axis(by_form, best[None, None], 0) - by_form
-        # once one may be named, others stand beside it by their evidence alone
-        member = accepted.any(axis=0) & (table > 0) & (2 * leads.min(axis=1) <= RIVAL_MAX_2LNB)
-        leader = np.where(accepted & member, order, -np.inf).argmax(axis=0)
+        # once one may be named, others are rivals by their evidence alone
+        allowed = accepted.any(axis=0) & (table > 0)
+        member = weigh.in_credible_set(np.where(allowed, table, -np.inf))
+        leader = np.where(allowed, table, -np.inf).argmax(axis=0)
         total = max(int(seen.sum()), 1)
         rivals = {
             n: float(member[i].sum() / total)
@@ -256,10 +252,9 @@ class DesignPower:
         )
 
     def _evidence(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
-        """Log evidence of a fit for every draw of the noise, (3, m).
+        """Log evidence of a fit for every draw of the noise, (m,): the mean over both form models.
 
-        By unit information with an exact and a discrepant form, and by the priors. Each has a
-        random-walk gain where that is likelier.
+        Each has a random-walk gain where that is likelier.
         """
         basis = self._basis
         scores = (self._noise[0] + elsewhere + basis.T @ fitted.residual).T
@@ -268,20 +263,15 @@ class DesignPower:
         ).T
         jacobian, waves = basis.T @ fitted.jacobian, basis.T @ self.problem.waves
 
-        def evidence(form_discrepancy: FloatArray) -> tuple[FloatArray, FloatArray]:
+        def evidence(form_discrepancy: FloatArray) -> FloatArray:
             here = Linearised(
                 fitted=fitted, jacobian=jacobian, form_discrepancy=basis.T @ form_discrepancy
             )
             left = here.by_unit_information(scores)
-            random_walk_gain = log_evidence_gain(
-                left.scores, left.residual(waves), self.problem.data.n
-            )
-            return here.log(left) + random_walk_gain, here.by_priors(
-                scores
-            ).log_likelihood + random_walk_gain
+            waves_left = left.residual(waves)
+            return here.log(left) + log_evidence_gain(left.scores, waves_left, self.problem.data.n)
 
-        exact, discrepant = evidence(form_discrepancy[:, :0]), evidence(form_discrepancy)
-        return np.stack([exact[0], discrepant[0], mean_evidence(exact[1], discrepant[1])])
+        return mean_evidence(evidence(form_discrepancy[:, :0]), evidence(form_discrepancy))
 
     def _left(self, fitted: Fitted, elsewhere: FloatArray) -> FloatArray:
         """Chi2 of a fit in its declared form, for each draw of the noise, (m,)."""

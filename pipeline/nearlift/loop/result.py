@@ -57,11 +57,9 @@ SIZES = {
 }
 
 
-def result(
-    answer: Answer, answers: Answers, error: LoopError | None, probability: float
-) -> BoundaryResult:
+def result(answer: Answer, answers: Answers, error: LoopError | None) -> BoundaryResult:
     """The boundary's part of results.json; `answers` holds the coefficients under every answer,
-    `error` the cross-validated error, `probability` that of the answer.
+    `error` the cross-validated error.
     """
     problem, estimator = answer.problem, _estimator(answer, answers)
     named = answer.accepted[0].effects if answer.accepted else ()
@@ -105,7 +103,7 @@ def result(
         base_model=problem.base.name,
         effects=named,
         rivals=tuple(others),
-        probability=probability,
+        probability=answer.probability,
         coefficients=coefficients,
         error=HeldOutError(
             before=error.before.held_out_rmse,

@@ -7,14 +7,15 @@ from __future__ import annotations
 import dataclasses
 from collections import defaultdict
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from nearlift.declare import Effect, FloatArray
-from nearlift.loop import reference_trends, structure
-from nearlift.loop.candidate import Candidate, bends_along
+from nearlift.loop import reference_trends, structure, weigh
+from nearlift.loop.candidate import Candidate
 from nearlift.loop.candidate_fit import Fitted
 from nearlift.loop.evidence import CREDIT
 from nearlift.loop.explanation import Explanation
@@ -23,8 +24,7 @@ from nearlift.loop.random_walk_gain import rms
 from nearlift.loop.search_problem import SearchProblem
 from nearlift.loop.structure import Structure
 from nearlift.loop.visibility import SILENT, visibility
-from nearlift.nomenclature import SCHEDULE_WORDS
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB
+from nearlift.results.diagnosis import RIVAL_MAX_2LNB, ExplanationProbability
 from nearlift.results.quotation import Verdict
 
 #: Pairs that are tried at most, and at least.
@@ -35,28 +35,11 @@ LINEARISATION_SLACK, LINEARISATION_SLACK_CHI2 = 0.1, 10.0
 LARGE = 0.3
 #: Log evidence by which an explanation on a `Shortlist` may trail: first order is not exact.
 SLACK = 3.0
-#: An explanation that leaves something may still be named if it accounts for this share of the
-#: structure, and plainly (log evidence), its form granted this many times the usual uncertainty.
-NEARLY_ALL = 0.8
-PLAIN = 15.0
-LOOSER = 2.0
-#: Drop of chi2 beyond the first that keeps a second effect beside it: of twenty that are not there,
-#: one brings so much in a thousand campaigns.
-SECOND = 16.0
-#: What else a covariate is called where it has families of its own.
-ALSO = {"previous_lift_N": ("previous_throttle", "previous_distance")}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Shortlist:
-    """Explanations that may lead where a few trials are left out, and the number of single effects
-    tried.
-
-    Each explanation is the names of its effects.
-    """
-
-    explanations: frozenset[tuple[str, ...]]
-    singles: int
+#: Share of the structure's excess chi2, and log Bayes factor over the null, from which an effect is
+#: accepted although its form is inexact; its form's uncertainty is then multiplied by the last.
+NEARLY_ALL, PLAIN, LOOSER = 0.8, 15.0, 2.0
+#: Explanations to try, each the names of its effects.
+Shortlist = frozenset[tuple[str, ...]]
 
 
 def search_to_convergence(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
@@ -158,7 +141,31 @@ class Answer:
         }
         # a pair is held against what each of its effects accounts for
         kept |= {(name,) for names in kept for name in names}
-        return Shortlist(explanations=frozenset(kept), singles=len(self.singles))
+        return frozenset(kept)
+
+    @property
+    def allowed(self) -> tuple[Explanation, ...]:
+        """Explanations that may be named; none where the verdict is not ``effect``."""
+        tried = (*self.singles, *self.pairs) if self.accepted else ()
+        named = {e.effects: e for e in self.accepted}
+        return tuple(named.get(e.effects, e) for e in tried if e.effects in named or e.may_be_named)
+
+    @cached_property
+    def probabilities(self) -> tuple[ExplanationProbability, ...]:
+        """Probabilities of everything that was weighed; they sum to 1."""
+        tried = (*self.singles, *self.pairs)
+        return weigh.weigh(self.problem, self.first, tried, self.allowed)
+
+    @property
+    def probability(self) -> float:
+        """Probability of the answer: of the named effects, of nameless structure, or of nothing."""
+        named = self.accepted[0].effects if self.accepted else ()
+        unnamed = self.verdict == "unexplained"
+        return sum(
+            e.probability
+            for e in self.probabilities
+            if not e.other and e.effects == named and bool(e.nameless) == unnamed
+        )
 
     @property
     def best(self) -> Fitted:
@@ -178,15 +185,14 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
         return Answer(problem=problem, first=first, singles=(), pairs=(), accepted=())
     seen = {e.name: e for e, _ in problem.library}
     if shortlist:
-        seen = {name: e for name, e in seen.items() if (name,) in shortlist.explanations}
+        seen = {name: e for name, e in seen.items() if (name,) in shortlist}
     visible = [e for e in seen.values() if visibility(problem, e) > SILENT]
     # one that has no value at some trial, however small, explains nothing
     tried = [(e, problem.explain((e,))) for e in visible]
     visible = [e for e, s in tried if np.isfinite(s.gain)]
     singles = tuple(s for _, s in tried if np.isfinite(s.gain))
-    clean = any(s.accepted for s in singles)
-    if not clean:
-        singles = retry_with_wider_form(problem, singles)
+    if not any(s.accepted for s in singles):
+        singles = accept_inexact(problem, singles)
     margin = RIVAL_MAX_2LNB / 2
     disowned = {
         s.name
@@ -205,101 +211,26 @@ def run(problem: SearchProblem, shortlist: Shortlist | None = None) -> Answer:
         promising(problem, gains, visible, best)
         if shortlist is None
         else [
-            (one, two)
-            for one, two in combinations(visible, 2)
-            if (one.name, two.name) in shortlist.explanations
+            (one, two) for one, two in combinations(visible, 2) if (one.name, two.name) in shortlist
         ]
     )
     pairs = tuple(
         problem.explain((one, two), (gains[one.name], gains[two.name])) for one, two in offered
     )
-    if not clean and not any(p.accepted for p in pairs):
-        pairs = retry_with_wider_form(problem, pairs)
-    if problem.options.pairs:
-        # so few trials leave little for any test to find
-        singles, pairs = accept_marginal_misfit(singles, pairs)
-    accepted = credible_set(problem, singles, pairs, shortlist.singles if shortlist else None)
+    both = (*singles, *pairs)
+    may_be_named = [e for e in both if e.may_be_named and e.name not in disowned]
+    if not any(e.accepted for e in both):
+        may_be_named = []
+    accepted = weigh.credible_set(problem, may_be_named)
+    if accepted:
+        # nameless structure that is likelier than every explanation leaves none a name
+        listed = weigh.weigh(problem, first, (), may_be_named)
+        unnamed = sum(e.probability for e in listed if e.nameless)
+        if unnamed > max((e.probability for e in listed if e.effects), default=0.0):
+            accepted = ()
     if len(accepted) == 1:
         accepted = (accepted[0].without_rivals(),)
     return Answer(problem=problem, first=first, singles=singles, pairs=pairs, accepted=accepted)
-
-
-def credible_set(
-    problem: SearchProblem,
-    singles: tuple[Explanation, ...],
-    pairs: tuple[Explanation, ...],
-    n_singles: int | None = None,
-) -> tuple[Explanation, ...]:
-    """The explanations that this design cannot distinguish, best first; empty if none was accepted.
-
-    Pairs replace a tenable single effect only if the best pair leads it under both form models. The
-    required lead grows with the number of pairs and with the dispersion of the residuals. The
-    reason is that one effect of uncertain form can imitate two, and two can imitate one of unusual
-    form. A pair that a single effect leads under either form model is not accepted. `n_singles` is
-    the number of single effects tried, if `singles` are not all.
-    """
-    if not any(e.accepted for e in (*singles, *pairs)):
-        return ()
-    each = [e.evidence for e in singles if e.eligible]
-    together = [
-        e for e in pairs if e.accepted and all(e.evidence.min_log_bayes_factor(s) > 0 for s in each)
-    ]
-    # one effect that leaves what chance may is not worse than one that leaves less, or two
-    alone = sorted((e for e in singles if e.tenable), key=lambda e: -e.evidence.log)
-    # of so many pairs to each single effect chance takes the likeliest
-    price = RIVAL_MAX_2LNB / 2 + float(np.log(max((n_singles or len(singles)) - 1, 2) / 2))
-    earned = not alone or any(
-        p.evidence.min_log_bayes_factor(alone[0].evidence) > price * problem.dispersion(p)
-        and p.gain > alone[0].gain + SECOND
-        for p in together
-    )
-    tried, accepted = (pairs, together) if earned else (singles, alone)
-    if not accepted:
-        return ()
-    # who belongs is for the evidence to say; who comes first among those also for how large such an
-    # effect may plausibly be
-    first = max(accepted, key=lambda e: e.evidence.log)
-    rivals = [e for e in tried if e.eligible_as_rival and within_bayes_factor(e, first)]
-    if not problem.options.pairs:
-        # beside few trials the form of a large effect that the coefficients absorb can explain
-        # anything
-        rivals = [e for e in rivals if e.needed]
-    rivals.sort(key=lambda e: (not e.tenable, -e.evidence.plausibility))
-    if not earned:
-        # what a second effect would account for, an error of the first one's form may: both stand
-        least = rivals[0].gain + SECOND
-        second = [
-            p
-            for p in pairs
-            if p.eligible_as_rival and p.eligible and not p.refuted and p.gain > least
-            if within_bayes_factor(p, first)
-        ]
-        rivals += sorted(second, key=lambda e: -e.evidence.plausibility)
-    return tuple(rivals)
-
-
-def within_bayes_factor(rival: Explanation, best: Explanation) -> bool:
-    """Whether 2 ln BF of the best over the rival is at most 9, under either form model."""
-    return 2 * best.evidence.min_log_bayes_factor(rival.evidence) <= RIVAL_MAX_2LNB
-
-
-def accept_marginal_misfit(
-    singles: tuple[Explanation, ...], pairs: tuple[Explanation, ...]
-) -> tuple[tuple[Explanation, ...], tuple[Explanation, ...]]:
-    """Accept explanations with 0.005 < lack-of-fit p < 0.05 and ln BF > 15 over the null.
-
-    Single effects are so accepted if no other single is, pairs if nothing else is.
-    """
-
-    def again(e: Explanation) -> Explanation:
-        plain = e.eligible and e.evidence.over_none > PLAIN
-        return dataclasses.replace(e, confirmed=True) if plain and e.by_chance else e
-
-    if not any(e.accepted for e in singles):
-        singles = tuple(map(again, singles))
-    if not any(e.accepted for e in (*singles, *pairs)):
-        pairs = tuple(map(again, pairs))
-    return singles, pairs
 
 
 def promising(
@@ -369,37 +300,20 @@ def pair_gains(problem: SearchProblem) -> dict[tuple[str, str], float]:
     return best
 
 
-def retry_with_wider_form(
+def accept_inexact(
     problem: SearchProblem, tried: tuple[Explanation, ...]
 ) -> tuple[Explanation, ...]:
-    """Retest explanations that remove at least 80 % of the excess chi2, with a form twice as wide.
+    """Accept explanations that remove `NEARLY_ALL` of the excess chi2, whatever they leave.
 
     Data of a large effect resolve errors of its form that are smaller than any form is known. An
     effect outside the library is excluded by its share: the nearest effect in the library rarely
-    removes half of it. An effect that differs by session is not retested, because it has no form
-    and imitates any step. Nor is one that removes less than the best step. The residual structure
-    must vary with a covariate of the form, since no error of a form puts structure elsewhere.
+    removes half of it. An effect that differs by session has no form and imitates any step.
     """
-    least = max(NEARLY_ALL * problem.excess, reference_trends.best_step(problem))
 
     def again(e: Explanation) -> Explanation:
-        if (
-            e.form_sd <= 0
-            or e.gain < least
-            or e.evidence.over_none <= PLAIN
-            or e.fitted.candidate.by_session.any()
-        ):
+        enough = e.gain >= NEARLY_ALL * problem.excess and e.evidence.over_none > PLAIN
+        if not enough or e.fitted.candidate.by_session.any():
             return e
-        looser = problem.tested(problem.judged(e.fitted, LOOSER * e.form_sd, ()))
-        bends = [name for effect in e.fitted.candidate.effects for name in bends_along(effect)]
-        along = {
-            word for name in bends for word in (SCHEDULE_WORDS.get(name, name), *ALSO.get(name, ()))
-        }
-        plain = looser.evidence.over_none > PLAIN
-        left = looser.left if plain else None
-        of_the_form = left is not None and (
-            not left.present or next(iter(left.foremost())) in along
-        )
-        return dataclasses.replace(looser, needed=e.needed, confirmed=of_the_form)
+        return dataclasses.replace(e, form_sd=LOOSER * e.form_sd, confirmed=True)
 
-    return tuple(map(again, tried))
+    return tuple(map(again, tried)) if problem.options.pairs else tried

@@ -27,7 +27,6 @@ from nearlift.loop.evidence import (
     LinearFit,
     Linearised,
     RandomEffectsWhitener,
-    mean_evidence,
 )
 from nearlift.loop.explanation import Explanation
 from nearlift.loop.families import families
@@ -327,7 +326,7 @@ class SearchProblem:
     def judged(self, fitted: Fitted, form_sd: float, without: tuple[float, ...]) -> Explanation:
         """Explanation of a fit with form discrepant by `form_sd`, its residuals not tested yet."""
         exact, discrepant = self.linear_fits(fitted, form_sd)
-        gain = self.gain(fitted, form_sd)
+        gain, penalty = self.gain(fitted, form_sd), self.stated_penalty(fitted)
         return Explanation(
             fitted=fitted,
             form_sd=form_sd,
@@ -336,12 +335,23 @@ class SearchProblem:
             gain=gain,
             needed=all(bool(self.explains_enough(gain - g, self.excess - g)) for g in without),
             evidence=ExplanationEvidence(
-                exact=self.log_evidence(exact),
-                discrepant=self.log_evidence(discrepant),
+                exact=self.log_evidence(exact) - penalty,
+                discrepant=self.log_evidence(discrepant) - penalty,
                 unnamed=self.unnamed,
-                plausibility=float(mean_evidence(exact.plausibility, discrepant.plausibility)),
             ),
         )
+
+    def stated_penalty(self, fitted: Fitted) -> float:
+        """Log prior density, less its maximum, of sizes whose uncertainty the manifest states.
+
+        The uncertainty of a form is in proportion to the fitted size, and would hide its misfit.
+        """
+        stated = {part.on for part in self.parts}
+        candidate = fitted.candidate
+        mean, sd = candidate.prior
+        names = [e.name for e in candidate.effects if e.error_of in stated]
+        mine = candidate.entries(lambda s: s.effect in names)
+        return 0.5 * float(np.sum(((fitted.vector - mean)[mine] / sd[mine]) ** 2))
 
     def tested(self, e: Explanation) -> Explanation:
         """Explanation with its residuals tested, if its effects could then be named."""
@@ -374,14 +384,6 @@ class SearchProblem:
         """Chi2 of the structure beyond what noise would have."""
         _, basis = self.hypotheses
         return float(max(np.sum((basis.T @ self.base_fit.residual) ** 2) - basis.shape[1], 1e-12))
-
-    def dispersion(self, e: Explanation) -> float:
-        """Variance along the families and effects that an explanation leaves, in units of the noise
-        floor's; 1 where it leaves nothing.
-        """
-        if e.left is None or not e.left.present:
-            return 1.0
-        return 1.0 + max(self.excess - e.gain, 0.0) / float(self.hypotheses[1].shape[1])
 
     @cached_property
     def base_linear_fit(self) -> LinearFit:

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from nearlift.loop.admission import few
 from nearlift.loop.candidate_fit import Fitted, optima
 from nearlift.loop.evidence import CREDIT
-from nearlift.loop.explanation import LACK_OF_FIT_P, Explanation
-from nearlift.loop.search import PLAIN, Answer
+from nearlift.loop.explanation import Explanation
+from nearlift.loop.search import Answer
 from nearlift.results import Observations
 from nearlift.results.diagnosis import RIVAL_MAX_2LNB
 from nearlift.results.quotation import BoundaryResult, Doubt, RestsOn, Shift, Verdict
@@ -71,9 +71,8 @@ def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice
         return []
     headline = quoted.coefficients[quoted.headline]
     i = [p.name for p in problem.base.parameters].index(quoted.headline)
-    fitted, named = first.fitted, {e.name for e in answer.accepted}
-    plain = first.confirmed if named else first.by_chance
-    margin = first.evidence.over_none - (PLAIN if plain else CREDIT)
+    fitted, named = first.fitted, {e.effects for e in answer.accepted}
+    margin = first.evidence.over_none - CREDIT
     if not named:
         return [(problem.base_fit, fitted, -margin)] if margin < 0 else []
     # where visits are few, those left out decide, and no evidence
@@ -81,16 +80,14 @@ def influential_decisions(answer: Answer, quoted: BoundaryResult) -> list[Choice
     for other in optima(fitted.candidate, problem.starts, problem.log_lift):
         if abs(other.vector[i] - fitted.vector[i]) > headline.u and np.isfinite(other.cost):
             chosen.append((fitted, other, (other.cost - fitted.cost) / 2))
-    alike = [e for e in answer.accepted if e.tenable and len(e.effects) == len(first.effects)]
-    best = max(alike, key=lambda e: e.evidence.log, default=first)
     for e in (*answer.singles, *answer.pairs):
         far = abs(e.fitted.vector[i] - headline.value) > headline.u
-        if far and e.eligible_as_rival and e.name != best.name:
-            within = RIVAL_MAX_2LNB / 2 - best.evidence.min_log_bayes_factor(e.evidence)
-            if e.name in named:
-                chosen.append((e.fitted, best.fitted, within))
+        if far and e.may_be_named and e.effects != first.effects:
+            within = RIVAL_MAX_2LNB / 2 - (first.evidence.log - e.evidence.log)
+            if e.effects in named:
+                chosen.append((e.fitted, fitted, within))
             elif within < 0:
-                chosen.append((best.fitted, e.fitted, -within))
+                chosen.append((fitted, e.fitted, -within))
     return chosen
 
 
@@ -126,18 +123,16 @@ def trials_flipping_a_test(answer: Answer) -> tuple[Shift, ...]:
     problem = answer.problem
     if problem.independent or not problem.hypotheses[0]:
         return ()
-    tests = [(problem.base_linear_fit, [answer.first])]
+    tests = [(problem.base_linear_fit, answer.first)]
     first = likeliest(answer)
     if first and first.left:
         linear_fit = problem.linearised(first.fitted, first.form_sd, first.random_walk_gain)
-        marginal = replace(first.left, threshold=problem.null.threshold(LACK_OF_FIT_P))
-        tests.append((linear_fit, [first.left, marginal]))
+        tests.append((linear_fit, first.left))
     beyond = np.max(
         [
             (least - test.threshold) * (1 if test.present else -1)
-            for linear_fit, of_it in tests
+            for linear_fit, test in tests
             for least in [problem.least_without_each(linear_fit)]
-            for test in of_it
         ],
         axis=0,
     )

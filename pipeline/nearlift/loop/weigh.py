@@ -1,36 +1,40 @@
 """Probability of each explanation, from its evidence and its prior odds.
 
-An explanation is nothing, one effect or two, each with or without a nameless part: a family of the
-test for structure, of any size. The evidence of effects is integrated over their declared priors,
-that of a family over `RELATIVE_SIZES`. Log evidence is divided by `TEMPERATURE`, since the evidence
-of misspecified forms is overconfident (Grunwald and van Ommen 2017, Bayesian Analysis 12, 1069).
+An explanation is nothing, one effect or two, or nameless structure: a family of the test for
+structure, of any size. Log evidence is divided by `TEMPERATURE`, since the evidence of inexact
+forms is overconfident (Grunwald and van Ommen 2017, Bayesian Analysis 12, 1069). Temperature and
+prior odds were set on tuning campaigns (docs/calibration.md).
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from nearlift.declare import FloatArray
 from nearlift.loop import structure
 from nearlift.loop.evidence import Integrated
 from nearlift.loop.explanation import Explanation
-from nearlift.loop.search import Answer
 from nearlift.loop.search_problem import SearchProblem
-from nearlift.loop.structure import Hypothesis
+from nearlift.loop.structure import Hypothesis, Structure
 from nearlift.nomenclature import SCHEDULE_WORDS
-from nearlift.results.diagnosis import RIVAL_MAX_2LNB, ExplanationProbability
+from nearlift.results.diagnosis import ExplanationProbability
 
-#: Prior odds of a nameless part; 0.01 to 0.1 differ little (docs/calibration.md).
-NAMELESS_ODDS = 0.05
+#: Divisor of log evidence.
+TEMPERATURE = 1.25
+#: Log prior odds over nothing of nameless structure that the test detects, and of such that it does
+#: not; those of a second effect over none.
+LOG_NAMELESS_ODDS, LOG_UNDETECTED_ODDS = float(np.log(0.02)), float(np.log(0.5))
+LOG_SECOND_ODDS = -1.0
+#: Probability that the set of rival explanations holds.
+SET_PROBABILITY = 0.95
 #: Root mean square of a nameless part per trial, in standard deviations of its noise.
 RELATIVE_SIZES = np.geomspace(0.03, 1.5, 12)
-#: Divisor of log evidence, from tuning campaigns (docs/calibration.md).
-TEMPERATURE = 1.0
 #: Least probability that is listed by itself.
-LEAST_LISTED = 0.005
+LEAST_LISTED = 0.01
 #: Log evidence by which an explanation trails the best, beyond which it is not weighed.
 NEGLIGIBLE = 12.0
 
@@ -107,21 +111,72 @@ def _summed(weights: Iterable[tuple[str, float]]) -> dict[str, float]:
     return {key: float(logsumexp(values)) for key, values in by_key.items()}
 
 
-def weigh(answer: Answer) -> tuple[ExplanationProbability, ...]:
+def log_odds(problem: SearchProblem, effects: int) -> float:
+    """Log prior odds over nothing of an explanation of one effect or two.
+
+    All single effects together have odds 1, as have all second effects `LOG_SECOND_ODDS`.
+    """
+    n = max(len({e.name for e, _ in problem.library}), 3)
+    single = -float(np.log(n))
+    return single if effects < 2 else single + LOG_SECOND_ODDS - float(np.log((n - 1) / 2))
+
+
+def relative(problem: SearchProblem, explanations: Sequence[Explanation]) -> FloatArray:
+    """Probabilities of explanations, (k,), if one of them is true."""
+    from scipy.special import softmax
+
+    log = [e.evidence.log / TEMPERATURE + log_odds(problem, len(e.effects)) for e in explanations]
+    return np.asarray(softmax(log))
+
+
+def credible_set(
+    problem: SearchProblem, explanations: Sequence[Explanation]
+) -> tuple[Explanation, ...]:
+    """The fewest explanations that hold `SET_PROBABILITY`, the likeliest first."""
+    log = np.array(
+        [e.evidence.log + TEMPERATURE * log_odds(problem, len(e.effects)) for e in explanations]
+    )
+    member = in_credible_set(log)
+    return tuple(explanations[i] for i in np.argsort(-log, kind="stable") if member[i])
+
+
+def in_credible_set(log_evidence: FloatArray) -> NDArray[np.bool_]:
+    """Membership in the smallest set that holds `SET_PROBABILITY`, of explanations of equal odds.
+
+    `log_evidence` is (k, ...), minus infinity for those that are excluded; the same shape.
+    """
+    if not len(log_evidence):
+        return np.zeros(log_evidence.shape, dtype=bool)
+    tempered = (log_evidence - np.maximum(log_evidence.max(axis=0), -1e300)) / TEMPERATURE
+    probability = np.exp(tempered)
+    order = np.argsort(-probability, axis=0, kind="stable")
+    falling = np.take_along_axis(probability, order, 0)
+    before = np.cumsum(falling, axis=0) - falling
+    kept = (before < SET_PROBABILITY * falling.sum(axis=0)) & (falling > 0)
+    member = np.zeros(log_evidence.shape, dtype=bool)
+    np.put_along_axis(member, order, kept, 0)
+    return member
+
+
+def weigh(
+    problem: SearchProblem,
+    first: Structure,
+    tried: Sequence[Explanation],
+    allowed: Sequence[Explanation],
+) -> tuple[ExplanationProbability, ...]:
     """Probabilities of nothing, each explanation, and nameless structure along each covariate.
 
-    An explanation that the search does not allow to be named counts as nameless structure along
-    what it leaves. So does one that would need a nameless part. The likeliest are first; those
-    below `LEAST_LISTED` are summed at the end.
+    `first` is the test on the base model, `tried` are all explanations, and `allowed` those that
+    may be named. If none is, each counts as nameless structure along what it leaves. The likeliest
+    are first; those below `LEAST_LISTED` are summed at the end.
     """
     from scipy.special import softmax
 
-    weighed = _terms(answer)
-    probability = softmax(
-        [log_evidence / TEMPERATURE + log_odds for _, log_evidence, log_odds in weighed]
-    )
+    terms = _terms(problem, first, tried, allowed)
     total: dict[Key, float] = defaultdict(float)
-    for (key, _, _), value in zip(weighed, probability, strict=True):
+    for (key, _, _), value in zip(
+        terms, softmax([log / TEMPERATURE + odds for _, log, odds in terms]), strict=True
+    ):
         total[key] += float(value)
     listed = sorted(total.items(), key=lambda item: -item[1])
     kept = [
@@ -135,56 +190,39 @@ def weigh(answer: Answer) -> tuple[ExplanationProbability, ...]:
     return tuple(kept)
 
 
-def probability_of(answer: Answer, listed: tuple[ExplanationProbability, ...]) -> float:
-    """Probability of the answer: of the named effects, of any nameless structure, or of nothing."""
-    named = answer.accepted[0].effects if answer.accepted else ()
-    return sum(
-        e.probability
-        for e in listed
-        if not e.other
-        and e.effects == named
-        and bool(e.nameless) == (answer.verdict == "unexplained")
-    )
-
-
-def _terms(answer: Answer) -> list[Term]:
+def _terms(
+    problem: SearchProblem,
+    first: Structure,
+    tried: Sequence[Explanation],
+    allowed: Sequence[Explanation],
+) -> list[Term]:
     """Log evidence and log prior odds of everything that is weighed."""
-    problem = answer.problem
-    effects = max(len({e.name for e, _ in problem.library}), 2)
-    single = -float(np.log(effects))
-    pair = single - RIVAL_MAX_2LNB / 2 - float(np.log((effects - 1) / 2))
-    unnamed = float(np.log(NAMELESS_ODDS))
     if problem.independent:
-        nothing, along = 0.0, {next(iter(answer.first.foremost()), "distance"): 0.0}
+        # scores on visits left out are relative to the base model's, and families have none
+        nothing, along = 0.0, {next(iter(first.foremost()), "distance"): 0.0}
     else:
         nothing = problem.nothing_added[1]
         along = nameless(problem, problem.base_linear_fit.left)
+    unnamed = LOG_NAMELESS_ODDS if first.present else LOG_UNDETECTED_ODDS
     terms: list[Term] = [(((), ""), nothing, 0.0)]
     terms += [(((), name), nothing + value, unnamed) for name, value in along.items()]
-    if problem.null_fit.random_walk_gain and not problem.independent:
+    if not problem.independent and problem.null_fit.random_walk_gain:
         terms.append((((), "start"), problem.unnamed, unnamed))
-    if not answer.first.present:
+    if not first.present:
         return terms + [
-            (((name,), ""), nothing + value, single) for name, value in first_order(problem).items()
+            (((name,), ""), nothing + value, log_odds(problem, 1))
+            for name, value in first_order(problem).items()
         ]
-    tried = [e for e in (*answer.singles, *answer.pairs) if np.isfinite(e.evidence.log)]
+    terms += [((e.effects, ""), e.evidence.log, log_odds(problem, len(e.effects))) for e in allowed]
+    if allowed:
+        return terms
+    tried = [e for e in tried if np.isfinite(e.evidence.log)]
     least = max((e.evidence.log for e in tried), default=0.0) - NEGLIGIBLE
     for e in (e for e in tried if e.evidence.log >= least):
-        log, odds = e.evidence.log, single if len(e.effects) == 1 else pair
-        left = along
+        log, odds, left = e.evidence.log, log_odds(problem, len(e.effects)), along
         if not problem.independent:
             linear_fit = problem.linearised(e.fitted, e.form_sd, e.random_walk_gain)
             left = nameless(problem, linear_fit.left)
             terms += [(((), name), log + value, odds + unnamed) for name, value in left.items()]
-        if _may_be_named(answer, e):
-            terms.append(((e.effects, ""), log, odds))
-        else:
-            terms.append((((), max(left, key=left.__getitem__)), log, odds))
+        terms.append((((), max(left, key=left.__getitem__, default="distance")), log, odds))
     return terms
-
-
-def _may_be_named(answer: Answer, e: Explanation) -> bool:
-    """Whether an explanation is in the set of the answer, or might be if it were likelier."""
-    if any(e.effects == other.effects for other in answer.accepted):
-        return True
-    return bool(answer.accepted) and e.eligible_as_rival and e.tenable

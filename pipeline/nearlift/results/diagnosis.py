@@ -120,7 +120,6 @@ class TriedCandidate:
     sizes: Mapping[str, Real]
     at_bound: bool
     log_evidence: Below
-    plausibility: Below
     left_in: str | None
     judged_by: IfAny[str] = None
 

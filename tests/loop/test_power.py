@@ -5,6 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from tests.unit.simulated import THROTTLES, campaign, hsiao
 
 from nearlift import catalogue
 from nearlift.errors import NotConverged
@@ -21,8 +22,6 @@ from nearlift.loop.within_trial import heating, power
 from nearlift.results import Noise
 from nearlift.results.explanation import Power
 from nearlift.synthetic.trial_schedule import _williams, balanced, from_both_sides, randomised
-
-from .simulated import THROTTLES, campaign, hsiao
 
 GROUND = catalogue.model("sanchez_cuevas")
 NOISE = Noise(relative=0.004, force_N=3e-4, height_m=1e-4)

@@ -6,13 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign
 
 from nearlift import catalogue
 from nearlift.loop.candidate_fit import search
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.search_problem import Options
-
-from .simulated import campaign
 
 GROUND = catalogue.model("sanchez_cuevas")
 

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.stats import norm
+from tests.unit.simulated import campaign
 
 from nearlift import catalogue
 from nearlift.loop import structure
@@ -15,8 +16,6 @@ from nearlift.loop.diagnose import diagnose, set_up
 from nearlift.loop.interim import INTERIM_SHARE, InterimLook, nominal_level
 from nearlift.loop.search_problem import Options
 from nearlift.observed import interim_look
-
-from .simulated import campaign
 
 GROUND = catalogue.model("sanchez_cuevas")
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from tests.calibration.bench import stream
 from tests.calibration.simulator import Errors, Spec, simulate
+from tests.unit import small_run
 
 import nearlift
 from nearlift import catalogue
@@ -26,8 +27,6 @@ from nearlift.results import Observations
 from nearlift.schedule import visits
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.gathering import gather
-
-from . import small_run
 
 BASES = {
     b: catalogue.model(catalogue.default_base(b, 4)) for b in ("ground", "ceiling", "sidewall")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.unit import simulated
 
 from nearlift import catalogue
 from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
-
-from . import simulated
 
 
 @pytest.mark.parametrize(("visits", "more"), [(4, ()), (1, (1.2, 2.5))])

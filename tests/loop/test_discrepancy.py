@@ -6,14 +6,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from tests.unit.simulated import campaign, findings, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.loop import discrepancy
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.families import indicators, powers
 from nearlift.loop.search_problem import Options
-
-from .simulated import campaign, findings, sanchez_cuevas
 
 GROUND = catalogue.model("sanchez_cuevas")
 EFFECTS = tuple(

@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 from tests.calibration import forms
 from tests.calibration.simulator import Errors, Spec, simulate
+from tests.unit import small_run
+from tests.unit.small_run import nearlift
 
 from nearlift import catalogue
 from nearlift.likelihood.covariates import derive
@@ -18,9 +20,6 @@ from nearlift.loop.diagnose import diagnose
 from nearlift.loop.search_problem import Options
 from nearlift.observed import observe
 from nearlift.stages.ingest import TRIALS
-
-from . import small_run
-from .small_run import nearlift
 
 MANIFEST = """
 schema = "nearlift.campaign/1"

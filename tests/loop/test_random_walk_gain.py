@@ -6,14 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from tests.unit.simulated import RADIUS, campaign, sanchez_cuevas
 
 from nearlift import catalogue
 from nearlift.loop import search
 from nearlift.loop.diagnose import set_up
 from nearlift.loop.random_walk_gain import SIZES, bic_penalty, likeliest, log_evidence_gain, waves
 from nearlift.loop.search_problem import Options
-
-from .simulated import RADIUS, campaign, sanchez_cuevas
 
 GROUND = catalogue.model("sanchez_cuevas")
 SEEDS = range(3)
