@@ -156,6 +156,7 @@ def verdict(campaign: Campaign, result: dict[str, Any]) -> Row:
         "names": names,
         "rivals": rivals,
         "within": list(within),
+        "probabilities": result.get("probabilities", []),
         "partial": [p["name"] for p in result.get("partial", [])],
         "structure": [
             s["covariate"] for s in result.get("structure", []) if s.get("significant", True)
