@@ -47,6 +47,20 @@ EXPORTS = {
     "document": "export/lift_model.json, and its JSON Schema",
     "python": "export/lift_model.py: a module that needs only Python",
 }
+ABOUT = """Lift of a tethered rotorcraft near ground, ceiling and wall.
+
+nearlift averages load-cell records, fits a model of lift against distance, looks for the cause of
+the residuals, and quotes one coefficient with its uncertainty and its doubts.
+
+\b
+First look:    nearlift demo
+Own records:   nearlift new raw/my-rig --from logs/*.csv
+               nearlift run raw/my-rig
+Then open reports/my-rig/index.html, or read summary.txt next to it.
+
+Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input unreadable or
+refused; 5 a fit did not converge; 130 interrupted.
+"""
 PATH = click.Path(path_type=Path)
 CAMPAIGN = click.argument("campaign", type=PATH)
 DIALECT = click.option(
@@ -133,16 +147,12 @@ def _proposal(word: str) -> str:
 
 @click.group(
     cls=Commands,
+    help=ABOUT,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
 )
 @click.version_option(__version__, prog_name="nearlift")
 def main() -> None:
-    """Near-boundary lift of tethered rotorcraft: from load-cell records to models with honest
-    uncertainty.
-
-    Exit codes: 0 done; 2 usage or manifest; 3 done, some trials rejected; 4 input unreadable or
-    refused; 5 a fit did not converge; 130 interrupted.
-    """
+    """Run the command line."""
 
 
 command = functools.partial(terminal.command, main)
@@ -153,7 +163,7 @@ command = functools.partial(terminal.command, main)
 
 @command(BEGIN, "demo", COMPUTES)
 def demo(call: Call) -> None:
-    """A simulated campaign, end to end.
+    """Run a simulated campaign, end to end.
 
     It is written to demo-campaign/ and run; it needs nothing but the package.
     """
@@ -180,7 +190,7 @@ def demo(call: Call) -> None:
 )
 @DIALECT
 def new(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect: str) -> None:
-    """A campaign folder to fill in, empty or from records.
+    """Make a campaign folder, empty or from records.
 
     With --from FILES, the folder of a campaign whose records are FILES: those in the folder stay,
     others are copied into it. What no file says is marked FILL IN.
@@ -221,7 +231,7 @@ def new(call: Call, folder: Path, files: tuple[Path, ...], given: bool, dialect:
     ),
 )
 def inspect(call: Call, files: tuple[Path, ...], dialect: str, cuts: bool) -> None:
-    """Channels of a file, and the manifest lines that read it.
+    """Show what a file holds, and the lines that read it.
 
     Channel by channel, with the tables of a manifest that read it: [records] of a record, [piv] of
     a velocity grid, the schedule's units of a table of means.
@@ -280,7 +290,7 @@ def dialect_of(text: str) -> dict[str, object]:
     help="Where the random schedule goes; never over a file.",
 )
 def design(call: Call, campaign: Path, noise_from: str | None, write: Path | None) -> None:
-    """Detectable effects of a planned campaign, and a random schedule.
+    """Plan a campaign: what it can detect, and a schedule.
 
     For CAMPAIGN before it is run: detectable effects, confounded effects, and changes to the plan.
     The plan is the folder's schedule, or the manifest's [design].
@@ -297,7 +307,7 @@ def design(call: Call, campaign: Path, noise_from: str | None, write: Path | Non
 
 @main.group(cls=Commands, epilog="\b\nFor example:\n  nearlift data list")
 def data() -> None:
-    """Public measured data: what there is, fetched as a campaign."""
+    """List and fetch public measured campaigns."""
 
 
 data.heading = BEGIN  # type: ignore[attr-defined]
@@ -306,7 +316,7 @@ data.heading = BEGIN  # type: ignore[attr-defined]
 @terminal.command(data, BEGIN, "data list", name="list")
 @REGISTRY
 def list_data(call: Call, registry: Path | None) -> None:
-    """Names of the data sets, what was measured, licence, size."""
+    """List the data sets: quantities, licence, size."""
     from nearlift.datasets.registry import OWN, datasets, described
 
     listed = datasets(registry or OWN)
@@ -420,7 +430,7 @@ def run(
     every: float,
     **visits: Any,
 ) -> None:
-    """Every stage of a campaign that is stale.
+    """Run every stage that is not up to date.
 
     Of several campaigns, one after the other, or side by side with processes:N.
     """
@@ -552,11 +562,11 @@ def next_visits(
     rounds: float,
     as_csv: bool,
 ) -> None:
-    """The next visits, for a coefficient or to distinguish two effects.
+    """Propose the next visits.
 
-    Chosen from the campaign's trials, with a share at all stations. Prints their gain, where to
-    stop, and their cost. Stages ingest and, for identified effects, diagnose must have run. Nothing
-    is written.
+    For a coefficient, or to distinguish two effects. They are chosen from the campaign's trials,
+    with a share at all stations. Prints their gain, where to stop, and their cost. Stages ingest
+    and, for identified effects, diagnose must have run. Nothing is written.
     """
     from nearlift.report import visits
     from nearlift.results.document import as_json
@@ -585,7 +595,7 @@ def next_visits(
     help="Port of 127.0.0.1; without it, any free one.",
 )
 def serve(call: Call, folder: Path, port: int) -> None:
-    """Campaigns, live view and reports in a browser.
+    """Show campaigns and reports in a browser, live.
 
     A read-only page for this machine alone, behind a link that is good once. WORKSPACE (default:
     the current folder) holds processed/ and reports/. `nearlift run --watch` brings the page up to
@@ -696,7 +706,7 @@ for _stage in STAGES:
 @CAMPAIGN
 @click.argument("effect")
 def explain(call: Call, campaign: Path, effect: str) -> None:
-    """One effect, and its visibility in this campaign.
+    """Show what this campaign can say about one effect.
 
     The effect, its detectable size in this campaign, and the effects confounded with it. Stage
     ingest must have run. `diagnose --explain` is the same.
@@ -713,7 +723,7 @@ def explain(call: Call, campaign: Path, effect: str) -> None:
     help="An [[uncertainty]] that is one and the same error in all campaigns.",
 )
 def compare(call: Call, names: tuple[str, ...], shared: tuple[str, ...]) -> None:
-    """One coefficient over many campaigns, with a forest plot.
+    """Compare one coefficient over several campaigns.
 
     Table, forest plot and population mean over finished campaigns; without names, all. The mean
     does not average down shared errors.
@@ -736,7 +746,7 @@ def _export_options(function: Any) -> Any:
 @CAMPAIGN
 @_export_options
 def export(call: Call, campaign: Path, **formats: bool) -> None:
-    """The fitted model, in forms that other programs read.
+    """Write the fitted model for other programs: C, Python, JSON.
 
     Stage fit must have run.
     """
@@ -758,7 +768,7 @@ def export(call: Call, campaign: Path, **formats: bool) -> None:
 @command(LOOK_UP, "describe\ndescribe sanchez_cuevas")
 @click.argument("name", required=False)
 def describe(call: Call, name: str | None) -> None:
-    """A model, effect, product or symbol; or the catalogue."""
+    """Look up a model, effect, product or symbol."""
     from nearlift.describe import describe
 
     text = describe(name)

@@ -16,6 +16,7 @@ import numpy as np
 from nearlift.declare import Boundary, FloatArray
 from nearlift.errors import InputRefused, UsageError
 from nearlift.fit.population import FEWEST, population
+from nearlift.report.phrases import claim, coefficient_text
 from nearlift.results.comparison import (
     CampaignComparison,
     ComparedCampaign,
@@ -23,6 +24,7 @@ from nearlift.results.comparison import (
     HeadlineValue,
     Population,
 )
+from nearlift.results.diagnosis import NOTHING, DiagnosisResults
 from nearlift.results.estimate import Estimate
 from nearlift.results.provenance import ProvenanceLedger
 from nearlift.results.quotation import BoundaryResult, CoefficientResult, Results
@@ -47,6 +49,7 @@ class Entry:
     vehicle: str
     boundary: Boundary
     result: BoundaryResult
+    claim: str = ""
 
     @property
     def kind(self) -> tuple[Boundary, str, str]:
@@ -71,6 +74,7 @@ class Entry:
             campaign=self.campaign,
             vehicle=self.vehicle,
             verdict=self.result.verdict,
+            claim=self.claim,
             quoted=HeadlineValue(
                 value=c.value, u=c.u, lo90=c.lo90, hi90=c.hi90, unit=c.unit, holds=c.holds
             ),
@@ -107,9 +111,16 @@ def finished(out: Path, names: Sequence[str]) -> list[Path]:
 def entries(folder: Path) -> list[Entry]:
     """The headline coefficient of every boundary of one finished run."""
     results = tables.load(folder / RESULTS.file, Results)
+    diagnosed = tables.load_if_whole(folder / DiagnosisResults.file, NOTHING).boundaries
     vehicle = tables.load_if_whole(folder / PROVENANCE.file, ProvenanceLedger()).vehicle
     return [
-        Entry(campaign=folder.name, vehicle=vehicle, boundary=boundary, result=result)
+        Entry(
+            campaign=folder.name,
+            vehicle=vehicle,
+            boundary=boundary,
+            result=result,
+            claim=claim(result, diagnosed.get(boundary)),
+        )
         for boundary, result in results.boundaries.items()
         if result.headline
     ]
@@ -179,7 +190,10 @@ def run(out: Path, names: Sequence[str], shared: Sequence[str]) -> CampaignCompa
         for name in rows["label"]
         if (out / "reports" / str(name) / "index.html").is_file()
     }
-    tables.write_whole(target / "index.html", comparison.page(rows, reported, said))
+    claims: dict[tuple[str, str], str] = {
+        (c.campaign, g.boundary): c.claim for g in compared.groups for c in g.campaigns
+    }
+    tables.write_whole(target / "index.html", comparison.page(rows, reported, said, claims))
     tables.write_whole(target / "comparison.json", tables.json_bytes(compared))
     return compared
 
@@ -190,7 +204,7 @@ def table(compared: CampaignComparison) -> list[str]:
     for group in compared.groups:
         lines.append(f"{group.boundary}: {group.coefficient} of {group.model}")
         rows: list[tuple[str, Estimate, str]] = [
-            (c.campaign, c.quoted, c.verdict) for c in group.campaigns
+            (c.campaign, c.quoted, c.claim or c.verdict) for c in group.campaigns
         ]
         if together := group.population:
             spread = together.spread
@@ -204,8 +218,7 @@ def table(compared: CampaignComparison) -> list[str]:
             ]
         wide = max(len(name) for name, _, _ in rows)
         for name, e, words in rows:
-            value, low, high = (like(x, e.u) for x in (e.value, e.lo90, e.hi90))
-            lines.append(f"  {name:<{wide}}  {value} ({low} to {high})  {words}".rstrip())
+            lines.append(f"  {name:<{wide}}  {coefficient_text(e)}  {words}".rstrip())
         lines += [f"  {remark}" for remark in group.remarks]
     return lines
 

@@ -54,7 +54,7 @@ INDEXED = re.compile(r"\b([A-Za-z])_([a-z]+)\b")
 VERDICTS = {
     "not_diagnosed": "not diagnosed",
     "adequate": "adequate",
-    "effect": "effect named and added",
+    "effect": "effect identified",
     "unexplained": "unexplained structure",
 }
 

@@ -37,7 +37,7 @@ def like(value: float, u: float) -> str:
     """A number that belongs to an uncertainty `u`, such as an end of its interval, with the same
     decimals.
     """
-    if not (math.isfinite(u) and u > 0):
+    if not (math.isfinite(value) and math.isfinite(u) and u > 0):
         return plain(value)
     return fixed(value, max(decimals(u), 0))
 

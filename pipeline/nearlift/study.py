@@ -20,7 +20,7 @@ from nearlift.errors import UsageError
 from nearlift.isolation import library
 from nearlift.likelihood.problem import usable
 from nearlift.observed import observe
-from nearlift.report import phrases
+from nearlift.report.phrases import claim, coefficient_text
 from nearlift.results import Observations
 from nearlift.results.diagnosis import BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
 from nearlift.results.fit import FitResults, ModelFit
@@ -545,11 +545,7 @@ class Fit(ByBoundary[BoundaryFit]):
             lines.append(f"[[{at.boundary}: {fit.title}]]")
             quality = f"chi2/dof = {plain(fit.chi2 / fit.dof, 3)}, dof = {fit.dof}"
             lines.append(f"    trials = {fit.n_trials}, {quality}, rmse = {100 * fit.rmse:.2g} %")
-            lines += [
-                f"    {name}: {plus_minus(c.value, c.u)}{f' {c.unit}' if c.unit != '1' else ''}"
-                f"  (90 %: {plain(c.lo90, 4)} to {plain(c.hi90, 4)})"
-                for name, c in fit.coefficients.items()
-            ]
+            lines += [f"    {coefficient_text(c, name)}" for name, c in fit.coefficients.items()]
             lines += _correlation_lines(fit.covariance.names, fit.covariance.values)
         return "\n".join([*lines, "Not diagnosed; the number to quote is diagnose()'s."])
 
@@ -601,8 +597,7 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
         lines = [self.campaign]
         for boundary, result in self.quoted.items():
             lines.append(f"[[{boundary}: {catalogue.model(result.base_model).title}]]")
-            claim = ("effect: " if result.effects else "") + phrases.claim(result)
-            lines.append(f"    verdict: {claim}")
+            lines.append(f"    verdict: {claim(result, self.boundaries.get(boundary))}")
             for size in result.sizes:
                 ends = f"90 %: {plain(size.lo90, 3)} to {plain(size.hi90, 3)}"
                 unit = f" {size.unit}" if size.unit != "1" else ""
@@ -614,7 +609,7 @@ class Diagnosis(ByBoundary[BoundaryDiagnosis | NotDiagnosed]):
                     f"{100 * value:.2g} %" for value in (result.error.before, result.error.after)
                 )
                 lines.append(f"    cross-validated error: {before} before, {after} after")
-            lines += [f"    {phrases.stated(n, c)}" for n, c in result.coefficients.items()]
+            lines += [f"    {coefficient_text(c, name)}" for name, c in result.coefficients.items()]
             if result.correlation is not None:
                 lines += _correlation_lines(
                     result.correlation.parameters, result.correlation.values, scaled=True

@@ -273,6 +273,7 @@ def execute(
     wanted = STAGES if only is None else (engine.stage_of(STAGES, only),)
     steps: list[Step] = []
     with call.job(campaign, call.executor, keep=True) as job:
+        before = _text(job.reports / "summary.txt")
         if only is not None and overrides:
             job = job.overriding(only, overrides)
 
@@ -314,10 +315,17 @@ def execute(
         }
         say(json.dumps(content))
     elif report.is_file() and not call.quiet and wanted[-1].report:
-        if (summary := report.with_name("summary.txt")).is_file():
-            call.line("\n" + summary.read_text(encoding="utf-8"))
+        if summary := _text(report.with_name("summary.txt")):
+            call.line("\n" + summary)
+        if summary and summary == before:
+            call.line("unchanged since the last run")
         say(str(report))
     sys.exit(code)
+
+
+def _text(path: Path) -> str:
+    """Text of a file; empty where there is none."""
+    return path.read_text(encoding="utf-8") if path.is_file() else ""
 
 
 def _list_rejected(call: Call, rejected: Sequence[tuple[str, str]]) -> None:

@@ -13,7 +13,10 @@ import pytest
 
 import nearlift
 from nearlift import catalogue
-from nearlift.report import phrases, sources, words
+from nearlift.reduction import quality as quality_codes
+from nearlift.report import phrases, sources, tables, words
+from nearlift.report.evidence import Reported
+from nearlift.results.diagnosis import ExplanationProbability
 from nearlift.results.quotation import IdentifiedSize
 
 PACKAGE = Path(nearlift.__file__).parent
@@ -174,18 +177,88 @@ def test_an_effect_that_is_the_coefficient_is_no_doubt():
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({}, "1 left out"),
+        ({}, "1 left out: {why} (1)"),
         (
             {"n_removed": np.array([0.0, 9.0, 3.0])},
-            "1 left out; 12 impossible readings in 2 trials were left out",
+            "1 left out: {why} (1); 12 impossible readings in 2 trials were left out",
         ),
         (
             {"n_removed": np.array([0.0, 0.0, 1.0])},
-            "1 left out; 1 impossible reading in 1 trial was left out",
+            "1 left out: {why} (1); 1 impossible reading in 1 trial was left out",
         ),
     ],
 )
 def test_what_was_removed_from_records_is_counted(columns, said):
     quality = np.array(["SATURATED", "", ""], dtype=object)
     table = {"quality": quality, **columns}
-    assert words.removed(SimpleNamespace(table=lambda _: table)) == said
+    why = quality_codes.code("SATURATED").meaning
+    assert words.removed(SimpleNamespace(table=lambda _: table)) == said.format(why=why)
+
+
+def weighed(*likely: tuple[tuple[str, ...], float], **more: object) -> SimpleNamespace:
+    """Diagnosis with these explanations and their probabilities."""
+    listed = [ExplanationProbability(effects=e, probability=p) for e, p in likely]
+    return SimpleNamespace(probabilities=(*listed, *more.values()))
+
+
+@pytest.mark.parametrize(
+    ("probability", "text"),
+    [
+        (None, "supply sag"),
+        (0.6, "supply sag"),
+        (0.48, "one of: supply sag 48 %, session gain with zero drift 39 %, other 13 %"),
+    ],
+)
+def test_an_effect_is_named_alone_where_it_is_probable(probability, text):
+    quoted = SimpleNamespace(probability=probability, effects=("supply_sag",), verdict="effect")
+    pair = ("session_gain", "zero_drift")
+    diagnosis = weighed((("supply_sag",), 0.48), (pair, 0.39), ((), 0.04), (("warm_up",), 0.03))
+    assert phrases.explanation(quoted, diagnosis) == text
+
+
+def test_nameless_structure_and_nothing_are_listed_by_their_probability():
+    quoted = SimpleNamespace(probability=0.4, effects=("supply_sag",), verdict="effect")
+    nameless = ExplanationProbability(effects=(), nameless="session", probability=0.35)
+    diagnosis = weighed((("supply_sag",), 0.4), ((), 0.25), nameless=nameless)
+    assert phrases.explanation(quoted, diagnosis) == (
+        "one of: supply sag 40 %, unexplained structure along session 35 %, no effect 25 %"
+    )
+
+
+def coefficients_csv(**changes: object) -> bytes:
+    row = {
+        "boundary": "ground",
+        "base_model": "sanchez_cuevas",
+        "trials": 112,
+        "verdict": "adequate",
+        "effects": "",
+        "parameter": "K_b",
+        "unit": "1",
+        "value": 2.01,
+        "u": 0.05,
+    } | changes
+    return tables.csv({name: [value] for name, value in row.items()})
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({}, ""),
+        (
+            {"trials": 152, "value": 2.04, "verdict": "effect", "effects": "supply_sag"},
+            (
+                "Change since the last report: 40 trials more; K_b from 2.01 ± 0.05 to 2.04 ± 0.05;"
+                " verdict from adequate to supply sag."
+            ),
+        ),
+    ],
+)
+def test_what_changed_since_the_last_report_is_one_line(changes, text):
+    before = tables.reported(coefficients_csv())["ground"]
+    now = tables.reported(coefficients_csv(**changes))["ground"]
+    assert words.change_text(before, now) == text
+
+
+def test_a_report_of_another_version_tells_no_change():
+    assert tables.reported(b"boundary,value\nground,2\n") == {}
+    assert isinstance(tables.reported(coefficients_csv())["ground"], Reported)

@@ -210,7 +210,7 @@ def test_what_the_round_says_is_what_is_quoted(tmp_path):
     compared.write(tmp_path, "a", 0.125, 0.01)
     content = json.loads((tmp_path / "processed" / "a" / "results.json").read_text())
     said = looks.headlines(typed(Results, content), NOTHING)
-    assert next(said) == "ground K_b = 0.125 ± 0.010"
+    assert next(said).startswith("ground K_b = 0.125 ± 0.010 (90 %: ")
     assert list(looks.headlines(Results(boundaries={}), NOTHING)) == []
 
 

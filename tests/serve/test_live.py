@@ -41,7 +41,7 @@ def test_cards_quote_results_json_and_say_what_the_interim_analysis_needs(worksp
     (card,) = live.verdicts(place(workspace, "small"))
     quoted = json.loads((workspace / "processed/small/results.json").read_text())["boundaries"]
     k = quoted["ground"]["coefficients"]["K_b"]
-    assert card.coefficients[0] == f"K_b = {plus_minus(k['value'], k['u'])}"
+    assert card.coefficients[0].startswith(f"K_b = {plus_minus(k['value'], k['u'])} (90 %: ")
     assert card.tone == live.TONES[quoted["ground"]["verdict"]]
     assert any("of 112 trials; claims need p <" in note for note in card.notes)
 

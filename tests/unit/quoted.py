@@ -171,3 +171,57 @@ def _coefficient(own: dict[str, Any], e: Mapping[str, Any]) -> None:
 def fitted_lift(job: Job, side: Boundary, number: int) -> FittedLift:
     """The lift of one boundary of a finished job, with so many draws."""
     return quoted_lifts(job).lift(side, number)
+
+
+#: diagnosis.json of an effect at the ground.
+DIAGNOSED = {
+    "schema": "nearlift.diagnosis/1",
+    "boundaries": {
+        "ground": {
+            "base_model": "sanchez_cuevas",
+            "verdict": "effect",
+            "effects": [
+                {
+                    "name": "supply_sag",
+                    "rivals": ["session_gain"],
+                    "parameters": {"p": {"value": 2.1, "lo90": 1.9, "hi90": 2.3}},
+                }
+            ],
+            "structure": [
+                {"covariate": "supply", "p_value": 1e-90},
+                {"covariate": "tilt", "p_value": 0.03, "significant": False},
+            ],
+            "error": {
+                "unit": "fraction of lift",
+                "noise_floor": 0.0041,
+                "before": {"held_out_rmse": 0.0122, "lo90": 0.0117, "hi90": 0.0128},
+                "after": {"held_out_rmse": 0.0043, "lo90": 0.0041, "hi90": 0.0045},
+            },
+            "coefficients": {
+                "before": {"K_b": {"value": 1.2, "lo90": 1.1, "hi90": 1.3}},
+                "after": {
+                    "K_b": {
+                        "value": 2.0,
+                        "lo90": 1.8,
+                        "hi90": 2.2,
+                        "conditional": [1.9, 2.1],
+                        "constrained": [1.5, 2.5],
+                    }
+                },
+            },
+            "rounds": [
+                {"candidates": [], "decision": "added supply_sag", "reason": "nothing is left"}
+            ],
+            "untestable": [{"effect": "air_density", "needs": ["temperature"]}],
+            "silent": [
+                {"effect": "height_scale", "absorbed_by": "alpha", "bias_at_detection_limit": 0.0}
+            ],
+            "next_experiment": [
+                {
+                    "separates": ["height_offset", "near_wall_saturation"],
+                    "measure": "both directions",
+                }
+            ],
+        }
+    },
+}

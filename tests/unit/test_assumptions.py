@@ -58,7 +58,7 @@ def test_every_number_of_the_page_has_its_place(small_job):
         for boundary in ("ground", "ceiling", "sidewall")
     ]
     assert 'data-source="fit.json#/held_quantity/ceiling/plausible/0/value"' in text
-    each = text.partition("The coefficient of the base fit at each throttle")[2]
+    each = text.partition("Coefficient of the base fit at each throttle")[2]
     each = each.partition("<tbody>")[2].partition("</tbody>")[0].split("<tr>")[1:]
     assert len(each) == 12
     assert "<td>25 %</td>" in each[0]

@@ -212,7 +212,7 @@ def test_the_page_can_be_pointed_at_sorted_and_printed(four, tmp_path_factory):
             [file.as_uri()],
         )
         words = page.run(f"{points}.map(e => e.getAttribute('aria-label'))")
-        assert words[1] == "b9: K_b = 2.40 (2.24 to 2.56); effect named and added"
+        assert words[1] == "b9: K_b = 2.40 (2.24 to 2.56); effect identified"
         assert [w.partition(":")[0] for w in words] == [
             "c3",
             "b9",

@@ -11,8 +11,8 @@ from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.report import sources, words
 from nearlift.report.documents import methods, summary
-from nearlift.report.phrases import coverage, listed
-from nearlift.rounding import like, plain, plus_minus
+from nearlift.report.phrases import coefficient_text, coverage, listed
+from nearlift.rounding import like, plain
 from nearlift.stages.diagnose import DIAGNOSIS
 from nearlift.stages.fit import FIT
 from nearlift.stages.gathering import gather
@@ -57,8 +57,7 @@ def flat(text):
 def test_the_screen_has_the_numbers_of_the_products(evidence, quoted):
     text = flat(summary.summary(evidence).decode())
     c = quoted.coefficients["K_b"]
-    assert f"K_b {plus_minus(c.value, c.u).replace('±', '+/-')} (" in text
-    assert f"90 %: {like(c.lo90, c.u)} to {like(c.hi90, c.u)}" in text
+    assert coefficient_text(c, "K_b").replace("±", "+/-") in text
     error = quoted.error
     assert (" Error: " in text) == (error is not None)
     if error is not None:
@@ -223,8 +222,7 @@ def expected(evidence, quoted):
             f"over visits: {percent(error['before']['held_out_rmse'])}{after} of lift;",
             f"noise floor {percent(error['noise_floor'])}.",
         )
-    ends = f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
-    yield (f"Near the ground, $K_b$ = {plus_minus(c.value, c.u)} (k = 1; 90 %: {ends}).",)
+    yield (f"Near the ground, $K_b$ = {coefficient_text(c)}.",)
     yield (titled(c.holds),)
     yield (
         "Its type A sources are",

@@ -14,7 +14,7 @@ import pytest
 
 from nearlift import comparison
 from nearlift.nomenclature import letter, mathematics
-from nearlift.report.phrases import stated
+from nearlift.report.phrases import coefficient_text
 from nearlift.results.quotation import Results
 from nearlift.rounding import like, plus_minus
 from nearlift.stages import export, report
@@ -108,7 +108,7 @@ def test_a_comparison_and_a_notebook_say_one_number(job, quoted):
     loop = Diagnosis(
         campaign="small", boundaries={}, quoted={"ground": quoted}, trials=None, residuals=None
     )
-    assert stated("K_b", quoted.coefficients["K_b"]) in str(loop)
+    assert coefficient_text(c, "K_b") in str(loop)
     assert len(re.findall(r"± ", str(loop))) == 1
     cells = "".join(f"<td>{x:.4g}</td>" for x in (c.value, c.u, c.lo90, c.hi90))
     assert cells in re.sub(r">\s+<", "><", loop._repr_html_())

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import base64
-import copy
 import csv
 import dataclasses
 import hashlib
-import html
 import io
 import json
 import re
@@ -25,7 +23,7 @@ from nearlift.stages.fit import FIT, RESULTS
 from nearlift.stages.gathering import gather
 from nearlift.stages.reduce import LIFT
 
-from . import quoted
+from . import quoted, small_run
 
 HOSTILE = '<script>alert("x")</script>{{ 7*7 }}\' & \\input{x}'
 
@@ -62,12 +60,8 @@ PRODUCTS = "../../processed/small/"
 
 
 @pytest.fixture(autouse=True)
-def quick(request):
-    """`made` is drawn, and drawn again by one test; the others read the page and not its
-    pictures.
-    """
-    if request.function is not test_running_twice_gives_the_same_tables_and_words:
-        request.getfixturevalue("plain_pictures")
+def quick(plain_pictures):
+    """Pictures are not drawn: figures have tests of their own."""
 
 
 def digests(folder):
@@ -81,7 +75,9 @@ def digests(folder):
 @pytest.fixture(scope="module")
 def made(make_job):
     job = make_job(simulated=True)
-    outcome = report.run(job)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
+        outcome = report.run(job)
     return job, outcome, (job.reports / "index.html").read_text(encoding="utf-8")
 
 
@@ -121,6 +117,7 @@ def test_files_of_the_contract(made):
     assert outcome.notes == not_drawn(DRAWN)
 
 
+@pytest.mark.nightly
 def test_running_twice_gives_the_same_tables_and_words(made):
     """Figures are compared in test_figures: a layout's last digits may differ."""
     job, _, _ = made
@@ -147,7 +144,7 @@ def test_the_page_fetches_nothing(made):
     assert all(a["src"].startswith("data:image/png;base64,") for a in elements.every("img"))
     assert all(
         re.fullmatch(
-            r"#[a-z0-9]+|(\.\./\.\./processed/small/)?[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib|txt|json)",
+            r"#[a-z0-9]+|(\.\./\.\./processed/small/)?[a-z0-9_/]+\.(pdf|png|csv|md|tex|bib|txt|json|parquet)",
             a["href"],
         )
         for a in elements.every("a")
@@ -180,12 +177,12 @@ def test_pictures_are_described_with_numbers(made):
     assert any("ground: " in a["alt"] for a in pictures)
 
 
-def test_simulated_is_said(made, make_job):
-    _, _, text = made
+def test_simulated_is_said(made):
+    job, _, text = made
     assert "SIMULATED" in text
-    job = make_job(boundaries=("ground",))
-    report.run(job)
-    assert "SIMULATED" not in (job.reports / "index.html").read_text()
+    evidence = gather(job)
+    measured = evidence.campaign.model_copy(update={"simulated": False})
+    assert b"SIMULATED" not in page(dataclasses.replace(evidence, campaign=measured), [], [])
 
 
 def test_every_number_says_where_it_stands_and_it_stands_there(made):
@@ -316,64 +313,11 @@ def test_a_figure_without_products_is_not_made_and_old_files_go(make_job):
     assert outcome.notes == not_drawn(DRAWN[1:])
 
 
-DIAGNOSED = {
-    "schema": "nearlift.diagnosis/1",
-    "boundaries": {
-        "ground": {
-            "base_model": "sanchez_cuevas",
-            "verdict": "effect",
-            "effects": [
-                {
-                    "name": "supply_sag",
-                    "rivals": ["session_gain"],
-                    "parameters": {"p": {"value": 2.1, "lo90": 1.9, "hi90": 2.3}},
-                }
-            ],
-            "structure": [
-                {"covariate": "supply", "p_value": 1e-90},
-                {"covariate": "tilt", "p_value": 0.03, "significant": False},
-            ],
-            "error": {
-                "unit": "fraction of lift",
-                "noise_floor": 0.0041,
-                "before": {"held_out_rmse": 0.0122, "lo90": 0.0117, "hi90": 0.0128},
-                "after": {"held_out_rmse": 0.0043, "lo90": 0.0041, "hi90": 0.0045},
-            },
-            "coefficients": {
-                "before": {"K_b": {"value": 1.2, "lo90": 1.1, "hi90": 1.3}},
-                "after": {
-                    "K_b": {
-                        "value": 2.0,
-                        "lo90": 1.8,
-                        "hi90": 2.2,
-                        "conditional": [1.9, 2.1],
-                        "constrained": [1.5, 2.5],
-                    }
-                },
-            },
-            "rounds": [
-                {"candidates": [], "decision": "added supply_sag", "reason": "nothing is left"}
-            ],
-            "untestable": [{"effect": "air_density", "needs": ["temperature"]}],
-            "silent": [
-                {"effect": "height_scale", "absorbed_by": "alpha", "bias_at_detection_limit": 0.0}
-            ],
-            "next_experiment": [
-                {
-                    "separates": ["height_offset", "near_wall_saturation"],
-                    "measure": "both directions",
-                }
-            ],
-        }
-    },
-}
-
-
 def test_diagnosis_is_a_chapter_once_it_exists(make_job):
     job = make_job(boundaries=("ground",))
-    content = quoted.diagnosis(DIAGNOSED["boundaries"])
+    content = quoted.diagnosis(quoted.DIAGNOSED["boundaries"])
     job.write_json(DIAGNOSIS, content)
-    quoted.write(job, DIAGNOSED["boundaries"])
+    quoted.write(job, quoted.DIAGNOSED["boundaries"])
     report.run(job)
     text = (job.reports / "index.html").read_text()
     words = re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", text))
@@ -392,238 +336,6 @@ def test_diagnosis_is_a_chapter_once_it_exists(make_job):
         file, _, pointer = attributes["data-source"].partition("#")
         if file == DIAGNOSIS.file:
             assert float(attributes["value"]) == follow(content, pointer)
-
-
-def said(make_job, change=None):
-    """The chapter's words and elements for changed findings; tables folded away are left out of the
-    words.
-    """
-    content = copy.deepcopy(DIAGNOSED)
-    if change is not None:
-        change(content["boundaries"]["ground"])
-    job = make_job(boundaries=("ground",))
-    content = quoted.diagnosis(content["boundaries"])
-    job.write_json(DIAGNOSIS, content)
-    quoted.write(job, content["boundaries"])
-    report.run(job)
-    text = (job.reports / "index.html").read_text()
-    chapter = text[text.index('<section id="diagnosis"') :].partition("</section>")[0]
-    for attributes, _ in Elements(chapter).numbers:
-        stored = follow(content, attributes["data-source"].partition("#")[2])
-        if not (attributes.get("data-how") or "").startswith(("count", "less")):
-            assert float(attributes["value"]) == stored
-    unfolded = re.sub(r"<details>.*?</details>", "", chapter, flags=re.S)
-    return re.sub(r"\s+", " ", html.unescape(re.sub(r"<[^>]+>", "", unfolded))), chapter
-
-
-def test_the_story_of_an_effect_in_words(make_job):
-    words, chapter = said(make_job)
-    assert "The residuals of the base model follow supply voltage (p < 10⁻¹²)." in words
-    assert (
-        "Supply sag; p = 2.10 (90 %: 1.90 to 2.30). This design cannot distinguish it from session"
-        " gain" in words
-    )
-    assert (
-        "the error falls from 1.22 % of lift (90 %: 1.17 to 1.28) to 0.43 % (0.41 to 0.45); noise"
-        " floor 0.41 %. What remains is noise." in words
-    )
-    assert "1.20" not in words
-    assert "Untestable here: air density. Log next time: temperature." in words
-    assert "<summary>Effects that the coefficients can absorb (1)</summary>" in chapter
-    assert "height scale" not in words.lower()
-
-
-@pytest.mark.parametrize(
-    ("after", "words"),
-    [
-        ((0.0043, 0.0041, 0.0045), "falls from 1.22 %"),
-        (
-            (0.0120, 0.0115, 0.0126),
-            "(1.15 to 1.26); noise floor 0.41 %. This change is not significant",
-        ),
-        ((0.0200, 0.0190, 0.0210), "The correction makes predictions worse"),
-        ((0.0080, 0.0078, 0.0082), "It stays above the noise floor"),
-    ],
-)
-def test_words_on_the_error_follow_the_numbers(make_job, after, words):
-    def change(found):
-        found["error"]["after"] = dict(zip(("held_out_rmse", "lo90", "hi90"), after, strict=True))
-
-    assert words in said(make_job, change)[0]
-
-
-def test_a_small_change_is_told_from_none_visit_by_visit(make_job):
-    def change(found):
-        found["error"]["after"] = {"held_out_rmse": 0.0120, "lo90": 0.0115, "hi90": 0.0126}
-        found["error"]["change"] = {"value": -0.0164, "lo90": -0.021, "hi90": -0.012}
-
-    words = said(make_job, change)[0]
-    assert "falls from 1.22 % of lift" in words
-    assert "Visit by visit, the change is \u22121.6 % (90 %: \u22122.1 to \u22121.2)." in words
-    assert "change is not significant" not in words
-
-
-def test_the_chance_of_the_largest_test_is_said(make_job):
-    assert (
-        "p = 0.43 for the largest of all tests"
-        in said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))[0]
-    )
-    assert (
-        "p = 3 × 10⁻⁵ for the largest of all tests."
-        in said(make_job, lambda f: f.update(p_value=3e-5))[0]
-    )
-    assert (
-        "p < 10⁻¹² for the largest of all tests."
-        in said(make_job, lambda f: f.update(p_value=1e-90))[0]
-    )
-
-
-def test_a_look_before_the_end_is_said(make_job):
-    look = {
-        "trials": 240,
-        "scheduled": 480,
-        "p_value_needed": 7e-5,
-        "text": "a look at 240 of 480 trials; claims need p < 7e-05",
-    }
-    words = said(
-        make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43, look=look)
-    )[0]
-    assert "A look at 240 of 480 trials; claims need p < 7e-05. p = 0.43 for" in words
-
-
-def test_an_adequate_model_is_left_alone_in_words_too(make_job):
-    words, _ = said(make_job, lambda f: f.update(verdict="adequate", effects=[], p_value=0.43))
-    assert "No effect was added to the model." in words
-    assert "follow " not in words
-    assert "falls" not in words
-
-
-def test_the_unexplained_names_covariate_and_shares_but_no_effect(make_job):
-    def change(found):
-        found.update(
-            verdict="unexplained", effects=[], partial=[{"name": "gain_drift", "share": 0.31}]
-        )
-        found["structure"] = [{"covariate": "start", "p_value": 3.7e-5, "significant": True}]
-
-    words, _ = said(make_job, change)
-    assert "The residuals of the base model follow time (p = 3.7 × 10⁻⁵)" in words
-    assert "Partial explanations: gain drift (31 % of what exceeds the noise)." in words
-    assert "cannot distinguish it from" not in words
-    assert "include an unexplained" not in words
-
-
-def test_the_unexplained_says_along_what_it_is_carried(make_job):
-    def change(found):
-        found.update(verdict="unexplained", effects=[])
-        found["coefficients"]["carried"] = ["distance", "start"]
-
-    words, _ = said(make_job, change)
-    assert "their intervals include an unexplained dependence on distance and time" in words
-
-
-def test_drift_within_records_is_said_with_its_chance(make_job):
-    own = {
-        "change_over_record": {"value": -0.012, "lo90": -0.014, "hi90": -0.01},
-        "p_value": 2e-5,
-        "significant": True,
-        "candidates": ["motor_heating"],
-    }
-    words, _ = said(make_job, lambda f: f.update(within_trial=own))
-    assert (
-        "Within a record, lift changes by −1.2 % (90 %: −1.4 to −1) significantly (p = 2"
-        " × 10⁻⁵): motor heating." in words
-    )
-    calm = {**own, "significant": False, "candidates": []}
-    assert ": not significant." in said(make_job, lambda f: f.update(within_trial=calm))[0]
-
-
-def test_two_effects_that_are_likelier_but_not_plainly_are_told(make_job):
-    def change(found):
-        found["effects"][0]["rivals"] = ["session_gain", "tilt"]
-        found["explanations"] = [["supply_sag"], ["session_gain"], ["supply_sag", "tilt"]]
-        found["error"]["chosen_in_folds"] = ["supply_sag", "unexplained", "supply_sag"]
-
-    words, _ = said(make_job, change)
-    assert "This design cannot distinguish it from session gain. It is identified because" in words
-    assert (
-        "Two effects together are slightly likelier: supply sag + tilt. The coefficient’s interval"
-        " covers them" in words
-    )
-    assert "in 2 of 3 folds. The error after is that of each fold's own choice." in words
-
-
-def test_many_numbers_of_one_effect_are_told_by_their_range(make_job):
-    gains = {
-        f"gain[{i}]": {"value": 0.01 * (i - 2), "lo90": 0.01 * i - 0.03, "hi90": 0.01 * i - 0.01}
-        for i in range(6)
-    }
-
-    def change(found):
-        found["effects"] = [{"name": "session_gain", "rivals": [], "parameters": gains}]
-
-    words, chapter = said(make_job, change)
-    assert "Session gain; 6 values, from −0.020 to 0.030." in words
-    assert "Session gain: all 6 numbers" in chapter
-
-
-def test_a_size_at_its_bound_speaks_against_an_effect(make_job):
-    def change(found):
-        found["effects"] = [
-            {
-                "name": "height_scale",
-                "rivals": [],
-                "parameters": {"z_scale": {"value": -0.1, "lo90": -0.15, "hi90": -0.05}},
-            }
-        ]
-
-    words, _ = said(make_job, change)
-    assert "at its bound" in words
-    assert "which makes it doubtful" in words
-
-    def inside(found):
-        change(found)
-        found["effects"][0]["parameters"]["z_scale"]["value"] = -0.05
-
-    assert "at its bound" not in said(make_job, inside)[0]
-
-
-def test_candidates_folds_and_proposals_are_told(make_job):
-    def change(found):
-        found["rounds"][0]["candidates"] = [
-            {
-                "name": "supply_sag",
-                "gain": 900.0,
-                "p_value": 1.0,
-                "accepted": True,
-                "log_evidence": -10.0,
-                "left_in": None,
-            },
-            {
-                "name": "warm_up",
-                "gain": 300.0,
-                "p_value": 0.001,
-                "accepted": False,
-                "log_evidence": -35.0,
-                "left_in": "supply",
-            },
-        ]
-        found["effects"][0]["rivals"] = []
-        found["error"]["chosen_in_folds"] = ["supply_sag", "warm_up", "supply_sag"]
-        found["next_experiment"][0].update(
-            trials=160,
-            expected_evidence=25.2,
-            alternatives=[{"measure": "more visits", "expected_evidence": 3.1}],
-        )
-
-    words, chapter = said(make_job, change)
-    assert "Every other candidate leaves residual structure or explains too little." in words
-    assert "gave the same answer in 2 of 3 folds" in words
-    assert "(160 trials, expected 2 ln B = 25). Instead: more visits (3.1)." in words
-    rows = Elements(chapter).numbers
-    assert any(
-        a["data-source"].endswith("/rounds/0/candidates/1/log_evidence") and t == "50"
-        for a, t in rows
-    )
 
 
 def test_a_new_figure_needs_no_chapter(small_job):

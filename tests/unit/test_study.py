@@ -18,8 +18,7 @@ import pytest
 import nearlift
 from nearlift.errors import ManifestError, UsageError
 from nearlift.onboarding.frames import columns_of
-from nearlift.report.phrases import value_with_u
-from nearlift.rounding import plus_minus
+from nearlift.report.phrases import coefficient_text
 from nearlift.study import Fit
 
 from . import small_run
@@ -144,7 +143,7 @@ def test_what_is_not_there_is_refused_with_what_is(study, fit):
 def test_a_fit_prints_as_a_report_and_shows_a_table(fit):
     K_b = fit["ground"].base.coefficients["K_b"]
     assert "[[ground: Sanchez-Cuevas]]" in str(fit)
-    assert f"K_b: {plus_minus(K_b.value, K_b.u)}  (90 %: " in str(fit)
+    assert coefficient_text(K_b, "K_b") in str(fit)
     assert len(str(fit).splitlines()) < 40
     assert repr(fit) == "Fit(campaign='small')"
     Balanced(fit._repr_html_())
@@ -208,7 +207,7 @@ def test_a_diagnosis_says_what_diagnosis_json_says(study):
     K_b = found.quoted["ground"].coefficients["K_b"]
     assert found.coefficients["value"].tolist() == [K_b.value]
     assert f"verdict: {at.verdict}" in str(found)
-    assert value_with_u(K_b) in str(found)
+    assert coefficient_text(K_b, "K_b") in str(found)
     assert len(found.residuals) == len(found.trials)
     Balanced(found._repr_html_())
     assert at.verdict in found._repr_html_()

@@ -38,6 +38,17 @@ Rows = Mapping[str, NDArray[Any]]
 Part = dict[str, Any]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reported:
+    """Headline of a boundary in one report: fitted trials, value, and verdict with effects."""
+
+    trials: int
+    parameter: str
+    value: float
+    u: float
+    claim: str
+
+
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """The products that exist, and what is needed to read them.
@@ -60,6 +71,8 @@ class Evidence:
     versions : mapping of str to str
         Of Python and the packages that can change a number.
     seed : int
+    reported : mapping of str to Reported
+        Headline of the last report by boundary; empty where this is the first.
     trial_table : callable or None
         Makes the trial table, which takes some refits; None where no page is made.
     """
@@ -73,6 +86,7 @@ class Evidence:
     inputs: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     seed: int = 0
+    reported: Mapping[str, Reported] = field(default_factory=dict)
     trial_table: Callable[[], TrialTable] | None = None
 
     def has(self, *products: Product) -> bool:

@@ -7,10 +7,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from markupsafe import Markup
+
 from nearlift.declare import Boundary
 from nearlift.nomenclature import letter
 from nearlift.report.evidence import Evidence
-from nearlift.report.phrases import LEAST_P
+from nearlift.report.phrases import LEAST_P, is_even
 from nearlift.rounding import fixed, like, plain
 from nearlift.run.tables import Product
 from nearlift.stages.fit import RESULTS
@@ -47,6 +49,13 @@ class Number:
         """The value in full, as HTML's `data` element wants it."""
         return repr(self.value) if math.isfinite(self.value) else ""
 
+    def __html__(self) -> Markup:
+        """The number with its source, as the page shows it."""
+        how = Markup(' data-how="{}"').format(self.how) if self.how else ""
+        return Markup('<data value="{}" data-source="{}"{}>{}</data>').format(
+            self.exact, self.source, how, self.text
+        )
+
 
 def pointer(product: Product, *path: str | int) -> str:
     """Product and JSON pointer (RFC 6901)."""
@@ -70,6 +79,30 @@ class Quoted:
     lo90: Number
     hi90: Number
     at_bound: bool
+
+    @property
+    def symbol(self) -> Markup:
+        """Letter with its index."""
+        index = Markup("<sub>{}</sub>").format(self.sub) if self.sub else ""
+        return Markup("<i>{}</i>{}").format(self.head, index)
+
+    @property
+    def estimate(self) -> Markup:
+        """Value, ± where it describes the interval, and unit."""
+        u = Markup(" ± {}").format(self.u) if self.u else ""
+        unit = f" {self.unit}" if self.unit else ""
+        bound = Markup(' <em class="note">at its bound</em>') if self.at_bound else ""
+        return Markup("{}{}{}{}").format(self.value, u, unit, bound)
+
+    @property
+    def interval(self) -> Markup:
+        """Ends of the 90 % interval."""
+        return Markup("{} to {}").format(self.lo90, self.hi90)
+
+    def __html__(self) -> Markup:
+        """``K_b = 2.06 ± 0.08 (90 %: 1.93 to 2.19)`` with sources."""
+        text = '{} = {} <span class="interval">(90 %: {})</span>'
+        return Markup(text).format(self.symbol, self.estimate, self.interval)
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +179,12 @@ class Place:
         """A fraction in percent."""
         return self.number(*path, digits=digits, places=places, scale=100, how=how)
 
+    def ends(self, *path: str | int, **kwargs: Any) -> Markup:
+        """Ends of a 90 % interval."""
+        return Markup("{} to {}").format(
+            *(self.number(*path, end, **kwargs) for end in ("lo90", "hi90"))
+        )
+
     def excess(self, *path: str | int, over: float, how: str) -> Number:
         """By how much a number exceeds another, to one decimal."""
         value = float(self.number(*path).value) - over
@@ -206,7 +245,7 @@ def headline(evidence: Evidence, boundary: Boundary, name: str) -> Quoted:
     place = quotation(evidence, boundary, name)
     coefficient = evidence.quoted(boundary).coefficients[name]
     quoted = place.quote(name=name)
-    return quoted if coefficient.even else replace(quoted, u=None)
+    return quoted if is_even(coefficient) else replace(quoted, u=None)
 
 
 def quotation(evidence: Evidence, boundary: Boundary, name: str) -> Place:

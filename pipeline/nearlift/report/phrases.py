@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 
 from nearlift.catalogue import titled
 from nearlift.nomenclature import letter, noun
-from nearlift.results.diagnosis import BoundaryDiagnosis
+from nearlift.results.diagnosis import BoundaryDiagnosis, ExplanationProbability
+from nearlift.results.estimate import Estimate
 from nearlift.results.quotation import (
+    UNEVEN,
     BoundaryResult,
     CoefficientResult,
     IdentifiedSize,
@@ -18,6 +21,10 @@ from nearlift.rounding import like, plain, plus_minus
 
 #: P-values below this are printed as a bound.
 LEAST_P = 1e-12
+#: Probability from which an explanation is named alone.
+MIN_ALONE = 0.6
+#: Explanations of at least this probability are listed, and at most so many.
+MIN_LISTED, MAX_LISTED = 0.05, 4
 #: Effects with more sizes than this are printed as a range.
 MOST_SIZES = 3
 #: Factor and unit in which an SI quantity is printed.
@@ -57,6 +64,38 @@ def sentence(text: str) -> str:
 def along(covariate: str) -> str:
     """A covariate in words."""
     return ALONG.get(covariate, covariate.replace("_", " "))
+
+
+def explanation(quoted: BoundaryResult, diagnosis: BoundaryDiagnosis | None) -> str:
+    """The identified effects by title; below a probability of `MIN_ALONE` ``one of: supply sag
+    48 %, session gain 39 %, other 13 %``.
+    """
+    weighed = diagnosis.probabilities if diagnosis else ()
+    if is_sure(quoted) or not weighed:
+        return listed([titled(e) for e in quoted.effects])
+    ranked = sorted((w for w in weighed if w.other is None), key=lambda w: -w.probability)
+    likely = [w for w in ranked if w.probability >= MIN_LISTED][:MAX_LISTED]
+    shown = [f"{_weighed(w)} {100 * w.probability:.0f} %" for w in likely]
+    other = 100 - sum(round(100 * w.probability) for w in likely)
+    return f"one of: {', '.join([*shown, *([f'other {other} %'] if other > 0 else [])])}"
+
+
+def is_sure(quoted: BoundaryResult) -> bool:
+    """Whether the identified effects are named alone; also where no probability was computed."""
+    return quoted.probability is None or quoted.probability >= MIN_ALONE
+
+
+def claim(quoted: BoundaryResult, diagnosis: object) -> str:
+    """The verdict in a word, with the explanation: ``effect: supply sag``."""
+    known = diagnosis if isinstance(diagnosis, BoundaryDiagnosis) else None
+    verdict = quoted.verdict.replace("_", " ")
+    return f"{verdict}: {explanation(quoted, known)}" if quoted.effects else verdict
+
+
+def _weighed(one: ExplanationProbability) -> str:
+    if one.nameless:
+        return f"unexplained structure along {along(one.nameless)}"
+    return titled(" with ".join(one.effects)) or "no effect"
 
 
 def structure_along(diagnosis: BoundaryDiagnosis) -> str:
@@ -127,25 +166,23 @@ def _scale(size: IdentifiedSize) -> tuple[float, str]:
     return 1.0, "" if size.unit == "1" else size.unit
 
 
-def value_with_u(c: CoefficientResult) -> str:
-    """``1.98 ± 0.03``; the value alone where the interval has to be printed instead."""
-    return plus_minus(c.value, c.u) if c.even else like(c.value, c.u)
+def is_even(c: Estimate | CoefficientResult) -> bool:
+    """Whether ``± u`` describes the 90 % interval: one answer's, with equal arms."""
+    below, above = c.value - c.lo90, c.hi90 - c.value
+    return getattr(c, "answers", 1) == 1 and abs(above - below) <= UNEVEN * (above + below)
 
 
-def interval90(c: CoefficientResult) -> str:
-    """``1.92 to 2.04``, the interval of 90 %."""
-    return f"{like(c.lo90, c.u)} to {like(c.hi90, c.u)}"
+def coefficient_text(c: Estimate | CoefficientResult, name: str = "") -> str:
+    """``K_b = 2.06 ± 0.08 (90 %: 1.93 to 2.19)``, rounded where the uncertainty begins.
 
-
-def stated(name: str, c: CoefficientResult) -> str:
-    """``K_b = 2.06 ± 0.08``, or ``α = 0.12 (90 %: 0.07 to 0.23)`` where ± would not say it."""
-    ends = "" if c.even else f" (90 %: {interval90(c)})"
-    return f"{letter(name)} = {value_with_u(c)}{ends}"
-
-
-def claim(quoted: BoundaryResult) -> str:
-    """The named effects, or else the verdict."""
-    return " and ".join(quoted.effects) or quoted.verdict.replace("_", " ")
+    Without ± where the interval is uneven, without ``K_b =`` where there is no name.
+    """
+    known = math.isfinite(c.u) and c.u > 0
+    value = plus_minus(c.value, c.u) if is_even(c) else like(c.value, c.u)
+    unit = f" {c.unit}" if c.unit != "1" else ""
+    ends = f" (90 %: {like(c.lo90, c.u)} to {like(c.hi90, c.u)})" if known else ""
+    bound = ", at a bound" if c.at_bound else ""
+    return f"{f'{letter(name)} = ' if name else ''}{value}{unit}{ends}{bound}"
 
 
 def _claim_without(on: RestsOn) -> str:

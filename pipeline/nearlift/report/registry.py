@@ -10,6 +10,8 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from markupsafe import Markup
+
 from nearlift.report import charts as interactive
 from nearlift.report.chapters import (
     assumptions,
@@ -63,7 +65,7 @@ class Chapter:
     name: str
     title: str
     part: str = "further"
-    facts: Callable[[Evidence], Mapping[str, object]] | None = None
+    facts: Callable[[Evidence], Mapping[str, object] | Markup] | None = None
     needs: tuple[Product, ...] = (FIT,)
     figures: tuple[FigureSpec, ...] = ()
     places: tuple[FigureSpec, ...] = ()

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
+from csv import DictReader
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,11 +18,12 @@ import pandas as pd
 from markupsafe import Markup, escape
 
 from nearlift import catalogue
+from nearlift.catalogue import titled
 from nearlift.declare import Boundary
 from nearlift.nomenclature import INDEXED, VERDICTS, letter, mathematics
-from nearlift.report.evidence import Evidence, Rows
+from nearlift.report.evidence import Evidence, Reported, Rows
 from nearlift.report.number import Number, Place, quotation
-from nearlift.report.phrases import SCALES, along
+from nearlift.report.phrases import SCALES, along, is_even
 from nearlift.results.document import Json
 from nearlift.results.quotation import BudgetLine
 from nearlift.stages.fit import FIT, RESULTS
@@ -81,18 +83,33 @@ def _cell(value: Any) -> str:
     return f"'{text}" if text.startswith(FORMULA) and not isinstance(value, int) else text
 
 
-def html(table: Table, heading: Markup | str | None = None) -> Markup:
-    """The table as the page has it, each number with its product and key."""
-    style = _shown(table, _in_html, typeset).set_caption(str(heading or escape(table.caption)))
-    text = style.to_html(cell_ids=False, table_uuid="t", sparse_index=False)
-    text = re.sub(r"<style.*?</style>\s*|\sid=\"[^\"]*\"", "", text, flags=re.S)
-    text = re.sub(r"<th [^>]*>", '<th scope="col">', text)
-    return Markup(f'<div class="wide">{re.sub(r"<td [^>]*>", "<td>", text)}</div>')
+def html(table: Table, heading: Markup | str | None = None, hidden: bool = False) -> Markup:
+    """The table as the page has it, each number with its product and key; a `hidden` caption is for
+    screen readers.
+    """
+    rows = table.frame if table.main is None else table.frame[table.main]
+    frame = pd.DataFrame(
+        {i: [_in_html(n, v) for v in rows[n]] for i, n in enumerate(table.shown)}, dtype=object
+    )
+    frame.columns = pd.Index([str(typeset(h)) for h in table.shown.values()])
+    with pd.option_context("display.max_colwidth", None):
+        text = frame.to_html(index=False, escape=False, border=0)
+    text = re.sub(r' (class="dataframe"|style="[^"]*")', "", text)
+    text = re.sub(r"\n\s*", "", text).replace("</tr>", "</tr>\n")
+    kind = Markup(' class="hidden"') if hidden else ""
+    caption = Markup("<caption{}>{}</caption>").format(kind, heading or table.caption)
+    text = re.sub(r"<tr>\s*<td>(.*?)</td>", r'<tr><th scope="row">\1</th>', text)
+    text = text.replace("<th>", '<th scope="col">').replace("<thead>", f"{caption}<thead>")
+    return Markup(f'<div class="wide">{text}</div>')
 
 
 def latex(table: Table, about: str) -> str:
     r"""The table for a paper; needs ``\usepackage{booktabs, siunitx}``."""
-    style = _shown(table, _in_latex, escaped)
+    frame = table.frame if table.main is None else table.frame[table.main]
+    frame = frame[list(table.shown)].astype(object)
+    style = frame.style.hide(axis="index")
+    style = style.format({n: (lambda v, n=n: _in_latex(n, v)) for n in frame})  # type: ignore[misc]
+    style.relabel_index([escaped(h) for h in table.shown.values()], axis="columns")
     rows = table.frame[list(table.shown)].to_numpy(dtype=object)
     kinds = [
         isinstance(v, Number | int | np.integer) for v in (rows[0] if len(rows) else table.shown)
@@ -101,26 +118,10 @@ def latex(table: Table, about: str) -> str:
     return f"% {' '.join(about.split())}\n% \\usepackage{{booktabs, siunitx}}\n{text}"
 
 
-def _shown(table: Table, cell: Callable[[str, Any], str], heading: Callable[[str], str]) -> Any:
-    """The main rows and shown columns, formatted."""
-    frame = table.frame if table.main is None else table.frame[table.main]
-    frame = frame[list(table.shown)].astype(object)
-    style = frame.style.hide(axis="index")
-    style = style.format({n: (lambda v, n=n: cell(n, v)) for n in frame})  # type: ignore[misc]
-    return style.relabel_index([str(heading(h)) for h in table.shown.values()], axis="columns")
-
-
 def _in_html(column: str, value: Any) -> str:
-    if not isinstance(value, Number):
-        return str(typeset(_word(column, value)))
-    if not math.isfinite(value.value):
+    if isinstance(value, Number) and not math.isfinite(value.value):
         return str(escape(value.text))
-    how = Markup(' data-how="{}"').format(value.how) if value.how else ""
-    return str(
-        Markup('<data value="{}" data-source="{}"{}>{}</data>').format(
-            value.exact, value.source, how, value.text
-        )
-    )
+    return str(escape(value) if hasattr(value, "__html__") else typeset(_word(column, value)))
 
 
 def _in_latex(column: str, value: Any) -> str:
@@ -177,12 +178,13 @@ def coefficients(evidence: Evidence) -> Table:
         for name, c in quoted.coefficients.items():
             place = quotation(evidence, boundary, name)
             known = {k: place.number(k, like_u=c.u) for k in ("value", "u", "lo90", "hi90")}
-            if not c.even:
+            if not is_even(c):
                 known["u"] = replace(known["u"], text="")
             rows.append(
                 {
                     "boundary": boundary,
                     "base_model": quoted.base_model,
+                    "trials": evidence.base(boundary)[1].n_trials,
                     "verdict": quoted.verdict,
                     "effects": " + ".join(quoted.effects),
                     "parameter": name,
@@ -210,11 +212,28 @@ def coefficients(evidence: Evidence) -> Table:
     )
 
 
-DESCRIBED = ("boundary", "base_model", "verdict", "effects", "parameter", "unit")
+DESCRIBED = ("boundary", "base_model", "trials", "verdict", "effects", "parameter", "unit")
 COEFFICIENT = (
     *("value", "u", "dof", "lo68", "hi68", "lo90", "hi90", "lo95", "hi95"),
     *("at_bound", "holds"),
 )
+
+
+def reported(content: bytes) -> dict[str, Reported]:
+    """Headline of each boundary by coefficients.csv; empty where it has other columns."""
+    rows = list(DictReader(content.decode().splitlines()))
+    if not rows or not {*DESCRIBED, "value", "u"} <= rows[0].keys():
+        return {}
+    return {
+        row["boundary"]: Reported(
+            trials=int(row["trials"]),
+            parameter=row["parameter"],
+            value=float(row["value"]),
+            u=float(row["u"] or "inf"),
+            claim=titled(row["effects"].replace(" + ", " and ")) or VERDICTS[row["verdict"]],
+        )
+        for row in reversed(rows)
+    }
 
 
 def fall(line: BudgetLine, u: float) -> float:

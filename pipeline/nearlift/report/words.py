@@ -6,6 +6,7 @@ Page, summary, methods, captions and messages take their sentences from here.
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,14 +18,16 @@ from nearlift.declare import Boundary
 from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
-from nearlift.reduction.quality import rejected
+from nearlift.reduction.quality import code, rejected
 from nearlift.report import relative_lift
-from nearlift.report.evidence import Evidence, pick
+from nearlift.report.evidence import Evidence, Reported, pick
 from nearlift.report.figures import downwash
 from nearlift.report.phrases import (
     SCALES,
     chance,
     dependence,
+    explanation,
+    is_sure,
     listed,
     random_walk,
     sentence,
@@ -38,10 +41,11 @@ from nearlift.report.sources import (
     undeclared,
     undetected,
 )
+from nearlift.report.tables import coefficients, csv, reported
 from nearlift.results.diagnosis import BoundaryDiagnosis, NamedEffect
 from nearlift.results.outlook import NextExperiment, NextSession
 from nearlift.results.quotation import BoundaryResult, CoefficientResult
-from nearlift.rounding import decimals, fixed, plain, signed
+from nearlift.rounding import decimals, fixed, plain, plus_minus, signed
 from nearlift.schedule import BY_NAME
 from nearlift.stages.diagnose import DIAGNOSIS, NOT_DIAGNOSED
 from nearlift.stages.fit import FIT
@@ -62,6 +66,8 @@ INPUT_WORDS = {
     "rotor_spacing": "rotor spacing",
     "height": "distance datum",
 }
+#: Reasons of rejected trials that are listed.
+MAX_REASONS = 3
 #: Change of lift whose distance is printed.
 SEEN = 0.02
 #: Inputs of the load cell in `[[uncertainty]] on`.
@@ -86,6 +92,8 @@ class Brief:
         The most serious first.
     next : str
         What to measure next.
+    change : str
+        Difference from the last report; empty where this is the first, or equal.
     """
 
     boundary: Boundary
@@ -99,6 +107,7 @@ class Brief:
     reach: str
     flow: str
     next: str
+    change: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,18 +152,21 @@ def briefs(evidence: Evidence) -> list[Brief]:
             reach=reach(evidence, b),
             flow=flow(evidence, b),
             next=_next(evidence, b, quoted),
+            change=_change(evidence, b),
         )
         for b in evidence.boundaries
     ]
 
 
 def removed(evidence: Evidence) -> str:
-    """Numbers of trials and readings left out: ``none left out``, ``2 left out; 12 impossible
-    readings in 3 trials were left out``.
+    """Trials left out with their reasons, and readings: ``none left out``, ``1 left out: the cell
+    saturated (1); 12 impossible readings in 3 trials were left out``.
     """
     table = evidence.table(TRIALS)
-    out = int(rejected(table["quality"]).sum())
-    said = f"{out or 'none'} left out"
+    out = rejected(table["quality"])
+    names = Counter(n for q in table["quality"][out] for n in q.split() if code(n).rejects)
+    why = [f"{code(n).meaning} ({k})" for n, k in names.most_common(MAX_REASONS)]
+    said = f"{int(out.sum()) or 'none'} left out" + (f": {listed(why)}" if why else "")
     if "n_removed" in table:
         readings = [int(n) for n in table["n_removed"].tolist() if n == n and n > 0]
         if readings:
@@ -182,6 +194,13 @@ def verdict(evidence: Evidence, boundary: Boundary) -> str:
         named = sentence(listed([titled(e) for e in quoted.effects])).removesuffix(".")
         verb = "explain" if len(quoted.effects) > 1 else "explains"
         size = sizes(quoted)
+        if not is_sure(quoted) and diagnosis and diagnosis.probabilities:
+            causes = explanation(quoted, diagnosis)
+            under = f" If it is {listed([titled(e) for e in quoted.effects])}: {size}."
+            return (
+                f"{model} alone does not fit. The residuals are explained by {causes}."
+                f"{under if size else ''}"
+            )
         # a rival has a size of its own
         colon = f": {size}" if size and len(quoted.effects) == 1 else ""
         also = f" {sentence(size)}" if size and not colon else ""
@@ -272,10 +291,11 @@ def influence(quoted: BoundaryResult) -> str:
     c = quoted.coefficients[name]
     if not 0 < c.u < math.inf:
         return ""
+    places = decimals(c.u) + 1
     moves = [
-        (f"{kind} {one.id}", signed(one.shift, decimals(c.u) + 1))
+        (f"{kind} {one.id}", signed(one.shift, places))
         for kind, one in (("trial", c.influence.trial), ("visit", c.influence.visit))
-        if one is not None
+        if one is not None and float(f"{one.shift:.{places}f}")
     ]
     if not moves:
         return ""
@@ -322,6 +342,34 @@ def flow(evidence: Evidence, boundary: Boundary) -> str:
         f"PIV at ẑ = {plain(z_hat, 3)}: {fixed(measured, 1)} % less downwash{wake}"
         f" (90 %: {fixed(low, 1)} to {fixed(high, 1)}){model}."
     )
+
+
+def _change(evidence: Evidence, boundary: Boundary) -> str:
+    """Change of trials, headline and verdict since the last report."""
+    before = evidence.reported.get(boundary)
+    now = reported(csv(coefficients(evidence).frame)).get(boundary)
+    if not evidence.reported or now is None:
+        return ""
+    if before is None:
+        return "Change since the last report: this boundary is new."
+    return change_text(before, now)
+
+
+def change_text(before: Reported, now: Reported) -> str:
+    """Change of trials, headline and verdict from one report to the next, in one line; empty where
+    there is none.
+    """
+    parts = []
+    if more := now.trials - before.trials:
+        parts.append(f"{abs(more)} trials {'more' if more > 0 else 'fewer'}")
+    texts = [plus_minus(r.value, r.u) for r in (before, now)]
+    if now.parameter != before.parameter:
+        parts.append(f"coefficient {letter(now.parameter)} instead of {letter(before.parameter)}")
+    elif texts[0] != texts[1]:
+        parts.append(f"{letter(now.parameter)} from {texts[0]} to {texts[1]}")
+    if now.claim != before.claim:
+        parts.append(f"verdict from {before.claim} to {now.claim}")
+    return f"Change since the last report: {'; '.join(parts)}." if parts else ""
 
 
 # doubts

@@ -58,6 +58,7 @@ class ComparedCampaign:
     campaign: str
     vehicle: str
     verdict: Verdict
+    claim: str
     quoted: HeadlineValue
     in_population: Estimate | None
 

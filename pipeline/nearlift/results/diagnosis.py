@@ -258,7 +258,7 @@ class BoundaryDiagnosis:
     verdict: Verdict
     effects: tuple[NamedEffect, ...]
     explanations: IfAny[tuple[tuple[str, ...], ...]] = None
-    probabilities: tuple[ExplanationProbability, ...]
+    probabilities: IfAny[tuple[ExplanationProbability, ...]] = ()
     partial: IfAny[tuple[PartialEffect, ...]] = None
     contradicted: IfAny[tuple[str, ...]] = None
     wander: IfAny[float] = None

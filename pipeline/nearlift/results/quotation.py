@@ -141,14 +141,6 @@ class CoefficientResult(Intervals):
     at_bound: bool = False
     answers: int = 1
 
-    @property
-    def even(self) -> bool:
-        """Whether ``± u`` says what the interval says: it is one answer's, and its ends are
-        equally far from the value.
-        """
-        below, above = self.value - self.lo90, self.hi90 - self.value
-        return self.answers == 1 and abs(above - below) <= UNEVEN * (above + below)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RestsOn:

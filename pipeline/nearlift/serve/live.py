@@ -14,6 +14,7 @@ import pandas as pd
 from nearlift.errors import NearliftError
 from nearlift.reduction import quality
 from nearlift.report import phrases
+from nearlift.report.phrases import coefficient_text
 from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis
 from nearlift.results.quotation import Results
 from nearlift.rounding import plus_minus
@@ -62,14 +63,26 @@ def verdicts(place: CampaignFolder) -> list[Verdict]:
         diagnosis = diagnosed.get(boundary)
         look = diagnosis.look if isinstance(diagnosis, BoundaryDiagnosis) else None
         interim = look.text if look else ""
-        rivals = f"not distinguished from {', '.join(result.rivals)}" if result.rivals else ""
+        rivals = ", ".join(result.rivals) if phrases.is_sure(result) else ""
+        apart = f"not distinguished from {rivals}" if rivals else ""
         cards.append(
             Verdict(
                 boundary=NAMES[boundary],
-                coefficients=tuple(phrases.stated(n, c) for n, c in result.coefficients.items()),
-                claim=("effect: " if result.effects else "") + phrases.claim(result),
+                coefficients=tuple(
+                    coefficient_text(c, name) for name, c in result.coefficients.items()
+                ),
+                claim=phrases.claim(result, diagnosis),
                 tone=TONES[result.verdict],
-                notes=tuple(filter(None, (rivals, interim, phrases.dependence(result)))),
+                notes=tuple(
+                    filter(
+                        None,
+                        (
+                            apart,
+                            interim,
+                            phrases.dependence(result),
+                        ),
+                    )
+                ),
             )
         )
     return cards

@@ -59,7 +59,7 @@ def run(job: Job) -> Outcome:
 STAGE = Stage(
     name="detect",
     run=run,
-    summary="detection range of a boundary from lift",
+    summary="find how far away lift reveals a boundary",
     help="Only where the manifest has [detect].",
     reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
     writes=PROXIMITY_PRODUCTS,

@@ -142,7 +142,7 @@ def quoted_lifts(job: Job) -> QuotedLifts:
 STAGE = Stage(
     name="diagnose",
     run=run,
-    summary="residuals, traced to their cause",
+    summary="look for the cause of the residuals",
     reads=(TRIALS, FIT),
     writes=(DIAGNOSIS, LOOP_RESIDUALS, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit", "diagnose"),

@@ -138,7 +138,7 @@ def write_netcdf(job: Job) -> str:
 STAGE = Stage(
     name="fit",
     run=run,
-    summary="lift models by least squares, and their posteriors",
+    summary="fit lift models by least squares, with posteriors",
     reads=(TRIALS,),
     writes=(FIT, PROFILES, POSTERIOR, RESULTS),
     sections=("vehicle", "rig", "load_cell", "trials", "levels", "uncertainty", "fit"),

@@ -160,7 +160,7 @@ def run(job: Job) -> Outcome:
 STAGE = Stage(
     name="flow",
     run=run,
-    summary="velocity grids to downwash and topology",
+    summary="average velocity fields (PIV) into downwash",
     help="Only where the manifest has [piv].",
     writes=FLOW_PRODUCTS,
     sections=("name", "vehicle", "rig", "piv"),

@@ -126,7 +126,7 @@ def run(job: Job) -> Outcome:
 STAGE = Stage(
     name="ingest",
     run=run,
-    summary="raw records to one row per trial",
+    summary="read records into one row per trial",
     writes=(TRIALS,),
     sections=(
         "name",

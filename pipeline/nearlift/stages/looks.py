@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from nearlift.errors import NearliftError
 from nearlift.planning.question import VisitQuestion
 from nearlift.reduction.quality import rejected
-from nearlift.report import phrases
-from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults, NotDiagnosed
+from nearlift.report.phrases import claim, coefficient_text
+from nearlift.results.diagnosis import NOTHING, BoundaryDiagnosis, DiagnosisResults
 from nearlift.results.quotation import Results
 from nearlift.run import tables
 from nearlift.run.engine import Job
@@ -20,13 +20,10 @@ from nearlift.stages.ingest import TRIALS
 
 
 def verdicts(job: Job) -> str:
-    """The verdict of each boundary, or the effects that explain it."""
+    """The verdict of each boundary, with the explanation."""
     diagnosed = tables.load_if_whole(job.processed / DIAGNOSIS.file, NOTHING).boundaries
-    return ", ".join(f"{boundary} {_verdict(loop)}" for boundary, loop in diagnosed.items())
-
-
-def _verdict(loop: BoundaryDiagnosis | NotDiagnosed) -> str:
-    return " + ".join(effect.name for effect in loop.effects) or loop.verdict
+    quoted = tables.load_if_whole(job.processed / RESULTS.file, Results(boundaries={})).boundaries
+    return ", ".join(f"{b} {claim(quoted[b], diagnosed.get(b))}" for b in quoted)
 
 
 def look(asked: VisitQuestion | None, job: Job, fresh: bool) -> Round:
@@ -52,11 +49,12 @@ def headlines(quoted: Results, diagnosis: DiagnosisResults) -> Iterator[str]:
     """
     for boundary, result in quoted.boundaries.items():
         if name := result.headline:
-            yield f"{boundary} {phrases.stated(name, result.coefficients[name])}"
+            yield f"{boundary} {coefficient_text(result.coefficients[name], name)}"
         if result.verdict != NOT_DIAGNOSED:
             diagnosed = diagnosis.boundaries.get(boundary)
             interim = diagnosed.look if isinstance(diagnosed, BoundaryDiagnosis) else None
-            yield f"{boundary} {phrases.claim(result)}" + (f" ({interim.text})" if interim else "")
+            words = claim(result, diagnosed)
+            yield f"{boundary} {words}" + (f" ({interim.text})" if interim else "")
 
 
 def visits(asked: VisitQuestion, job: Job) -> tuple[str, ...]:

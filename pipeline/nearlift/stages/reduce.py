@@ -1,4 +1,4 @@
-"""Stage reduce: trials to Delta L per cell, with its covariance."""
+"""Stage reduce: average trials into the change of lift per cell."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def run(job: Job) -> Outcome:
 STAGE = Stage(
     name="reduce",
     run=run,
-    summary="trials to Delta L per cell, with its covariance",
+    summary="average trials into the change of lift per cell",
     reads=(TRIALS,),
     writes=(LIFT, LIFT_COVARIANCE),
     sections=("vehicle", "quality", "levels"),

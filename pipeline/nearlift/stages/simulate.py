@@ -1,4 +1,4 @@
-"""Stage simulate: crash rates and energy near ground and ceiling."""
+"""Stage simulate: simulate crash rates and energy near a boundary."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ def run(job: Job) -> Outcome:
 STAGE = Stage(
     name="simulate",
     run=run,
-    summary="crash rates and energy near ground and ceiling",
+    summary="simulate crash rates and energy near a boundary",
     help="Only where the manifest has [simulate].",
     reads=(TRIALS, FIT, DIAGNOSIS, RESULTS),
     writes=SIMULATION_PRODUCTS,

@@ -3,41 +3,59 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+
+from markupsafe import Markup
 
 from nearlift.declare import Boundary
-from nearlift.report import words
+from nearlift.report import blocks, words
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Number, Place
-from nearlift.stages.fit import FIT, RESULTS
+from nearlift.report.number import Number, Place, quotation
+from nearlift.report.tables import typeset
+from nearlift.stages.fit import FIT
 
 
-def facts(evidence: Evidence) -> dict[str, object]:
+def facts(evidence: Evidence) -> Markup:
     """Every doubt, every coefficient under another assumption, and chi2."""
-    return {
-        "doubts": words.doubts(evidence),
-        "conditions": [
-            {"boundary": b, **row} for b in evidence.boundaries for row in conditions(evidence, b)
-        ],
-        "goodness": [
-            {
-                "boundary": b,
-                "reduced": reduced(evidence, b, evidence.base(b)[0].name),
-                "words": words.goodness(evidence, b)[1],
-            }
+    return blocks.join(
+        blocks.items(
+            [
+                Markup("{}{}").format(_of(d.boundaries), typeset(d.text))
+                for d in words.doubts(evidence)
+            ],
+            "doubts",
+        ),
+        blocks.table(
+            "Coefficients under other assumptions",
+            ("", "assumption", "coefficient", "90 %"),
+            [row for b in evidence.boundaries for row in conditions(evidence, b)],
+        ),
+        *(
+            blocks.paragraph(
+                "{}: <i>χ</i>²/dof = {}: {}.",
+                b.capitalize(),
+                reduced(evidence, b, evidence.base(b)[0].name),
+                words.goodness(evidence, b)[1],
+            )
             for b in evidence.boundaries
-        ],
-    }
+        ),
+    )
 
 
-def conditions(evidence: Evidence, boundary: Boundary) -> list[dict[str, object]]:
-    """Each coefficient under other assumptions."""
-    rows = []
+def _of(boundaries: Sequence[str]) -> Markup:
+    names = ", ".join(boundaries).capitalize()
+    return Markup("<strong>{}:</strong> ").format(names) if names else Markup("")
+
+
+def conditions(evidence: Evidence, boundary: Boundary) -> list[tuple[object, ...]]:
+    """Rows of each coefficient under other assumptions."""
+    rows: list[tuple[object, ...]] = []
     for name, c in evidence.quoted(boundary).coefficients.items():
-        place = Place(evidence, RESULTS, ("boundaries", boundary, "coefficients", name, "doubts"))
-        rows += [
-            {"condition": d.condition, "quoted": place.quote(i, name=name)}
-            for i, d in enumerate(c.doubts)
-        ]
+        place = quotation(evidence, boundary, name).at("doubts")
+        for i, d in enumerate(c.doubts):
+            q = place.quote(i, name=name)
+            value = Markup("{} = {}").format(q.symbol, q.value)
+            rows.append((boundary.capitalize(), d.condition, value, q.interval))
     return rows
 
 

@@ -5,10 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from markupsafe import Markup
+
 from nearlift.declare import Boundary
 from nearlift.fit.information import SCALES
 from nearlift.likelihood import budget
 from nearlift.nomenclature import letter
+from nearlift.report import blocks
 from nearlift.report.chapters.doubts import reduced
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Number, Place, Quoted, headline
@@ -20,43 +23,65 @@ from nearlift.stages.fit import FIT
 
 #: How a degeneracy names L_inf, before the throttle.
 LEVEL = "L_inf at "
+#: Throttles above which their table is folded.
+MANY = 12
 
 
-def comparison(evidence: Evidence) -> dict[str, object]:
+def comparison(evidence: Evidence) -> Markup:
     """A table of models for each boundary: the base first, then by AIC."""
-    return {"tables": [_table(evidence, b) for b in evidence.boundaries]}
+    return blocks.join(
+        blocks.paragraph(
+            "All models of a boundary share the base model's noise. ΔAIC and ΔBIC are differences"
+            " from the best model fitted to the same trials. The base model's coefficients are the"
+            " quoted ones; all other numbers are of a model fitted alone. A difference counts where"
+            " the next chapter confirms it by prediction."
+        ),
+        *(part for b in evidence.boundaries for part in _table(evidence, b)),
+    )
 
 
-def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
+def _table(evidence: Evidence, boundary: Boundary) -> list[Markup]:
     fits, base = evidence.fits.boundaries[boundary], evidence.fits.base[boundary]
-    trials = fits[base].n_trials
-    comparable = [n for n in fits if fits[n].n_trials == trials]
+    comparable = [n for n in fits if fits[n].n_trials == fits[base].n_trials]
     smallest = {key: min(getattr(fits[n], key) for n in comparable) for key in ("aic", "bic")}
-    names = sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n].aic))
-    rows = []
-    for name in names:
+    near = any(math.isfinite(f.r2_near) for f in fits.values() if f.r2_near is not None)
+    rows, notes = [], []
+    for name in sorted(fits, key=lambda n: (n != base, n not in comparable, fits[n].aic)):
         fit, place = fits[name], Place(evidence, FIT, ("boundaries", boundary, name))
+        quoted = [_coefficient(evidence, boundary, name, p) for p in fit.parameters]
+        values = [Markup("{} = {}").format(q.symbol, q.estimate) for q in quoted]
+        over: list[object] = [
+            place.excess(key, over=least, how="less the smallest of this boundary")
+            for key, least in smallest.items()
+        ]
+        trials = Markup("fitted to {} trials").format(place.number("n_trials", digits=6))
         rows.append(
-            {
-                "fit": fit,
-                "place": place,
-                "parameters": [_coefficient(evidence, boundary, name, p) for p in fit.parameters],
-                "reduced": reduced(evidence, boundary, name),
-                "over": [
-                    place.excess(key, over=least, how="less the smallest of this boundary")
-                    for key, least in smallest.items()
-                    if name in comparable
-                ],
-                "degeneracies": grouped(fit.degeneracies, fit.parameters),
-            }
+            (
+                f"{fit.title} (base)" if name == base else fit.title,
+                Markup("<br>").join(values) or "none",
+                reduced(evidence, boundary, name),
+                place.percent("rmse", places=2),
+                place.number("r2", places=4),
+                *([place.number("r2_near", places=4)] if near else []),
+                *(over if name in comparable else [trials, "–"]),
+            )
         )
-    return {
-        "boundary": boundary,
-        "base": base,
-        "rows": rows,
-        "near": any(math.isfinite(f.r2_near) for f in fits.values() if f.r2_near is not None),
-        "failed": sorted(evidence.fits.failed.get(boundary, {}).items()),
-    }
+        confounded = grouped(fit.degeneracies, fit.parameters)
+        if confounded:
+            listing = blocks.items(confounded)
+            summary = f"Degeneracies of {fit.title} ({len(confounded)})"
+            notes.append(blocks.fold(summary, listing, opened=name == base))
+    heads = (
+        *("model", "coefficients, if the model is right", "χ²/dof", "in-sample RMSE, %", "R²"),
+        *(["R², 1 < ẑ < 3"] if near else []),
+        *("ΔAIC", "ΔBIC"),
+    )
+    failed = [f"{n} ({why})" for n, why in sorted(evidence.fits.failed.get(boundary, {}).items())]
+    return [
+        blocks.table(boundary.capitalize(), heads, rows),
+        *notes,
+        blocks.paragraph("Not fitted: {}.", "; ".join(failed), note=True) if failed else Markup(""),
+    ]
 
 
 def _coefficient(evidence: Evidence, boundary: Boundary, model: str, name: str) -> Quoted:
@@ -114,22 +139,29 @@ def _range(r: list[float]) -> str:
     return f"r = {low}" if low == high else f"r = {low} to {high}"
 
 
-def levels(evidence: Evidence) -> dict[str, object]:
+def levels(evidence: Evidence) -> Markup:
     """L_inf of the base model per throttle and boundary, or the curve that it is."""
-    rows: dict[float, dict[str, object]] = {}
+    cells: dict[float, dict[str, object]] = {}
     curves = []
     for boundary in evidence.boundaries:
         model, fit = evidence.base(boundary)
         place = Place(evidence, FIT, ("boundaries", boundary, model.name, "L_inf_N"))
         for throttle in fit.L_inf_N:
-            rows.setdefault(throttle, {})[boundary] = place.quote(f"{throttle:g}")
+            cells.setdefault(throttle, {})[boundary] = place.quote(f"{throttle:g}").estimate
         if fit.levels:
             curves.append(f"{boundary.capitalize()}: {_curve(fit.levels)}")
-    return {
-        "curves": curves,
-        "boundaries": evidence.boundaries,
-        "rows": [(f"{100 * t:.4g} %", cells) for t, cells in sorted(rows.items())],
-    }
+    free = Markup("<i>L</i><sub>∞</sub> of the base fit, free for every throttle.")
+    caption = "Lift far from the boundary at each throttle"
+    heads = ("throttle", *(b.capitalize() for b in evidence.boundaries))
+    rows = [
+        (f"{100 * t:.4g} %", *(mine.get(b, "–") for b in evidence.boundaries))
+        for t, mine in sorted(cells.items())
+    ]
+    table = blocks.table(caption, heads, rows, hidden=True)
+    return blocks.join(
+        *(blocks.paragraph("{}", text) for text in curves or [free]),
+        blocks.fold(f"{len(rows)} throttles", table) if len(rows) > MANY else table,
+    )
 
 
 def _curve(fit: LevelFit) -> str:
@@ -152,23 +184,53 @@ def _curve(fit: LevelFit) -> str:
     )
 
 
-def noise(evidence: Evidence) -> dict[str, object]:
-    """How trials scatter, and what the manifest declares that repeats cannot show."""
+def noise(evidence: Evidence) -> Markup:
+    """How trials scatter, and what the manifest states that repeats cannot show."""
     rows = []
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary).coefficients.values()
+        few = sorted({source for c in quoted for source in badly_known(c)})
+        place = Place(evidence, FIT, ("noise", boundary))
+        limits = f"; upper limits only: {', '.join(few)}" if few else ""
         rows.append(
-            {
-                "place": Place(evidence, FIT, ("noise", boundary)),
-                "badly_known": sorted({source for c in quoted for source in badly_known(c)}),
-            }
+            (
+                boundary.capitalize(),
+                place.percent("relative", digits=3),
+                place.number("force_N", digits=3, scale=1000, how="in mN"),
+                place.number("height_m", digits=3, scale=1000, how="in mm"),
+                place.percent("common", digits=3),
+                place.percent("drift", digits=3),
+                f"{place.content['source']}{limits}",
+            )
         )
-    declared = [c for c in budget.components(evidence.campaign) if not c.is_measured]
-    return {"rows": rows, "declared": [(c, *_standard(c)) for c in declared]}
+    stated = [
+        (c.name, c.on, _standard(c), c.distribution, c.scope)
+        for c in budget.components(evidence.campaign)
+        if not c.is_measured
+    ]
+    return blocks.join(
+        blocks.table(
+            "Scatter of trials in the base fit, one standard deviation",
+            (
+                *("", "proportional, %", "additive, mN", "height, mm", "visit to visit, %"),
+                *("slow drift, %", "estimated from"),
+            ),
+            rows,
+        ),
+        blocks.table(
+            "Systematic errors stated by the manifest, as standard uncertainties",
+            ("component", "on", "size", "distribution", "shared by"),
+            stated,
+        )
+        or blocks.paragraph(
+            "The manifest states neither [[uncertainty]] nor the accuracy of the load cell. No"
+            " interval of this page includes errors shared by trials."
+        ),
+    )
 
 
-def _standard(part: budget.Component) -> tuple[Number, str]:
-    """A standard uncertainty in the unit that a bench talks in, and that unit."""
+def _standard(part: budget.Component) -> Markup:
+    """A standard uncertainty in the unit that a bench talks in."""
     scale, unit = SCALES[part.on]
     standard = Number(
         text=plain(scale * part.standard, 3),
@@ -176,4 +238,4 @@ def _standard(part: budget.Component) -> tuple[Number, str]:
         source="campaign.toml",
         how=f"standard uncertainty, in {unit}",
     )
-    return standard, unit
+    return Markup("{} {}").format(standard, unit)

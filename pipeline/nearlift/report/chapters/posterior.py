@@ -2,35 +2,59 @@
 
 from __future__ import annotations
 
+from markupsafe import Markup
+
 from nearlift.declare import Boundary
+from nearlift.report import blocks
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
 from nearlift.results.posterior import PosteriorSummary
 from nearlift.rounding import plain
 from nearlift.stages.fit import FIT
 
+HEADS = ("model", "of", "prior", "prior, 90 %", "median", "posterior, 90 %")
 
-def facts(evidence: Evidence) -> dict[str, object]:
+
+def facts(evidence: Evidence) -> Markup:
     """A table and its words for each boundary."""
-    return {"tables": [_table(evidence, b) for b in evidence.boundaries]}
+    return blocks.join(
+        blocks.paragraph(
+            "The prior times the likelihood of the base fit, marginalised over <i>L</i><sub>∞</sub>"
+            " and the noise scale. Quote the number of the first screen."
+        ),
+        *(part for b in evidence.boundaries for part in _table(evidence, b)),
+    )
 
 
-def _table(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
-    base = evidence.base(boundary)[1]
-    first = evidence.fits.base[boundary]
+def _table(evidence: Evidence, boundary: Boundary) -> list[Markup]:
+    base, first = evidence.base(boundary)[1], evidence.fits.base[boundary]
     fits = sorted(evidence.fits.boundaries[boundary].items(), key=lambda named: named[0] != first)
     place = Place(evidence, FIT, ("boundaries", boundary))
-    drawn = [(f, f.posterior, place.at(name, "posterior")) for name, f in fits if f.posterior]
-    return {
-        "boundary": boundary,
-        "base": base,
-        "drawn": drawn,
-        "words": [
-            (f.title, p.words) for f, d, _ in drawn for p in d.parameters.values() if p.words
-        ],
-        "how": how(base.posterior),
-        "chains": any(p.sampler == "emcee" and p.parameters for _, p, _ in drawn),
-    }
+    rows, remarks = [], []
+    for name, fit in fits:
+        if not fit.posterior:
+            continue
+        for p in place.every(name, "posterior", "parameters"):
+            u, drawn = p.content["u"], fit.posterior.parameters[str(p.key)]
+            rows.append(
+                (
+                    f"{fit.title} (base)" if fit is base else fit.title,
+                    p.quote().symbol,
+                    drawn.prior.text,
+                    p.at("prior").ends(digits=3),
+                    p.number("median", like_u=u),
+                    p.ends(like_u=u),
+                    p.percent("width_ratio", digits=2),
+                    p.number("ess", places=0),
+                )
+            )
+            remarks += [f"{fit.title}: {drawn.words}."] if drawn.words else []
+    heads = (*HEADS, "posterior width, % of prior", "ESS")
+    return [
+        blocks.table(boundary.capitalize(), heads, rows),
+        blocks.paragraph("{}: {}.", base.title, how(base.posterior)),
+        blocks.items(remarks),
+    ]
 
 
 def how(drawn: PosteriorSummary | None) -> str:

@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
+from markupsafe import Markup
+
 from nearlift.declare import Boundary
-from nearlift.nomenclature import letter
-from nearlift.report import tables
+from nearlift.report import blocks, tables
 from nearlift.report.evidence import Evidence
-from nearlift.report.number import Place, headline, quotation
-from nearlift.report.phrases import value_with_u
+from nearlift.report.number import Place, quotation
+from nearlift.report.phrases import coefficient_text
 from nearlift.report.sources import badly_known
 from nearlift.results.fit import ModelScore
 from nearlift.rounding import fixed, plain
@@ -26,78 +27,98 @@ AIC_APART = 10.0
 EXCLUDES = " The 95 % interval of the score difference over visits excludes zero."
 
 
-def budget(evidence: Evidence) -> dict[str, object]:
+def budget(evidence: Evidence) -> Markup:
     """A table for each coefficient to quote, and how errors of height enter."""
     whole = tables.budget(evidence)
     boundary, coefficient = whole.frame["boundary"], whole.frame["coefficient"]
     shown = {k: v for k, v in whole.shown.items() if k != "coefficient"}
-    return {
-        "tables": [
-            {
-                "boundary": b,
-                "quoted": headline(evidence, b, name),
-                "place": quotation(evidence, b, name),
-                "u": c.u,
-                "table": tables.html(
-                    replace(
-                        whole,
-                        shown=shown,
-                        main=whole.main & (boundary == b) & (coefficient == name),
-                    ),
-                    tables.typeset(f"{letter(name)}, {b}: {value_with_u(c)}"),
-                ),
-                "badly_known": badly_known(c),
-            }
-            for b in evidence.boundaries
-            for name, c in evidence.quoted(b).coefficients.items()
-            if c.budget
-        ],
-        "heights": [_heights(evidence, b) for b in evidence.boundaries],
-    }
+    parts = [
+        blocks.paragraph(
+            "Standard uncertainties <i>u</i> (k = 1) of the coefficients as quoted. Type A: from"
+            " repeats; type B: stated or assumed. <i>u</i> without: if that source were known"
+            " exactly. Sources are correlated through the fit, so the two columns differ."
+        )
+    ]
+    for b in evidence.boundaries:
+        for name, c in evidence.quoted(b).coefficients.items():
+            if not c.budget:
+                continue
+            mine = replace(
+                whole, shown=shown, main=whole.main & (boundary == b) & (coefficient == name)
+            )
+            title = tables.typeset(f"{b.capitalize()}: {coefficient_text(c, name)}")
+            low, high = (
+                quotation(evidence, b, name).number(k, like_u=c.u) for k in ("lo95", "hi95")
+            )
+            few = badly_known(c)
+            upper = (
+                " Poorly determined (under 2 degrees of freedom), upper limits only:"
+                f" {', '.join(few)}."
+            )
+            text = "95 % interval: {} to {}. Smaller sources are in tables/budget.csv.{}"
+            parts += [
+                tables.html(mine, title),
+                blocks.paragraph(text, low, high, upper if few else "", note=True),
+            ]
+    return blocks.join(*parts, *(_heights(evidence, b) for b in evidence.boundaries))
 
 
-def _heights(evidence: Evidence, boundary: Boundary) -> dict[str, object]:
+def _heights(evidence: Evidence, boundary: Boundary) -> Markup:
+    """The height error that the fit estimates; empty where there is none."""
     model, fit = evidence.base(boundary)
-    place = Place(evidence, FIT, ("boundaries", boundary, model.name))
-    return {
-        "boundary": boundary,
-        "place": place,
-        "error": fit.height_error,
-    }
+    if not fit.height_error:
+        return Markup("")
+    place = Place(evidence, FIT, ("boundaries", boundary, model.name, "height_error"))
+    value, u = (
+        place.number(k, like_u=fit.height_error.u, scale=1000, how="in mm") for k in ("value", "u")
+    )
+    return blocks.paragraph(
+        "{} The fit estimates a height error of {} ± {} mm.",
+        blocks.bold(f"{boundary.capitalize()}."),
+        value,
+        u,
+    )
 
 
-def limits(evidence: Evidence) -> dict[str, object]:
+def limits(evidence: Evidence) -> Markup:
     """Remedies that would halve each uncertainty, and coefficients at a bound."""
-    sections = []
+    parts = []
     for boundary in evidence.boundaries:
+        side = boundary.capitalize()
         halves = [
-            text
+            tables.typeset(text)
             for halving in evidence.base(boundary)[1].would_halve.values()
             for text in (*(k.text for k in halving.knowledge), halving.repeats.text)
         ]
         bound = [name for name, c in evidence.quoted(boundary).coefficients.items() if c.at_bound]
-        sections.append({"boundary": boundary, "halves": halves, "bound": bound})
-    return {"sections": sections}
+        if bound:
+            text = "At a bound, {}: {}. The interval is one-sided."
+            parts.append(blocks.paragraph(text, side, ", ".join(bound)))
+        if halves:
+            text = "{}: how to reduce the uncertainty of the base fit"
+            parts += [blocks.paragraph(text, side), blocks.items(halves)]
+    return blocks.join(*parts)
 
 
-def held_out(evidence: Evidence) -> dict[str, object]:
+def held_out(evidence: Evidence) -> Markup:
     """Models of each boundary by their prediction of visits left out, with the criteria that count
     parameters, and R².
     """
     whole = tables.comparison(evidence)
-    return {
-        "tables": [
-            {
-                "table": tables.html(
-                    replace(whole, main=whole.frame["boundary"] == b),
-                    f"{b.capitalize()}: {models[base].visits} {evidence.left_out}",
-                ),
-                "words": verdicts(models, base, {n: f.title for n, f in fits.items()}),
-            }
-            for b, c in evidence.fits.comparison.items()
-            for models, base, fits in [(c.models, c.reference, evidence.fits.boundaries[b])]
-        ]
-    }
+    parts = [
+        blocks.paragraph(
+            "Each visit is predicted from all others, its trials jointly. The score is the log"
+            " predictive density, with a standard error over visits. The table also has AIC, BIC,"
+            " the evidence and <i>R</i>²."
+        )
+    ]
+    for b, c in evidence.fits.comparison.items():
+        mine = replace(whole, main=whole.frame["boundary"] == b)
+        count = f"{c.models[c.reference].visits} {evidence.left_out}"
+        titles = {n: f.title for n, f in evidence.fits.boundaries[b].items()}
+        parts.append(tables.html(mine, f"{b.capitalize()}: {count}"))
+        parts += [blocks.paragraph("{}", w) for w in verdicts(c.models, c.reference, titles)]
+    return blocks.join(*parts)
 
 
 def _half(score: ModelScore) -> float:
@@ -165,7 +186,7 @@ def verdicts(models: Mapping[str, ModelScore], base: str, titles: Mapping[str, s
         close = [n for n in same if n in known and abs(known[n] - known[base]) > 0.002]
         if close:
             words.append(
-                f"R² parts {listed(close)} from the base although prediction does not: it counts"
-                " the trials' noise in the means as merit."
+                f"R² distinguishes {listed(close)} from the base although prediction does not: it"
+                " counts the trials' noise in the means as merit."
             )
     return words

@@ -9,16 +9,18 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
+from markupsafe import Markup
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
 from nearlift.likelihood import budget
 from nearlift.nomenclature import GREEK, mathematics
 from nearlift.reduction.quality import code, rejected
+from nearlift.report import blocks
 from nearlift.report.documents.references import bibtex, keys
 from nearlift.report.evidence import Evidence
 from nearlift.report.number import Place
-from nearlift.report.phrases import SCALES, coverage, interval90, listed, sizes, value_with_u
+from nearlift.report.phrases import SCALES, coefficient_text, explanation, is_sure, listed, sizes
 from nearlift.report.sources import badly_known
 from nearlift.report.tables import escaped
 from nearlift.report.words import rivals_of
@@ -48,9 +50,16 @@ def paragraphs(evidence: Evidence) -> list[str]:
     return [p for p in (write(evidence) for write in written) if p]
 
 
-def facts(evidence: Evidence) -> dict[str, list[str]]:
+def facts(evidence: Evidence) -> Markup:
     """The paragraphs as plain text, for the page."""
-    return {"paragraphs": [_read(p) for p in paragraphs(evidence)]}
+    text = blocks.join(*(blocks.paragraph("{}", _read(p)) for p in paragraphs(evidence)))
+    files = ("methods.md", "methods.tex", "references.bib", "tables/coefficients.tex")
+    links = Markup(", ").join(Markup('<a href="{}">{}</a>').format(f, f) for f in files)
+    return blocks.join(
+        blocks.paragraph("With citations: {}.", links, note=True),
+        Markup('<div id="methods-text">{}</div>').format(text),
+        blocks.copies("methods-text"),
+    )
 
 
 def markdown(evidence: Evidence) -> bytes:
@@ -223,9 +232,13 @@ def _loop(evidence: Evidence) -> str:
             ]
             rivals = rivals_of(diagnosis, "and")
             size = f": {sizes(quoted)}" if (quoted := evidence.quoted(boundary)).sizes else ""
-            said = f"the residuals are explained by {listed(named)}{size}" + (
-                f". The design cannot distinguish this from {rivals}" if rivals else ""
-            )
+            quoted = evidence.quoted(boundary)
+            if is_sure(quoted) or not diagnosis.probabilities:
+                also = f". The design cannot distinguish this from {rivals}" if rivals else ""
+                said = f"the residuals are explained by {listed(named)}{size}{also}"
+            else:
+                cited = _cite(*(k for e in diagnosis.effects for k in keys(known[e.name])))
+                said = f"the residuals are explained by {explanation(quoted, diagnosis)} {cited}"
         if diagnosis.look:
             said += f" ({diagnosis.look.text})"
         if diagnosis.error:
@@ -270,8 +283,7 @@ def _results(evidence: Evidence) -> str:
     for boundary in evidence.boundaries:
         quoted = evidence.quoted(boundary)
         estimates = [
-            f"{mathematics(name)} = {value_with_u(c)}"
-            f" ({f'{coverage(name)}; ' if c.even else ''}90 %: {interval90(c)})"
+            f"{mathematics(name)} = {coefficient_text(c)}"
             for name, c in quoted.coefficients.items()
         ]
         for first in [*quoted.coefficients.values()][:1]:

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 import textwrap
 
-from nearlift.nomenclature import letter
 from nearlift.report import words
 from nearlift.report.evidence import Evidence
-from nearlift.report.phrases import interval90, value_with_u
-from nearlift.results.quotation import CoefficientResult
-from nearlift.rounding import plain
+from nearlift.report.phrases import coefficient_text
 from nearlift.stages.ingest import TRIALS
 from nearlift.version import __version__
 
@@ -37,18 +34,10 @@ def summary(evidence: Evidence) -> bytes:
 
 def _block(brief: words.Brief) -> list[str]:
     coefficients = brief.quoted.coefficients
-    names = {name: letter(name) for name in coefficients}
     lines = _wrapped(f"[[{brief.boundary.capitalize()}]] {brief.verdict}", "    ")
-    if not brief.quoted.coefficients:
+    if not coefficients:
         lines.append("    no free coefficient")
-    values = {name: _value(c) for name, c in coefficients.items()}
-    width = max((len(v) for v in values.values()), default=0)
-    wide = max(6, *map(len, names.values())) if names else 6
-    for name, c in coefficients.items():
-        bound = ", at a bound" if c.at_bound else ""
-        lines.append(
-            f"    {names[name]:<{wide}} {values[name]:<{width}}   90 %: {interval90(c)}{bound}"
-        )
+    lines += [f"    {coefficient_text(c, name)}" for name, c in coefficients.items()]
     for label, text in (
         ("", brief.omits),
         ("", brief.reach),
@@ -58,17 +47,11 @@ def _block(brief: words.Brief) -> list[str]:
         ("Doubt: ", brief.doubts[0] if brief.doubts else ""),
         ("", brief.influence),
         ("Next: ", brief.next),
+        ("", brief.change),
     ):
         if text:
             lines += _wrapped(f"    {label}{text}", INDENT)
-    return [line.rstrip() for line in lines]
-
-
-def _value(c: CoefficientResult) -> str:
-    """``1.98 +/- 0.03 (1.8 %)``; the value alone where ± would not say the interval."""
-    known = c.even and 0 < c.u < abs(c.value)
-    part = f" ({plain(100 * abs(c.u / c.value), 2)} %)" if known else ""
-    return value_with_u(c).replace("±", "+/-") + part
+    return [line.rstrip().replace("±", "+/-") for line in lines]
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:

@@ -32,7 +32,7 @@ from nearlift.report.evidence import Evidence, Part, frame, groups, pick
 from nearlift.report.figures import style
 from nearlift.report.figures.spec import FigureSpec
 from nearlift.report.figures.style import DEFAULT, SERIES, Look, Style, plain_text
-from nearlift.report.phrases import coverage, listed, stated
+from nearlift.report.phrases import coefficient_text, coverage, listed
 from nearlift.report.relative_lift import (
     RelativeLift,
     by_fit,
@@ -325,7 +325,7 @@ def _moved(evidence: Evidence, boundary: Boundary) -> str:
 def _coefficients(evidence: Evidence, boundary: Boundary) -> str:
     """Quoted coefficients, and the meaning of ±."""
     quoted = evidence.quoted(boundary)
-    parts = [stated(n, c) for n, c in quoted.coefficients.items()]
+    parts = [coefficient_text(c, name) for name, c in quoted.coefficients.items()]
     parts += [coverage(quoted.headline)] if any("±" in t for t in parts) else []
     return ", ".join(parts)
 

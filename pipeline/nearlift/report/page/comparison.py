@@ -4,13 +4,13 @@ nothing.
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping
 
 import pandas as pd
+from markupsafe import Markup
 
 from nearlift.nomenclature import VERDICTS, letter
-from nearlift.report import charts
+from nearlift.report import blocks, charts
 from nearlift.report.evidence import groups, pick, records
 from nearlift.report.figures import forest
 from nearlift.report.figures.spec import alternative
@@ -19,21 +19,11 @@ from nearlift.report.page.render import Picture, rendered
 TITLE = "Campaigns compared"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ForestLine:
-    """A line of a table: a campaign, the population's mean or the next campaign; `linked` where its
-    own report is next to this one.
-    """
-
-    label: str
-    linked: bool
-    vehicle: str
-    value: str
-    verdict: str
-
-
 def page(
-    table: pd.DataFrame, reports: Collection[str] = (), remarks: Collection[str] = ()
+    table: pd.DataFrame,
+    reports: Collection[str] = (),
+    remarks: Collection[str] = (),
+    claims: Mapping[tuple[str, str], str] | None = None,
 ) -> bytes:
     """index.html of a comparison.
 
@@ -45,6 +35,8 @@ def page(
         Campaigns whose own report is next to this one, to be linked.
     remarks : collection of str
         What to hold against the groups.
+    claims : mapping of (str, str) to str, optional
+        Verdict with its explanation, by campaign and boundary.
     """
     drawn = charts.forest(table)
     alt = alternative(TITLE, table, "value", ("panel", "coefficient", "label"))
@@ -54,24 +46,26 @@ def page(
         [drawn],
         title=TITLE,
         chapter={"charts": (drawn,), "pictures": [picture]},
-        tables=_tables(table, reports),
-        remarks=list(remarks),
+        tables=_tables(table, reports, claims or {}),
+        remarks=blocks.join(*(blocks.paragraph("{}.", remark) for remark in remarks)),
     )
 
 
-def _tables(table: pd.DataFrame, reports: Collection[str]) -> dict[str, list[ForestLine]]:
-    """Lines by title: a table for each boundary and coefficient."""
-    tables = {}
+def _tables(
+    table: pd.DataFrame, reports: Collection[str], claims: Mapping[tuple[str, str], str]
+) -> Markup:
+    """A table for each boundary and coefficient."""
+    parts = []
     for boundary, coefficient in groups(table, "panel", "coefficient"):
-        rows = pick(table, panel=boundary, coefficient=coefficient)
-        tables[f"{boundary.capitalize()}: {letter(coefficient)}"] = [
-            ForestLine(
-                label=row.label,
-                linked=row.kind == "campaign" and row.label in reports,
-                vehicle=row.vehicle,
-                value=forest.interval(row.value, row.lo90, row.hi90),
-                verdict=VERDICTS[row.verdict] if row.kind == "campaign" else "",
-            )
-            for row in records(rows)
-        ]
-    return tables
+        lines = []
+        for row in records(pick(table, panel=boundary, coefficient=coefficient)):
+            campaign = row.kind == "campaign"
+            link = Markup('<a href="../{}/index.html">{}</a>').format(row.label, row.label)
+            claim = claims.get((row.label, boundary), VERDICTS[row.verdict]) if campaign else ""
+            value = forest.interval(row.value, row.lo90, row.hi90)
+            linked = campaign and row.label in reports
+            lines.append((link if linked else row.label, row.vehicle, value, claim))
+        title = f"{boundary.capitalize()}: {letter(coefficient)}"
+        heads = ("campaign", "vehicle", "value (90 %)", "verdict")
+        parts.append(blocks.table(title, heads, lines))
+    return blocks.join(*parts)

@@ -13,6 +13,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from nearlift.report import blocks
 from nearlift.report.charts import Chart, embedded
 from nearlift.report.evidence import Evidence
 from nearlift.report.phrases import along
@@ -96,6 +97,18 @@ def rendered(template: str, charts: Sequence[Chart], **facts: object) -> bytes:
     return text.encode()
 
 
+def _placed(facts: Any, pictures: Sequence[Picture]) -> Any:
+    """The chapter with its pictures where its text has them; those that were not made are left
+    out.
+    """
+    if not isinstance(facts, Markup):
+        return facts
+    shown: Any = templates().get_template("charts.html.j2").module
+    for p in pictures:
+        facts = facts.replace(blocks.figure(p.name), shown.picture(p, []))
+    return facts
+
+
 def page(
     evidence: Evidence,
     pictures: Sequence[Picture],
@@ -117,7 +130,7 @@ def page(
         shown.append(
             {
                 "chapter": chapter,
-                "facts": chapter.facts(evidence) if chapter.facts else {},
+                "facts": _placed(chapter.facts(evidence), figures) if chapter.facts else "",
                 "pictures": figures,
                 "placed": placed,
                 "charts": interactive,
@@ -128,7 +141,7 @@ def page(
             "chapter": Chapter(name="further", title="Further figures"),
             "pictures": list(made.values()),
         }
-        shown.append(further | {"facts": {}, "placed": None, "charts": []})
+        shown.append(further | {"facts": "", "placed": None, "charts": []})
     parts = [
         {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
         for name, title in PARTS.items()
