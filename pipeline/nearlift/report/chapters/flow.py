@@ -43,6 +43,8 @@ CLAIMS = (
         "Their formula gives 0.54 %; 0.4 % belongs to ẑ = 3.95.",
     ),
 )
+#: Row of downwash.parquet.
+CutRow = Mapping[str, Any]
 #: Smaller tilts are none, rad.
 LEAST_TILT = 1e-4
 CONVERGENCE = (
@@ -108,12 +110,12 @@ class Measured:
         return Markup("{}{}").format(self.reduction, blocks.span("{} to {}", self.lo90, self.hi90))
 
 
-def _entry(row: Mapping[str, Any], key: str, text: str, how: str = "") -> Number:
+def _entry(row: CutRow, key: str, text: str, how: str = "") -> Number:
     how = f"{key} of case {row['case']}, rotor {row['rotor']}{how}"
     return Number(text=text, value=float(row[key]), source=DOWNWASH.file, how=how)
 
 
-def _measured(row: Mapping[str, Any]) -> Measured:
+def _measured(row: CutRow) -> Measured:
     u = 100 * row["u_reduction"]
 
     def percent(key: str) -> Number:

@@ -137,11 +137,16 @@ def page(
             }
         )
     if made:
-        further: dict[str, Any] = {
-            "chapter": Chapter(name="further", title="Further figures"),
-            "pictures": list(made.values()),
-        }
-        shown.append(further | {"facts": "", "placed": None, "charts": []})
+        further = Chapter(name="further", title="Further figures")
+        shown.append(
+            {
+                "chapter": further,
+                "facts": "",
+                "pictures": list(made.values()),
+                "placed": None,
+                "charts": [],
+            }
+        )
     parts = [
         {"name": name, "title": title, "open": name == FIRST, "chapters": chapters_of}
         for name, title in PARTS.items()
