@@ -361,9 +361,7 @@ def by_arrow(
     try:
         table = pc.read_csv(
             pa.BufferReader(body),
-            read_options=pc.ReadOptions(
-                column_names=names, use_threads=False, block_size=max(1 << 20, len(body) + 1)
-            ),
+            read_options=pc.ReadOptions(column_names=names, use_threads=False, block_size=1 << 20),
             parse_options=pc.ParseOptions(delimiter=separator, quote_char=quote or False),
             convert_options=pc.ConvertOptions(
                 include_columns=list(kinds),

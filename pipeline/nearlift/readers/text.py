@@ -183,12 +183,15 @@ def _rows_of(content: bytes, layout: Layout, where: str) -> tuple[list[str], Lin
     for _ in range(layout.first - 1):
         start = content.find(b"\n", start) + 1 or end
     tail = content[end:]
-    if len(content) > LONGEST_LINE:
-        lines = content.rstrip(b"\0").split(b"\n")
-        at = next((i for i, line in enumerate(lines) if len(line) > LONGEST_LINE), None)
-        if at is not None:
+    begin, length = 0, len(content.rstrip(b"\0"))
+    while length - begin > LONGEST_LINE:
+        # as many whole lines as fit
+        last = content.rfind(b"\n", begin, begin + LONGEST_LINE + 1)
+        if last < 0:
             what = f"has a line of more than {LONGEST_LINE >> 20} MB"
-            raise InputRefused(f"{where}, after line {at}", what, "it is no table, or damaged")
+            passed = content.count(b"\n", 0, begin)
+            raise InputRefused(f"{where}, after line {passed}", what, "it is no table, or damaged")
+        begin = last + 1
     above = content[:start].decode("utf-8", "replace").split("\n")[:-1]
     rows = Lines(body=content[start:end], where=where, line=layout.first)
     return above, rows, half or bool(tail.strip()) or b"\0" in tail
