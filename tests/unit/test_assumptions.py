@@ -36,11 +36,14 @@ def mapped(make_job):
 def test_a_map_adds_the_rotor_to_the_page(mapped):
     evidence = gather(mapped)
     text = small_run.chapter(evidence, "assumptions")
-    rotor = text.partition("Lift coefficient of the rotor at each throttle")[2]
-    assert re.findall(r'<th scope="row">([^<]+)', rotor) == ["25 %", "50 %", "75 %", "92 %"]
+    rotor = text.partition("lift coefficient of the rotor at each throttle")[2]
+    assert re.findall(r'<th scope="row">([^<]+)', rotor) == [
+        f"{t}\N{NO-BREAK SPACE}%" for t in (25, 50, 75, 92)
+    ]
     speed = "fit.json#/rotor_coefficient/ground/per_throttle/0.25/speed_Hz"
     assert (
-        f'<th scope="row">25 %</th><td><data value="{10885 / 60!r}" data-source="{speed}">' in rotor
+        f'<th scope="row">25\N{NO-BREAK SPACE}%</th><td><data value="{10885 / 60!r}" data-source="{speed}">'
+        in rotor
     )
 
 
@@ -61,13 +64,13 @@ def test_every_number_of_the_page_has_its_place(small_job):
     each = text.partition("Coefficient of the base fit at each throttle")[2]
     each = each.partition("<tbody>")[2].partition("</tbody>")[0].split("<tr>")[1:]
     assert len(each) == 12
-    assert "<td>25 %</td>" in each[0]
+    assert "<td>25\N{NO-BREAK SPACE}%</td>" in each[0]
     place = "fit.json#/throttle_collapse/ground/per_throttle/0.25/"
     assert re.findall(r'data-source="([^"]+)', each[0]) == [
         place + key for key in ("value", "u", "lo90", "hi90", "u_apart")
     ]
     assert "fixes neither rotor speed nor power" in text
-    assert "Lift coefficient of the rotor at each throttle" not in text
+    assert "lift coefficient of the rotor at each throttle" not in text
 
 
 def test_a_departure_without_an_end_has_no_number(make_job):

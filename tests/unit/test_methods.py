@@ -73,7 +73,7 @@ def test_the_loop_is_told_with_its_error_and_what_it_moved(evidence):
         "explained by supply sag [@supply_sag]. The design cannot distinguish this from session gain."
         in text
     )
-    assert "Near the ground, $K_b$ = 2.00 ± 0.12 (k = 1; 90 %: 1.80 to 2.20). Includes" in text
+    assert "Near the ground, $K_b$ = 2.00 ± 0.12 (90 %: 1.80 to 2.20). Includes" in text
     assert "1.22 % to 0.43 % of lift; noise floor 0.41 %" in text
     assert "@misc{supply_sag," in methods.references(diagnosed).decode()
 

@@ -269,7 +269,7 @@ def test_what_prediction_says_in_words():
     ]
     assert words("base", "wrong")[1] == "No other model predicts as well as the base."
     assert words("base", "close")[1].startswith(
-        "R² parts Close from the base although prediction does not"
+        "R² distinguishes Close from the base although prediction does not"
     )
     assert words("base", "short") == []
     close = {
