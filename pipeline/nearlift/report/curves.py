@@ -101,15 +101,23 @@ def posterior_quantiles(
     medians = {n: float(np.median(x)) for n, x in each.items()}
     inside = np.isfinite(ratio(model, z_hat, {**known, **medians}))
     finite = np.where(np.isfinite(value) & inside, value, 0.0)
-    quantiles = np.nanquantile(finite, [0.05, 0.5, 0.95], axis=0)
+    quantiles = np.quantile(finite, [0.05, 0.5, 0.95], axis=0)
     low, middle, high = np.where(inside, quantiles, np.nan)
     return low, middle, high
 
 
 def base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
     """The base fit at recorded distances, with its height error: pointwise median and 90 % of the
-    posterior, or least squares with the band of its covariance.
+    posterior, or least squares with the band of its covariance. Arrays that are not to be written:
+    figures, charts and words ask for the same curve, which is made once.
     """
+    asked = boundary, z_hat.tobytes()
+    if asked not in evidence.curves:
+        evidence.curves[asked] = _base_curve(evidence, boundary, z_hat)
+    return evidence.curves[asked]
+
+
+def _base_curve(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> Curve:
     model, fit = evidence.base(boundary)
     known = evidence.known(boundary, model)
     z_hat = z_hat + height_found_m(fit) / evidence.observations[boundary].radius_m

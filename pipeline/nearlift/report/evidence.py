@@ -28,6 +28,7 @@ from nearlift.stages.simulate import SAFETY
 
 if TYPE_CHECKING:
     from nearlift.flight.safety_result import SafetyResult
+    from nearlift.report.curves import Curve
     from nearlift.report.trial_table import TrialTable
 
 #: Column name -> values, all of one length; text columns are object arrays of str.
@@ -75,6 +76,8 @@ class Evidence:
         Headline of the last report by boundary; empty where this is the first.
     trial_table : callable or None
         Makes the trial table, which takes some refits; None where no page is made.
+    curves : dict of (Boundary, bytes) to Curve
+        Base curves that were drawn, by boundary and the bytes of their distances.
     """
 
     campaign: Campaign
@@ -88,6 +91,9 @@ class Evidence:
     seed: int = 0
     reported: Mapping[str, Reported] = field(default_factory=dict)
     trial_table: Callable[[], TrialTable] | None = None
+    curves: dict[tuple[Boundary, bytes], Curve] = field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
 
     def has(self, *products: Product) -> bool:
         """Whether all these products exist; a table without rows is none."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from nearlift import catalogue
 from nearlift.catalogue import titled
-from nearlift.declare import Boundary
+from nearlift.declare import Boundary, FloatArray
 from nearlift.likelihood.budget import components
 from nearlift.likelihood.noise import REPEATS
 from nearlift.nomenclature import letter, noun
@@ -314,13 +314,19 @@ def reach(evidence: Evidence, boundary: Boundary) -> str:
     if not len(z_hat):
         return ""
     grid = np.geomspace(z_hat.min(), z_hat.max(), 2000)
-    change = np.abs(relative_lift.line(evidence, boundary, grid).middle)
-    larger = np.flatnonzero(change >= SEEN)
-    if not len(larger) or larger[-1] == len(grid) - 1:
+    # a posterior's curve costs seconds at so many distances: coarse first, then where it falls
+    coarse = np.append(np.arange(0, len(grid) - 1, 50), len(grid) - 1)
+    larger = np.flatnonzero(_lift_change(evidence, boundary, grid[coarse]) >= SEEN)
+    if not len(larger) or larger[-1] == len(coarse) - 1:
         return ""
-    at = float(grid[larger[-1]])
+    fine = grid[coarse[larger[-1]] : coarse[larger[-1] + 1]]
+    at = float(fine[np.flatnonzero(_lift_change(evidence, boundary, fine) >= SEEN)[-1]])
     mm = 1e3 * at * evidence.campaign.vehicle.rotor_radius
     return f"Lift changes by {100 * SEEN:g} % at ẑ = {plain(at, 3)} ({plain(mm, 3)} mm)."
+
+
+def _lift_change(evidence: Evidence, boundary: Boundary, z_hat: FloatArray) -> FloatArray:
+    return np.abs(relative_lift.line(evidence, boundary, z_hat).middle)
 
 
 def flow(evidence: Evidence, boundary: Boundary) -> str:
