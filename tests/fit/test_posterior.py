@@ -325,3 +325,21 @@ def test_walkers_find_nowhere_to_start():
         ensemble.begin(
             Nowhere(problem=target.problem, centre=found.theta), np.random.default_rng(1), 32
         )
+
+
+def test_an_interrupted_chain_prints_nothing(capsys):
+    target, _ = density()
+    calls = iter([0] * 3)
+
+    class Interrupted:
+        centre, peak, problem = target.centre, target.peak, target.problem
+        spread = staticmethod(target.spread)
+
+        def __call__(self, theta):
+            if next(calls, None) is None:
+                raise KeyboardInterrupt
+            return target(theta)
+
+    with pytest.raises(KeyboardInterrupt):
+        ensemble.run(Interrupted(), np.random.default_rng(1), 200, 1000)
+    assert capsys.readouterr() == ("", "")

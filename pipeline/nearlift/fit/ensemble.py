@@ -129,6 +129,8 @@ def run(
     generator = np.random.RandomState(int(rng.integers(2**32)))
     moves = [(emcee.moves.DEMove(), 1 - JUMPS), (emcee.moves.DEMove(gamma0=1.0), JUMPS)]
     sampler = emcee.EnsembleSampler(count, p, density, moves=moves, vectorize=True)
+    # emcee's wrapper prints a traceback where a run is interrupted
+    sampler.log_prob_fn = density
     state = emcee.State(start, random_state=generator.get_state())
     while True:
         state = sampler.run_mcmc(state, BLOCK)
