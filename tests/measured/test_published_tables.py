@@ -72,7 +72,7 @@ def test_rotor_speed_is_found_under_the_ceiling_with_a_physical_exponent(tmp_pat
     # the name is that of five distances, and the page says which
     assert made.quoted.rests_on_visit is not None
     assert made.quoted.rests_on_visit.verdict == "adequate"
-    assert "without it the verdict is adequate" in dependence(made.quoted)
+    assert "Without visit 1 (z_hat = 0.98) the verdict is adequate." in dependence(made.quoted)
 
 
 def test_an_exponent_of_seven_is_refused_at_the_ground(tmp_path):

@@ -20,9 +20,9 @@ from nearlift.errors import InputRefused, ManifestError
 from nearlift.report import curves, relative_lift, words
 from nearlift.report.evidence import pick as rows
 from nearlift.report.figures import binning, fig2, residuals
+from nearlift.report.phrases import coefficient_text
 from nearlift.report.tables import csv as to_csv
 from nearlift.results.quotation import LargestShifts, Shift
-from nearlift.rounding import plus_minus
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.fit import FIT, POSTERIOR, RESULTS
 from nearlift.stages.gathering import gather
@@ -276,7 +276,7 @@ def test_line_and_band_are_of_one_posterior_and_least_squares_is_its_own_line(ev
     text = fig2.caption(moved, table)
     assert "Thin line (ground): least squares, which differs visibly." in text
     own = moved.quoted("ground").coefficients["K_b"]
-    assert f"(K_b = {plus_minus(own.value, own.u)}, k = 1)" in text
+    assert f"({coefficient_text(own, 'K_b')}, k = 1)" in text
     moved, entry = quoted.fitted(moved, "ground")
     entry["posterior"]["parameters"]["K_b"]["lo90"] = entry["parameters"]["K_b"]["lo90"] = None
     endless = rows(fig2.table(moved), panel="ground", kind="band")

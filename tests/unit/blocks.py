@@ -16,6 +16,7 @@ import io
 import re
 import shlex
 import subprocess
+import textwrap
 import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -91,7 +92,7 @@ class Runner:
             case "python":
                 told = io.StringIO()
                 with contextlib.redirect_stdout(told):
-                    exec(compile(block.body, str(block), "exec"), self.names)
+                    exec(compile(textwrap.dedent(block.body), str(block), "exec"), self.names)
                 self.printed = told.getvalue()
             case "toml":
                 content = tomllib.loads(block.body)

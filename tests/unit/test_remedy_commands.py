@@ -169,7 +169,6 @@ STATES: dict[str, list[Callable[[Path], tuple[list[object], Stands]]]] = {
 ELSEWHERE = {
     "nearlift design",
     "nearlift diagnose",
-    "nearlift ingest",
     "nearlift next",
     "nearlift next --for",
     "nearlift inspect --cuts CAMPAIGN",
