@@ -89,6 +89,7 @@ def test_refusals():
     detection.refuse_folds(wall(), 0.02, 10.0, "sidewall")
     with pytest.raises(InputRefused, match="does not change with distance"):
         detection.refuse_folds(np.ones_like, 0.2, 10.0, "wall")
+    detection.refuse_folds(np.ones_like, 0.2, 10.0, "a draw at a bound", constant=True)
     with pytest.raises(InputRefused, match=r"no value at z_hat = 0.2"):
         detection.refuse_folds(catalogue.model("cheeseman_bennett_fixed"), 0.1, 10.0, "ground")
     with pytest.raises(InputRefused, match="standard uncertainties from everything"):

@@ -69,8 +69,8 @@ def grid(low: float, high: float) -> FloatArray:
     return np.geomspace(max(low, 1e-3), high, GRID)
 
 
-def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
-    """Refuse a model whose L / L_inf is not monotonic from `low` to `high`.
+def refuse_folds(ratio: Ratio, low: float, high: float, where: str, constant: bool = False) -> None:
+    """Refuse a model whose L / L_inf is not monotonic from `low` to `high`; it may be `constant`.
 
     Raises
     ------
@@ -87,6 +87,8 @@ def refuse_folds(ratio: Ratio, low: float, high: float, where: str) -> None:
     change = np.diff(values)
     steep = np.flatnonzero(np.abs(change) > FLAT)
     if not len(steep):
+        if constant:
+            return
         raise InputRefused(
             where, "the model does not change with distance", "lift says nothing of this boundary"
         )
@@ -271,10 +273,13 @@ def supply_sensitivity(lift: FittedLift) -> float:
 
 
 def refuse_ambiguous(lift: FittedLift) -> None:
-    """Refuse a fitted lift whose best estimate or any draw has the same ratio at two heights."""
+    """Refuse a fitted lift whose best estimate or any draw has the same ratio at two heights.
+
+    A draw may be constant, where the interval of a coefficient reaches 0.
+    """
     low, high = lift.measured_z_hat
-    for ratio in lift.ratios:
-        refuse_folds(ratio, low, high, f"{lift.boundary} {lift.model.name}")
+    for i, ratio in enumerate(lift.ratios):
+        refuse_folds(ratio, low, high, f"{lift.boundary} {lift.model.name}", constant=i > 0)
 
 
 def read_height(
