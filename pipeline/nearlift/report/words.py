@@ -482,7 +482,7 @@ def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryRe
         said.append(f"this design cannot distinguish {best} from {listed(rivals, 'or')}")
     if together:
         pairs = [with_value(o) for o in together]
-        said.append(f"{listed(pairs, 'or')} together is slightly likelier than {effect.name} alone")
+        said.append(f"{listed(pairs, 'or')} together cannot be excluded")
     return said
 
 
