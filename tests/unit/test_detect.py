@@ -89,8 +89,8 @@ def test_supply_costs_range(remake, done):
     text = small_run.chapter(evidence, "proximity")
     assert re.findall(r'<th scope="col">range, ([^<]+)', text) == [
         "weight and supply known exactly",
-        "weight ±5 %",
-        "supply voltage ±2 %",
+        "weight ±5\N{NO-BREAK SPACE}%",
+        "supply voltage ±2\N{NO-BREAK SPACE}%",
     ]
     assert "e+0" not in spec.caption(evidence, table)
     # one number stands for a list of one

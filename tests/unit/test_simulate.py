@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from dataclasses import replace
@@ -134,7 +135,7 @@ def test_figures_and_chapter(flown):
     levels = re.findall(r"<summary>(\w+): set-points by risk(.*?)</details>", text, re.DOTALL)
     assert [boundary for boundary, _ in levels] == ["Ground", "Ceiling"]
     assert 'data-source="safety.json#/fitted/ground/levels/0/rate_lo90"' in levels[0][1]
-    assert "The paper's simulation, repeated" in text
+    assert "The paper's simulation, repeated" in html.unescape(text)
 
 
 VEHICLE = raw_manifest()["vehicle"]

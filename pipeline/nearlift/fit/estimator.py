@@ -132,8 +132,8 @@ class Estimator:
             unit=parameter.unit,
             **ends(spans, reach, parameter.bounds),
             holds=holds
-            + (f"; cut off at {' and '.join(cut)}, the bound of {parameter.name}" if cut else "")
-            + ".",
+            + "."
+            + (f" Cut off at {' and '.join(cut)}, the bound of {parameter.name}." if cut else ""),
             budget=self._budget(i, float(u), which),
             influence=self._influence[parameter.name],
             doubts=tuple(doubts),

@@ -64,13 +64,16 @@ def table(
     hidden: bool = False,
     source: str = "",
 ) -> Markup:
-    """Table of rows of cells; empty without rows. The caption is `hidden` where a summary says it;
+    """Table of rows of cells; empty without rows. In a short row the last cell extends over the
+    columns that are missing. The caption is `hidden` where a summary says it;
     `source` is the product of all cells.
     """
     if not rows:
         return Markup("")
     frame = pd.DataFrame(
-        [list(row) for row in rows], columns=[*map(str, range(len(heads)))], dtype=object
+        [tables.spread(row, len(heads)) for row in rows],
+        columns=[*map(str, range(len(heads)))],
+        dtype=object,
     )
     shown = dict(zip(map(str, range(len(heads))), heads, strict=True))
     whole = tables.Table(caption="", frame=frame, shown=shown)

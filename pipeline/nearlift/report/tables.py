@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from csv import DictReader
 from dataclasses import dataclass, replace
 from typing import Any
@@ -48,6 +48,8 @@ SPECIAL = {
     "α": r"$\alpha$",
     "λ": r"$\lambda$",
 }
+#: Heads a cell over so many columns, and fills the others.
+SPAN, SPANNED = "<!--span {}-->", Markup("<!--spanned-->")
 DIGITS = re.compile(r"-?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
@@ -99,8 +101,19 @@ def html(table: Table, heading: Markup | str | None = None, hidden: bool = False
     kind = Markup(' class="hidden"') if hidden else ""
     caption = Markup("<caption{}>{}</caption>").format(kind, heading or table.caption)
     text = re.sub(r"<tr>\s*<td>(.*?)</td>", r'<tr><th scope="row">\1</th>', text)
+    text = re.sub(r"<td><!--span (\d+)-->", r'<td colspan="\1">', text)
+    text = text.replace(f"<td>{SPANNED}</td>", "")
     text = text.replace("<th>", '<th scope="col">').replace("<thead>", f"{caption}<thead>")
     return Markup(f'<div class="wide">{text}</div>')
+
+
+def spread(row: Sequence[object], n: int) -> list[object]:
+    """A row of `n` cells whose last given cell extends over those that are missing."""
+    rest = n - len(row)
+    if not rest:
+        return [*row]
+    last = Markup(SPAN.format(rest + 1)) + typeset(str(row[-1]))
+    return [*row[:-1], last, *[SPANNED] * rest]
 
 
 def latex(table: Table, about: str) -> str:

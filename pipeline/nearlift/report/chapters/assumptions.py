@@ -45,7 +45,10 @@ def _said(places: list[Place]) -> list[Markup]:
 
 
 def _throttle(places: list[Place]) -> list[Markup]:
-    heads = ("", *(f"p, {t}" for t in TESTS.values()), "coefficient, at most", "ΔL, at most")
+    heads = (
+        *("boundary", *(f"p, {t}" for t in TESTS.values())),
+        *("coefficient, at most", "ΔL, at most"),
+    )
     rows = [
         (
             str(p.key).capitalize(),
@@ -76,7 +79,10 @@ def _throttle(places: list[Place]) -> list[Markup]:
             caption,
             blocks.table(
                 caption,
-                ("", "throttle", "coefficient", "90 %", "u of its difference from the mean"),
+                (
+                    *("boundary", "throttle", "coefficient", "90 %"),
+                    "u of its difference from the mean",
+                ),
                 each,
                 hidden=True,
             ),
@@ -114,7 +120,10 @@ def _held(places: list[Place]) -> list[Markup]:
                 )
             )
     caption = "Coefficient of the base fit at each exponent"
-    heads = ("", "exponent", "assumption", "coefficient", "90 %", "p against the best exponent")
+    heads = (
+        *("boundary", "exponent", "assumption", "coefficient", "90 %"),
+        "p against the best exponent",
+    )
     return [
         blocks.heading("Held quantity"),
         blocks.paragraph("{}", places[0].content["declared_text"]),

@@ -27,7 +27,7 @@ def facts(evidence: Evidence) -> Markup:
         ),
         blocks.table(
             "Coefficients under other assumptions",
-            ("", "assumption", "coefficient", "90 %"),
+            ("boundary", "assumption", "coefficient", "90 %"),
             [row for b in evidence.boundaries for row in conditions(evidence, b)],
         ),
         *(

@@ -212,7 +212,7 @@ def noise(evidence: Evidence) -> Markup:
         blocks.table(
             "Scatter of trials in the base fit, one standard deviation",
             (
-                *("", "proportional, %", "additive, mN", "height, mm", "visit to visit, %"),
+                *("boundary", "proportional, %", "additive, mN", "height, mm", "visit to visit, %"),
                 *("slow drift, %", "estimated from"),
             ),
             rows,

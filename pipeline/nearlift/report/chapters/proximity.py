@@ -92,7 +92,7 @@ def _significant(side: Place) -> Markup:
 def _reading(r: Place) -> tuple[object, ...]:
     side, refused, z = r.content["boundary"].capitalize(), r.content.get("refused"), r.at("z_hat")
     if refused:
-        return side, refused, "–", "–", "–", "–"
+        return side, refused
     hover = r.content["throttle"] is not None
     return (
         side,

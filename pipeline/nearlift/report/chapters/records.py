@@ -86,7 +86,7 @@ def quality(evidence: Evidence) -> Markup:
     return blocks.join(
         blocks.table(
             "Trials of each boundary",
-            ("", "trials", "accepted", "left out", "accepted with a remark"),
+            ("boundary", "trials", "accepted", "left out", "accepted with a remark"),
             counts,
             hidden=True,
         ),

@@ -66,7 +66,7 @@ def _levels(f: Place) -> Markup:
     for level in f.every("levels"):
         content, risk = level.content, f"{100 * level.content['risk']:g} %"
         if content["value"] is None:
-            rows.append((risk, "no set-point flown is safe enough", "–", "–", "–", "–", "–"))
+            rows.append((risk, "no set-point flown is safe enough"))
             continue
         rates = [level.percent(k, digits=2) for k in ("rate_lo90", "rate_hi90")]
         advice = "" if content["agrees"] else "no advice: it depends on lift nearer than measured"
