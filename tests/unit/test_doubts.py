@@ -37,6 +37,18 @@ def test_rivals_unseen_effects_and_what_was_not_logged_are_held_against_the_head
     assert any(t == "Untestable with what was logged: air density." for t in texts)
 
 
+def test_a_pair_of_effects_is_a_rival_like_others(evidence):
+    def change(ground):
+        ground["effects"][0]["rivals"] = ["session_gain", "tilt"]
+        ground["explanations"] = [["supply_sag"], ["session_gain"], ["supply_sag", "tilt"]]
+
+    text = (
+        "This design cannot distinguish supply sag (K_b = 2) from session gain or supply sag with"
+        " tilt."
+    )
+    assert text in [d.text for d in said(evidence, change)]
+
+
 def test_other_answers_stand_with_what_it_takes_to_believe_them(evidence):
     known = quoted.known(evidence, DIAGNOSED)
     [card, *_] = verdict.facts(known)["cards"]

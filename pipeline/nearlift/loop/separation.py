@@ -206,8 +206,8 @@ def to_part_visits(limits: tuple[CoefficientLimit, ...]) -> tuple[NextExperiment
         if limit.absorbed_by:
             other = limit.absorbed_by
             measure = (
-                "several distances within each session, in random order, so that a gain of the"
-                " session's own moves them all alike"
+                "several distances within each session, in random order, so that a session's"
+                " gain shifts them all alike"
             )
         elif limit.rests_on:
             z_hat = limit.rests_on.z_hat

@@ -44,6 +44,7 @@ SIZE_WORDS = {
     "sag_exponent": "lift scales as voltage^{}",
     "speed_exponent": "lift scales as rotor speed^{}",
     "density_exponent": "lift scales as air density^{}",
+    "gap_hat2": "the gain of lift saturates near z_hat^2 = {}",
     "held_exponent": "the lift ratio has the exponent {}",
 }
 

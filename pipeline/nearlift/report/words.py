@@ -466,24 +466,20 @@ def _apart(quoted: BoundaryResult) -> bool:
 
 
 def _alike(diagnosis: BoundaryDiagnosis, effect: NamedEffect, quoted: BoundaryResult) -> list[str]:
-    """Rivals of an identified effect, alone and in pairs, with the headline under each."""
-    others = diagnosis.stand_ins(effect)
-    alone, together = ([o for o in others if (" + " in o) == joint] for joint in (False, True))
+    """Rivals of an identified effect, pairs last, with the headline under each."""
+    others = sorted(diagnosis.stand_ins(effect), key=lambda o: " + " in o)
+    if not others:
+        return []
     headline = quoted.coefficients.get(quoted.headline)
     values = {d.explanation: plain(d.value, 2) for d in headline.doubts} if headline else {}
 
     def with_value(name: str, equals: str = "") -> str:
-        return f"{name} ({equals}{values[name]})" if name in values else name
+        title = name.replace(" + ", " with ")
+        return f"{title} ({equals}{values[name]})" if name in values else title
 
-    said = []
-    if alone:
-        best = with_value(effect.name, f"{letter(quoted.headline)} = ")
-        rivals = [with_value(o) for o in alone]
-        said.append(f"this design cannot distinguish {best} from {listed(rivals, 'or')}")
-    if together:
-        pairs = [with_value(o) for o in together]
-        said.append(f"{listed(pairs, 'or')} together cannot be excluded")
-    return said
+    best = with_value(effect.name, f"{letter(quoted.headline)} = ")
+    rivals = listed([with_value(o) for o in others], "or")
+    return [f"this design cannot distinguish {best} from {rivals}"]
 
 
 def _hidden(evidence: Evidence, boundary: Boundary) -> list[str]:
@@ -643,6 +639,6 @@ def _proposal(experiment: NextExperiment) -> str:
     """One experiment, with what it distinguishes and in how many trials."""
     if not isinstance(experiment, NextSession):
         return experiment.measure
-    pair = " from ".join(experiment.separates)
+    pair = " from ".join(experiment.separates).replace(" + ", " with ")
     about = plain(experiment.trials_to_separate or experiment.trials, 2)
     return f"to distinguish {pair}: {experiment.measure} (about {about} trials)"
