@@ -22,10 +22,10 @@ measured: $(READY)        ## fetch the public campaigns by digest, run the loop 
 	$(BIN)/python -m measured
 
 test: $(TOOLS)            ## all tests but the slow calibration
-	$(BIN)/pytest -n auto
+	$(BIN)/pytest -n auto --dist worksteal
 
 nightly: $(TOOLS)         ## the tests that are too slow for every change
-	$(BIN)/pytest -n auto -m nightly
+	$(BIN)/pytest -n auto --dist worksteal -m nightly
 
 lint: $(TOOLS)            ## format, lint, types, layers
 	$(BIN)/ruff check .

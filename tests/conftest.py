@@ -7,6 +7,7 @@ import ctypes
 import fcntl
 import os
 import shutil
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -143,6 +144,25 @@ def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
         return out
 
     return made
+
+
+@pytest.fixture(scope="session")
+def small_campaign(once: Once) -> Path:
+    """The folder in which a small campaign, raw/, has run; its figures are not drawn. An hour old, as
+    any lab's: digests of files that are younger than two seconds are not kept.
+    """
+    from tests.unit import small_run
+
+    def run(out: Path) -> None:
+        raw = small_run.write(out / "raw")
+        for path in raw.rglob("*"):
+            os.utime(path, (time.time() - 3600,) * 2)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
+            found = small_run.nearlift("run", raw, "--out", out, "-q", "--executor", "serial")
+        assert (found.exit_code, found.stdout, found.stderr) == (0, "", "")
+
+    return once("the-small-campaign", run)
 
 
 @pytest.fixture(scope="session")

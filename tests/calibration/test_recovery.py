@@ -191,6 +191,7 @@ def check(rows: list[Recovered], chance: float) -> dict[str, float]:
     return found
 
 
+@pytest.mark.nightly
 def test_a_few_campaigns_are_recovered(executor):
     """24 campaigns; the 99.9 % bands (68 %: 8 to 23, 90 %: 16 to 24) catch intervals that are too
     narrow by half.

@@ -279,6 +279,7 @@ def test_a_campaign_without_grids_has_no_flow_stage_and_says_so_when_asked(tmp_p
         flow.run(job(tmp_path, tmp_path))
 
 
+@pytest.mark.nightly
 def test_flow_runs_with_the_others_and_only_it_and_the_report_heed_the_grids(
     two, tmp_path, monkeypatch
 ):

@@ -234,6 +234,7 @@ def test_a_manifest_with_a_slip_is_refused(
 # ---- from file to page
 
 
+@pytest.mark.nightly
 def test_a_campaign_whose_throttles_do_not_repeat(tmp_path: Path) -> None:
     data = scattered(11)
     root = small_run.write_means(tmp_path / "raw", 4)

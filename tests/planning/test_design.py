@@ -2,9 +2,9 @@
 
 import csv
 import json
+import shutil
 
 import pytest
-from tests.unit import small_run
 from tests.unit.small_run import nearlift, state
 
 from nearlift.campaign import manifest as manifests
@@ -154,13 +154,10 @@ def test_a_design_with_a_slip_is_refused(plan, tmp_path, change, text):
 
 
 @pytest.fixture(scope="module")
-def explained(tmp_path_factory):
-    base = tmp_path_factory.mktemp("explain")
-    raw, out = small_run.write(base / "raw"), base / "out"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
-        assert nearlift("run", raw, "--out", out, "-q", "--executor", "serial").exit_code == 0
-    return raw, out
+def explained(small_campaign, tmp_path_factory):
+    out = tmp_path_factory.mktemp("explain") / "out"
+    shutil.copytree(small_campaign, out)
+    return out / "raw", out
 
 
 def test_explain_says_what_why_and_how_large(explained):

@@ -31,24 +31,11 @@ EVERY = [stage.name for stage in STAGES if stage.name not in ("flow", "simulate"
 FIRST = STAGES[:2]
 
 
-@pytest.fixture(scope="session")
-def finished(tmp_path_factory) -> Path:
-    """A folder with raw/ and up-to-date products of all stages."""
-    place = tmp_path_factory.mktemp("finished")
-    small_run.write(place / "raw")
-    for path in (place / "raw").rglob("*"):
-        os.utime(path, (1e9, 1e9))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
-        assert ran(job(place / "raw", place)) == EVERY
-    return place
-
-
 @pytest.fixture
-def place(finished, tmp_path, monkeypatch) -> Path:
-    """A copy of it to spoil."""
+def place(small_campaign, tmp_path, monkeypatch) -> Path:
+    """A folder with raw/ and up-to-date products of all stages, to spoil."""
     monkeypatch.setattr("nearlift.report.figures.files.render", small_run.undrawn)
-    shutil.copytree(finished, tmp_path / "copy")
+    shutil.copytree(small_campaign, tmp_path / "copy")
     return tmp_path / "copy"
 
 

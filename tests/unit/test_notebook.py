@@ -49,6 +49,7 @@ def test_no_output_is_kept():
         assert cell.get("execution_count") is None
 
 
+@pytest.mark.nightly
 def test_every_answer_shows_itself(executed):
     shown = [
         "".join(output["data"].get("text/html", ""))
@@ -65,6 +66,7 @@ def test_every_answer_shows_itself(executed):
         assert words in pages
 
 
+@pytest.mark.nightly
 def test_the_loop_found_what_is_in_the_demo(executed):
     (answer,) = [
         "".join(o["data"]["text/plain"])

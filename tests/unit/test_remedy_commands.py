@@ -92,7 +92,7 @@ def fitted(root: Path, folder: Path | None = None) -> Path:
 
 
 def not_diagnosed(root: Path) -> tuple[list[object], Stands]:
-    folder = fitted(root, small_run.write(root / "raw"))
+    folder = fitted(root, small_run.write(root / "raw", visits=2))
     return ["diagnose", folder, "--out", root, "--explain", "zero_offset"], {
         "CAMPAIGN": f"{folder} --out {root}"
     }
@@ -182,6 +182,7 @@ def test_every_proposed_command_is_tried_here():
 @pytest.mark.parametrize(
     ("command", "state"), [(c, s) for c, states in STATES.items() for s in states]
 )
+@pytest.mark.usefixtures("plain_pictures")
 def test_a_remedy_works_where_it_is_proposed(tmp_path, command, state):
     words, stands = state(tmp_path)
     told = nearlift(*words).output
