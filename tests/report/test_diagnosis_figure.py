@@ -297,9 +297,9 @@ def test_unexplained_is_followed_by_a_curve_that_has_no_name(table):
 def test_candidates_are_ranked_by_evidence_with_what_they_leave(table):
     own = pick(table, panel="ground", part="candidate")
     assert list(own[["label", "kind", "value", "note"]].itertuples(index=False, name=None)) == [
-        ("supply_sag", "named", 0.0, ""),
-        ("warm_up", "rival", 5.0, ""),
-        ("session_gain", "worse", 16.0, ""),
+        ("supply_sag", "named", 0.0, "named"),
+        ("warm_up", "rival", 5.0, "rival"),
+        ("session_gain", "worse", 16.0, "accepted"),
         ("gain_drift", "rejected", 96.0, "leaves supply voltage"),
         ("reynolds", "rejected", 1776.0, "explains too little"),
     ]
@@ -324,9 +324,11 @@ def test_a_pair_of_effects_is_a_rival_of_the_named_one(make_job):
         own["explanations"] = [["supply_sag"], ["warm_up"], ["supply_sag", "tilt"]]
         both = candidate("supply_sag + tilt", -10.0, accepted=True)
         own["rounds"].append({**own["rounds"][0], "candidates": [both]})
+        own["probabilities"] = [{"effects": ["supply_sag", "tilt"], "probability": 0.21}]
 
     _, table = edited(make_job, pair)
     own = pick(table, part="candidate")
+    assert own.set_index("label")["note"]["supply_sag + tilt"] == "rival, 21 %"
     assert dict(zip(own["label"], own["kind"], strict=True)) == {
         "supply_sag": "named",
         "warm_up": "rival",

@@ -41,7 +41,7 @@ from nearlift.report.figures.style import (
 )
 from nearlift.report.findings import RankedCandidate, ranked
 from nearlift.report.phrases import along
-from nearlift.results.diagnosis import FORM_SD, RIVAL_MAX_2LNB, BoundaryDiagnosis
+from nearlift.results.diagnosis import FORM_SD, BoundaryDiagnosis
 from nearlift.rounding import plain
 from nearlift.stages.diagnose import DIAGNOSIS, LOOP_RESIDUALS
 from nearlift.stages.fit import FIT
@@ -205,14 +205,27 @@ def _candidates(diagnosis: BoundaryDiagnosis) -> list[Part]:
         shown = [*shown[:-1], next((c for c in listed if "+" not in c.tried.name), shown[-1])]
     unit = {"unit": "2 ln evidence"}
     return [
-        {"kind": c.kind, "label": c.tried.name, "note": _why_not(c), "value": c.behind, **unit}
+        {
+            "kind": c.kind,
+            "label": c.tried.name,
+            "note": _outcome(diagnosis, c),
+            "value": c.behind,
+            **unit,
+        }
         for c in shown
     ]
 
 
-def _why_not(candidate: RankedCandidate) -> str:
+def _outcome(diagnosis: BoundaryDiagnosis, candidate: RankedCandidate) -> str:
+    """Outcome of a candidate with its probability, or the reason of its rejection."""
     if candidate.kind != "rejected":
-        return ""
+        effects = set(candidate.tried.name.split(" + "))
+        probability = [
+            f", {100 * p.probability:.0f} %"
+            for p in diagnosis.probabilities or ()
+            if p.effects and set(p.effects) == effects
+        ]
+        return MEANT[candidate.kind] + "".join(probability)
     if candidate.refuted:
         return "not confirmed"
     if candidate.tried.judged_by:
@@ -277,7 +290,7 @@ def caption(evidence: Evidence, table: pd.DataFrame) -> str:
     best = "best accepted" if effect else "best"
     said = {
         "candidate": f"Candidates ({{}}): 2 ln B of the {best} over each. Hollow: rejected."
-        f" Shade: within {RIVAL_MAX_2LNB:g}, not distinguishable.",
+        " Right: the outcome, with the probability of what was accepted.",
         "error": "Cross-validated error ({}), 90 %. Dashed: noise floor.",
         "coefficient": "Coefficients ({}), 90 %. Bold: as quoted. Numbered: other assumptions.",
     }
@@ -433,8 +446,6 @@ def _draw_candidates(ax: Axes, rows: pd.DataFrame) -> None:
     """
     place = np.arange(len(rows))[::-1]
     ax.set_xscale("symlog", linthresh=LINEAR, linscale=1.0)
-    if (rows["kind"] != "rejected").any():
-        ax.axvspan(0, RIVAL_MAX_2LNB, color=FLOOR, linewidth=0, zorder=0)
     ax.axvline(0, color="0.3", linewidth=0.6, zorder=1)
     ax.hlines(place, 0, rows.value, color="0.55", linewidth=0.6, zorder=2)
     for kind, x, y in zip(rows.kind, rows.value, place, strict=True):
@@ -444,8 +455,7 @@ def _draw_candidates(ax: Axes, rows: pd.DataFrame) -> None:
         ax.plot([x], [y], marker, color=colour, markerfacecolor=inside, **mark)
     ax.set_yticks(place, [style.effects(str(name)) for name in rows["label"]], linespacing=0.9)
     outcomes = ax.secondary_yaxis("right")
-    words = [MEANT.get(k, plain_text(n)) for k, n in zip(rows["kind"], rows["note"], strict=True)]
-    outcomes.set_yticks(place, words, color="0.25")
+    outcomes.set_yticks(place, [plain_text(note) for note in rows["note"]], color="0.25")
     for axis in (ax, outcomes):
         axis.tick_params(axis="y", length=0)
     ax.set_ylim(-0.7, len(rows) - 0.3)
