@@ -9,6 +9,7 @@ deviates from the curve by what that model leaves.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -107,12 +108,57 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
     coefficients = {n: c.value for n, c in quoted.coefficients.items()}
     values = {**evidence.campaign.geometry(), **known, **fit.values, **coefficients, **sizes}
     asked = {*model.needs, *(p.name for p in model.parameters)}
-    return QuotedModel(
+    drawn = QuotedModel(
         model=model,
         values={n: v for n, v in values.items() if n in asked},
         in_curve=tuple(in_curve),
         in_points=tuple(n for n in taken if n not in in_curve),
     )
+    if drawn.in_points or not drawn.in_curve:
+        return drawn
+    return dataclasses.replace(drawn, values=_of_one_explanation(evidence, boundary, drawn))
+
+
+def _of_one_explanation(
+    evidence: Evidence, boundary: Boundary, drawn: QuotedModel
+) -> Mapping[str, Any]:
+    """Values that draw the accepted model: the quoted ones are means over rival explanations, and
+    together they may draw none of them.
+    """
+    from scipy.optimize import least_squares
+
+    z_hat, log_ratio, after = _measured(evidence, boundary)
+    stations, index = np.unique(z_hat, return_inverse=True)
+    target = np.bincount(index, log_ratio - after) / np.bincount(index)
+    free = drawn.model.parameters
+    start = np.array([drawn.values[p.name] for p in free])
+    low, high = np.transpose([p.bounds for p in free])
+
+    def left(theta: FloatArray) -> FloatArray:
+        values = {**drawn.values, **{p.name: x for p, x in zip(free, theta, strict=True)}}
+        return np.log(curves.ratio(drawn.model, stations, values)) - target
+
+    found = least_squares(left, np.clip(start, low, high), bounds=(low, high), x_scale="jac")
+    return {**drawn.values, **{p.name: float(x) for p, x in zip(free, found.x, strict=True)}}
+
+
+def _measured(evidence: Evidence, boundary: Boundary) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of each diagnosed trial near the boundary z_hat, log lift over the accepted model's L_inf,
+    and its residual.
+    """
+    data = evidence.observations[boundary]
+    data = data.take((data.z_hat > 0) & np.isfinite(data.z_hat) & (data.lift_N > 0))
+    diagnosed = evidence.diagnosed(boundary)
+    assert diagnosed is not None
+    levels = np.array([*diagnosed.L_inf_N])
+    lift_inf = np.array([e.value for e in diagnosed.L_inf_N.values()])
+    of_trial = np.abs(data.levels[data.level][:, None] - levels).argmin(axis=1)
+    table = where(evidence.table(LOOP_RESIDUALS), boundary=boundary)
+    left = dict(zip(table["trial"].tolist(), table["after"].tolist(), strict=True))
+    after = np.array([left.get(t, np.nan) for t in data.trial.tolist()], dtype=float)
+    keep = np.isfinite(after)
+    log_ratio = np.log(data.lift_N / lift_inf[of_trial])
+    return data.z_hat[keep], log_ratio[keep], after[keep]
 
 
 def is_base_fit(evidence: Evidence, boundary: Boundary) -> bool:
