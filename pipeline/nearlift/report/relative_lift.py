@@ -114,7 +114,7 @@ def quoted_model(evidence: Evidence, boundary: Boundary) -> QuotedModel:
         in_curve=tuple(in_curve),
         in_points=tuple(n for n in taken if n not in in_curve),
     )
-    if drawn.in_points or not drawn.in_curve:
+    if drawn.in_points or not drawn.in_curve or not (diagnosed and diagnosed.L_inf_N):
         return drawn
     return dataclasses.replace(drawn, values=_of_one_explanation(evidence, boundary, drawn))
 
@@ -138,8 +138,8 @@ def _of_one_explanation(
         values = {**drawn.values, **{p.name: x for p, x in zip(free, theta, strict=True)}}
         return np.log(curves.ratio(drawn.model, stations, values)) - target
 
-    found = least_squares(left, np.clip(start, low, high), bounds=(low, high), x_scale="jac")
-    return {**drawn.values, **{p.name: float(x) for p, x in zip(free, found.x, strict=True)}}
+    solution = least_squares(left, np.clip(start, low, high), bounds=(low, high), x_scale="jac")
+    return {**drawn.values, **{p.name: float(x) for p, x in zip(free, solution.x, strict=True)}}
 
 
 def _measured(evidence: Evidence, boundary: Boundary) -> tuple[FloatArray, FloatArray, FloatArray]:
